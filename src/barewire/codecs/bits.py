@@ -1,0 +1,97 @@
+"""Which bit, which half. Bit 0 is always the least significant one, and coil 0 of a packed row is bit 0 of byte 0.
+
+a register        15 14 13 12 11 10  9  8 | 7  6  5  4  3  2  1  0
+                  '------- H half -------' '------- L half -------'
+
+ten coils packed  byte 0: 7 6 5 4 3 2 1 0     byte 1: - - - - - - 9 8       [MB-APP 6.1]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from barewire.errors import DecodeError, EncodeError
+
+Half = Literal["L", "H"]
+
+
+def _check_bit(bit: int, width: int) -> None:
+    if not 0 <= bit < width:
+        raise EncodeError(f"bit {bit} does not exist in {width} bits: expected 0..{width - 1}")
+
+
+def get_bit(word: int, bit: int, width: int = 16) -> bool:
+    """Bit `bit` of a word.
+
+    >>> get_bit(0x0004, 2)
+    True
+    """
+    _check_bit(bit, width)
+    return bool(word >> bit & 1)
+
+
+def set_bit(word: int, bit: int, value: bool, width: int = 16) -> int:
+    """The word with that bit changed and every other bit kept.
+
+    >>> hex(set_bit(0x00F0, 4, False))
+    '0xe0'
+    """
+    _check_bit(bit, width)
+    return word | 1 << bit if value else word & ~(1 << bit)
+
+
+def get_half(word: int, half: Half) -> int:
+    """The low or high byte of a register, 0..255.
+
+    >>> hex(get_half(0x12AB, "H")), hex(get_half(0x12AB, "L"))
+    ('0x12', '0xab')
+    """
+    if half == "L":
+        return word & 0xFF
+    if half == "H":
+        return word >> 8 & 0xFF
+    raise EncodeError(f"half {half!r}: expected L (low byte) or H (high byte)")
+
+
+def set_half(word: int, half: Half, value: int) -> int:
+    """The register with that byte changed and the other one kept.
+
+    >>> hex(set_half(0x12AB, "H", 0x34))
+    '0x34ab'
+    """
+    if not 0 <= value <= 0xFF:
+        raise EncodeError(f"{value} does not fit half a register: expected 0..255")
+    if half == "L":
+        return word & 0xFF00 | value
+    if half == "H":
+        return word & 0x00FF | value << 8
+    raise EncodeError(f"half {half!r}: expected L (low byte) or H (high byte)")
+
+
+def pack_bits(bits: Sequence[bool | int]) -> bytes:
+    """A row of bits as bytes, the first in the lowest bit of the first byte, the last byte filled with zeros.
+
+    >>> pack_bits([1, 0, 1, 1, 0, 0, 1, 1, 1, 0]).hex(" ")
+    'cd 01'
+    """
+    number = 0
+    for place, bit in enumerate(bits):
+        if bit:
+            number |= 1 << place
+    return number.to_bytes((len(bits) + 7) // 8, "little")
+
+
+def unpack_bits(data: bytes, quantity: int | None = None) -> tuple[bool, ...]:
+    """Bytes as a row of bits: the first `quantity` of them, or all.
+
+    >>> unpack_bits(bytes.fromhex("CD01"), 10)
+    (True, False, True, True, False, False, True, True, True, False)
+
+    Raises DecodeError("short") when the bytes hold fewer.
+    """
+    count = len(data) * 8 if quantity is None else quantity
+    if count > len(data) * 8:
+        raise DecodeError("short", data, len(data), f"{count} bits do not fit into {len(data)} bytes")
+    number = int.from_bytes(data, "little")
+    return tuple(bool(number >> place & 1) for place in range(count))

@@ -1,0 +1,183 @@
+"""Named fields, one after the other: the drawing of a message, and the code that obeys the drawing.
+
+One `Layout` does five jobs, so nothing about a message is written twice:
+
+    pack       values -> bytes                         unpack   bytes -> values, refusing short and left-over bytes
+    fields     where each field lies (for `explain`)   names    the field table of the docs
+    measure    how long it will be, told from its first bytes (what an RTU line needs to count)
+
+        Layout(">BHH", "function_code", "address", "quantity")
+
+        offset   0               1        2        3        4
+               | function_code | address         | quantity        |      size 5, always
+
+        Layout(">BB", "function_code", "byte_count", tail="data", count="byte_count")
+
+        offset   0               1            2 ...
+               | function_code | byte_count | byte_count bytes of data |      size 2 + byte_count
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+from barewire.errors import DecodeError, EncodeError
+
+
+class Field(NamedTuple):
+    """One field of a message as it lies in the bytes: what `explain` prints a line for."""
+
+    offset: int
+    length: int
+    name: str
+    value: object
+    meaning: str = ""
+
+
+class Layout:
+    """A struct format with a name for each value, and optionally a tail of bytes behind it.
+
+    `tail` names the bytes behind the fixed part, `count` the field that holds their number. A tail without a
+    count takes whatever there is, and then nobody can tell the length from the first bytes.
+
+    >>> Layout(">BHH", "function_code", "address", "quantity").pack(3, 107, 3).hex(" ")
+    '03 00 6b 00 03'
+    >>> Layout(">BB", "function_code", "byte_count", tail="data", count="byte_count").measure(b"\\x03\\x04")
+    6
+    """
+
+    __slots__ = ("_count_end", "_count_index", "_places", "_struct", "count", "names", "size", "tail")
+
+    def __init__(self, format: str, *names: str, tail: str | None = None, count: str | None = None) -> None:
+        self._struct = struct.Struct(format)
+        self.names = names
+        self.tail = tail
+        self.count = count
+        self.size = self._struct.size
+        # Offsets by packing ever longer beginnings: format characters are one byte each and never repeated.
+        order, kinds = format[0], format[1:]
+        ends = [struct.calcsize(order + kinds[: place + 1]) for place in range(len(names))]
+        self._places = tuple(zip([0, *ends], ends))
+        self._count_index = names.index(count) if count is not None else 0
+        self._count_end = ends[self._count_index] if count is not None else 0
+
+    def pack(self, *values: int, tail: bytes = b"") -> bytes:
+        """The fields and the tail as bytes. EncodeError names the first value that does not fit its field."""
+        try:
+            return self._struct.pack(*values) + tail
+        except struct.error:
+            for name, value, (start, end) in zip(self.names, values, self._places):
+                limit = (1 << 8 * (end - start)) - 1
+                if not (isinstance(value, int) and 0 <= value <= limit):
+                    raise EncodeError(f"{name} = {value!r}: expected a whole number in 0..{limit}") from None
+            raise
+
+    def unpack(self, data: bytes) -> tuple[Any, ...]:
+        """The field values, and the tail as last one if there is a tail. Nothing missing, nothing left over.
+
+        Raises DecodeError("short"), ("long") or ("length": the count says another number than there is).
+        """
+        if len(data) < self.size:
+            raise self._short(data)
+        if self.tail is None:
+            if len(data) > self.size:
+                text = f"{len(data) - self.size} bytes are left over behind {self.names[-1]}"
+                raise DecodeError("long", data, self.size, text)
+            return self._struct.unpack(data)
+        values = self._struct.unpack_from(data)
+        if self.count is not None and values[self._count_index] != len(data) - self.size:
+            said, there = values[self._count_index], len(data) - self.size
+            text = f"{self.count} says {said}, but {there} bytes of {self.tail} follow"
+            raise DecodeError("length", data, self._places[self._count_index][0], text)
+        return (*values, data[self.size :])
+
+    def _short(self, data: bytes) -> DecodeError:
+        for name, (start, end) in zip(self.names, self._places):
+            if end > len(data):
+                missing = f"{name} needs bytes {start}..{end - 1}" if end - start > 1 else f"{name} is byte {start}"
+                return DecodeError("short", data, len(data), f"{missing}, but there are only {len(data)}")
+        raise AssertionError("not short")  # pragma: no cover - called with too few bytes only
+
+    def measure(self, data: bytes) -> int | None:
+        """How many bytes to wait for, as far as these first bytes tell; None if nobody can know.
+
+        The answer grows once, when the count field is in; when there are as many bytes, it is the whole length.
+        """
+        if self.tail is None:
+            return self.size
+        if self.count is None:
+            return None
+        if len(data) < self._count_end:
+            return self.size
+        start, end = self._places[self._count_index]
+        return self.size + int.from_bytes(data[start:end], "big")
+
+    def fields(self, data: bytes, at: int = 0) -> list[Field]:
+        """Where each field lies and what it holds, as far as the bytes go; offsets are counted from `at`."""
+        found: list[Field] = []
+        for name, (start, end) in zip(self.names, self._places):
+            if end > len(data):
+                return found
+            value = int.from_bytes(data[start:end], "big")
+            found.append(Field(at + start, end - start, name, value))
+        if self.tail is not None and len(data) > self.size:
+            rest = data[self.size :]
+            found.append(Field(at + self.size, len(rest), self.tail, rest.hex(" ").upper()))
+        return found
+
+
+class BitPattern:
+    """One byte drawn bit by bit, most significant first: 0 and 1 are fixed, a letter is a field, - is reserved.
+
+        "010- nnes"    7 6 5 | 4 | 3 2 | 1 | 0
+                       0 1 0   -   n n   e   s       the server's answer to an SDO upload [CiA 301]
+
+    >>> initiate = BitPattern("010- nnes")
+    >>> hex(initiate.encode(n=2, e=1, s=1))
+    '0x4b'
+    >>> initiate.matches(0x4B), initiate.decode(0x4B)
+    (True, {'n': 2, 'e': 1, 's': 1})
+    """
+
+    __slots__ = ("_fields", "mask", "pattern", "value")
+
+    def __init__(self, pattern: str) -> None:
+        drawn = pattern.replace(" ", "")
+        if len(drawn) != 8:
+            raise EncodeError(f"bit pattern {pattern!r}: expected 8 places, found {len(drawn)}")
+        self.pattern = pattern
+        self.mask = int("".join("1" if c in "01" else "0" for c in drawn), 2)
+        self.value = int("".join(c if c in "01" else "0" for c in drawn), 2)
+        self._fields: dict[str, tuple[int, int]] = {}
+        for letter in dict.fromkeys(c for c in drawn if c not in "01-"):
+            width = drawn.count(letter)
+            if letter * width not in drawn:
+                raise EncodeError(f"bit pattern {pattern!r}: the bits of {letter!r} do not lie together")
+            self._fields[letter] = (7 - drawn.rindex(letter), width)
+
+    def __repr__(self) -> str:
+        return f"BitPattern({self.pattern!r})"
+
+    def matches(self, byte: int) -> bool:
+        """Whether the fixed bits are as drawn. Reserved bits may be anything: read tolerantly."""
+        return byte & self.mask == self.value
+
+    def decode(self, byte: int) -> dict[str, int]:
+        """The fields by letter. DecodeError("function") if the fixed bits say it is something else."""
+        if not self.matches(byte):
+            text = f"{byte:02X}h is not {self.pattern}"
+            raise DecodeError("function", bytes([byte]), 0, text)
+        return {letter: byte >> low & (1 << width) - 1 for letter, (low, width) in self._fields.items()}
+
+    def encode(self, **fields: int) -> int:
+        """The byte with these fields and reserved bits 0: write strictly. A field not given is 0."""
+        byte = self.value
+        for letter, field in fields.items():
+            if letter not in self._fields:
+                raise EncodeError(f"{self.pattern!r} has no field {letter!r}")
+            low, width = self._fields[letter]
+            if not 0 <= field < 1 << width:
+                raise EncodeError(f"{letter} = {field}: expected 0..{(1 << width) - 1}")
+            byte |= field << low
+        return byte

@@ -1,0 +1,84 @@
+"""In which order the bytes of a number lie, and how they fill registers.
+
+A register holds two bytes, the more significant one first: that much Modbus says [MB-APP 4.2]. How a wider
+number is cut into registers it does not say, so four orders are in use. With A the most significant byte:
+
+              register n   register n+1
+    ABCD        A  B          C  D        high word first, the usual reading
+    CDAB        C  D          A  B        low word first, bytes in a register still A B
+    BADC        B  A          D  C        high word first, bytes swapped in each register
+    DCBA        D  C          B  A        everything reversed: a little-endian number, as CANopen has it
+
+The names are read for any width: for 64 bits CDAB is GHEFCDAB, for 16 bits there is only AB or BA, and a single
+byte has no order at all.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Literal
+
+from barewire.errors import EncodeError
+
+Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+ORDERS: tuple[Order, ...] = ("ABCD", "CDAB", "BADC", "DCBA")
+
+
+def _swap_bytes(data: bytes) -> bytes:
+    """AB CD -> BA DC."""
+    swapped = bytearray(data)
+    swapped[0::2], swapped[1::2] = data[1::2], data[0::2]
+    return bytes(swapped)
+
+
+def reorder(data: bytes, order: Order) -> bytes:
+    """Big-endian bytes into `order`, or bytes in `order` into big-endian: each of the four undoes itself.
+
+    >>> reorder(bytes.fromhex("0A0B0C0D"), "CDAB").hex(" ").upper()
+    '0C 0D 0A 0B'
+    >>> reorder(bytes.fromhex("0A0B0C0D"), "BADC").hex(" ").upper()
+    '0B 0A 0D 0C'
+
+    Raises EncodeError for an order that is none of the four, and for an odd number of bytes that has to be cut
+    into registers.
+    """
+    if order == "ABCD":
+        return bytes(data)
+    if order == "DCBA":
+        return data[::-1]
+    if order not in ORDERS:
+        raise EncodeError(f"byte order {order!r}: expected one of {', '.join(ORDERS)}")
+    if len(data) == 1:
+        return bytes(data)
+    if len(data) % 2:
+        raise EncodeError(f"{len(data)} bytes do not fill registers of 2 bytes, so they have no order {order}")
+    return _swap_bytes(data if order == "BADC" else data[::-1])
+
+
+def to_registers(data: bytes) -> tuple[int, ...]:
+    """Bytes as they travel -> register values. An odd byte at the end is an EncodeError.
+
+    >>> to_registers(bytes.fromhex("000A0102"))
+    (10, 258)
+    """
+    if len(data) % 2:
+        raise EncodeError(f"{len(data)} bytes do not fill registers of 2 bytes")
+    return struct.unpack(f">{len(data) // 2}H", data)
+
+
+def from_registers(registers: Sequence[int]) -> bytes:
+    """Register values -> bytes as they travel, two for each. A value outside 0..65535 is an EncodeError.
+
+    >>> from_registers([10, 258]).hex(" ")
+    '00 0a 01 02'
+    """
+    try:
+        return struct.pack(f">{len(registers)}H", *registers)
+    except struct.error:
+        for place, value in enumerate(registers):
+            if not (isinstance(value, int) and 0 <= value <= 0xFFFF):
+                raise EncodeError(
+                    f"register {place} of {len(registers)}: {value!r} is not a whole number in 0..65535"
+                ) from None
+        raise

@@ -1,0 +1,126 @@
+"""The two forms of behaviour: a conversation speaks first, a machine only listens.
+
+A **conversation** is a generator. It yields `Send(item)` when it wants something on the wire and `Listen(until)`
+when it wants to hear; each time it is given back one `Heard(item, now)`. It never looks at a clock: time is
+what it is told.
+
+        conversation                                   whoever runs it
+        ------------                                   ---------------
+        yield Send(frame)          ------------->      puts it on the wire
+                                   <-------------      Heard(None, now)    it is out (for a serial line: the last
+                                                                           bit has left, as far as anyone can know)
+        yield Listen(until=now+1)  ------------->      waits for something, at most until then
+                                   <-------------      Heard(item, now)    this came
+                                   <-------------      Heard(None, now)    the time is up
+        return result              ------------->      done
+
+A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` is how time passes.
+
+Three interpreters exist and no more: the blocking shell, the asyncio shell, and a test that plays a script in
+virtual time (`play` below). All three mean the same by every word here.
+
+I know: turns and times.  I never know: bytes, frames, sockets, clocks.  Everybody may import me.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable
+from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+
+from barewire.errors import BarewireError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Event = TypeVar("Event")
+ItemIn = TypeVar("ItemIn", contravariant=True)
+EventOut = TypeVar("EventOut", covariant=True)
+
+
+class Send(NamedTuple, Generic[Item]):
+    """Put `item` on the wire. Answered with `Heard(None, now)` once it is out."""
+
+    item: Item
+
+
+class Listen(NamedTuple):
+    """Wait for whatever comes, at most until `until` (seconds on the clock of `Heard.now`).
+
+    A time that is already past means: take what is there, do not wait.
+    """
+
+    until: float
+
+
+class Heard(NamedTuple, Generic[Item]):
+    """What came, or None, and what time it is."""
+
+    item: Item | None
+    now: float
+
+
+Conversation: TypeAlias = Generator[Send[Item] | Listen, Heard[Item], Result]
+
+
+class Machine(Protocol[ItemIn, EventOut]):
+    """What only listens. `deadline` is the time at which it wants to be fed `None` if nothing came before."""
+
+    @property
+    def deadline(self) -> float | None: ...
+
+    def feed(self, item: ItemIn | None, now: float) -> Iterable[EventOut]: ...
+
+
+class Abandoned(BarewireError):
+    """Thrown into a conversation by a shell that has to go: Ctrl-C, cancellation, an unplugged cable.
+
+    The conversation may still yield `Send` (an SDO abort is a last word); it is never listened for again.
+    """
+
+
+def last_words(conversation: Conversation[Item, Result]) -> list[Item]:
+    """Tell a conversation that it is abandoned and collect what it still wants to say."""
+    said: list[Item] = []
+    try:
+        step = conversation.throw(Abandoned("the conversation was abandoned"))
+        while isinstance(step, Send):
+            said.append(step.item)
+            step = conversation.send(Heard(None, float("inf")))
+    except (StopIteration, Abandoned):
+        pass
+    finally:
+        conversation.close()
+    return said
+
+
+def play(
+    conversation: Conversation[Item, Result],
+    peer: Callable[[Item, float], Iterable[tuple[float, Item]]],
+    *,
+    start: float = 0.0,
+    sending_takes: Callable[[Item], float] = lambda item: 0.0,
+) -> tuple[Result, float]:
+    """The third interpreter: carry a conversation out in virtual time. Returns the result and the time at the end.
+
+    `peer(item, now)` is called for everything sent and returns what it answers as (time, item) pairs; nothing
+    sleeps, so a night on the bus is a test of a millisecond.
+    """
+    now = start
+    coming: list[tuple[float, Item]] = []
+    try:
+        step = next(conversation)
+        while True:
+            if isinstance(step, Send):
+                now += sending_takes(step.item)
+                coming += peer(step.item, now)
+                coming.sort(key=lambda pair: pair[0])
+                heard: Heard[Item] = Heard(None, now)
+            elif coming and coming[0][0] <= step.until:
+                when, item = coming.pop(0)
+                now = max(now, when)
+                heard = Heard(item, now)
+            else:
+                now = max(now, step.until)
+                heard = Heard(None, now)
+            step = conversation.send(heard)
+    except StopIteration as stop:
+        return stop.value, now
