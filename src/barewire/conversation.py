@@ -114,7 +114,7 @@ def play(
                 coming += peer(step.item, now)
                 coming.sort(key=lambda pair: pair[0])
                 heard: Heard[Item] = Heard(None, now)
-            elif coming and coming[0][0] <= step.until:
+            elif coming and coming[0][0] <= max(step.until, now):
                 when, item = coming.pop(0)
                 now = max(now, when)
                 heard = Heard(item, now)

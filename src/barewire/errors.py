@@ -41,8 +41,13 @@ class BarewireError(Exception):
 class EncodeError(BarewireError, ValueError):
     """I can't say that: a value, a quantity or an address that does not fit the wire.
 
-    The text names the thing, what it was and what was expected, in one line.
+    The text names the thing, what it was and what was expected, in one line; `field` is the field of the message
+    that holds it, where there is one.
     """
+
+    def __init__(self, text: str, field: str | None = None) -> None:
+        super().__init__(text)
+        self.field = field
 
 
 class DecodeError(BarewireError, ValueError):

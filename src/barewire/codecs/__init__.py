@@ -6,7 +6,7 @@ Five files, five questions:
 
     numbers    which bits make this number?         u8..u64, i8..i64, f32, f64, and any other width of integer
     order      in which order do its bytes lie?     ABCD, CDAB, BADC, DCBA
-    bits       which bit, which half?               bit k of a word, a packed row of coils, the L or H byte of a register
+    bits       which bit, which half?               bit k of a word, a packed row of coils, half a register
     text       which characters?                    fixed length, padding told, nothing lost in silence
     layout     which named fields, one after the other?   a struct with names, and bit patterns like "010- nnes"
 

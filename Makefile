@@ -1,0 +1,53 @@
+# Two commands do everything on a fresh machine:   make demo   and   make test
+#
+# Each makes .venv, installs what it needs there (once; again when pyproject.toml changes) and runs.
+# Another Python:  make test PYTHON=python3.12 VENV=.venv-3.12        Fewer tests:  make suite ARGS=tests/rtu
+
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+NEW    := import sys; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+            $$p -c '$(NEW)' 2>/dev/null && echo $$p && exit; done; echo python3)
+
+help: ## show this list
+	@sed -nE 's/^([a-z]+):.*## (.*)/make \1	\2/p' Makefile | expand -t 14
+
+demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no hardware
+	@$(BIN)/barewire demo
+
+test: style types suite ## everything a change must pass: format, lint, types, then all tests
+
+style: $(VENV)/installed-dev ## format check and lint
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: $(VENV)/installed-dev ## strict types
+	$(BIN)/mypy
+
+suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
+	$(BIN)/pytest -rs $(ARGS)
+
+bench: $(VENV)/installed-bench ## the hot loops, and the same work done by peers
+	$(BIN)/pytest bench $(ARGS)
+
+format: $(VENV)/installed-dev ## put the code in its form
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean: ## remove what was built or installed here
+	rm -rf .venv .venv-* build dist src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks
+	find src tests bench -name __pycache__ -prune -exec rm -rf {} +
+
+# One stamp file for each extra: $(VENV)/installed-dev says that barewire[dev] is installed there.
+$(VENV)/installed-%: pyproject.toml | $(VENV)/bin/pip
+	@echo "installing barewire[$*] into $(VENV)"
+	@$(BIN)/python -m pip install -qq --editable '.[$*]'
+	@touch $@
+
+$(VENV)/bin/pip:
+	@$(PYTHON) -c '$(NEW)' 2>/dev/null || { echo "barewire needs Python 3.11 or later; \"$(PYTHON) --version\" says:" \
+	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+.PHONY: help demo test style types suite bench format clean
+.NOTPARALLEL:

@@ -1,0 +1,62 @@
+"""One whole ASCII frame, in and out. Pure: characters to a letter and back, nothing remembered.
+
+    : | unit, 2 characters | PDU, 2 characters a byte | LRC, 2 characters | CR LF        [MB-SERIAL 2.5.2]
+
+9 to 513 characters. Hexadecimal digits are written in upper case; lower case is read too.
+"""
+
+from __future__ import annotations
+
+from barewire.ascii.lrc import lrc
+from barewire.errors import DecodeError
+from barewire.modbus.adu import Adu, check_pdu, check_unit
+
+START, END = b":", b"\r\n"
+SHORTEST, LONGEST = 9, 513
+DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+
+
+def encode(unit: int, pdu: bytes) -> bytes:
+    """The frame that carries a PDU.
+
+    >>> encode(1, bytes.fromhex("040FB10002"))
+    b':01040FB1000239\\r\\n'
+
+    Raises EncodeError for a unit outside 0..255 and a PDU outside 1..253 bytes.
+    """
+    check_unit(unit)
+    check_pdu(pdu)
+    body = bytes((unit,)) + pdu
+    return b":%s%02X\r\n" % (body.hex().upper().encode(), lrc(body))
+
+
+def decode(data: bytes) -> Adu:
+    """The frame as unit and PDU.
+
+    >>> decode(b":01040FB1000239\\r\\n")
+    Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)
+
+    Raises DecodeError: "delimiter", "character", "short", "long", or "checksum", which says what the LRC should be.
+    """
+    if data[:1] != START:
+        raise DecodeError("delimiter", data, 0, "an ASCII frame begins with ':'")
+    if data[-2:] != END:
+        raise DecodeError("delimiter", data, max(len(data) - 2, 1), "an ASCII frame ends with CR LF")
+    digits = data[1:-2]
+    for at, character in enumerate(digits, start=1):
+        if character not in DIGITS:
+            raise DecodeError("character", data, at, f"{bytes([character])!r} is no hexadecimal digit")
+    if len(data) < SHORTEST:
+        text = f"an ASCII frame has at least {SHORTEST} characters, here are {len(data)}"
+        raise DecodeError("short", data, len(data), text)
+    if len(data) > LONGEST:
+        raise DecodeError(
+            "long", data, LONGEST, f"an ASCII frame has at most {LONGEST} characters, here are {len(data)}"
+        )
+    if len(digits) % 2:
+        raise DecodeError("short", data, len(data) - 2, f"{len(digits)} digits: the last byte has only one")
+    body = bytes.fromhex(digits.decode("ascii"))
+    right = lrc(body[:-1])
+    if body[-1] != right:
+        raise DecodeError("checksum", data, len(data) - 4, f"LRC is {body[-1]:02X}, should be {right:02X}")
+    return Adu(body[0], body[1:-1])

@@ -1,0 +1,160 @@
+"""COB-IDs: which identifier belongs to which service of which node.
+
+        10  9  8  7 | 6  5  4  3  2  1  0
+       function code|      node-ID              605h = 1100 | 0000101  = SDO request to node 5
+                                                           [CiA 301, predefined connection set]
+
+The lower the identifier, the sooner it wins the bus, so the table below is also the order of precedence: network
+management before SYNC before emergencies before process data before parameters before heartbeats.
+
+The guide of the AZ3 prints the COB-IDs of its PDOs *without* the node-ID (200h, 180h ...): what travels is the
+printed number plus the node-ID, exactly as `cob_id` makes it.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from barewire.canopen.frame import CanFrame
+from barewire.errors import EncodeError
+
+NODE_MIN, NODE_MAX = 1, 127
+
+ServiceName = Literal[
+    "NMT",
+    "SYNC",
+    "EMCY",
+    "TIME",
+    "TPDO1",
+    "RPDO1",
+    "TPDO2",
+    "RPDO2",
+    "TPDO3",
+    "RPDO3",
+    "TPDO4",
+    "RPDO4",
+    "SDO answer",
+    "SDO request",
+    "error control",
+    "LSS answer",
+    "LSS request",
+]
+
+
+class Service(NamedTuple):
+    """One row of the predefined connection set. A broadcast has one identifier for all nodes."""
+
+    name: ServiceName
+    base: int
+    from_device: bool  # True: the device sends it, seen from a device as the standard always looks
+    broadcast: bool = False
+
+    @property
+    def function_code(self) -> int:
+        """Bits 10 to 7 of the identifier."""
+        return self.base >> 7
+
+
+SERVICES: tuple[Service, ...] = (
+    Service("NMT", 0x000, from_device=False, broadcast=True),
+    Service("SYNC", 0x080, from_device=False, broadcast=True),
+    Service("EMCY", 0x080, from_device=True),
+    Service("TIME", 0x100, from_device=False, broadcast=True),
+    Service("TPDO1", 0x180, from_device=True),
+    Service("RPDO1", 0x200, from_device=False),
+    Service("TPDO2", 0x280, from_device=True),
+    Service("RPDO2", 0x300, from_device=False),
+    Service("TPDO3", 0x380, from_device=True),
+    Service("RPDO3", 0x400, from_device=False),
+    Service("TPDO4", 0x480, from_device=True),
+    Service("RPDO4", 0x500, from_device=False),
+    Service("SDO answer", 0x580, from_device=True),
+    Service("SDO request", 0x600, from_device=False),
+    Service("error control", 0x700, from_device=True),
+    Service("LSS answer", 0x7E4, from_device=True, broadcast=True),
+    Service("LSS request", 0x7E5, from_device=False, broadcast=True),
+)
+
+_BY_NAME = {service.name: service for service in SERVICES}
+_OF_ALL = {service.base: service for service in SERVICES if service.broadcast}
+_OF_NODE = {service.function_code: service for service in SERVICES if not service.broadcast}
+
+# Never to be given to a PDO, SYNC, EMCY or a further SDO channel.            [CiA 301, restricted CAN-IDs]
+_RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
+
+
+def check_node(node: int) -> int:
+    """The node-ID, or an EncodeError: 0 means "all nodes" in an NMT command and is nobody's number."""
+    if not NODE_MIN <= node <= NODE_MAX:
+        raise EncodeError(f"node {node}: expected {NODE_MIN}..{NODE_MAX}")
+    return node
+
+
+def cob_id(service: ServiceName, node: int | None = None) -> int:
+    """The identifier of a service, of that node if each node has its own.
+
+    >>> f"{cob_id('SDO request', 5):X}h", f"{cob_id('TPDO1', 15):X}h", f"{cob_id('SYNC'):X}h"
+    ('605h', '18Fh', '80h')
+    """
+    row = _BY_NAME.get(service)
+    if row is None:
+        raise EncodeError(f"service {service!r}: expected one of {', '.join(_BY_NAME)}")
+    if row.broadcast:
+        return row.base
+    if node is None:
+        raise EncodeError(f"{service} has an identifier for each node: say which node")
+    return row.base + check_node(node)
+
+
+def classify(frame: CanFrame) -> tuple[Service, int] | None:
+    """Whose frame this is by the predefined connection set: the service and its node, 0 for all nodes.
+
+    None for what has no owner there: an extended identifier, a gap between the services.
+
+    >>> service, node = classify(CanFrame(0x585)) or (None, 0)
+    >>> service.name, node
+    ('SDO answer', 5)
+    """
+    if frame.extended:
+        return None
+    of_all = _OF_ALL.get(frame.id)
+    if of_all is not None:
+        return of_all, 0
+    of_node = _OF_NODE.get(frame.id >> 7)
+    node = frame.id & 0x7F
+    return (of_node, node) if of_node is not None and node else None
+
+
+def is_restricted(identifier: int) -> bool:
+    """Whether this base identifier may never be configured for a PDO, SYNC, EMCY or SDO channel."""
+    return any(first <= identifier <= last for first, last in _RESTRICTED)
+
+
+class CobEntry(NamedTuple):
+    """A COB-ID as it lies in the object dictionary, 32 bits: two flags, the frame format, the identifier.
+
+        31 | 30 | 29 | 28 ... 0
+        a    b    x    identifier            x = 1: 29 bits
+
+    What the flags mean depends on the object, and bit 31 is a trap: 1 is *switched off* for a PDO, an SDO channel
+    and EMCY, but *consumes* for TIME. Bit 30: no remote requests (PDO), generates (SYNC), produces (TIME).
+
+    >>> CobEntry.unpack(0xC000_0185)
+    CobEntry(identifier=389, extended=False, bit30=True, bit31=True)
+    """
+
+    identifier: int
+    extended: bool = False
+    bit30: bool = False
+    bit31: bool = False
+
+    @classmethod
+    def unpack(cls, word: int) -> CobEntry:
+        """From the 32 bits of the object; of 29 identifier bits a base frame uses the low 11."""
+        extended = bool(word >> 29 & 1)
+        identifier = word & (0x1FFF_FFFF if extended else 0x7FF)
+        return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))
+
+    def pack(self) -> int:
+        """The 32 bits of the object."""
+        return self.identifier | self.extended << 29 | self.bit30 << 30 | self.bit31 << 31

@@ -1,0 +1,302 @@
+"""A parameter: one named value of a machine, with its unit and its places. One name, one row, whatever wire it is on.
+
+                        name "STATUS WORD", type u16, unit, scale, range, default, what its bits mean
+                          |
+             .------------'-------------.
+        ModbusAt                    ObjectAt
+        input register 24           object 6041h, sub-index 0
+             |                          |
+        registers [0x0637]          bytes 37 06
+             '---------- value ---------'
+
+Scale, unit, names of values and bits belong to the parameter; width, sign and order belong to its codec. Limits are
+told in the unit, after scaling, because that is how people think of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Literal, NamedTuple
+
+from barewire.codecs import (
+    Codec,
+    Text,
+    Value,
+    codec,
+    from_registers,
+    get_bit,
+    get_half,
+    set_bit,
+    set_half,
+    to_registers,
+)
+from barewire.codecs.bits import Half
+from barewire.codecs.order import Order
+from barewire.errors import DecodeError, EncodeError
+
+TableName = Literal["holding", "input", "coil", "discrete"]
+Access = Literal["ro", "rw", "wo"]
+
+
+class ModbusAt(NamedTuple):
+    """A place on Modbus. `address` is the one on the wire, from 0, whatever the manual prints."""
+
+    table: TableName
+    address: int
+    words: int = 1
+    half: Half | None = None
+    bit: int | None = None
+    order: Order = "ABCD"
+
+    @property
+    def partial(self) -> bool:
+        """Less than a register, so that writing it means: read, change, write back."""
+        return self.table in ("holding", "input") and (self.half is not None or self.bit is not None)
+
+
+class ObjectAt(NamedTuple):
+    """A place in the object dictionary of CANopen. `bit` is one bit of the object, if it is only that."""
+
+    index: int
+    sub: int = 0
+    bit: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One row of a device description. The fields are told in `catalog/README.md`.
+
+    >>> kelvin = Parameter("Temperature", "i16", unit="°C", scale=Fraction(1, 10), modbus=ModbusAt("input", 4))
+    >>> kelvin.from_registers([272]), kelvin.to_registers(-0.5)
+    (27.2, (65531,))
+    """
+
+    name: str
+    type: str
+    unit: str = ""
+    scale: Fraction = Fraction(1)
+    default: Value | None = None
+    minimum: int | float | None = None
+    maximum: int | float | None = None
+    access: Access = "rw"
+    values: Mapping[int, str] = field(default_factory=dict)
+    bits: Mapping[int, str] = field(default_factory=dict)
+    firmware: str = ""
+    storable: bool | None = None
+    note: str = ""
+    printed: Mapping[str, str] = field(default_factory=dict)
+    modbus: ModbusAt | None = None
+    object: ObjectAt | None = None
+
+    # Values, as people have them
+
+    @property
+    def readable(self) -> bool:
+        """Whether the device lets it be read."""
+        return self.access != "wo"
+
+    @property
+    def writable(self) -> bool:
+        """Whether the device lets it be written."""
+        return self.access != "ro"
+
+    def check(self, value: Value) -> Value:
+        """The value, if the range of the parameter has it; EncodeError names the range otherwise."""
+        if self.type == "bool":
+            if value not in (0, 1):
+                raise EncodeError(f"{self.name} = {value!r}: expected 0 or 1 (off or on)", self.name)
+            return bool(value)
+        if self.type == "text":
+            if not isinstance(value, str):
+                raise EncodeError(f"{self.name} = {value!r}: expected text", self.name)
+            return value
+        if isinstance(value, (str, bytes)):
+            raise EncodeError(f"{self.name} = {value!r}: expected a number", self.name)
+        below = self.minimum is not None and value < self.minimum
+        above = self.maximum is not None and value > self.maximum
+        if below or above:
+            low = "" if self.minimum is None else show(self.minimum)
+            high = "" if self.maximum is None else show(self.maximum)
+            raise EncodeError(f"{self.name} = {show(value)}: expected {low}..{high} {self.unit}".rstrip(), self.name)
+        return value
+
+    def parse(self, text: str) -> Value:
+        """What a person typed, as a value: a number (0x for hexadecimal), on/off, or the name of one of its values."""
+        plain = text.strip()
+        for number, title in self.values.items():
+            if plain.casefold() == title.casefold():
+                return number
+        if self.type == "text":
+            return text
+        if self.type == "bool" and plain.lower() in ("on", "off", "true", "false"):
+            return plain.lower() in ("on", "true")
+        try:
+            return int(plain, 0) if _looks_whole(plain) else float(plain)
+        except ValueError:
+            names = f", or one of: {', '.join(self.values.values())}" if self.values else ""
+            raise EncodeError(f"{self.name} = {text!r}: expected a number{names}", self.name) from None
+
+    def text(self, value: Value) -> str:
+        """The value with its unit, and in words where its values or bits have names.
+
+        >>> Parameter("State", "u8", values={2: "Starter ready"}).text(2)
+        '2 (Starter ready)'
+        """
+        shown = show(value) + (f" {self.unit}" if self.unit else "")
+        if isinstance(value, int) and self.type != "text":
+            if int(value) in self.values:
+                return f"{shown} ({self.values[int(value)]})"
+            if self.bits and self.type != "bool":
+                names = [name for bit, name in sorted(self.bits.items()) if int(value) >> bit & 1]
+                return f"{shown} ({', '.join(names) or 'no bit set'})"
+        return shown
+
+    # Raw numbers, as the wire has them
+
+    def to_raw(self, value: Value) -> Value:
+        """The number that travels: checked, then the scale taken off. EncodeError for what falls between two steps."""
+        value = self.check(value)
+        if self.scale == 1 or isinstance(value, (str, bytes)):
+            return value
+        if self.type.startswith("f"):
+            return float(value) / float(self.scale)
+        exact = Fraction(value) / self.scale
+        raw = round(exact)
+        # A decimal like 27.2 is not quite a binary number: what is nearer than a thousandth of a step is meant.
+        if abs(exact - raw) > Fraction(1, 1000):
+            step = show(float(self.scale))
+            raise EncodeError(
+                f"{self.name} = {show(value)}: it goes in steps of {step} {self.unit}".rstrip(), self.name
+            )
+        return raw
+
+    def from_raw(self, raw: Value) -> Value:
+        """The value of a number that came: scaled."""
+        if self.scale == 1 or isinstance(raw, (str, bytes)):
+            return raw
+        if isinstance(raw, float):
+            return raw * float(self.scale)
+        scaled = Fraction(raw) * self.scale
+        return float(scaled) if scaled.denominator != 1 else int(scaled)
+
+    # Modbus
+
+    def to_registers(self, value: Value, old: Sequence[int] = ()) -> tuple[int, ...]:
+        """The registers that hold the value. For half a register or a bit, `old` is what the register holds now."""
+        place = self._on_modbus()
+        raw = self.to_raw(value)
+        if place.partial:
+            if len(old) != 1:
+                raise EncodeError(f"{self.name} is part of a register: its present content is needed", self.name)
+            if place.bit is not None:
+                return (set_bit(old[0], place.bit, bool(raw)),)
+            assert place.half is not None
+            return (set_half(old[0], place.half, codec(self.type).encode(raw)[0]),)
+        return to_registers(self._register_codec(place).encode(raw))
+
+    def from_registers(self, registers: Sequence[int]) -> Value:
+        """The value that these registers hold. DecodeError for a wrong number of them."""
+        place = self._on_modbus()
+        if len(registers) != place.words:
+            data = from_registers(registers)
+            text = f"{self.name} takes {place.words} registers, here are {len(registers)}"
+            short = len(registers) < place.words
+            raise DecodeError("short" if short else "long", data, min(len(data), 2 * place.words), text)
+        if place.bit is not None:
+            return get_bit(registers[0], place.bit)
+        if place.half is not None:
+            return self.from_raw(codec(self.type).decode(bytes([get_half(registers[0], place.half)])))
+        return self.from_raw(self._register_codec(place).decode(from_registers(registers)))
+
+    def _on_modbus(self) -> ModbusAt:
+        if self.modbus is None:
+            raise EncodeError(f"{self.name} has no place on Modbus", self.name)
+        return self.modbus
+
+    def _register_codec(self, place: ModbusAt) -> Codec:
+        if self.type == "text":
+            return Text(2 * place.words)
+        # A byte or a bit that has a register to itself fills it as a 16-bit number.
+        wide = {"u8": "u16", "i8": "i16", "bool": "u16"}.get(self.type, self.type)
+        return codec(wide, place.order)
+
+    # CANopen: always little-endian
+
+    def to_object(self, value: Value, old: bytes = b"") -> bytes:
+        """The bytes of the object. For one bit of an object, `old` is what it holds now."""
+        place = self._in_dictionary()
+        raw = self.to_raw(value)
+        if place.bit is not None:
+            if not old:
+                raise EncodeError(f"{self.name} is one bit of an object: its present content is needed", self.name)
+            word = set_bit(int.from_bytes(old, "little"), place.bit, bool(raw), 8 * len(old))
+            return word.to_bytes(len(old), "little")
+        return self._object_codec().encode(raw)
+
+    def from_object(self, data: bytes) -> Value:
+        """The value that the object's bytes hold. Bytes beyond its width are accepted if they are zero."""
+        place = self._in_dictionary()
+        if place.bit is not None:
+            return get_bit(int.from_bytes(data, "little"), place.bit, 8 * len(data))
+        object_codec = self._object_codec()
+        # Some devices answer every object in four bytes (the guide of the AZ3 shows it): zeros behind are no value.
+        if len(data) > object_codec.size and not any(data[object_codec.size :]):
+            data = data[: object_codec.size]
+        raw = object_codec.decode(data)
+        return bool(raw) if self.type == "bool" else self.from_raw(raw)
+
+    @property
+    def object_size(self) -> int:
+        """How many bytes the object has, as far as this parameter knows: a bit is taken for one of a 16-bit word."""
+        return 2 if self._in_dictionary().bit is not None else self._object_codec().size
+
+    def _in_dictionary(self) -> ObjectAt:
+        if self.object is None:
+            raise EncodeError(f"{self.name} has no place in the object dictionary", self.name)
+        return self.object
+
+    def _object_codec(self) -> Codec:
+        if self.type == "text":
+            raise EncodeError(f"{self.name} is text, which does not fit an expedited transfer", self.name)
+        return codec("u8" if self.type == "bool" else self.type, "DCBA")
+
+
+class Reading(NamedTuple):
+    """A parameter and the value it had."""
+
+    parameter: Parameter
+    value: Value
+
+    @property
+    def name(self) -> str:
+        """The parameter's name."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """The parameter's unit."""
+        return self.parameter.unit
+
+    def __str__(self) -> str:
+        return f"{self.name} = {self.parameter.text(self.value)}"
+
+
+def show(value: Value) -> str:
+    """A value as short as it can be without losing anything: floats of 32 bits do not show their binary tail.
+
+    >>> show(27.2), show(0.20000000298023224), show(3000), show(True)
+    ('27.2', '0.2', '3000', 'on')
+    """
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, float):
+        short = f"{value:.7g}"
+        return short if abs(float(short) - value) <= abs(value) * 6e-8 else repr(value)
+    return str(value)
+
+
+def _looks_whole(text: str) -> bool:
+    digits = text.lstrip("+-").lower()
+    return digits.isdecimal() or digits.startswith(("0x", "0b"))

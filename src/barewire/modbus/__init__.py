@@ -1,0 +1,103 @@
+"""THE LETTER: what Modbus says, whatever carries it. Messages are values, a client has one verb.
+
+    request:   unit | function code | data          ask(line, unit, ReadHoldingRegisters(107, 3))
+    response:  unit | function code | data          -> ReadHoldingRegistersResponse(registers=(555, 0, 100))
+    or:        unit | function code + 80h | code    -> ModbusException
+
+    message     what a message is                    bits, registers, diagnostics, identification    the messages
+    functions   which class for which function code  adu         what an envelope delivers
+    ask         the client's turn of talk            serve       the server, as a machine
+    line        what an envelope must offer          table       a ready unit: four tables in memory
+    exceptions  how a server declines
+
+I know: function codes, their fields and limits, turns of talk.  I never know: checksums, delimiters, ports, clocks;
+what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
+    from barewire.modbus.ask import ask, tell
+    from barewire.modbus.bits import (
+        ReadCoils,
+        ReadCoilsResponse,
+        ReadDiscreteInputs,
+        ReadDiscreteInputsResponse,
+        WriteMultipleCoils,
+        WriteMultipleCoilsResponse,
+        WriteSingleCoil,
+        WriteSingleCoilResponse,
+    )
+    from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
+    from barewire.modbus.exceptions import EXCEPTIONS, ModbusException, exception_name
+    from barewire.modbus.functions import decode_request, decode_response, register
+    from barewire.modbus.identification import (
+        ReadDeviceIdentification,
+        ReadDeviceIdentificationResponse,
+        ReportServerId,
+        ReportServerIdResponse,
+    )
+    from barewire.modbus.line import Line
+    from barewire.modbus.message import ExceptionResponse, Message, Request, Response
+    from barewire.modbus.registers import (
+        ReadHoldingRegisters,
+        ReadHoldingRegistersResponse,
+        ReadInputRegisters,
+        ReadInputRegistersResponse,
+        WriteMultipleRegisters,
+        WriteMultipleRegistersResponse,
+        WriteSingleRegister,
+        WriteSingleRegisterResponse,
+    )
+    from barewire.modbus.serve import Reply, Server, Tally, Unit
+    from barewire.modbus.table import Table
+
+# Loaded when asked for: an envelope needs `adu` only, and must not pay for all the messages.
+_HOME = {
+    "adu": ("BROADCAST", "PDU_LIMIT", "Adu", "Noise"),
+    "ask": ("ask", "tell"),
+    "bits": (
+        "ReadCoils",
+        "ReadCoilsResponse",
+        "ReadDiscreteInputs",
+        "ReadDiscreteInputsResponse",
+        "WriteMultipleCoils",
+        "WriteMultipleCoilsResponse",
+        "WriteSingleCoil",
+        "WriteSingleCoilResponse",
+    ),
+    "diagnostics": ("ReadExceptionStatus", "ReadExceptionStatusResponse"),
+    "exceptions": ("EXCEPTIONS", "ModbusException", "exception_name"),
+    "functions": ("decode_request", "decode_response", "register"),
+    "identification": (
+        "ReadDeviceIdentification",
+        "ReadDeviceIdentificationResponse",
+        "ReportServerId",
+        "ReportServerIdResponse",
+    ),
+    "line": ("Line",),
+    "message": ("ExceptionResponse", "Message", "Request", "Response"),
+    "registers": (
+        "ReadHoldingRegisters",
+        "ReadHoldingRegistersResponse",
+        "ReadInputRegisters",
+        "ReadInputRegistersResponse",
+        "WriteMultipleRegisters",
+        "WriteMultipleRegistersResponse",
+        "WriteSingleRegister",
+        "WriteSingleRegisterResponse",
+    ),
+    "serve": ("Reply", "Server", "Tally", "Unit"),
+    "table": ("Table",),
+}
+_FILE = {name: file for file, names in _HOME.items() for name in names}
+
+__all__ = list(_FILE)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name in _FILE:
+        return getattr(import_module(f"{__name__}.{_FILE[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

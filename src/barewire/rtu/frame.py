@@ -1,0 +1,45 @@
+"""One whole RTU frame, in and out. Pure: bytes to a letter and back, nothing remembered.
+
+| unit 1 | PDU 1..253 | CRC 2, low byte first |        4 to 256 bytes            [MB-SERIAL 2.5.1]
+"""
+
+from __future__ import annotations
+
+from barewire.errors import DecodeError
+from barewire.modbus.adu import Adu, check_pdu, check_unit
+from barewire.rtu.crc import crc16
+
+SHORTEST, LONGEST = 4, 256
+
+
+def encode(unit: int, pdu: bytes) -> bytes:
+    """The frame that carries a PDU.
+
+    >>> encode(1, bytes.fromhex("040FB10002")).hex(" ").upper()
+    '01 04 0F B1 00 02 22 F8'
+
+    Raises EncodeError for a unit outside 0..255 and a PDU outside 1..253 bytes.
+    """
+    check_unit(unit)
+    check_pdu(pdu)
+    body = bytes((unit,)) + pdu
+    return body + crc16(body).to_bytes(2, "little")
+
+
+def decode(data: bytes) -> Adu:
+    """The frame as unit and PDU.
+
+    >>> decode(bytes.fromhex("01040FB1000222F8"))
+    Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)
+
+    Raises DecodeError: "short", "long", or "checksum", which says what the CRC should have been.
+    """
+    if len(data) < SHORTEST:
+        raise DecodeError("short", data, len(data), f"an RTU frame has at least {SHORTEST} bytes, here are {len(data)}")
+    if len(data) > LONGEST:
+        raise DecodeError("long", data, LONGEST, f"an RTU frame has at most {LONGEST} bytes, here are {len(data)}")
+    right = crc16(data[:-2]).to_bytes(2, "little")
+    if data[-2:] != right:
+        said, should = data[-2:].hex(" ").upper(), right.hex(" ").upper()
+        raise DecodeError("checksum", data, len(data) - 2, f"CRC is {said}, should be {should}")
+    return Adu(data[0], bytes(data[1:-2]))

@@ -1,0 +1,224 @@
+"""The framing state of one RTU line: where a frame begins and ends when nothing on the wire says so.
+
+Three witnesses, in this order:
+
+    the count     the first bytes of a message tell its length (`modbus.functions.measure_...`): it ends a frame early
+    the CRC       confirms it: nothing is a frame without
+    the silence   ends whatever is left, resynchronises, and is the only end of functions that nobody can count
+
+**t3.5 is two numbers.** Speaking, we keep the strict one: `quiet_at`. Hearing, we are patient: operating systems and
+USB adapters hand bytes over in batches, up to 16 ms late, and a strict 2 ms window cuts good frames in half. `patience`
+is the longest pause that is still forgiven inside a frame. `patience=None` is the letter of the standard, for real
+UARTs: a frame ends after t3.5 and by nothing else, and a gap above t1.5 inside spoils it [MB-SERIAL 2.5.1.1].
+
+    feed:  | noise | unit ... CRC | unit ... CRC | half a fr        ->  Noise, Adu, Adu, and 9 bytes held
+
+After a wrong CRC the line does not throw everything away: it slides on, byte by byte, to the next place where a whole
+frame with a good CRC lies, and reports what it passed over as one Noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from typing import Literal
+
+from barewire.errors import DecodeError, EncodeError, Reason
+from barewire.modbus.adu import Adu, Noise
+from barewire.modbus.functions import measure_request, measure_response
+from barewire.rtu.crc import crc16
+from barewire.rtu.frame import LONGEST, SHORTEST, decode, encode
+from barewire.rtu.timing import Timing
+
+Role = Literal["client", "server", "listener"]
+PATIENCE = 0.030
+"""Seconds: above the 16 ms in which common USB adapters hand over bytes, far below any time-out."""
+
+_ENVELOPE = 3
+"""What the frame has more than the PDU: unit and CRC."""
+
+
+class RtuLine:
+    """One line, heard as `role`: a client hears responses, a server requests (and, from other units, both).
+
+    >>> line = RtuLine(Timing.of(19200), role="server")
+    >>> line.feed(bytes.fromhex("01040FB1 000222F8"), now=1.0)
+    [Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)]
+    >>> line.feed(b"\\xff\\x00\\x07", now=2.0), round(line.deadline, 3)
+    ([], 2.03)
+    >>> line.feed(None, now=2.03)
+    [Noise(data=b'\\xff\\x00\\x07', reason='short', text='3 bytes, then silence')]
+
+    `units` are the server's own addresses: what goes to them is a request, never some other unit's response.
+    """
+
+    def __init__(
+        self,
+        timing: Timing,
+        *,
+        role: Role = "client",
+        units: Container[int] = (),
+        patience: float | None = PATIENCE,
+    ) -> None:
+        if patience is not None and patience < 0:
+            raise EncodeError(f"patience {patience}: expected seconds, 0 or more, or None to be strict", "patience")
+        self.timing = timing
+        self.role: Role = role
+        self.strict = patience is None
+        self.gap = timing.t35 if patience is None else max(timing.t35, patience)
+        """The silence, in seconds, that ends whatever is held."""
+        self._units = units
+        self._held = bytearray()
+        self._last = float("-inf")  # when the last byte was over, ours or theirs
+        self._spoiled = False  # strict only: a gap above t1.5 was inside
+        self._hunted = 0  # so many of the held bytes are known not to end a frame
+        self._unit = 0
+
+    # Speaking
+
+    @property
+    def quiet_at(self) -> float:
+        """t3.5 after the last byte on the line, ours or theirs: the strict number, whatever the patience."""
+        return self._last + self.timing.t35
+
+    def request(self, unit: int, pdu: bytes) -> bytes:
+        """The frame of a request."""
+        self._unit = unit
+        return encode(unit, pdu)
+
+    def response(self, to: Adu, pdu: bytes) -> bytes:
+        """The frame of an answer."""
+        return encode(to.unit, pdu)
+
+    def sent(self, now: float) -> None:
+        """Our own last byte left: the silence before the next frame begins here."""
+        self._last = max(self._last, now)
+
+    def answers(self, adu: Adu) -> bool:
+        """From the unit that was asked last."""
+        return adu.unit == self._unit
+
+    # Hearing
+
+    @property
+    def held(self) -> bytes:
+        """The bytes that may still become a frame."""
+        return bytes(self._held)
+
+    @property
+    def deadline(self) -> float | None:
+        """When the silence will have lasted long enough to end what is held."""
+        return self._last + self.gap if self._held else None
+
+    def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
+        """Bytes that arrived together, the last one at `now`; or None: nothing came until `now`."""
+        events: list[Adu | Noise] = []
+        if not data:
+            if self._held and now >= self._last + self.gap:
+                events += self._close()
+            return events
+        # They came one behind the other, so the first of them began this much earlier.
+        silent = now - self.timing.duration(len(data)) - self._last
+        if self._held:
+            if silent >= self.gap:
+                events += self._close()
+            elif self.strict and silent > self.timing.t15:
+                self._spoiled = True
+        self._held += data
+        self._last = max(self._last, now)
+        if not self.strict:
+            events += self._cut()
+        elif len(self._held) > LONGEST:
+            events.append(self._drop(len(self._held) - LONGEST, "long", f"more than {LONGEST} bytes without silence"))
+            self._spoiled = True
+        return events
+
+    def _cut(self) -> list[Adu | Noise]:
+        """Take off every frame that the count and the CRC prove already."""
+        events: list[Adu | Noise] = []
+        while self._held:
+            ends, hopeful = self._ends(0)
+            end = next((end for end in ends if self._proven(0, end)), None)
+            if end is not None:
+                events.append(self._take(end))
+            elif hopeful and len(self._held) < LONGEST:
+                break
+            else:
+                found = self._hunt()
+                if found is None:
+                    if len(self._held) <= LONGEST:
+                        break
+                    excess = len(self._held) - LONGEST
+                    events.append(self._drop(excess, "long", f"more than {LONGEST} bytes and no frame in them"))
+                    break
+                events += found
+        return events
+
+    def _close(self) -> list[Adu | Noise]:
+        """Silence: what is held is one frame, or there are frames in it, or it is noise."""
+        events: list[Adu | Noise] = []
+        if self._spoiled:
+            events.append(self._drop(len(self._held), "silence", "a gap above 1.5 characters inside the frame"))
+        elif SHORTEST <= len(self._held) <= LONGEST and crc16(self._held) == 0:
+            # Only silence can end a function that nobody can count.
+            events.append(self._take(len(self._held)))
+        elif not self.strict:
+            self._hunted = 0
+            while self._held and (found := self._hunt()) is not None:
+                events += found
+                self._hunted = 0
+        if self._held:
+            events.append(self._drop(len(self._held), *self._diagnosis()))
+        self._spoiled = False
+        return events
+
+    def _diagnosis(self) -> tuple[Reason, str]:
+        """Why what is left is no frame."""
+        try:
+            decode(bytes(self._held))
+        except DecodeError as error:
+            if error.reason == "short":
+                return "short", f"{len(self._held)} bytes, then silence"
+            return error.reason, error.text
+        return "checksum", "a good CRC, but not the shape of any message"  # pragma: no cover - taken before
+
+    def _ends(self, at: int) -> tuple[list[int], bool]:
+        """Where a frame that begins at `at` could end, of what is here; and whether it could still come to an end."""
+        unit, pdu = self._held[at], bytes(self._held[at + 1 :])
+        if not pdu:
+            return [], True
+        if self.role == "client":
+            measures = [measure_response(pdu)]
+        elif unit in self._units:
+            measures = [measure_request(pdu)]
+        else:
+            measures = [measure_request(pdu), measure_response(pdu)]
+        if measures == [None] * len(measures):
+            return [], True  # nobody can count it: silence will tell
+        ends = [at + _ENVELOPE + size for size in measures if size is not None and size + _ENVELOPE <= LONGEST]
+        here = [end for end in ends if end <= len(self._held)]
+        return here, len(here) < len(ends)
+
+    def _proven(self, at: int, end: int) -> bool:
+        return end > self._hunted and crc16(self._held[at:end]) == 0
+
+    def _hunt(self) -> list[Adu | Noise] | None:
+        """The first whole frame at any later place, and what lies before it as Noise; None if there is none yet."""
+        for at in range(1, len(self._held) - SHORTEST + 1):
+            for end in self._ends(at)[0]:
+                if self._proven(at, end):
+                    noise = self._drop(at, "checksum", f"{at} bytes that are no frame before a good one")
+                    return [noise, self._take(end - at)]
+        self._hunted = len(self._held)
+        return None
+
+    def _take(self, end: int) -> Adu:
+        adu = Adu(self._held[0], bytes(self._held[1 : end - 2]))
+        del self._held[:end]
+        self._hunted = 0
+        return adu
+
+    def _drop(self, count: int, reason: Reason, text: str) -> Noise:
+        noise = Noise(bytes(self._held[:count]), reason, text)
+        del self._held[:count]
+        self._hunted = max(0, self._hunted - count)
+        return noise

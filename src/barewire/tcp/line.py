@@ -1,0 +1,89 @@
+"""The framing state of one TCP connection: a length says where a frame ends, so this is the easy envelope.
+
+TCP may deliver several frames in one read or one frame in many; it never loses or changes a byte. So a header that
+cannot be right (protocol not 0, length outside 2..254) means that the stream is not Modbus or that somebody lost count,
+and no later byte can be trusted: the line is *broken*, says so once with the bytes named, and the shell closes it.
+"""
+
+from __future__ import annotations
+
+from barewire.errors import DecodeError
+from barewire.modbus.adu import Adu, Noise
+from barewire.tcp.frame import HEADER, PREFIX, check_header, encode
+
+
+class TcpLine:
+    """One connection. The transaction number goes up by one with each request and comes back with its answer.
+
+    >>> line = TcpLine()
+    >>> line.request(1, b"\\x07").hex(" ")
+    '00 01 00 00 00 02 01 07'
+    >>> line.feed(bytes.fromhex("00 01 00 00 00 03 01 07 6D 00"), now=0.0)
+    [Adu(unit=1, pdu=b'\\x07m', transaction=1)]
+    >>> line.held
+    b'\\x00'
+    """
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+        self._transaction = 0
+        self._unit = 0
+        self.broken: DecodeError | None = None
+        """Why nothing that comes can be trusted any more; None while all is well."""
+
+    @property
+    def quiet_at(self) -> float:
+        """TCP has no silence to keep."""
+        return 0.0
+
+    @property
+    def deadline(self) -> float | None:
+        """TCP has no gap to watch."""
+        return None
+
+    @property
+    def held(self) -> bytes:
+        """The beginning of a frame whose end has not come."""
+        return bytes(self._held)
+
+    def request(self, unit: int, pdu: bytes) -> bytes:
+        """The frame of a request, under the next transaction number."""
+        self._transaction = self._transaction + 1 & 0xFFFF
+        self._unit = unit
+        return encode(unit, pdu, self._transaction)
+
+    def response(self, to: Adu, pdu: bytes) -> bytes:
+        """The frame of an answer: the request's unit and transaction come back unchanged [MB-TCP 4.4.2.3]."""
+        return encode(to.unit, pdu, to.transaction or 0)
+
+    def sent(self, now: float) -> None:
+        """Nothing to remember."""
+
+    def answers(self, adu: Adu) -> bool:
+        """The transaction and the unit of the last request."""
+        return adu.transaction == self._transaction and adu.unit == self._unit
+
+    def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
+        """As many frames as are whole. After a header that cannot be right everything is Noise."""
+        if not data:
+            return []
+        self._held += data
+        events: list[Adu | Noise] = []
+        at = 0
+        held = bytes(self._held)
+        while self.broken is None and len(held) - at >= PREFIX:
+            try:
+                size = check_header(held[at : at + PREFIX])
+            except DecodeError as error:
+                self.broken = error
+                break
+            if len(held) - at < size:
+                break
+            transaction, _, _, unit = HEADER.unpack_from(held, at)
+            events.append(Adu(unit, held[at + 7 : at + size], transaction))
+            at += size
+        if self.broken is not None and at < len(held):
+            events.append(Noise(held[at:], self.broken.reason, self.broken.text))
+            at = len(held)
+        del self._held[:at]
+        return events

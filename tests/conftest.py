@@ -1,0 +1,74 @@
+"""What all tests share: programs from outside PyPI, and the rule that CI skips nothing.
+
+A test that talks to somebody else's program says so:
+
+    @pytest.mark.needs("socat", "mbpoll")
+    def test_mbpoll_reads_our_server() -> None: ...
+
+Each name is a line of `.ci/apt-packages.txt`. Where the program is missing, the test is skipped and the reason
+says how to get it. Where `BAREWIRE_NO_SKIPS=1` is set (`.ci/run` does that), every skip, for whatever reason, is a
+failure: a green run has run everything.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Generator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PROGRAMS = ROOT / ".ci" / "apt-packages.txt"
+NO_SKIPS = "BAREWIRE_NO_SKIPS"
+
+
+class Program(NamedTuple):
+    """One line of the list: the name that tests use, the Debian package, and what shows that it is installed."""
+
+    name: str
+    package: str
+    proof: str
+
+    def is_here(self) -> bool:
+        return Path(self.proof).exists() if "/" in self.proof else shutil.which(self.proof) is not None
+
+
+def read_programs(text: str) -> dict[str, Program]:
+    rows = [line.partition("#")[0].split() for line in text.splitlines()]
+    return {row[0]: Program(*row) for row in rows if row}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    programs = read_programs(PROGRAMS.read_text(encoding="utf-8"))
+    for item in items:
+        for name in [name for mark in item.iter_markers("needs") for name in mark.args]:
+            if name not in programs:
+                raise pytest.UsageError(f"{item.nodeid}: needs({name!r}) is not a name in {PROGRAMS}")
+            if not programs[name].is_here():
+                why = f"needs {name}: apt-get install {programs[name].package}"
+                item.add_marker(pytest.mark.skip(reason=why))
+
+
+def forbid_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
+    """Turn a skip into a failure when nothing may be skipped. An expected failure (xfail) is not a skip."""
+    if os.environ.get(NO_SKIPS) == "1" and report.skipped and not hasattr(report, "wasxfail"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+        report.outcome = "failed"
+        report.longrepr = f"{report.nodeid}\n{reason}\n({NO_SKIPS}=1: nothing may be skipped here)"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    forbid_skip(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    report = yield
+    forbid_skip(report)
+    return report

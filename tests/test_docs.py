@@ -1,0 +1,264 @@
+"""Every example that a reader can see is run.
+
+In docstrings of src/barewire: each `>>>`, by doctest. In README.md, docs/ and the other Markdown files: each fenced
+block, by the word behind its three backticks.
+
+    python    run as it stands; with `>>>` in it, as a doctest. One namespace for the whole file, from top to bottom.
+    console   each `$ barewire ...` is run and its output compared with the lines below it. A line `...` stands for
+              any number of lines. Without lines below, it must only end well. What is not `barewire` (pip, make,
+              socat) is there for the reader and not run.
+    others    are pictures, tables, data: not run.
+
+A file's blocks share an empty working directory, so one block can write what the next one reads. A block that cannot
+run here says why in the line before it:
+
+    <!-- test: skip (needs a drive on /dev/ttyUSB0) -->
+"""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SRC = ROOT / "src"
+MODULES = [file for file in sorted((SRC / "barewire").rglob("*.py")) if ">>> " in file.read_text(encoding="utf-8")]
+PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "vectors").rglob("*.md"))]
+BAREWIRE = Path(sys.executable).with_name("barewire")
+
+
+def named(file: Path) -> str:
+    return file.relative_to(ROOT).as_posix()
+
+
+# Docstrings ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", MODULES, ids=named)
+def test_docstrings(file: Path) -> None:
+    name = ".".join(file.relative_to(SRC).with_suffix("").parts).removesuffix(".__init__")
+    module = importlib.import_module(name)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    said: list[str] = []
+    for example in doctest.DocTestFinder(exclude_empty=True).find(module, name):
+        runner.run(example, out=said.append)
+    assert runner.tries, f"{named(file)}: holds >>> but no docstring that doctest can find"
+    assert not runner.failures, "\n" + "".join(said)
+
+
+# Markdown --------------------------------------------------------------------------------------------------------
+
+
+class Block(NamedTuple):
+    """One fenced block: the word behind the backticks, the line of the file where its text begins, the text."""
+
+    language: str
+    line: int
+    text: str
+    skip: bool
+
+
+def blocks(page: str) -> Iterator[Block]:
+    fence, language, start, skip = "", "", 0, False
+    held: list[str] = []
+    for number, line in enumerate(page.splitlines(), start=1):
+        opening = re.match(r" {0,3}(```+|~~~+)\s*(\w*)", line)
+        if fence:
+            if line.strip() == fence:
+                yield Block(language, start, "\n".join(held) + "\n", skip)
+                fence, skip = "", False
+            else:
+                held.append(line)
+        elif opening:
+            fence, language, start, held = opening[1], opening[2], number + 1, []
+        elif line.strip():
+            skip = line.strip().startswith("<!-- test: skip")
+
+
+def run_python(block: Block, page: str, names: dict[str, Any]) -> str:
+    """Run a block; return what went wrong, or nothing."""
+    if re.search(r"^\s*>>> ", block.text, re.MULTILINE):
+        said: list[str] = []
+        runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+        example = doctest.DocTestParser().get_doctest(block.text, names, page, page, block.line - 1)
+        runner.run(example, out=said.append, clear_globs=False)
+        names.update(example.globs)  # doctest works on a copy
+        return "".join(said)
+    try:
+        # Empty lines before it, so that a traceback counts lines as the page does.
+        exec(compile("\n" * (block.line - 1) + block.text, page, "exec"), names)
+    except Exception as error:
+        lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if entry.filename == page]
+        if isinstance(error, SyntaxError) and error.filename == page:
+            lines.append(error.lineno)
+        shown = "".join(traceback.format_exception_only(error)).strip()
+        return f"{page}:{lines[-1] if lines else block.line}: {shown}\n"
+    return ""
+
+
+class Command(NamedTuple):
+    line: int
+    words: list[str]
+    expected: list[str]
+
+
+def commands(block: Block) -> Iterator[Command]:
+    """Each `$ ` line (continued after a backslash) with the output that stands below it."""
+    lines = list(enumerate(block.text.splitlines(), start=block.line))
+    while lines:
+        number, typed = lines.pop(0)
+        if not typed.startswith("$ "):
+            continue
+        while typed.endswith("\\") and lines:
+            typed = typed[:-1] + lines.pop(0)[1].removeprefix("> ")
+        expected = []
+        while lines and not lines[0][1].startswith("$ "):
+            expected.append(lines.pop(0)[1].rstrip())
+        while expected and not expected[-1]:
+            expected.pop()
+        yield Command(number, shlex.split(typed[2:], comments=True), expected)
+
+
+def fits(expected: list[str], got: list[str]) -> bool:
+    """Line by line the same, where an expected line `...` stands for any number of lines."""
+    pattern = "".join("(.*\n)*?" if line.strip() == "..." else re.escape(line) + "\n" for line in expected)
+    return re.fullmatch(pattern, "".join(line + "\n" for line in got)) is not None
+
+
+def run_console(block: Block, page: str) -> str:
+    """Run the barewire commands of a block; return what went wrong, or nothing."""
+    # A terminal of 100 columns without colours, the same on every machine.
+    terminal = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "PYTHONUTF8": "1"}
+    for line, words, expected in commands(block):
+        if words[:1] != ["barewire"]:
+            continue
+        if {"|", ">", ">>", "<", "&", "&&", ";"} & set(words):
+            return f"{page}:{line}: no shell runs this, so no pipes: write the command alone, or mark the block\n"
+        try:
+            run = subprocess.run(
+                [BAREWIRE, *words[1:]],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env=os.environ | terminal,
+                encoding="utf-8",
+                timeout=60,
+                check=False,
+            )
+        except FileNotFoundError:
+            return f"{page}:{line}: {BAREWIRE} is not there; `make test` installs it\n"
+        except subprocess.TimeoutExpired:
+            return f"{page}:{line}: $ {shlex.join(words)}\nstill running after 60 s\n"
+        got = [one.rstrip() for one in run.stdout.rstrip().splitlines()]
+        if not fits(expected, got) if expected else run.returncode != 0:
+            return (
+                f"{page}:{line}: $ {shlex.join(words)}\n"
+                + "".join(f"  page  | {one}\n" for one in expected)
+                + "".join(f"  really| {one}\n" for one in got)
+                + f"  (exit status {run.returncode})\n"
+            )
+    return ""
+
+
+def run_page(text: str, page: str) -> str:
+    """Run all blocks of a page in order and in the current directory; return everything that went wrong."""
+    names: dict[str, Any] = {"__name__": "__page__"}
+    wrong = ""
+    for block in blocks(text):
+        if block.skip:
+            continue
+        if block.language in ("python", "pycon"):
+            wrong += run_python(block, page, names)
+        elif block.language == "console":
+            wrong += run_console(block, page)
+        elif block.text.lstrip().startswith(">>> "):
+            wrong += f"{page}:{block.line}: an example that is not run; begin the block with ```python\n"
+    return wrong
+
+
+@pytest.mark.parametrize("file", PAGES, ids=named)
+def test_pages(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    wrong = run_page(file.read_text(encoding="utf-8"), named(file))
+    assert not wrong, "\n" + wrong
+
+
+@pytest.mark.parametrize("file", PAGES, ids=named)
+def test_links(file: Path) -> None:
+    """A link to a file of this repository leads somewhere."""
+    gone = []
+    for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+        for target in re.findall(r"\]\(([^)#\s]+)", line):
+            if "://" not in target and not target.startswith("mailto:") and not (file.parent / target).exists():
+                gone.append(f"{named(file)}:{number}: {target} is not there")
+    assert not gone, "\n" + "\n".join(gone)
+
+
+# The examiner examined -------------------------------------------------------------------------------------------
+
+GOOD_PAGE = """\
+```python
+def double(number):
+    return 2 * number
+```
+
+```python
+>>> double(21)
+42
+>>> seen = double(4)
+```
+
+<!-- test: skip (needs hardware) -->
+
+```python
+raise OSError
+```
+
+```python
+assert seen == 8
+```
+
+```text
+>> a picture
+```
+"""
+
+
+def test_blocks_share_one_namespace() -> None:
+    assert run_page(GOOD_PAGE, "page.md") == ""
+    assert [block.skip for block in blocks(GOOD_PAGE)] == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("page", "says"),
+    [
+        ("text\n\n```python\none = 1\nassert one == 2\n```\n", "page.md:5: AssertionError"),
+        ("```python\none =\n```\n", "page.md:2:"),
+        ("text\n```python\n>>> 1 + 1\n3\n```\n", 'File "page.md", line 3'),
+        ("```\n>>> 1 + 1\n2\n```\n", "page.md:2: an example that is not run"),
+        ("```console\n$ barewire explain | less\n```\n", "page.md:2: no shell runs this"),
+        ("```console\n$ make x\n$ barewire \\\n    no-such-command\n```\n", "page.md:3: $ barewire no-such-command"),
+        ("```console\n$ barewire --help\nsurprise\n```\n", "page.md:2: $ barewire --help\n  page  | surprise"),
+    ],
+)  # fmt: skip
+def test_a_wrong_example_is_found(page: str, says: str) -> None:
+    assert says in run_page(page, "page.md")
+
+
+def test_dots_stand_for_any_number_of_lines() -> None:
+    assert fits(["a", "...", "d"], ["a", "b", "c", "d"])
+    assert fits(["a", "..."], ["a"])
+    assert not fits(["a", "...", "d"], ["a", "b"])
+    assert not fits(["a.c"], ["abc"])
+    assert not fits(["a"], ["a", "b"])
