@@ -56,7 +56,8 @@ class ModbusAt(NamedTuple):
         return self.table in ("holding", "input") and (self.half is not None or self.bit is not None)
 
 
-class ObjectAt(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class ObjectAt:
     """A place in the object dictionary of CANopen. `bit` is one bit of the object, if it is only that."""
 
     index: int

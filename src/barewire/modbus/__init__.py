@@ -54,50 +54,74 @@ if TYPE_CHECKING:
     from barewire.modbus.serve import Reply, Server, Tally, Unit
     from barewire.modbus.table import Table
 
-# Loaded when asked for: an envelope needs `adu` only, and must not pay for all the messages.
-_HOME = {
-    "adu": ("BROADCAST", "PDU_LIMIT", "Adu", "Noise"),
-    "ask": ("ask", "tell"),
-    "bits": (
-        "ReadCoils",
-        "ReadCoilsResponse",
-        "ReadDiscreteInputs",
-        "ReadDiscreteInputsResponse",
-        "WriteMultipleCoils",
-        "WriteMultipleCoilsResponse",
-        "WriteSingleCoil",
-        "WriteSingleCoilResponse",
-    ),
-    "diagnostics": ("ReadExceptionStatus", "ReadExceptionStatusResponse"),
-    "exceptions": ("EXCEPTIONS", "ModbusException", "exception_name"),
-    "functions": ("decode_request", "decode_response", "register"),
-    "identification": (
-        "ReadDeviceIdentification",
-        "ReadDeviceIdentificationResponse",
-        "ReportServerId",
-        "ReportServerIdResponse",
-    ),
-    "line": ("Line",),
-    "message": ("ExceptionResponse", "Message", "Request", "Response"),
-    "registers": (
-        "ReadHoldingRegisters",
-        "ReadHoldingRegistersResponse",
-        "ReadInputRegisters",
-        "ReadInputRegistersResponse",
-        "WriteMultipleRegisters",
-        "WriteMultipleRegistersResponse",
-        "WriteSingleRegister",
-        "WriteSingleRegisterResponse",
-    ),
-    "serve": ("Reply", "Server", "Tally", "Unit"),
-    "table": ("Table",),
-}
-_FILE = {name: file for file, names in _HOME.items() for name in names}
+__all__ = [
+    "BROADCAST",
+    "PDU_LIMIT",
+    "Adu",
+    "Noise",
+    "ask",
+    "tell",
+    "ReadCoils",
+    "ReadCoilsResponse",
+    "ReadDiscreteInputs",
+    "ReadDiscreteInputsResponse",
+    "WriteMultipleCoils",
+    "WriteMultipleCoilsResponse",
+    "WriteSingleCoil",
+    "WriteSingleCoilResponse",
+    "ReadExceptionStatus",
+    "ReadExceptionStatusResponse",
+    "EXCEPTIONS",
+    "ModbusException",
+    "exception_name",
+    "decode_request",
+    "decode_response",
+    "register",
+    "ReadDeviceIdentification",
+    "ReadDeviceIdentificationResponse",
+    "ReportServerId",
+    "ReportServerIdResponse",
+    "Line",
+    "ExceptionResponse",
+    "Message",
+    "Request",
+    "Response",
+    "ReadHoldingRegisters",
+    "ReadHoldingRegistersResponse",
+    "ReadInputRegisters",
+    "ReadInputRegistersResponse",
+    "WriteMultipleRegisters",
+    "WriteMultipleRegistersResponse",
+    "WriteSingleRegister",
+    "WriteSingleRegisterResponse",
+    "Reply",
+    "Server",
+    "Tally",
+    "Unit",
+    "Table",
+]
 
-__all__ = list(_FILE)  # noqa: PLE0605
+# Loaded when asked for, the light ones first: an envelope needs `adu` only and must not pay for all the messages.
+_FILES = (
+    "adu",
+    "exceptions",
+    "line",
+    "message",
+    "bits",
+    "registers",
+    "diagnostics",
+    "identification",
+    "functions",
+    "ask",
+    "serve",
+    "table",
+)
 
 
 def __getattr__(name: str) -> Any:
-    if name in _FILE:
-        return getattr(import_module(f"{__name__}.{_FILE[name]}"), name)
+    if name in __all__:
+        for file in _FILES:
+            module = import_module(f"{__name__}.{file}")
+            if name in vars(module):
+                return vars(module)[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
