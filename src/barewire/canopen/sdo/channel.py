@@ -19,7 +19,7 @@ I know: one node, one question, one answer.  I never know: clocks, buses, what a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypeVar
 
 from barewire.canopen.cob import classify, cob_id
@@ -30,9 +30,10 @@ from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
 from barewire.canopen.sdo.messages import Abort, Answer, ExpeditedUpload, Request, decode_answer
 from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError, NoAnswer
+from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 Wanted = TypeVar("Wanted", bound=Answer)
+"""The answers that a question is waiting for."""
 
 
 @dataclass(slots=True)
@@ -67,6 +68,9 @@ class Hearing:
         return ", ".join(said)
 
 
+_COUNTERS = tuple(field.name for field in fields(Hearing) if field.name != "state")
+
+
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
@@ -82,7 +86,7 @@ class Channel:
     '605h 585h'
     """
 
-    __slots__ = ("answer_id", "dialect", "heard", "node", "quiet_until", "request_id", "total")
+    __slots__ = ("answer_id", "busy", "dialect", "heard", "node", "quiet_until", "request_id", "total")
 
     def __init__(self, node: int, dialect: Dialect = STANDARD) -> None:
         self.node = node
@@ -90,6 +94,7 @@ class Channel:
         self.request_id = cob_id("SDO request", node)
         self.answer_id = cob_id("SDO answer", node)
         self.quiet_until: float | None = None
+        self.busy = False
         self.heard = Hearing()
         self.total = Hearing()
 
@@ -120,13 +125,16 @@ class Channel:
         if owner[0].name == "error control" and frame.data:
             self.heard.state = NodeState.decode(frame)
 
-    def _begin(self) -> None:
+    def _begin(self, request: Request) -> None:
         """A new transfer: what the last one heard goes into the total. The heartbeat stays, it is still the last."""
-        for name in Hearing.__dataclass_fields__:
-            if name != "state":
-                setattr(self.total, name, getattr(self.total, name) + getattr(self.heard, name))
+        if self.busy:
+            what = f"{request.index:04X}h:{request.sub:02X}"
+            raise EncodeError(f"{what} has to wait: the SDO channel to node {self.node} carries one transfer at a time")
+        for name in _COUNTERS:
+            setattr(self.total, name, getattr(self.total, name) + getattr(self.heard, name))
         self.total.state = self.heard.state
         self.heard = Hearing(state=self.heard.state)
+        self.busy = True
 
     def _abort(self, request: Request, code: int) -> Send[CanFrame]:
         return Send(CanFrame(self.request_id, Abort(request.index, request.sub, code).encode()))
@@ -146,8 +154,16 @@ class Channel:
         Raises SdoAbort if the server aborts (whatever object the abort names) and NoAnswer when the time is up;
         abandoned, it says an abort as its last word.
         """
-        self._begin()
-        yield from self.settle()
+        self._begin(request)
+        try:
+            yield from self.settle()
+            return (yield from self._turn(request, wanted, timeout))
+        finally:
+            self.busy = False
+
+    def _turn(
+        self, request: Request, wanted: tuple[type[Wanted], ...], timeout: float
+    ) -> Conversation[CanFrame, Wanted]:
         try:
             sent: Heard[CanFrame] = yield Send(CanFrame(self.request_id, request.encode()))
             until = sent.now + timeout
@@ -160,6 +176,7 @@ class Channel:
                     if isinstance(answer, wanted) and (answer.index, answer.sub) == (request.index, request.sub):
                         return answer
                     self.heard.late += answer is not None
+                # A bus that never falls silent must not keep us past the time either.
                 if heard.item is None or heard.now >= until:
                     break
         except Abandoned:
@@ -178,12 +195,9 @@ class Channel:
 
 
 def channel_to(node: int | Channel, dialect: Dialect | None) -> Channel:
-    """The channel that was given, or a fresh one to the default server of a node."""
-    if isinstance(node, Channel):
-        return node if dialect is None or dialect == node.dialect else _other(node, dialect)
-    return Channel(node, STANDARD if dialect is None else dialect)
-
-
-def _other(channel: Channel, dialect: Dialect) -> Channel:
-    channel.dialect = dialect
-    return channel
+    """The channel that was given, which has its dialect, or a fresh one to the default server of a node."""
+    if isinstance(node, int):
+        return Channel(node, STANDARD if dialect is None else dialect)
+    if dialect is not None and dialect != node.dialect:
+        raise EncodeError(f"the channel to node {node.node} speaks {node.dialect.name}, not {dialect.name}")
+    return node

@@ -225,7 +225,7 @@ def decode_request(data: bytes) -> Request:
 
     Raises DecodeError("short") if bytes are missing and ("function") for a command that is none of the above.
     """
-    command, index, sub, rest = LAYOUT.unpack(data)
+    command, index, sub, _ = LAYOUT.unpack(data)
     if InitiateUpload.pattern.matches(command):
         return InitiateUpload(index, sub, command)
     if ExpeditedDownload.pattern.matches(command):
@@ -245,7 +245,7 @@ def decode_answer(data: bytes) -> Answer:
 
     Raises DecodeError("short") if needed bytes are missing and ("function") for a command that is none of the above.
     """
-    command, index, sub, rest = LAYOUT.unpack(data)
+    command, index, sub, _ = LAYOUT.unpack(data)
     if ExpeditedUpload.pattern.matches(command):
         return ExpeditedUpload(index, sub, *_expedited(ExpeditedUpload.pattern, data))
     if UploadInitiated.pattern.matches(command):

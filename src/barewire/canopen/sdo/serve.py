@@ -106,42 +106,35 @@ class SdoServer:
         _, index, sub, _ = LAYOUT.unpack(data)
         try:
             request = decode_request(data)
-            if isinstance(request, Abort):
-                self.counters.aborts_heard += 1
-                return None
-            self.counters.reserved_bits += has_reserved_bits(request.pattern, data[0])
+        except DecodeError:
+            self.counters.unknown_command += 1
+            self.counters.aborts_said += 1
+            return Abort(index, sub, AbortCode.COMMAND).encode()
+        if isinstance(request, Abort):
+            self.counters.aborts_heard += 1
+            return None
+        self.counters.reserved_bits += has_reserved_bits(request.pattern, data[0])
+        code: int = AbortCode.GENERAL
+        try:
             return self._carry_out(request)
         except SdoAbort as refusal:
             code = refusal.code
-        except DecodeError:
-            self.counters.unknown_command += 1
-            code = AbortCode.COMMAND
+        except BarewireError:
+            pass  # a hook of the application said no in other words
         self.counters.aborts_said += 1
         return Abort(index, sub, code).encode()
 
     def _carry_out(self, request: Request) -> bytes:
         index, sub = request.index, request.sub
         if isinstance(request, InitiateUpload):
-            data = self._guard(index, sub, None)
+            data = self.objects.read(index, sub)
             if not 1 <= len(data) <= 4:
                 raise SdoAbort(AbortCode.COMMAND, index, sub)
             return ExpeditedUpload(index, sub, self._widened(request, data)).encode()
         if isinstance(request, ExpeditedDownload):
-            self._guard(index, sub, self._trimmed(request))
+            self.objects.write(index, sub, self._trimmed(request))
             return DownloadInitiated(index, sub).encode()
         raise SdoAbort(AbortCode.COMMAND, index, sub)
-
-    def _guard(self, index: int, sub: int, data: bytes | None) -> bytes:
-        """Read (no data) or write. What else barewire's own code can say no with becomes a general error."""
-        try:
-            if data is None:
-                return self.objects.read(index, sub)
-            self.objects.write(index, sub, data)
-        except SdoAbort:
-            raise
-        except BarewireError:
-            raise SdoAbort(AbortCode.GENERAL, index, sub) from None
-        return b""
 
     def _trimmed(self, request: ExpeditedDownload) -> bytes:
         """The bytes of a download that count.
@@ -161,5 +154,5 @@ class SdoServer:
         """In that dialect a request 43h is answered in four bytes and 4Bh in two, whatever the object has."""
         if self.dialect.lengths == "exact" or request.command == 0x40:
             return data
-        asked = dict((command, size) for size, command in self.dialect.read_commands).get(request.command, 0)
+        asked = {command: size for size, command in self.dialect.read_commands}.get(request.command, 0)
         return data.ljust(asked, b"\0")

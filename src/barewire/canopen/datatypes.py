@@ -1,0 +1,120 @@
+"""The types of the object dictionary: the standard's number and name, our name, the width.   [CiA 301, data types]
+
+        0001h BOOLEAN   bool   1 bit in a PDO, 1 byte in an SDO
+        0003h INTEGER16 i16    16 bits, little-endian everywhere in CANopen
+        0008h REAL32    f32    32 bits
+
+Types of no fixed size (strings, domains) have 0 bits here: how long they are is told by the value.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from barewire.codecs import Number, Value, codec
+from barewire.errors import DecodeError, EncodeError
+
+
+class DataType(NamedTuple):
+    """One row: number in the dictionary, the standard's name, our type name, bits in a PDO (0: varies)."""
+
+    code: int
+    standard: str
+    name: str
+    bits: int
+
+
+DATA_TYPES: tuple[DataType, ...] = (
+    DataType(0x01, "BOOLEAN", "bool", 1),
+    DataType(0x02, "INTEGER8", "i8", 8),
+    DataType(0x03, "INTEGER16", "i16", 16),
+    DataType(0x04, "INTEGER32", "i32", 32),
+    DataType(0x05, "UNSIGNED8", "u8", 8),
+    DataType(0x06, "UNSIGNED16", "u16", 16),
+    DataType(0x07, "UNSIGNED32", "u32", 32),
+    DataType(0x08, "REAL32", "f32", 32),
+    DataType(0x09, "VISIBLE_STRING", "string", 0),
+    DataType(0x0A, "OCTET_STRING", "octets", 0),
+    DataType(0x0F, "DOMAIN", "domain", 0),
+    DataType(0x10, "INTEGER24", "i24", 24),
+    DataType(0x11, "REAL64", "f64", 64),
+    DataType(0x12, "INTEGER40", "i40", 40),
+    DataType(0x13, "INTEGER48", "i48", 48),
+    DataType(0x14, "INTEGER56", "i56", 56),
+    DataType(0x15, "INTEGER64", "i64", 64),
+    DataType(0x16, "UNSIGNED24", "u24", 24),
+    DataType(0x18, "UNSIGNED40", "u40", 40),
+    DataType(0x19, "UNSIGNED48", "u48", 48),
+    DataType(0x1A, "UNSIGNED56", "u56", 56),
+    DataType(0x1B, "UNSIGNED64", "u64", 64),
+)
+
+BY_NAME = {row.name: row for row in DATA_TYPES}
+BY_CODE = {row.code: row for row in DATA_TYPES}
+
+
+class Bool:
+    """BOOLEAN as one byte, 0 or 1."""
+
+    name, size = "bool", 1
+
+    def encode(self, value: Value) -> bytes:
+        """True or 1, False or 0."""
+        if value not in (0, 1):
+            raise EncodeError(f"{value!r} is no truth value")
+        return b"\1" if value else b"\0"
+
+    def decode(self, data: bytes) -> bool:
+        """Any other byte than 0 and 1 is DecodeError("value")."""
+        if len(data) != 1:
+            raise DecodeError("long" if data else "short", data, min(len(data), 1), "a truth value is 1 byte")
+        if data[0] > 1:
+            raise DecodeError("value", data, 0, f"{data[0]:02X}h is no truth value")
+        return data == b"\1"
+
+
+class Bytes:
+    """VISIBLE_STRING, OCTET_STRING, DOMAIN: bytes of any length. A text is given and taken as latin-1."""
+
+    size = None
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def encode(self, value: Value) -> bytes:
+        """Bytes as they are, text as latin-1."""
+        if isinstance(value, str):
+            try:
+                return value.encode("latin-1")
+            except UnicodeEncodeError:
+                raise EncodeError(f"{value!r} has characters that are not in latin-1") from None
+        if not isinstance(value, bytes):
+            raise EncodeError(f"{value!r} is neither bytes nor text")
+        return value
+
+    def decode(self, data: bytes) -> Value:
+        """Text for a VISIBLE_STRING, bytes for the others."""
+        return data.decode("latin-1") if self.name == "string" else bytes(data)
+
+
+ObjectCodec = Number | Bool | Bytes
+
+_BOOL = Bool()
+_BYTES = {name: Bytes(name) for name in ("string", "octets", "domain")}
+
+
+def object_codec(name: str) -> ObjectCodec:
+    """The codec of a type name, as CANopen has it on the wire.
+
+    >>> object_codec("f32").encode(1.1).hex(" ").upper()
+    'CD CC 8C 3F'
+
+    Raises EncodeError for a name that is not in the table.
+    """
+    if name == "bool":
+        return _BOOL
+    if name in _BYTES:
+        return _BYTES[name]
+    if name not in BY_NAME:
+        raise EncodeError(f"type {name!r}: expected one of {', '.join(BY_NAME)}")
+    return codec(name, "DCBA")

@@ -1,0 +1,180 @@
+"""The object dictionary: everything a device lets others read and write, by index and sub-index.   [CiA 301]
+
+        1000h-1FFFh   communication: who I am, heartbeat, SDO channels, PDOs
+        2000h-5FFFh   the manufacturer's own
+        6000h-9FFFh   the profile's: a drive has its controlword at 6040h:00
+
+Each entry has a type, an access right, a default and perhaps limits; each refusal has its own abort code:
+
+        0602 0000h  no such object              0601 0001h  read a write-only one      0607 0012h  too many bytes
+        0609 0011h  no such sub-index           0601 0002h  write a read-only one      0607 0013h  too few bytes
+        0609 0031h  too high                    0609 0032h  too low                    0609 0030h  no value of the type
+
+Two doors lead in. `read` and `write` are the one for strangers (the SDO server): bytes, rights, limits. `get` and `set`
+are the one for the device itself: values, and no rights, because a status word is read-only to everybody but its owner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from barewire.canopen.datatypes import ObjectCodec, object_codec
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.codecs import Value
+from barewire.errors import DecodeError, EncodeError
+
+Access = Literal["ro", "wo", "rw", "const"]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One object: what it is. Its value lives in the dictionary.
+
+    `minimum` and `maximum` are limits of the value; of strings and domains, `maximum` is the longest length.
+    `on_read` gives the value in place of the stored one. `on_write` sees a value that has passed every check, before it
+    is stored, and may refuse it by raising SdoAbort.
+    """
+
+    index: int
+    sub: int
+    name: str
+    type: str
+    access: Access = "rw"
+    default: Value = 0
+    minimum: float | None = None
+    maximum: float | None = None
+    on_read: Callable[[], Value] | None = None
+    on_write: Callable[[Value], None] | None = None
+
+    @property
+    def codec(self) -> ObjectCodec:
+        """What turns the value into bytes."""
+        return object_codec(self.type)
+
+
+class ObjectDictionary:
+    """The entries of one device and their present values.
+
+    An index with sub-indices has at sub-index 0 the highest of them; where nobody gives that entry, it is made.
+
+    >>> objects = ObjectDictionary([Entry(0x206A, 1, "VREF SET POINT", "f32", "rw", 0.0)])
+    >>> objects.write(0x206A, 1, bytes.fromhex("CDCC8C3F"))
+    >>> round(objects.get(0x206A, 1), 6), objects.read(0x206A, 0)
+    (1.1, b'\\x01')
+    """
+
+    __slots__ = ("_entries", "_subs", "_values")
+
+    def __init__(self, entries: Iterable[Entry] = ()) -> None:
+        self._entries: dict[tuple[int, int], Entry] = {}
+        self._values: dict[tuple[int, int], Value] = {}
+        self._subs: dict[int, list[int]] = {}
+        for entry in entries:
+            self.add(entry)
+        for index, subs in self._subs.items():
+            if subs[0] != 0:
+                self.add(Entry(index, 0, "highest sub-index supported", "u8", "const", subs[-1]))
+
+    def add(self, entry: Entry) -> None:
+        """One more entry. EncodeError if there is one already, or if the default is no value of the type."""
+        place = entry.index, entry.sub
+        if not (0 <= entry.index <= 0xFFFF and 0 <= entry.sub <= 0xFF):
+            raise EncodeError(f"{entry.name}: index {entry.index:X}h, sub-index {entry.sub:X}h do not exist")
+        if place in self._entries:
+            raise EncodeError(f"{entry.index:04X}h:{entry.sub:02X} is there twice: {entry.name}")
+        default = self._default(entry)
+        entry.codec.encode(default)
+        self._entries[place] = entry
+        self._values[place] = default
+        subs = self._subs.setdefault(entry.index, [])
+        subs.append(entry.sub)
+        subs.sort()
+
+    def __iter__(self) -> Iterator[Entry]:
+        """All entries in order of index and sub-index."""
+        return (self._entries[place] for place in sorted(self._entries))
+
+    def __contains__(self, place: object) -> bool:
+        return place in self._entries
+
+    def entry(self, index: int, sub: int = 0) -> Entry:
+        """The entry, or SdoAbort: no such object, or no such sub-index of it."""
+        found = self._entries.get((index, sub))
+        if found is None:
+            raise SdoAbort(AbortCode.NO_SUB if index in self._subs else AbortCode.NO_OBJECT, index, sub)
+        return found
+
+    def subs(self, index: int) -> tuple[int, ...]:
+        """The sub-indices of an object, none if it does not exist."""
+        return tuple(self._subs.get(index, ()))
+
+    # The door for strangers: the ObjectStore that an SDO server asks.
+
+    def size(self, index: int, sub: int) -> int | None:
+        """How many bytes the object has, None if that varies."""
+        return self.entry(index, sub).codec.size
+
+    def read(self, index: int, sub: int) -> bytes:
+        """The value as bytes, if it may be read."""
+        entry = self.entry(index, sub)
+        if entry.access == "wo":
+            raise SdoAbort(AbortCode.WRITE_ONLY, index, sub)
+        return entry.codec.encode(self.get(index, sub))
+
+    def write(self, index: int, sub: int, data: bytes) -> None:
+        """Take bytes as the new value, if it may be written and they are one."""
+        entry = self.entry(index, sub)
+        if entry.access in ("ro", "const"):
+            raise SdoAbort(AbortCode.READ_ONLY, index, sub)
+        try:
+            value = entry.codec.decode(data)
+        except DecodeError as error:
+            lengths = {"long": AbortCode.TOO_LONG, "short": AbortCode.TOO_SHORT}
+            raise SdoAbort(lengths.get(error.reason, AbortCode.INVALID_VALUE), index, sub) from None
+        self._check_limits(entry, value)
+        if entry.on_write is not None:
+            entry.on_write(value)
+        self._values[index, sub] = value
+
+    @staticmethod
+    def _check_limits(entry: Entry, value: Value) -> None:
+        code = None
+        if isinstance(value, (str, bytes)):
+            if entry.maximum is not None and len(value) > entry.maximum:
+                code = AbortCode.TOO_LONG
+        elif math.isnan(value) and (entry.minimum is not None or entry.maximum is not None):
+            code = AbortCode.INVALID_VALUE
+        elif entry.maximum is not None and value > entry.maximum:
+            code = AbortCode.TOO_HIGH
+        elif entry.minimum is not None and value < entry.minimum:
+            code = AbortCode.TOO_LOW
+        if code is not None:
+            raise SdoAbort(code, entry.index, entry.sub)
+
+    # The door for the device itself.
+
+    def get(self, index: int, sub: int = 0) -> Value:
+        """The present value, whatever the rights."""
+        entry = self.entry(index, sub)
+        return self._values[index, sub] if entry.on_read is None else entry.on_read()
+
+    def set(self, index: int, sub: int, value: Value) -> None:
+        """Another value, whatever the rights; EncodeError if it is none of the type. No hook is called."""
+        self.entry(index, sub).codec.encode(value)
+        self._values[index, sub] = value
+
+    def restore(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
+        """Defaults again for the indices `first` to `last`: what a reset does. No hook is called."""
+        for place, entry in self._entries.items():
+            if first <= place[0] <= last:
+                self._values[place] = self._default(entry)
+
+    @staticmethod
+    def _default(entry: Entry) -> Value:
+        """0 stands for "nothing given", and of a string nothing is an empty one."""
+        if entry.default == 0 and entry.codec.size is None:
+            return "" if entry.type == "string" else b""
+        return entry.default
