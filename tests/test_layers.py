@@ -155,7 +155,7 @@ BAD = {
     "codecs hold no conversations": ("codecs/order.py", "import barewire.conversation"),
     "modbus knows no envelope": ("modbus/bus.py", "from barewire.rtu import frame"),
     "modbus knows no envelope, relative": ("modbus/bus.py", "from ..tcp.line import TcpLine"),
-    "modbus and canopen are strangers": ("modbus/ask.py", "from ..canopen.frame import CanFrame"),
+    "modbus and canopen are strangers": ("modbus/talk.py", "from ..canopen.frame import CanFrame"),
     "canopen and modbus are strangers": ("canopen/sdo/upload.py", "from ...modbus import ask"),
     "envelopes are strangers": ("ascii/line.py", "from ..rtu import crc"),
     "an envelope does not read letters": ("rtu/line.py", "from barewire.modbus.registers import WriteRegister"),

@@ -10,7 +10,7 @@ So where Modbus needs three rooms of envelopes, CANopen needs one value:
 
 The base identifier 605h and the extended identifier 00000605h are two different things on the wire, although the
 numbers are equal. That is why `key`, the identity of a frame, is a pair. CANopen speaks with base identifiers;
-an extended frame belongs to somebody else on the same cable.
+an extended frame usually belongs to somebody else on the same cable.
 """
 
 from __future__ import annotations
@@ -45,10 +45,9 @@ class CanFrame(NamedTuple):
         cls, id: int, data: bytes = b"", *, extended: bool = False, remote: bool = False, requested: int = 0
     ) -> CanFrame:
         """The frame, or an EncodeError that says why the wire cannot carry it."""
-        limit = EXTENDED_MAX if extended else BASE_MAX
+        limit, kind = (EXTENDED_MAX, "an extended") if extended else (BASE_MAX, "a base")
         if not 0 <= id <= limit:
-            kind = "extended" if extended else "base"
-            raise EncodeError(f"identifier {id:X}h: expected 0..{limit:X}h for an {kind} frame".replace("an b", "a b"))
+            raise EncodeError(f"identifier {id:X}h: expected 0..{limit:X}h for {kind} frame")
         if len(data) > DATA_MAX:
             raise EncodeError(f"{len(data)} bytes of data: a CAN frame carries at most {DATA_MAX}")
         if remote and data:

@@ -14,17 +14,18 @@ until a good one came.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
-from barewire.canopen.cob import CobEntry
+from barewire.canopen.cob import CobEntry, cob_id
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.pdo import Mapping
 from barewire.canopen.pdo_records import Pdo, add_records, resolve
-from barewire.canopen.sdo.aborts import SdoAbort
 from barewire.canopen.sync import Sync
-from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError
 
+SYNC_KEY = (cob_id("SYNC"), False)
 TOO_SHORT, TOO_LONG = 0x8210, 0x8220
 
 
@@ -69,29 +70,25 @@ class PdoEngine:
     one was written. `refused` counts values that the dictionary did not take.
     """
 
-    __slots__ = ("_changed", "_live", "_running", "node", "objects", "pdos", "refused")
+    __slots__ = ("_live", "_running", "node", "objects", "pdos", "refused")
 
     def __init__(self, node: int, objects: ObjectDictionary, pdos: Iterable[Pdo]) -> None:
         self.node = node
         self.objects = objects
         self.pdos = tuple(pdos)
         self.refused = 0
-        self._changed = True
         self._running = False
-        self._live: list[_Live] = []
+        self._live: dict[Pdo, _Live] = {}
         for pdo in self.pdos:
-            add_records(objects, node, pdo, self._mark_changed)
-
-    def _mark_changed(self) -> None:
-        self._changed = True
+            add_records(objects, node, pdo, partial(self._live.pop, pdo, None))
 
     @property
     def live(self) -> list[_Live]:
-        """Every PDO as configured now."""
-        if self._changed:
-            self._live = [_Live(pdo, self.objects) for pdo in self.pdos]
-            self._changed = False
-        return self._live
+        """Every PDO as configured now; one whose records were written begins anew, the others go on."""
+        for pdo in self.pdos:
+            if pdo not in self._live:
+                self._live[pdo] = _Live(pdo, self.objects)
+        return [self._live[pdo] for pdo in self.pdos]
 
     @property
     def deadline(self) -> float | None:
@@ -103,11 +100,13 @@ class PdoEngine:
 
     def start(self) -> None:
         """The device became operational: every TPDO of type 254 and 255 is due, every count of SYNCs begins."""
-        self._running = self._changed = True
+        self._live.clear()
+        self._running = True
 
     def stop(self) -> None:
         """The device is no longer operational: what was held is forgotten."""
-        self._running, self._changed = False, True
+        self._live.clear()
+        self._running = False
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """What a frame and the time bring about."""
@@ -115,7 +114,7 @@ class PdoEngine:
             return []
         said: list[CanFrame] = []
         if frame is not None and not frame.remote:
-            said += self._sync(frame, now) if frame.key == (0x080, False) else self._receive(frame)
+            said += self._sync(frame, now) if frame.key == SYNC_KEY else self._receive(frame)
         for live in self.live:
             if live.pdo.direction == "TPDO" and live.is_on and not live.on_sync:
                 due = self._due(live)
@@ -189,11 +188,11 @@ class PdoEngine:
         return live.sent_at + max(live.event_timer, live.inhibit) if live.event_timer else None
 
     def _sample(self, live: _Live) -> bytes:
-        """The data of a TPDO as it would be now. A value that its bits cannot hold goes as 0, and is counted."""
-        values = {m.name: self.objects.get(m.index, m.sub) for m in live.mapping.entries if not m.is_dummy}
+        """The data of a TPDO as it would be now. With a value that its bits cannot hold all go as 0, counted."""
         try:
+            values = {m.name: self.objects.get(m.index, m.sub) for m in live.mapping.entries if not m.is_dummy}
             return live.mapping.pack(values)
-        except (EncodeError, SdoAbort):
+        except BarewireError:
             self.refused += 1
             return bytes(live.mapping.size)
 

@@ -86,7 +86,7 @@ class Pdo:
         return CobEntry(0, bit31=True) if service is None else CobEntry(cob_id(service, node))
 
 
-def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callable[[], None]) -> None:
+def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callable[[], object]) -> None:
     """Put the two records of a PDO into the dictionary, with the rules for changing them.
 
     `changed` is called when a write has been accepted, just before it is stored. Raises EncodeError if the factory
@@ -136,7 +136,7 @@ def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, .
 class _Rules:
     """What may be written to the records of one PDO, and when."""
 
-    def __init__(self, objects: ObjectDictionary, pdo: Pdo, changed: Callable[[], None]) -> None:
+    def __init__(self, objects: ObjectDictionary, pdo: Pdo, changed: Callable[[], object]) -> None:
         self.objects = objects
         self.pdo = pdo
         self.changed = changed

@@ -6,7 +6,7 @@
 
     message     what a message is                    bits, registers, diagnostics, identification    the messages
     functions   which class for which function code  adu         what an envelope delivers
-    ask         the client's turn of talk            serve       the server, as a machine
+    talk        the client's turn of talk            serve       the server, as a machine
     line        what an envelope must offer          table       a ready unit: four tables in memory
     exceptions  how a server declines
 
@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
-    from barewire.modbus.ask import ask, tell
     from barewire.modbus.bits import (
         ReadCoils,
         ReadCoilsResponse,
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     )
     from barewire.modbus.serve import Reply, Server, Tally, Unit
     from barewire.modbus.table import Table
+    from barewire.modbus.talk import ask, tell
 
 __all__ = [
     "BROADCAST",
@@ -112,7 +112,7 @@ _FILES = (
     "diagnostics",
     "identification",
     "functions",
-    "ask",
+    "talk",
     "serve",
     "table",
 )

@@ -46,6 +46,9 @@ class Dialect(NamedTuple):
 STANDARD = Dialect("standard")
 AZ3 = Dialect("az3", ((1, 0x4F), (2, 0x4B), (4, 0x43)), "in four")
 
+DIALECTS = {dialect.name: dialect for dialect in (STANDARD, AZ3)}
+"""By name, as device descriptions and commands know them."""
+
 
 def fit(data: bytes, size: int) -> bytes:
     """An answer cut to the size of its type, when a server sent a short number in four bytes.

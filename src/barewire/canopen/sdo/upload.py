@@ -50,8 +50,8 @@ def upload(
 def _upload(
     channel: Channel, request: InitiateUpload, size: int | None, timeout: float
 ) -> Conversation[CanFrame, bytes]:
-    wanted = (ExpeditedUpload, UploadInitiated)
-    answer: ExpeditedUpload | UploadInitiated = yield from channel.ask(request, wanted, timeout)
+    wanted: tuple[type[ExpeditedUpload | UploadInitiated], ...] = (ExpeditedUpload, UploadInitiated)
+    answer = yield from channel.ask(request, wanted, timeout)
     if isinstance(answer, ExpeditedUpload):
         return answer.data if answer.indicated or size is None else answer.data[:size]
     yield from channel.refuse(request, AbortCode.COMMAND)

@@ -1,0 +1,56 @@
+"""The blocking engine: carries a conversation out on a port, and a machine's turns on a port, waiting where it must.
+
+`aio` is this file with await. Whatever is clever is in the conversations; here is only waiting.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from barewire.conversation import Conversation, Heard, Send, last_words
+from barewire.errors import BarewireError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+Clock = Callable[[], float]
+
+
+class Port(Protocol[Item]):
+    """What a shell talks through. `send` returns when the item is out, as far as anybody can know."""
+
+    def send(self, item: Item) -> None: ...
+
+    def receive(self, timeout: float) -> Item | None:
+        """What came within `timeout` seconds, or None."""
+
+    def close(self) -> None: ...
+
+
+def run(conversation: Conversation[Item, Result], port: Port[Item], clock: Clock = time.monotonic) -> Result:
+    """Carry a conversation out. Whatever it raises comes out.
+
+    If the port fails or the user interrupts, the conversation is abandoned first: it may say its last words.
+    """
+    try:
+        step = next(conversation)
+        while True:
+            if isinstance(step, Send):
+                port.send(step.item)
+                heard: Heard[Item] = Heard(None, clock())
+            else:
+                item = port.receive(max(0.0, step.until - clock()))
+                heard = Heard(item, clock())
+            step = conversation.send(heard)
+    except StopIteration as stop:
+        result: Result = stop.value
+        return result
+    except BaseException:
+        # A conversation that raised is over and has nothing to say; one that was cut off may have.
+        for item in last_words(conversation):
+            with contextlib.suppress(BarewireError):
+                port.send(item)
+        raise

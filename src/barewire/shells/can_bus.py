@@ -1,0 +1,93 @@
+"""A CAN bus through python-can: its Message becomes our CanFrame and back, and nothing else of it comes further in."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from typing import Any
+
+from barewire.canopen.frame import CanFrame
+from barewire.errors import PortError
+from barewire.shells.endpoint import Endpoint
+
+try:
+    import can
+except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
+    raise PortError("CAN buses need python-can: pip install 'barewire[can]'") from missing
+
+# python-can warns through logging about what it then raises; we say it once, as a PortError.
+logging.getLogger("can").setLevel(logging.CRITICAL)
+
+_OURS = ("node", "timeout", "bitrate")
+
+
+class CanPort:
+    """An open bus. Error frames and CAN FD frames are not CANopen's and are passed over, counted in `others`."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        interface, _, channel = endpoint.place.partition("/")
+        self.name = f"{interface}/{channel}"
+        self.others = 0
+        extra: dict[str, Any] = {key: _plain(value) for key, value in endpoint.options.items() if key not in _OURS}
+        if interface == "socketcand" and "host" not in extra:
+            host, _, rest = channel.partition(":")
+            number, _, channel = rest.partition("/")
+            extra |= {"host": host, "port": _plain(number)}
+        if interface == "slcan":
+            # The pause python-can makes after opening is for hardware that reboots; the option brings it back.
+            extra.setdefault("sleep_after_open", 0.0)
+            channel = channel if channel.startswith("/") else f"/{channel}"
+        try:
+            self._bus = can.Bus(
+                channel=channel, interface=interface, bitrate=endpoint.integer("bitrate", 125_000), **extra
+            )
+        except Exception as error:
+            # Each interface of python-can raises its own; all of them mean that there is no such bus.
+            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+
+    def send(self, item: CanFrame) -> None:
+        """Hand the frame to the controller."""
+        message = can.Message(
+            arbitration_id=item.id,
+            is_extended_id=item.extended,
+            is_remote_frame=item.remote,
+            data=None if item.remote else item.data,
+            dlc=item.dlc,
+        )
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError, ValueError) as error:
+            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+
+    def receive(self, timeout: float) -> CanFrame | None:
+        """The next frame within `timeout` seconds, or None."""
+        try:
+            message = self._bus.recv(min(timeout, 3600.0))
+        except (can.CanError, OSError, ValueError) as error:
+            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+        if message is None:
+            return None
+        if message.is_error_frame or message.is_fd:
+            self.others += 1
+            return None
+        if message.is_remote_frame:
+            return CanFrame(message.arbitration_id, b"", message.is_extended_id, True, message.dlc)
+        return CanFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        with contextlib.suppress(can.CanError, OSError):
+            self._bus.shutdown()
+
+
+def _plain(text: str) -> Any:
+    """An option of the URL as python-can wants it: a number where it is one."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return {"true": True, "false": False}.get(text.lower(), text)
+
+
+def _first_line(error: Exception) -> str:
+    text = (str(error) or type(error).__name__).splitlines()[0]
+    return text[:1].lower() + text[1:]

@@ -1,0 +1,191 @@
+"""Servers and simulators on real ports: give a host something that answers and a URL, and it listens there.
+
+    host = open_host("tcp://127.0.0.1:0", units={1: Table()})
+    host.url            the URL that clients use: the port number, the pseudo-terminal that was made
+    host.run(stop)      serves until the event is set; or host.start() / host.close() in a thread of its own
+
+One class for each kind of port: a server on TCP (asyncio inside), a server on a serial line, a node on a CAN bus.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol, Self
+
+from barewire.canopen import CanFrame
+from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.modbus import Server, Unit
+from barewire.shells.aio import serve_tcp
+from barewire.shells.blocking import Port
+from barewire.shells.client import open_serial, serial_line
+from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint
+from barewire.shells.pseudo_terminal import PseudoTerminal
+from barewire.shells.tcp_socket import reason
+
+_LOOK = 0.1
+"""Seconds between two looks at whether to stop."""
+
+
+class CanopenNode(Protocol):
+    """A device on a CAN bus, as a machine."""
+
+    @property
+    def deadline(self) -> float | None: ...
+
+    def start(self, now: float) -> list[CanFrame]: ...
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]: ...
+
+
+class Host(ABC):
+    """What all hosts share: a thread to run in, and an end. `url` is where clients find it."""
+
+    url: str
+
+    def __init__(self) -> None:
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.failure: BarewireError | None = None
+        """Why a host that ran in its own thread ended early."""
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def run(self, stop: threading.Event) -> None:
+        """Serve until `stop` is set, then give the port back."""
+
+    def start(self) -> None:
+        """Serve in a thread."""
+        self._thread = threading.Thread(target=self._run, name=self.url, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self.run(self._stop)
+        except BarewireError as error:
+            self.failure = error
+
+    def close(self) -> None:
+        """Stop serving and wait until the port is given back."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout=5.0)
+
+
+class TcpHost(Host):
+    """A Modbus TCP server. Port 0 takes a free one."""
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
+        super().__init__()
+        self._units = units
+        host, port = endpoint.host_and_port
+        try:
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            self._listener = socket.create_server((host, port), family=family)
+        except OSError as error:
+            raise PortError(f"{host}:{port}: {reason(error)}") from None
+        shown = f"[{host}]" if ":" in host else host
+        self.url = str(endpoint._replace(place=f"{shown}:{self._listener.getsockname()[1]}"))
+
+    def run(self, stop: threading.Event) -> None:
+        """Serve until `stop` is set."""
+        asyncio.run(self._serve(stop))
+
+    async def _serve(self, stop: threading.Event) -> None:
+        async with await serve_tcp(self._units, listener=self._listener):
+            while not stop.is_set():
+                await asyncio.sleep(_LOOK)
+
+
+class SerialHost(Host):
+    """A Modbus server on a serial line; on a new pseudo-terminal if the URL says `pty` or a path that is not there."""
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
+        super().__init__()
+        self._line = serial_line(endpoint, "server", tuple(units))
+        self._server = Server(self._line, units, serial=True)
+        self.port: Port[bytes]
+        if endpoint.place == PSEUDO_TERMINAL or not Path(endpoint.place).exists():
+            from barewire.shells.serial_port import SerialSettings
+
+            link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
+            pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
+            terminal = PseudoTerminal(link, pace)
+            self.port = terminal
+            self.url = str(endpoint._replace(place=terminal.name))
+        else:
+            self.port = open_serial(endpoint)
+            self.url = str(endpoint)
+
+    def run(self, stop: threading.Event) -> None:
+        """Serve until `stop` is set."""
+        clock = time.monotonic
+        try:
+            while not stop.is_set():
+                deadline = self._server.deadline
+                wait = _LOOK if deadline is None else min(_LOOK, max(0.0, deadline - clock()))
+                data = self.port.receive(wait)
+                for reply in self._server.feed(data, clock()):
+                    time.sleep(max(0.0, reply.at - clock()))
+                    self.port.send(reply.data)
+                    self._line.sent(clock())
+        finally:
+            self.port.close()
+
+
+class CanHost(Host):
+    """A CANopen node on a bus."""
+
+    def __init__(self, endpoint: Endpoint, node: CanopenNode) -> None:
+        from barewire.shells.can_bus import CanPort
+
+        super().__init__()
+        self._node = node
+        self.port: Port[CanFrame] = CanPort(endpoint)
+        self.url = str(endpoint)
+
+    def run(self, stop: threading.Event) -> None:
+        """Be a node until `stop` is set."""
+        clock = time.monotonic
+        try:
+            self._send(self._node.start(clock()))
+            while not stop.is_set():
+                deadline = self._node.deadline
+                wait = _LOOK if deadline is None else min(_LOOK, max(0.0, deadline - clock()))
+                frame = self.port.receive(wait)
+                self._send(self._node.feed(frame, clock()))
+        finally:
+            self.port.close()
+
+    def _send(self, frames: list[CanFrame]) -> None:
+        for frame in frames:
+            # A bus without anybody else to acknowledge is no reason for a device to die.
+            with contextlib.suppress(PortError):
+                self.port.send(frame)
+
+
+def open_host(url: str, *, units: Mapping[int, Unit] | None = None, node: CanopenNode | None = None) -> Host:
+    """The host for a URL: `units` for tcp, rtu and ascii, `node` for can. The port is taken at once.
+
+    Raises EncodeError for a URL that does not fit what is to be hosted, PortError for a port that cannot be had.
+    """
+    endpoint = Endpoint.parse(url)
+    if endpoint.scheme == "can":
+        if node is None:
+            raise EncodeError(f"endpoint {url!r}: there is nothing here that speaks CANopen")
+        return CanHost(endpoint, node)
+    if units is None:
+        raise EncodeError(f"endpoint {url!r}: there is nothing here that speaks Modbus")
+    return TcpHost(endpoint, units) if endpoint.scheme == "tcp" else SerialHost(endpoint, units)

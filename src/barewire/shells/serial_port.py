@@ -1,0 +1,107 @@
+"""A serial port through pyserial: sends, hears, and says in one line what is wrong with it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import time
+from typing import NamedTuple
+
+from barewire.errors import PortError
+from barewire.rtu.timing import Timing, character_bits
+from barewire.shells.endpoint import Endpoint
+from barewire.shells.pseudo_terminal import is_pseudo_terminal
+from barewire.shells.tcp_socket import CHUNK, reason
+
+try:
+    import serial
+except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
+    raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from missing
+
+
+class SerialSettings(NamedTuple):
+    """The settings of a line. The default of Modbus is 19200 8E1 [MB-SERIAL 2.5.1]."""
+
+    baudrate: int = 19200
+    bytesize: int = 8
+    parity: str = "E"
+    stopbits: float = 1
+
+    @classmethod
+    def of(cls, endpoint: Endpoint) -> SerialSettings:
+        """From the options of a URL."""
+        return cls(
+            endpoint.integer("baudrate", 19200),
+            int(endpoint.choice("bytesize", "8", ("7", "8"))),
+            endpoint.choice("parity", "E", ("N", "E", "O")),
+            float(endpoint.choice("stopbits", "1", ("1", "1.5", "2"))),
+        )
+
+    @property
+    def timing(self) -> Timing:
+        """The character times of these settings."""
+        return Timing.of(self.baudrate, character_bits(self.bytesize, self.parity, self.stopbits))
+
+
+class SerialPort:
+    """An open serial port. `pace` makes a port without a real line (a pseudo-terminal) take its time to send."""
+
+    def __init__(self, path: str, settings: SerialSettings, *, pace: bool = False) -> None:
+        self.name = path
+        self._pace = settings.timing if pace else None
+        self._serial = _open(path, settings)
+
+    def send(self, item: bytes) -> None:
+        """Send the bytes; returns when the last one has left, as far as the system knows."""
+        ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
+        try:
+            self._serial.write(item)
+            self._serial.flush()
+        except (OSError, serial.SerialException) as error:
+            raise PortError(f"{self.name}: {_say(error)}") from None
+        time.sleep(max(0.0, ends - time.monotonic()))
+
+    def receive(self, timeout: float) -> bytes | None:
+        """What came within `timeout` seconds, or None."""
+        try:
+            if hasattr(self._serial, "fileno"):
+                # Not pyserial's own timeout: changing that configures the port anew each time.
+                if not select.select([self._serial.fileno()], [], [], min(timeout, 3600.0))[0]:
+                    return None
+                data = self._serial.read(CHUNK)
+                if not data:
+                    raise PortError(f"{self.name}: the device is gone")
+                return bytes(data)
+            self._serial.timeout = min(timeout, 3600.0)
+            data = self._serial.read(1)
+            return bytes(data + self._serial.read(self._serial.in_waiting)) if data else None
+        except (OSError, TypeError, serial.SerialException) as error:
+            # TypeError: what pyserial raises when another thread closed the port meanwhile.
+            if isinstance(error, PortError):
+                raise
+            raise PortError(f"{self.name}: {_say(error)}") from None
+
+    def close(self) -> None:
+        """Give the port back."""
+        with contextlib.suppress(OSError, serial.SerialException):
+            self._serial.close()
+
+
+def _open(path: str, settings: SerialSettings) -> serial.Serial:
+    parity, bytesize = settings.parity, settings.bytesize
+    if is_pseudo_terminal(path):
+        # It has neither parity nor 7 bits, and a second attempt to set them fails with "invalid argument".
+        parity, bytesize = "N", 8
+    try:
+        return serial.Serial(path, settings.baudrate, bytesize, parity, settings.stopbits, timeout=0, write_timeout=5)
+    except (OSError, ValueError, serial.SerialException) as error:
+        raise PortError(f"{path}: {_say(error)}") from None
+
+
+def _say(error: Exception) -> str:
+    """pyserial wraps the system's words in its own: unwrap them."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return reason(OSError(error.errno, os.strerror(error.errno)))
+    text = str(error)
+    return "the device is gone" if "readiness to read" in text else text

@@ -1,0 +1,173 @@
+"""The object dictionary and its types: values, rights, limits, hooks, defaults."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import AbortCode, Entry, ObjectDictionary, SdoAbort
+from barewire.canopen.datatypes import BY_CODE, DATA_TYPES, object_codec
+from barewire.codecs import Value
+from barewire.errors import DecodeError, EncodeError
+
+
+@pytest.mark.parametrize(
+    ("type_", "value", "data"),
+    [
+        ("bool", True, "01"),
+        ("u8", 255, "FF"),
+        ("i8", -1, "FF"),
+        ("u16", 1000, "E803"),  # the guide of the AZ3 prints EBh 03h here
+        ("i16", -2, "FEFF"),
+        ("u24", 0x332211, "112233"),
+        ("i24", -1, "FFFFFF"),
+        ("u32", 25000, "A8610000"),
+        ("i32", -100000, "6079FEFF"),
+        ("u40", 0x123456789A, "9A78563412"),
+        ("i48", -2, "FEFFFFFFFFFF"),
+        ("u56", 1, "01000000000000"),
+        ("u64", 1, "0100000000000000"),
+        ("i64", -1, "FFFFFFFFFFFFFFFF"),
+        ("f32", 1.5, "0000C03F"),
+        ("f64", 1.5, "000000000000F83F"),
+        ("string", "AZ3", "415A33"),
+        ("octets", b"\1\2", "0102"),
+        ("domain", b"", ""),
+    ],
+)
+def test_types_on_the_wire(type_: str, value: Value, data: str) -> None:
+    codec = object_codec(type_)
+    assert codec.encode(value) == bytes.fromhex(data)
+    assert codec.decode(bytes.fromhex(data)) == value
+
+
+def test_the_type_table_is_the_standard_s() -> None:
+    assert BY_CODE[0x05].standard == "UNSIGNED8"
+    assert BY_CODE[0x18].name == "u40"
+    assert len({row.code for row in DATA_TYPES}) == len({row.name for row in DATA_TYPES}) == len(DATA_TYPES)
+    for row in DATA_TYPES:
+        size = object_codec(row.name).size
+        assert size == (None if row.bits == 0 else max(1, row.bits // 8))
+
+
+def test_what_is_no_value_of_a_type() -> None:
+    with pytest.raises(EncodeError):
+        object_codec("bool").encode(2)
+    with pytest.raises(EncodeError):
+        object_codec("string").encode("€")
+    with pytest.raises(EncodeError):
+        object_codec("octets").encode(5)
+    with pytest.raises(EncodeError, match="expected one of"):
+        object_codec("u12")
+    for data, reason in ((b"", "short"), (b"\0\0", "long"), (b"\2", "value")):
+        with pytest.raises(DecodeError) as caught:
+            object_codec("bool").decode(data)
+        assert caught.value.reason == reason
+
+
+def refused(objects: ObjectDictionary, index: int, sub: int, data: bytes | None = None) -> int:
+    with pytest.raises(SdoAbort) as caught:
+        if data is None:
+            objects.read(index, sub)
+        else:
+            objects.write(index, sub, data)
+    assert (caught.value.index, caught.value.sub) == (index, sub)
+    return caught.value.code
+
+
+def test_every_refusal_has_its_own_code() -> None:
+    objects = ObjectDictionary(
+        [
+            Entry(0x2000, 0, "limited", "i16", "rw", 0, minimum=-10, maximum=10),
+            Entry(0x2001, 0, "constant", "u8", "const", 1),
+            Entry(0x2002, 0, "status", "u8", "ro", 1),
+            Entry(0x2003, 0, "command", "u8", "wo", 0),
+            Entry(0x2004, 0, "switch", "bool", "rw", False),
+            Entry(0x2005, 0, "limited float", "f32", "rw", 0.0, minimum=-1.0, maximum=1.0),
+            Entry(0x2006, 0, "name", "string", "rw", "", maximum=4),
+        ]
+    )
+    assert refused(objects, 0x3000, 0) == AbortCode.NO_OBJECT
+    assert refused(objects, 0x2000, 1) == AbortCode.NO_SUB
+    assert refused(objects, 0x2003, 0) == AbortCode.WRITE_ONLY
+    assert refused(objects, 0x2001, 0, b"\1") == AbortCode.READ_ONLY
+    assert refused(objects, 0x2002, 0, b"\1") == AbortCode.READ_ONLY
+    assert refused(objects, 0x2000, 0, b"\x0b\0") == AbortCode.TOO_HIGH
+    assert refused(objects, 0x2000, 0, b"\xf5\xff") == AbortCode.TOO_LOW
+    assert refused(objects, 0x2000, 0, b"\1") == AbortCode.TOO_SHORT
+    assert refused(objects, 0x2000, 0, b"\1\0\0") == AbortCode.TOO_LONG
+    assert refused(objects, 0x2004, 0, b"\2") == AbortCode.INVALID_VALUE
+    assert refused(objects, 0x2005, 0, bytes.fromhex("0000C07F")) == AbortCode.INVALID_VALUE
+    assert refused(objects, 0x2006, 0, b"12345") == AbortCode.TOO_LONG
+    assert objects.get(0x2000) == 0
+
+
+def test_the_device_s_own_door_has_no_rights_but_types() -> None:
+    objects = ObjectDictionary([Entry(0x6041, 0, "status word", "u16", "ro", 0)])
+    objects.set(0x6041, 0, 0x0637)
+    assert objects.read(0x6041, 0) == bytes.fromhex("3706")
+    with pytest.raises(EncodeError):
+        objects.set(0x6041, 0, 70000)
+    with pytest.raises(SdoAbort):
+        objects.set(0x6042, 0, 0)
+
+
+def test_hooks() -> None:
+    seen: list[Value] = []
+
+    def on_write(value: Value) -> None:
+        if value == 13:
+            raise SdoAbort(AbortCode.DEVICE_STATE, 0x2000, 0)
+        seen.append(value)
+
+    objects = ObjectDictionary(
+        [
+            Entry(0x2000, 0, "watched", "u8", "rw", 0, on_write=on_write),
+            Entry(0x2001, 0, "measured", "f32", "ro", on_read=lambda: 229.75),
+        ]
+    )
+    objects.write(0x2000, 0, b"\7")
+    assert refused(objects, 0x2000, 0, b"\x0d") == AbortCode.DEVICE_STATE
+    assert (seen, objects.get(0x2000)) == ([7], 7)
+    assert objects.read(0x2001, 0) == bytes.fromhex("00C06543")
+
+
+def test_sub_indices_are_listed_and_counted() -> None:
+    objects = ObjectDictionary(
+        [
+            Entry(0x1018, 2, "product", "u32", "ro", 2),
+            Entry(0x1018, 1, "vendor", "u32", "ro", 1),
+            Entry(0x1000, 0, "type", "u32"),
+        ]
+    )
+    assert objects.subs(0x1018) == (0, 1, 2)
+    assert objects.read(0x1018, 0) == b"\2"
+    assert objects.subs(0x2000) == ()
+    assert [(entry.index, entry.sub) for entry in objects] == [(0x1000, 0), (0x1018, 0), (0x1018, 1), (0x1018, 2)]
+    assert (0x1018, 2) in objects
+    assert (0x1018, 3) not in objects
+
+
+def test_entries_that_cannot_be() -> None:
+    with pytest.raises(EncodeError, match="there twice"):
+        ObjectDictionary([Entry(0x2000, 0, "a", "u8"), Entry(0x2000, 0, "b", "u8")])
+    with pytest.raises(EncodeError, match="does not fit u8"):
+        ObjectDictionary([Entry(0x2000, 0, "a", "u8", default=256)])
+    with pytest.raises(EncodeError, match="do not exist"):
+        ObjectDictionary([Entry(0x12000, 0, "a", "u8")])
+
+
+def test_restore_brings_the_defaults_of_a_range_back() -> None:
+    objects = ObjectDictionary(
+        [
+            Entry(0x1017, 0, "time", "u16", default=1000),
+            Entry(0x2000, 0, "a", "u8", default=5),
+            Entry(0x2001, 0, "s", "string"),
+        ]
+    )
+    objects.set(0x1017, 0, 1)
+    objects.set(0x2000, 0, 1)
+    objects.set(0x2001, 0, "x")
+    objects.restore(0x1000, 0x1FFF)
+    assert (objects.get(0x1017), objects.get(0x2000)) == (1000, 1)
+    objects.restore()
+    assert (objects.get(0x2000), objects.get(0x2001)) == (5, "")

@@ -1,0 +1,89 @@
+"""One CAN frame: its limits, its identity, its line of text."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barewire.canopen import CanFrame
+from barewire.errors import DecodeError, EncodeError
+
+
+@pytest.mark.parametrize(
+    ("text", "frame"),
+    [
+        ("605#4000100000000000", CanFrame(0x605, bytes.fromhex("4000100000000000"))),
+        ("000#0105", CanFrame(0, b"\1\5")),
+        ("080#", CanFrame(0x80)),
+        ("705#R", CanFrame(0x705, remote=True)),
+        ("705#R1", CanFrame(0x705, remote=True, requested=1)),
+        ("00000605#40", CanFrame(0x605, b"\x40", extended=True)),
+        ("1FFFFFFF#R8", CanFrame(0x1FFFFFFF, extended=True, remote=True, requested=8)),
+    ],
+)
+def test_text_both_ways(text: str, frame: CanFrame) -> None:
+    assert CanFrame.parse(text) == frame
+    assert str(frame) == text
+
+
+def test_text_is_read_tolerantly() -> None:
+    assert CanFrame.parse(" 05f#\n") == CanFrame(0x5F)
+    assert CanFrame.parse("585#4b.41.60.00") == CanFrame(0x585, bytes.fromhex("4B416000"))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "delimiter"),
+        ("605", "delimiter"),
+        ("605##1112233", "value"),
+        ("60#40", "length"),
+        ("0605#40", "length"),
+        ("800#", "value"),
+        ("20000005#00", "value"),
+        ("6G5#40", "character"),
+        ("+05#40", "character"),
+        ("605#4", "length"),
+        ("605#4x", "character"),
+        ("605#112233445566778899", "long"),
+        ("705#R9", "value"),
+        ("705#R11", "value"),
+        ("605#ÄÖ", "character"),
+    ],
+)
+def test_text_that_is_no_frame(text: str, reason: str) -> None:
+    with pytest.raises(DecodeError) as caught:
+        CanFrame.parse(text)
+    assert caught.value.reason == reason
+
+
+def test_equal_numbers_are_two_identifiers() -> None:
+    base, extended = CanFrame(0x605), CanFrame(0x605, extended=True)
+    assert base.key != extended.key
+    assert base != extended
+
+
+def test_checked_refuses_what_the_wire_cannot_carry() -> None:
+    assert CanFrame.checked(0x7FF, bytes(8)).dlc == 8
+    assert CanFrame.checked(0x705, remote=True, requested=1).dlc == 1
+    with pytest.raises(EncodeError, match=r"800h: expected 0\.\.7FFh for a base frame"):
+        CanFrame.checked(0x800)
+    with pytest.raises(EncodeError, match="an extended frame"):
+        CanFrame.checked(0x2000_0000, extended=True)
+    with pytest.raises(EncodeError, match="at most 8"):
+        CanFrame.checked(1, bytes(9))
+    with pytest.raises(EncodeError, match="carries no data"):
+        CanFrame.checked(1, b"1", remote=True)
+    with pytest.raises(EncodeError, match="requested"):
+        CanFrame.checked(1, requested=1)
+
+
+@settings(max_examples=200)
+@given(st.text(max_size=24))
+def test_any_text_is_a_frame_or_a_decode_error(text: str) -> None:
+    try:
+        frame = CanFrame.parse(text)
+    except DecodeError:
+        return
+    assert CanFrame.parse(str(frame)) == frame

@@ -1,0 +1,285 @@
+"""The client's side of SDO as dialogues: what it says, what it takes for an answer, what it says when there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import pytest
+
+from barewire.canopen import AZ3, AbortCode, CanFrame, Channel, SdoAbort, download, fit, upload
+from barewire.conversation import Conversation, Heard, Listen, Send, last_words, play
+from barewire.errors import DecodeError, EncodeError, NoAnswer
+
+Peer = Callable[[CanFrame, float], Iterable[tuple[float, CanFrame]]]
+
+
+class Script:
+    """A peer that expects frames and answers each with its own, 1 ms apart; what was said is kept."""
+
+    def __init__(self, *lines: tuple[str, *tuple[str, ...]]) -> None:
+        self.lines = list(lines)
+        self.said: list[str] = []
+
+    def __call__(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        self.said.append(str(frame))
+        expected, *answers = self.lines.pop(0) if self.lines else (str(frame),)
+        assert str(frame) == expected
+        return [(now + 0.001 * place, CanFrame.parse(answer)) for place, answer in enumerate(answers, 1)]
+
+
+def test_read_a_u32() -> None:
+    script = Script(("605#4000100000000000", "585#4300100091010F00"))
+    assert play(upload(5, 0x1000), script) == (bytes.fromhex("91010F00"), 0.001)
+
+
+@pytest.mark.parametrize(
+    ("answer", "value"),
+    [
+        ("585#4F0020010A000000", "0A"),
+        ("585#4B0020010A0B0000", "0A0B"),
+        ("585#470020010A0B0C00", "0A0B0C"),
+        ("585#430020010A0B0C0D", "0A0B0C0D"),
+        ("585#4F0020010A0B0C0D", "0A"),  # what is not data may be anything
+        ("585#420020010A0B0C0D", "0A0B0C0D"),
+    ],
+)
+def test_read_one_to_four_bytes(answer: str, value: str) -> None:
+    data, _ = play(upload(5, 0x2000, 1), Script(("605#4000200100000000", answer)))
+    assert data == bytes.fromhex(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "request_"),
+    [
+        ("0A", "605#2F0020010A000000"),
+        ("0A0B", "605#2B0020010A0B0000"),
+        ("0A0B0C", "605#270020010A0B0C00"),
+        ("0A0B0C0D", "605#230020010A0B0C0D"),
+    ],
+)
+def test_write_one_to_four_bytes(value: str, request_: str) -> None:
+    play(download(5, 0x2000, 1, bytes.fromhex(value)), Script((request_, "585#6000200100000000")))
+
+
+def test_write_without_telling_the_size() -> None:
+    script = Script(("605#22171000E8030000", "585#6017100000000000"))
+    play(download(5, 0x1017, 0, bytes.fromhex("E8030000"), indicated=False), script)
+
+
+# The worked example of the AZ3's guide, 4.3.1, node 15, with the index in the order that travels.
+def test_read_the_controlword_as_the_az3_guide_does() -> None:
+    script = Script(("60F#4340600000000000", "58F#4340600006000000"))
+    data, _ = play(upload(15, 0x6040, dialect=AZ3), script)
+    assert data == bytes.fromhex("06000000")
+    assert fit(data, 2) == b"\x06\x00"
+
+
+@pytest.mark.parametrize(("size", "command"), [(1, "4F"), (2, "4B"), (4, "43")])
+def test_the_az3_dialect_asks_with_the_size(size: int, command: str) -> None:
+    script = Script((f"60F#{command}40600000000000", "58F#4B40600006000000"))
+    assert play(upload(15, 0x6040, size=size, dialect=AZ3), script)[0] == b"\x06\x00"
+
+
+def test_write_the_controlword_as_the_az3_guide_does() -> None:
+    script = Script(("60F#234060000F000000", "58F#6040600000000000"))
+    play(download(15, 0x6040, 0, bytes.fromhex("0F000000"), dialect=AZ3), script)
+
+
+def test_a_value_of_unknown_size_is_cut_to_the_size_that_the_caller_knows() -> None:
+    channel = Channel(5)
+    script = Script(("605#4041600000000000", "585#4241600037060BAD"))
+    assert play(upload(channel, 0x6041, size=2), script)[0] == bytes.fromhex("3706")
+    assert channel.heard.unsized == 1
+
+
+def test_a_size_that_was_told_is_not_overruled() -> None:
+    script = Script(("605#4041600000000000", "585#4341600037060000"))
+    assert play(upload(5, 0x6041, size=2), script)[0] == bytes.fromhex("37060000")
+
+
+@pytest.mark.parametrize("code", list(AbortCode))
+def test_every_refusal_of_a_server(code: AbortCode) -> None:
+    abort = f"585#80416000{code.to_bytes(4, 'little').hex()}"
+    for conversation in (upload(5, 0x6041), download(5, 0x6041, 0, b"\1")):
+        script = Script(("605#40", abort))
+        script.lines = []
+        with pytest.raises(SdoAbort) as caught:
+            play(conversation, lambda frame, now: [(now, CanFrame.parse(abort))])  # type: ignore[misc]
+        assert caught.value.code == code
+        assert (caught.value.index, caught.value.sub) == (0x6041, 0)
+
+
+def test_an_abort_ends_the_transfer_whatever_object_it_names() -> None:
+    script = Script(("605#4041600000000000", "585#8004100001000405"))
+    with pytest.raises(SdoAbort) as caught:
+        play(upload(5, 0x6041), script)
+    assert (caught.value.index, caught.value.said) == (0x6041, (0x1004, 0))
+    assert len(script.said) == 1  # an abort is not answered
+
+
+def test_foreign_frames_and_late_answers_are_passed_over_and_counted() -> None:
+    channel = Channel(5)
+    script = Script(
+        (
+            "605#4041600000000000",
+            "605#4041600000000000",  # our own, as some adapters echo it
+            "586#4B41600001000000",  # another node
+            "00000585#4B41600001000000",  # the same number, another identifier
+            "585#R8",  # nobody's answer
+            "585#4B40600001000000",  # another object: late
+            "585#4B41600101000000",  # another sub-index: late
+            "585#6041600000000000",  # the end of an earlier write: late
+            "585#A141600000000000",  # no such answer
+            "585#4B4160",  # cut off
+            "705#05",
+            "585#4B4160003706",  # this is it, though shorter than it should be
+        )
+    )
+    assert play(upload(channel, 0x6041), script)[0] == bytes.fromhex("3706")
+    heard = channel.heard
+    assert (heard.frames, heard.late, heard.garbled, heard.short, heard.extended) == (11, 3, 2, 1, 1)
+    assert heard.state is not None
+    assert heard.state.name == "operational"
+
+
+def test_a_write_is_not_confirmed_by_the_confirmation_of_another() -> None:
+    script = Script(("605#2B4060000F000000", "585#6041600000000000"))
+    with pytest.raises(NoAnswer, match="1 answer to another question"):
+        play(download(5, 0x6040, 0, b"\x0f\0"), script)
+
+
+def fails(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[str, list[str]]:
+    """The text of the NoAnswer, and all that was said."""
+    said: list[str] = []
+
+    def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        said.append(str(frame))
+        return [(now, CanFrame.parse(answer)) for answer in answers] if len(said) == 1 else []
+
+    with pytest.raises(NoAnswer) as caught:
+        play(conversation, peer)
+    return str(caught.value), said
+
+
+def test_silence_ends_with_an_abort_that_names_the_object() -> None:
+    text, said = fails(upload(5, 0x6041, 2, timeout=0.5))
+    assert said == ["605#4041600200000000", "605#8041600200000405"]
+    assert text == (
+        "node 5 did not answer InitiateUpload of 6041h:02 within 0.5 s: nothing at all was heard on the bus"
+    )
+
+
+def test_a_write_is_never_repeated() -> None:
+    _, said = fails(download(5, 0x6040, 0, b"\x0f\0"))
+    assert said == ["605#2B4060000F000000", "605#8040600000000405"]
+
+
+def test_the_text_says_that_the_node_is_stopped() -> None:
+    text, _ = fails(upload(5, 0x6041), "705#04", "706#05")
+    assert text.endswith(
+        "heard 2 frames, 1 from node 5, its heartbeat says stopped, and a stopped node answers no SDO, none on 585h"
+    )
+
+
+def test_the_text_says_that_only_others_were_heard() -> None:
+    text, _ = fails(upload(5, 0x6041), "706#05")
+    assert text.endswith("heard 1 frame, none from node 5, none on 585h")
+
+
+def test_the_text_says_what_came_instead() -> None:
+    text, _ = fails(upload(5, 0x6041), "585#4B40600001000000", "585#FF", "00000585#4B41600001000000")
+    assert text.endswith(
+        "heard 3 frames, 2 from node 5, 2 on 585h, 1 answer to another question, 1 unreadable, "
+        "1 extended frame 00000585h, which is another identifier"
+    )
+
+
+def test_a_bus_that_never_falls_silent_does_not_hold_us() -> None:
+    conversation = upload(5, 0x6041, timeout=1.0)
+    step = next(conversation)
+    now = 0.0
+    sent = 0
+    with pytest.raises(NoAnswer):
+        for _ in range(10_000):
+            if isinstance(step, Send):
+                sent += 1
+                step = conversation.send(Heard(None, now))
+            else:
+                now += 0.001
+                step = conversation.send(Heard(CanFrame(0x186), now))
+    assert sent == 2
+    assert now == pytest.approx(1.0, abs=0.002)
+
+
+def test_after_a_time_out_the_channel_waits_for_late_answers() -> None:
+    channel = Channel(5)
+    with pytest.raises(NoAnswer):
+        play(upload(channel, 0x6041, timeout=1.0), lambda frame, now: [])
+    assert channel.quiet_until == 2.0
+    conversation = upload(channel, 0x6041, timeout=1.0)
+    assert next(conversation) == Listen(2.0)
+    # The answer to the first question comes now, and is not taken for the answer to the second.
+    assert conversation.send(Heard(CanFrame.parse("585#4B41600099990000"), 1.5)) == Listen(2.0)
+    assert conversation.send(Heard(None, 2.0)) == Send(CanFrame.parse("605#4041600000000000"))
+    assert conversation.send(Heard(None, 2.0)) == Listen(3.0)
+    with pytest.raises(StopIteration) as done:
+        conversation.send(Heard(CanFrame.parse("585#4B41600037060000"), 2.1))
+    assert done.value.value == bytes.fromhex("3706")
+    assert channel.heard.late == 1
+    assert channel.quiet_until is None
+
+
+def test_a_channel_carries_one_transfer_at_a_time() -> None:
+    channel = Channel(5)
+    first, second = upload(channel, 0x6041), upload(channel, 0x6040)
+    next(first)
+    with pytest.raises(EncodeError, match="one transfer at a time"):
+        next(second)
+    first.close()
+    assert isinstance(next(upload(channel, 0x6040)), Send)
+
+
+def test_counts_are_summed_up_over_transfers() -> None:
+    channel = Channel(5)
+    for _ in range(3):
+        play(upload(channel, 0x6041), lambda frame, now: [(now, CanFrame.parse("585#4B4160003706"))])
+    assert (channel.total.short, channel.heard.short) == (2, 1)
+
+
+def test_abandoned_the_last_word_is_an_abort() -> None:
+    conversation = upload(5, 0x6041)
+    next(conversation)
+    conversation.send(Heard(None, 0.0))
+    assert [str(frame) for frame in last_words(conversation)] == ["605#8041600000000008"]
+
+
+def test_abandoned_before_anything_was_asked_there_is_nothing_to_abort() -> None:
+    channel = Channel(5)
+    channel.quiet_until = 1.0
+    conversation = upload(channel, 0x6041)
+    assert next(conversation) == Listen(1.0)
+    assert last_words(conversation) == []
+    assert not channel.busy
+
+
+@pytest.mark.parametrize(("answer", "size"), [("41081000100000000", "16 bytes"), ("4008100000000000", "does not tell")])
+def test_an_object_that_comes_in_segments_is_declined(answer: str, size: str) -> None:
+    script = Script(("605#4008100000000000", f"585#{answer[:16]}"), ("605#8008100001000405",))
+    with pytest.raises(DecodeError, match=size):
+        play(upload(5, 0x1008), script)
+    assert script.said[-1] == "605#8008100001000405"
+
+
+def test_what_cannot_be_asked_is_said_at_once() -> None:
+    with pytest.raises(EncodeError):
+        upload(0, 0x6041)
+    with pytest.raises(EncodeError):
+        upload(5, 0x16041)
+    with pytest.raises(EncodeError):
+        upload(5, 0x6041, size=3, dialect=AZ3)
+    with pytest.raises(EncodeError):
+        download(5, 0x6041, 0, b"")
+    with pytest.raises(EncodeError):
+        download(5, 0x6041, 0, bytes(5))
+    with pytest.raises(EncodeError, match="speaks standard, not az3"):
+        upload(Channel(5), 0x6041, dialect=AZ3)
