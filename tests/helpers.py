@@ -1,2 +1,152 @@
+"""What the tests of several rooms share: ways to deliver bytes, the law of bytes, and a peer in virtual time."""
+
 from __future__ import annotations
-X = 1
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from barewire.modbus import Adu, Noise, Server, Unit
+from barewire.modbus.line import Event, Line
+from barewire.rtu import Timing
+
+Chunk = tuple[bytes | None, float]
+"""What a line is fed once: bytes (or None, when nothing came), and the time."""
+
+Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
+"""What `play` wants on the other end of the line."""
+
+modest = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+"""For properties: enough to find what is wrong, the same every day, and soon over."""
+
+
+def unhex(text: str) -> bytes:
+    """Bytes as people write them: `unhex("01 83 02")`."""
+    return bytes.fromhex(text)
+
+
+# Delivery --------------------------------------------------------------------------------------------------------
+
+
+def deliveries(frame: bytes) -> Iterator[list[bytes]]:
+    """Every way in which a port may hand over one frame: whole, byte by byte, in two parts at each place."""
+    yield [frame]
+    yield [frame[at : at + 1] for at in range(len(frame))]
+    for at in range(1, len(frame)):
+        yield [frame[:at], frame[at:]]
+
+
+def spaced(parts: Iterable[bytes], step: float, start: float = 1.0) -> list[Chunk]:
+    """The parts with `step` seconds from the end of one to the end of the next."""
+    return [(part, start + place * step) for place, part in enumerate(parts)]
+
+
+def feed_all(line: Line, chunks: Iterable[Chunk]) -> list[Event]:
+    """Everything that came of the chunks, the line being told of silence when it asked for that."""
+    events: list[Event] = []
+    for data, now in chunks:
+        if line.deadline is not None and line.deadline <= now:
+            events += line.feed(None, line.deadline)
+        events += line.feed(data, now)
+    return events
+
+
+def silence(line: Line) -> list[Event]:
+    """Nothing comes until the line's own deadline."""
+    return line.feed(None, line.deadline) if line.deadline is not None else []
+
+
+def frames_of(events: Iterable[Event]) -> list[Adu]:
+    return [event for event in events if isinstance(event, Adu)]
+
+
+def noise_of(events: Iterable[Event]) -> list[Noise]:
+    return [event for event in events if isinstance(event, Noise)]
+
+
+# The law of bytes ------------------------------------------------------------------------------------------------
+
+
+def bytes_of(events: Iterable[Event], encode: Callable[[Adu], bytes]) -> bytes:
+    """What the events account for, put together again: frames as they were on the wire, and noise."""
+    return b"".join(encode(event) if isinstance(event, Adu) else event.data for event in events)
+
+
+def chunked(bytes_of_chunks: st.SearchStrategy[bytes], longest_pause: float) -> st.SearchStrategy[list[Chunk]]:
+    """Chunks at times that never run backwards, some of them None."""
+    steps = st.floats(0.0, longest_pause, allow_nan=False)
+    pairs = st.lists(st.tuples(st.one_of(st.none(), bytes_of_chunks), steps), max_size=12)
+    return pairs.map(_with_times)
+
+
+def _with_times(pairs: list[tuple[bytes | None, float]]) -> list[Chunk]:
+    now, chunks = 0.0, []
+    for data, step in pairs:
+        now += step
+        chunks.append((data, now))
+    return chunks
+
+
+def keeps_the_law(line: Line, chunks: Iterable[Chunk], encode: Callable[[Adu], bytes], bound: int) -> None:
+    """frames + noise + held = fed, after each chunk; and never more held than `bound`."""
+    fed, told = b"", b""
+    for data, now in chunks:
+        told += bytes_of(line.feed(data, now), encode)
+        fed += data or b""
+        assert told + line.held == fed
+        assert len(line.held) <= bound
+
+
+# Peers in virtual time -------------------------------------------------------------------------------------------
+
+
+def answering(*answers: tuple[float, bytes]) -> Peer:
+    """A peer that answers the first thing it is sent: each of `answers` that many seconds after it."""
+    left = list(answers)
+
+    def peer(item: bytes, now: float) -> list[tuple[float, bytes]]:
+        said, left[:] = [(now + after, data) for after, data in left], []
+        return said
+
+    return peer
+
+
+def serving(server: Server, timing: Timing | None = None) -> Peer:
+    """A server at the other end; its replies take the time that their characters take."""
+
+    def peer(item: bytes, now: float) -> list[tuple[float, bytes]]:
+        said = []
+        replies = server.feed(item, now)
+        while not replies and server.deadline is not None:
+            replies = server.feed(None, server.deadline)
+        for reply in replies:
+            out = max(reply.at, now) + (timing.duration(len(reply.data)) if timing else 0.0)
+            server.line.sent(out)
+            said.append((out, reply.data))
+        return said
+
+    return peer
+
+
+class Broken:
+    """A unit whose own code raises what it is given."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+    def handle(self, request: Any, now: float) -> None:
+        raise self.error
+
+
+def one_unit(unit: Unit, address: int = 1) -> Mapping[int, Unit]:
+    return {address: unit}
+
+
+def refused(error: type[Exception], text: str) -> pytest.RaisesExc[Exception]:
+    """`pytest.raises` with the text taken word for word."""
+    import re
+
+    return pytest.raises(error, match=re.escape(text))

@@ -66,10 +66,7 @@ def test_what_is_no_value_of_a_type() -> None:
 
 def refused(objects: ObjectDictionary, index: int, sub: int, data: bytes | None = None) -> int:
     with pytest.raises(SdoAbort) as caught:
-        if data is None:
-            objects.read(index, sub)
-        else:
-            objects.write(index, sub, data)
+        objects.read(index, sub) if data is None else objects.write(index, sub, data)
     assert (caught.value.index, caught.value.sub) == (index, sub)
     return caught.value.code
 

@@ -20,37 +20,41 @@ I know: frames, nodes, objects.  I never know: Modbus, what an object means, por
 Who may import me: devices, shells, cli, bench, tests.
 """
 
-from barewire.canopen.cob import CobEntry, Service, check_node, classify, cob_id, is_restricted
-from barewire.canopen.device import Device
-from barewire.canopen.dictionary import Entry, ObjectDictionary
-from barewire.canopen.emcy import Emergency, error_text, register_names
-from barewire.canopen.frame import CanFrame
-from barewire.canopen.heartbeat import (
-    HeartbeatConsumer,
-    HeartbeatEvent,
-    HeartbeatProducer,
-    NodeState,
-    consumer_entry,
-    guarding_request,
-)
-from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
-from barewire.canopen.pdo import Mapped, Mapping
-from barewire.canopen.pdo_engine import PdoEngine
-from barewire.canopen.pdo_records import Pdo
-from barewire.canopen.sdo import (
-    AZ3,
-    STANDARD,
-    AbortCode,
-    Channel,
-    Dialect,
-    SdoAbort,
-    SdoServer,
-    abort_text,
-    download,
-    fit,
-    upload,
-)
-from barewire.canopen.sync import Sync
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from barewire.canopen.cob import CobEntry, Service, check_node, classify, cob_id, is_restricted
+    from barewire.canopen.device import Device
+    from barewire.canopen.dictionary import Entry, ObjectDictionary
+    from barewire.canopen.emcy import Emergency, error_text, register_names
+    from barewire.canopen.frame import CanFrame
+    from barewire.canopen.heartbeat import (
+        HeartbeatConsumer,
+        HeartbeatEvent,
+        HeartbeatProducer,
+        NodeState,
+        consumer_entry,
+        guarding_request,
+    )
+    from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
+    from barewire.canopen.pdo import Mapped, Mapping
+    from barewire.canopen.pdo_engine import PdoEngine
+    from barewire.canopen.pdo_records import Pdo
+    from barewire.canopen.sdo import (
+        AZ3,
+        STANDARD,
+        AbortCode,
+        Channel,
+        Dialect,
+        SdoAbort,
+        SdoServer,
+        abort_text,
+        download,
+        fit,
+        upload,
+    )
+    from barewire.canopen.sync import Sync
 
 __all__ = [
     "CanFrame",
@@ -94,3 +98,28 @@ __all__ = [
     "PdoEngine",
     "Device",
 ]
+
+# Loaded when asked for, the light ones first: a bus shell needs `frame` only and must not pay for a whole node.
+_FILES = (
+    "frame",
+    "cob",
+    "nmt",
+    "heartbeat",
+    "sync",
+    "emcy",
+    "sdo",
+    "pdo",
+    "dictionary",
+    "pdo_records",
+    "pdo_engine",
+    "device",
+)
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        for file in _FILES:
+            module = import_module(f"{__name__}.{file}")
+            if name in vars(module):
+                return vars(module)[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

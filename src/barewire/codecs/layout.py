@@ -20,7 +20,7 @@ One `Layout` does five jobs, so nothing about a message is written twice:
 from __future__ import annotations
 
 import struct
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from barewire.errors import DecodeError, EncodeError
 
@@ -47,7 +47,7 @@ class Layout:
     6
     """
 
-    __slots__ = ("_count_end", "_count_index", "_places", "_struct", "count", "names", "size", "tail")
+    __slots__ = ("_byteorder", "_count_end", "_count_index", "_places", "_struct", "count", "names", "size", "tail")
 
     def __init__(self, format: str, *names: str, tail: str | None = None, count: str | None = None) -> None:
         self._struct = struct.Struct(format)
@@ -57,6 +57,7 @@ class Layout:
         self.size = self._struct.size
         # Offsets by packing ever longer beginnings: format characters are one byte each and never repeated.
         order, kinds = format[0], format[1:]
+        self._byteorder: Literal["big", "little"] = "little" if order == "<" else "big"
         ends = [struct.calcsize(order + kinds[: place + 1]) for place in range(len(names))]
         self._places = tuple(zip([0, *ends], ends))
         self._count_index = names.index(count) if count is not None else 0
@@ -111,7 +112,7 @@ class Layout:
         if len(data) < self._count_end:
             return self.size
         start, end = self._places[self._count_index]
-        return self.size + int.from_bytes(data[start:end], "big")
+        return self.size + int.from_bytes(data[start:end], self._byteorder)
 
     def fields(self, data: bytes, at: int = 0) -> list[Field]:
         """Where each field lies and what it holds, as far as the bytes go; offsets are counted from `at`."""
@@ -119,7 +120,7 @@ class Layout:
         for name, (start, end) in zip(self.names, self._places):
             if end > len(data):
                 return found
-            value = int.from_bytes(data[start:end], "big")
+            value = int.from_bytes(data[start:end], self._byteorder)
             found.append(Field(at + start, end - start, name, value))
         if self.tail is not None and len(data) > self.size:
             rest = data[self.size :]

@@ -24,6 +24,8 @@ _STRUCT = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h",
 _STRUCT |= {"f32": "f", "f64": "d"}
 _FLOAT_BITS = {"f32": 32, "f64": 64}
 _FLOAT_MAX = {"f32": 3.4028234663852886e38, "f64": 1.7976931348623157e308}
+_FLOAT_TOO_LARGE = {"f32": 3.4028235677973366e38, "f64": math.inf}  # from here on rounding goes beyond the largest
+_INTEGER_BITS = {f"{sign}{bits}": bits for sign in "ui" for bits in range(8, 65, 8)}
 
 
 class Codec(Protocol):
@@ -62,6 +64,7 @@ class Number:
         self.is_float = name in _FLOAT_BITS
         self.bits = _FLOAT_BITS[name] if self.is_float else _integer_bits(name)
         self.size = self.bits // 8
+        reorder(bytes(self.size), order)  # u24 has no order CDAB: better said now than with the first value
         self.minimum: int | float
         self.maximum: int | float
         if self.is_float:
@@ -80,15 +83,18 @@ class Number:
 
     def check(self, value: Value) -> int | float:
         """The value as this type has it, or an EncodeError that names the limits."""
-        if isinstance(value, (str, bytes)) or (value != value // 1 and not self.is_float):
+        if not isinstance(value, (int, float)) or (value != value // 1 and not self.is_float):
             wanted = "a number" if self.is_float else "a whole number"
             raise EncodeError(f"{value!r} is not {wanted} for {self.name}")
         if self.is_float:
-            number = float(value)
             # Infinities and NaN are values of IEEE 754 and travel; what rounds beyond the largest float does not.
-            if math.isfinite(number) and abs(number) > self.maximum:
-                raise EncodeError(f"{value!r} does not fit {self.name}: at most ±{self.maximum:g}")
-            return number
+            try:
+                number = float(value)
+                if abs(number) < _FLOAT_TOO_LARGE[self.name] or not math.isfinite(number):
+                    return number
+            except OverflowError:  # an int that no float can hold
+                pass
+            raise EncodeError(f"{value!r} does not fit {self.name}: at most ±{self.maximum:g}")
         whole = int(value)
         if not self.minimum <= whole <= self.maximum:
             raise EncodeError(f"{value!r} does not fit {self.name}: expected {self.minimum}..{self.maximum}")
@@ -121,9 +127,8 @@ class Number:
 
 def _integer_bits(name: str) -> int:
     """'u24' -> 24. Raises EncodeError for a name that is no number type."""
-    digits = name[1:]
-    if name[:1] in ("u", "i") and digits.isdecimal() and int(digits) in range(8, 65, 8):
-        return int(digits)
+    if name in _INTEGER_BITS:
+        return _INTEGER_BITS[name]
     raise EncodeError(f"type {name!r}: expected u8..u64, i8..i64 (in steps of 8 bits), f32 or f64")
 
 

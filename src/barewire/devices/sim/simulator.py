@@ -1,0 +1,66 @@
+"""A simulated machine, whatever it is: a store, a clock hand, and a face for each bus that its description has.
+
+                       tick(now)                 time passes: what moves by itself, moves
+        modbus  ---->  store  <----  canopen     the same values through both faces
+                       power_cycle(now)          everything as at power-on, what was saved is kept
+
+This class alone is the simulator of a device that nobody has taught to move: it keeps what is written and answers what
+it keeps. The three machines of the catalogue are subclasses that override `tick` and hang their behaviour on cells.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barewire.codecs import Value
+from barewire.devices.device import Device
+from barewire.devices.sim.modbus_face import ModbusFace
+from barewire.devices.sim.store import Store
+
+if TYPE_CHECKING:
+    from barewire.devices.sim.canopen_face import CanopenFace
+
+
+class Simulator:
+    """A device that keeps what is written.
+
+    >>> from barewire.devices.load import load
+    >>> from barewire.modbus.registers import ReadHoldingRegisters, WriteSingleRegister
+    >>> machine = Simulator(load("adxl"))
+    >>> machine.modbus.handle(WriteSingleRegister(0x4FFF, 7), now=0.0)
+    WriteSingleRegisterResponse(address=20479, value=7)
+    >>> machine.store["Menu number selection"]
+    7
+    """
+
+    def __init__(self, device: Device, now: float = 0.0) -> None:
+        self.device = device
+        self.now = now
+        self.saved: dict[str, Value] = {}
+        """What survives power-off, by name."""
+        self.store = Store(device.parameters)
+        self.modbus = self._modbus_face()
+        self.canopen: CanopenFace | None = None
+        if device.canopen is not None:
+            # Only a device that is on CAN loads the room that speaks it.
+            from barewire.devices.sim.canopen_face import CanopenFace
+
+            self.canopen = CanopenFace(self, device.canopen)
+
+    def _modbus_face(self) -> ModbusFace | None:
+        return None if self.device.modbus is None else ModbusFace(self, self.device.modbus)
+
+    def tick(self, now: float) -> None:
+        """Time has passed. A clock that goes backwards is read over."""
+        self.now = max(self.now, now)
+
+    def reset(self) -> None:
+        """Every value as at power-on: defaults, and over them what was saved."""
+        self.store.restore(self.saved)
+
+    def power_cycle(self, now: float) -> None:
+        """Off and on again."""
+        self.tick(now)
+        self.reset()
+        if self.canopen is not None:
+            self.canopen.power_on(self.now)

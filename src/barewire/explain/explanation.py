@@ -1,0 +1,169 @@
+"""What an explanation is: a value with a line for every field, and a verdict.
+
+    offset  hex     name            value         meaning
+       0    01      unit            1             unit 1
+       1    04      function code   4             04 Read Input Registers
+       2    0F B1   address         0FB1h (4017)  0-based; number 4018 in 1-based tables
+       4    00 02   quantity        2             input registers
+       6    22 F8   CRC             F822h         CRC ok
+    valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
+
+The law of this room: **every byte is in exactly one field, in order, whatever is wrong with it.** What belongs to no
+field is a field called "left over". A field of length 0 covers nothing and says something: the identifier of a CAN
+frame, which is no byte of its data, or an end of line that was not typed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from barewire.codecs import Field
+from barewire.errors import DecodeError, Reason
+
+Protocol = Literal["rtu", "ascii", "tcp", "can"]
+Role = Literal["request", "response"]
+
+LEFT_OVER = "left over"
+HEX_SHOWN = 8
+"""So many bytes of a field are printed; `as_dict` has them all."""
+
+# What people never say in decimal. All other numbers are shown in both bases where they differ.
+_IN_HEX_ONLY = frozenset({"CRC", "LRC", "COB-ID", "command", "index", "abort code", "error code", "error register"})
+
+
+class ExplainedField(NamedTuple):
+    """One field: where it lies, what it is called, what it holds and what that means.
+
+    `offset` and `length` count bytes, in an ASCII frame characters. `hex` is the bytes as hexadecimal pairs, in an
+    ASCII frame the characters themselves. `value` is a number, a text, or None where the field is not whole.
+    """
+
+    offset: int
+    length: int
+    name: str
+    hex: str
+    value: int | str | None
+    meaning: str
+
+    @property
+    def shown(self) -> str:
+        """The value for a person: numbers above 9 in both bases, and nothing that `hex` says already.
+
+        >>> ExplainedField(2, 2, "address", "0F B1", 4017, "").shown
+        '0FB1h (4017)'
+        """
+        if self.value is None or self.value == self.hex:
+            return ""
+        if isinstance(self.value, str):
+            return repr(self.value) if self.name.endswith("value") else self.value
+        digits = f"{self.value:0{len(self.hex.replace(' ', ''))}X}h"
+        if self.name in _IN_HEX_ONLY:
+            return digits
+        return str(self.value) if self.value < 10 else f"{digits} ({self.value})"
+
+
+class Problem(NamedTuple):
+    """Why a frame is not valid: one of the words of `barewire.errors.Reason`, the first wrong byte, a sentence."""
+
+    reason: Reason
+    at: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """All that can be said about one frame. `error` is None exactly when the frame is valid.
+
+    `summary` is the message in one line; the verdict tells it when the frame is valid, and `error` when it is not.
+    """
+
+    protocol: Protocol
+    role: Role | None
+    fields: tuple[ExplainedField, ...]
+    error: Problem | None
+    summary: str
+
+    @property
+    def valid(self) -> bool:
+        """Whether the frame is whole, intact, and says something that may be said."""
+        return self.error is None
+
+    @property
+    def verdict(self) -> str:
+        """The last line."""
+        if self.error is None:
+            return f"valid: {self.summary}"
+        unit = "character" if self.protocol == "ascii" else "byte"
+        return f"not valid: {self.error.text} ({unit} {self.error.at})"
+
+    def as_dict(self) -> dict[str, object]:
+        """For programs: only numbers, texts, lists, dicts, True, False and None, ready for `json.dumps`."""
+        names = ("offset", "length", "name", "hex", "value", "meaning")
+        return {
+            "protocol": self.protocol,
+            "valid": self.valid,
+            "role": self.role,
+            "fields": [dict(zip(names, field)) for field in self.fields],
+            "error": self.error._asdict() if self.error else None,
+        }
+
+    def lines(self) -> list[str]:
+        """For people: a line for each field, in columns, and the verdict."""
+        rows = [(str(field.offset), _clipped(field.hex), field.name, field.shown) for field in self.fields]
+        widths = [max((len(row[column]) for row in rows), default=0) for column in range(4)]
+        printed = []
+        for (offset, digits, name, value), field in zip(rows, self.fields):
+            start = f"{offset:>{widths[0]}}  {digits:<{widths[1]}}  {name:<{widths[2]}}  {value:<{widths[3]}}"
+            printed.append(f"{start}  {field.meaning}".rstrip())
+        return [*printed, self.verdict]
+
+
+def _clipped(digits: str) -> str:
+    pairs = digits.split(" ")
+    return digits if len(pairs) <= HEX_SHOWN else " ".join(pairs[: HEX_SHOWN - 1]) + " ..."
+
+
+def cover(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
+    """The fields, and one more for each gap between them and up to `size`.
+
+    `cut` is the name of the field that would have come next if there had been bytes enough for it.
+
+    >>> [(field.offset, field.length, field.name) for field in cover([Field(0, 1, "unit", 1)], 3)]
+    [(0, 1, 'unit'), (1, 2, 'left over')]
+    """
+    whole: list[Field] = []
+    at = 0
+    for field in fields:
+        if field.offset > at:
+            whole.append(Field(at, field.offset - at, LEFT_OVER, None))
+        whole.append(field)
+        at = field.offset + field.length
+    if at < size:
+        gap = Field(at, size - at, cut, None, "cut short") if cut else Field(at, size - at, LEFT_OVER, None)
+        whole.append(gap)
+    return whole
+
+
+def moved(fields: Iterable[Field], by: int) -> list[Field]:
+    """The same fields, `by` bytes further right."""
+    return [field._replace(offset=field.offset + by) for field in fields]
+
+
+def problem(error: DecodeError | None, by: int = 0) -> Problem | None:
+    """What a decoder raised, as a value; `by` is where its bytes begin in ours."""
+    return None if error is None else Problem(error.reason, error.at + by, error.text)
+
+
+def on_bytes(fields: Iterable[Field], data: bytes) -> tuple[ExplainedField, ...]:
+    """The fields with their hexadecimal digits."""
+    return tuple(
+        explained(field, data[field.offset : field.offset + field.length].hex(" ").upper()) for field in fields
+    )
+
+
+def explained(field: Field, digits: str) -> ExplainedField:
+    """One field with its digits; names lose their underscores, for they are read by people from here on."""
+    value = field.value if field.value is None or isinstance(field.value, (int, str)) else str(field.value)
+    return ExplainedField(field.offset, field.length, field.name.replace("_", " "), digits, value, field.meaning)

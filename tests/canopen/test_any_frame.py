@@ -1,0 +1,106 @@
+"""Any frame at all, fed to any machine at any time: no exception, and nothing grows."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barewire.canopen import (
+    AZ3,
+    CanFrame,
+    Channel,
+    Device,
+    Emergency,
+    Entry,
+    HeartbeatConsumer,
+    NmtMessage,
+    NmtSlave,
+    NodeState,
+    ObjectDictionary,
+    Pdo,
+    SdoAbort,
+    Sync,
+    upload,
+)
+from barewire.canopen.sdo import decode_answer, decode_request
+from barewire.conversation import Heard, Send
+from barewire.errors import DecodeError, NoAnswer
+
+# Mostly identifiers that somebody listens to, so that the noise reaches the inner rooms.
+IDENTIFIERS = st.one_of(
+    st.sampled_from([0, 0x80, 0x85, 0x185, 0x205, 0x305, 0x585, 0x605, 0x705]),
+    st.integers(0, 0x7FF),
+    st.integers(0, 0x1FFFFFFF),
+)
+COMMANDS = st.sampled_from([0x01, 0x02, 0x22, 0x23, 0x2B, 0x2F, 0x40, 0x43, 0x60, 0x80, 0x81, 0x82])
+DATA = st.one_of(
+    st.binary(max_size=8),
+    st.builds(lambda command, rest: bytes([command]) + rest, COMMANDS, st.binary(min_size=7, max_size=7)),
+    st.builds(
+        lambda command, place, rest: bytes([command]) + place + rest,
+        COMMANDS,
+        st.sampled_from([b"\x00\x14\1", b"\x00\x16\0", b"\x00\x16\1", b"\x00\x18\2", b"\x17\x10\0", b"\x40\x60\0"]),
+        st.binary(min_size=4, max_size=4),
+    ),
+    st.sampled_from([b"\1\5", b"\x80\5", b"\x82\5"]),
+)
+FRAMES = st.builds(
+    CanFrame, IDENTIFIERS, DATA, st.sampled_from([False, False, False, True]), st.sampled_from([False, False, True])
+)
+
+
+def device() -> Device:
+    objects = ObjectDictionary(
+        [
+            Entry(0x1017, 0, "heartbeat time", "u16", "rw", 100),
+            Entry(0x6040, 0, "controlword", "u16", "rw", 0),
+            Entry(0x6041, 0, "statusword", "u16", "ro", 0),
+        ]
+    )
+    return Device(5, objects, [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010, 0x60400010))], dialect=AZ3)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.tuples(FRAMES, st.floats(0, 0.5)), max_size=40))
+def test_machines(weather: list[tuple[CanFrame, float]]) -> None:
+    node, slave, consumer = device(), NmtSlave(5), HeartbeatConsumer({5: 0.3})
+    slave.booted()
+    node.start(0.0)
+    now = 0.0
+    for frame, pause in weather:
+        now += pause
+        for machine in (node, slave, consumer):
+            machine.feed(frame, now)
+        said = node.feed(None, now)
+        assert all(len(answer.data) <= 8 for answer in said)
+        due = node.deadline
+        assert due is None or due > now or not node.feed(None, now)
+    assert len(node.objects.subs(0x1600)) == 9
+
+
+@settings(max_examples=200, deadline=None)
+@given(FRAMES)
+def test_decoders_say_decode_error_and_nothing_else(frame: CanFrame) -> None:
+    for decode in (NmtMessage.decode, NodeState.decode, Sync.decode, Emergency.decode):
+        with suppress(DecodeError):
+            decode(frame)
+    for read in (decode_request, decode_answer):
+        with suppress(DecodeError):
+            read(frame.data)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(FRAMES, max_size=40))
+def test_a_client_in_any_weather_ends_in_a_value_or_one_of_four_sentences(weather: list[CanFrame]) -> None:
+    conversation = upload(Channel(5), 0x6041)
+    coming = iter(weather)
+    step, now, turns = next(conversation), 0.0, 0
+    with suppress(SdoAbort, NoAnswer, DecodeError, StopIteration):
+        while turns < len(weather) + 10:
+            turns += 1
+            frame = None if isinstance(step, Send) else next(coming, None)
+            now += 0.001 if frame is not None or isinstance(step, Send) else 1.0
+            step = conversation.send(Heard(frame, now))
+    assert turns < len(weather) + 10

@@ -1,0 +1,302 @@
+"""A whole node: states, boot-up, heartbeat, SDO and PDO together, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame, Device, Entry, NmtCommand, NmtState, ObjectDictionary, Pdo
+from barewire.codecs import Value
+from barewire.errors import EncodeError
+
+# The PDOs with which an AZ3 leaves the factory: all of them wait for SYNC.
+AZ3_PDOS = (
+    Pdo("RPDO", 1, (0x60400010, 0x60FF0020), type=0),
+    Pdo("RPDO", 2, (0x60400010, 0x607A0020), type=0),
+    Pdo("RPDO", 3, (0x60400010, 0x206A0120), type=0),
+    Pdo("RPDO", 4, (0x60400010, 0x60710010), type=0),
+    Pdo("TPDO", 1, (0x60410010, 0x20050010, 0x20020010, 0x20060010), type=1),
+    Pdo("TPDO", 2, (0x60410010, 0x60640020, 0x20690010), type=1),
+    Pdo("TPDO", 3, (0x60410010, 0x606C0020, 0x20690010), type=1),
+    Pdo("TPDO", 4, (0x60410010, 0x60770010, 0x20690010), type=1),
+)
+
+
+def az3_objects() -> ObjectDictionary:
+    return ObjectDictionary(
+        [
+            Entry(0x1000, 0, "device type", "u32", "ro", 0x00020192),
+            Entry(0x1001, 0, "error register", "u8", "ro", 0),
+            Entry(0x1017, 0, "heartbeat time", "u16", "rw", 0),
+            Entry(0x2002, 0, "current", "i16", "ro", 25),
+            Entry(0x2005, 0, "velocity", "i16", "ro", -1000),
+            Entry(0x2006, 0, "position", "i16", "ro", 1),
+            Entry(0x2069, 0, "error", "u16", "ro", 0),
+            Entry(0x206A, 1, "vref set point", "f32", "rw", 0.0),
+            Entry(0x6040, 0, "controlword", "u16", "rw", 0),
+            Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
+            Entry(0x6064, 0, "position actual", "i32", "ro", -2),
+            Entry(0x606C, 0, "velocity actual", "i32", "ro", 25000),
+            Entry(0x6071, 0, "target torque", "i16", "rw", 0),
+            Entry(0x6077, 0, "torque actual", "i16", "ro", -5),
+            Entry(0x607A, 0, "target position", "i32", "rw", 0),
+            Entry(0x60FF, 0, "target velocity", "i32", "rw", 0),
+        ]
+    )
+
+
+def device_with(*pdos: Pdo, start: bool = True, operational: bool = True) -> Device:
+    device = Device(5, az3_objects(), pdos)
+    if start:
+        device.start(0.0)
+    if operational:
+        hear(device, "000#0105")
+    return device
+
+
+def hear(device: Device, text: str | None, now: float = 0.0) -> list[str]:
+    return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
+
+
+READ_STATUS, STATUS = "605#4041600000000000", "585#4B41600037060000"
+
+
+def test_before_it_starts_it_neither_speaks_nor_hears() -> None:
+    device = device_with(*AZ3_PDOS, start=False, operational=False)
+    for text in (READ_STATUS, "000#0105", "080#", None):
+        assert hear(device, text, 5.0) == []
+    assert device.state is NmtState.INITIALISING
+    assert device.deadline is None
+
+
+def test_it_boots_once_into_pre_operational() -> None:
+    device = Device(5, az3_objects())
+    assert [str(frame) for frame in device.start(0.0)] == ["705#00"]
+    assert device.state is NmtState.PRE_OPERATIONAL
+    assert hear(device, None, 100.0) == []
+
+
+def test_services_follow_the_state() -> None:
+    device = device_with(*AZ3_PDOS, operational=False)
+    tpdos = ["185#370618FC19000100", "285#3706FEFFFFFF0000", "385#3706A86100000000", "485#3706FBFF0000"]
+    for command, sdo, pdo in (("80", True, False), ("01", True, True), ("02", False, False), ("80", True, False)):
+        hear(device, f"000#{command}05")
+        assert hear(device, READ_STATUS) == ([STATUS] if sdo else [])
+        assert hear(device, "080#") == (tpdos if pdo else [])
+        assert len(device.emergency(0x2310)) == sdo
+
+
+def test_a_command_to_another_node_changes_nothing() -> None:
+    device = device_with(operational=False)
+    states = []
+    for node in ("06", "00"):
+        hear(device, f"000#01{node}")
+        states.append(device.state)
+    assert states == [NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL]
+
+
+def test_heartbeat_follows_1017h_and_the_state() -> None:
+    device = device_with(operational=False)
+    assert hear(device, "605#2B171000E8030000", 1.0) == ["585#6017100000000000", "705#7F"]
+    assert device.deadline == 2.0
+    assert hear(device, "000#0205", 1.5) == []
+    assert hear(device, None, 2.0) == ["705#04"]
+    assert hear(device, "000#0105", 2.5) == []
+    assert hear(device, None, 3.0) == ["705#05"]
+
+
+def test_reset_communication_restores_the_communication_only() -> None:
+    reset: list[NmtCommand] = []
+    device = Device(5, az3_objects(), on_reset=reset.append)
+    device.start(0.0)
+    hear(device, "605#2B171000E8030000")
+    hear(device, "605#2B4060000F000000")
+    assert hear(device, "000#8205", 1.0) == ["705#00"]
+    assert (device.objects.get(0x1017), device.objects.get(0x6040)) == (0, 15)
+    assert device.deadline is None
+    assert hear(device, "000#8100", 2.0) == ["705#00"]
+    assert device.objects.get(0x6040) == 0
+    assert reset == [NmtCommand.RESET_COMMUNICATION, NmtCommand.RESET_NODE]
+    assert device.state is NmtState.PRE_OPERATIONAL
+
+
+def test_a_heartbeat_from_the_factory_goes_on_after_a_reset() -> None:
+    device = Device(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
+    device.start(0.0)
+    assert hear(device, None, 1.0) == ["705#7F"]
+    assert hear(device, "000#8205", 1.5) == ["705#00"]
+    assert device.deadline == 2.5
+
+
+def test_rpdos_of_type_0_take_effect_at_sync() -> None:
+    device = device_with(*AZ3_PDOS)
+    hear(device, "205#0F00589EFFFF")
+    assert device.objects.get(0x60FF) == 0
+    hear(device, "405#0F000000C03F")
+    hear(device, "505#0F00FBFF")
+    hear(device, "080#")
+    objects = device.objects
+    assert [objects.get(0x6040), objects.get(0x60FF), objects.get(0x206A, 1), objects.get(0x6071)] == [
+        15,
+        -25000,
+        1.5,
+        -5,
+    ]
+
+
+def test_what_an_rpdo_left_behind_is_forgotten_with_the_state() -> None:
+    device = device_with(*AZ3_PDOS)
+    hear(device, "205#0F00589EFFFF")
+    hear(device, "000#8005")
+    hear(device, "000#0105")
+    hear(device, "080#")
+    assert device.objects.get(0x60FF) == 0
+
+
+def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
+    seen: list[Value] = []
+    objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0, maximum=100, on_write=seen.append)])
+    device = Device(5, objects, [Pdo("RPDO", 1, (0x60400010,))])
+    device.start(0.0)
+    hear(device, "000#0105")
+    hear(device, "205#0F00")
+    hear(device, "205#FF00")  # too high: refused, and counted
+    assert (seen, device.pdo.refused, objects.get(0x6040)) == ([15], 1, 15)
+
+
+def test_wrong_lengths_of_an_rpdo_are_said_once() -> None:
+    device = device_with(Pdo("RPDO", 1, (0x60400010,)))
+    assert hear(device, "205#0F") == ["085#1082000102000000"]
+    assert hear(device, "205#0E") == []
+    assert device.objects.get(0x6040) == 0
+    assert hear(device, "205#0F0001") == ["085#2082000302000000"]
+    assert device.objects.get(0x6040) == 15
+    assert hear(device, "205#0700") == []
+    assert hear(device, "205#") == ["085#1082000002000000"]
+
+
+def test_tpdo_at_every_third_sync() -> None:
+    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=3))
+    assert [hear(device, "080#") for _ in range(6)] == [[], [], ["185#3706"], [], [], ["185#3706"]]
+
+
+def test_tpdo_waits_for_its_sync_start_value() -> None:
+    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=2, sync_start=3))
+    said = [len(hear(device, f"080#{counter:02X}")) for counter in (1, 2, 3, 4, 1, 2)]
+    assert said == [0, 0, 0, 1, 0, 1]
+
+
+def test_acyclic_tpdo_is_sent_at_sync_if_something_changed() -> None:
+    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=0))
+    assert hear(device, "080#") == ["185#3706"]
+    assert hear(device, "080#") == []
+    device.objects.set(0x6041, 0, 0x0231)
+    assert hear(device, None) == []
+    assert hear(device, "080#") == ["185#3102"]
+
+
+def test_event_driven_tpdo_with_inhibit_time_and_event_timer() -> None:
+    pdo = Pdo("TPDO", 1, (0x60410010,), type=255, inhibit=1000, event_timer=500)
+    device = device_with(pdo, operational=False)
+    assert hear(device, "000#0105", 10.0) == ["185#3706"]
+    assert device.deadline == 10.5
+    device.objects.set(0x6041, 0, 0x0231)
+    assert device.deadline == pytest.approx(10.1)
+    assert hear(device, None, 10.05) == []
+    assert hear(device, None, 10.1) == ["185#3102"]
+    assert hear(device, None, 10.5) == []
+    assert hear(device, None, 10.6) == ["185#3102"]
+
+
+def test_a_value_that_its_bits_cannot_hold_does_not_stop_the_device() -> None:
+    device = device_with(Pdo("TPDO", 1, (0x60410008,), type=1))
+    assert hear(device, "080#") == ["185#00"]
+    assert device.pdo.refused
+
+
+def answer(device: Device, request: str) -> str:
+    """One SDO request by its data; 'ok' for a confirmation, the abort code in reading order, or the value."""
+    data = CanFrame.parse(hear(device, f"605#{request.replace(' ', '')}")[0]).data
+    number = int.from_bytes(data[4:], "little")
+    return {0x60: "ok", 0x80: f"{number:08X}"}.get(data[0], f"{number:X}")
+
+
+def test_pdo_records_are_in_the_dictionary() -> None:
+    device = device_with(*AZ3_PDOS, operational=False)
+    assert answer(device, "40 00 14 01 00 00 00 00") == "205"
+    assert answer(device, "40 00 18 02 00 00 00 00") == "1"
+    assert answer(device, "40 02 16 00 00 00 00 00") == "2"
+    assert answer(device, "40 02 16 02 00 00 00 00") == "206A0120"
+    assert answer(device, "40 00 1A 04 00 00 00 00") == "20060010"
+
+
+def test_a_mapping_is_changed_in_the_order_of_the_standard() -> None:
+    device = device_with(*AZ3_PDOS, operational=False)
+    steps = [
+        "23 00 18 01 85 01 00 80",  # off
+        "2F 00 1A 00 00 00 00 00",
+        "23 00 1A 01 20 00 64 60",
+        "23 00 1A 02 10 00 41 60",
+        "2F 00 1A 00 02 00 00 00",
+        "2F 00 18 02 01 00 00 00",
+        "2B 00 18 03 64 00 00 00",
+        "23 00 18 01 95 01 00 00",  # on, with another identifier
+    ]
+    assert [answer(device, step) for step in steps] == ["ok"] * len(steps)
+    hear(device, "000#0105")
+    assert hear(device, "080#")[0] == "195#FEFFFFFF3706"
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"),
+    [
+        ("2F 00 1A 00 00 00 00 00", "06010000"),  # mapping while switched on
+        ("23 00 1A 01 20 00 64 60", "06010000"),
+        ("23 00 18 01 95 01 00 00", "06090030"),  # another identifier while switched on
+        ("2B 00 18 03 64 00 00 00", "06090030"),  # inhibit time while switched on
+        ("2F 00 18 02 FC 00 00 00", "06090030"),  # type 252
+        ("2F 00 18 00 05 00 00 00", "06010002"),
+    ],
+)
+def test_what_may_not_be_changed_while_switched_on(request_: str, code: str) -> None:
+    assert answer(device_with(*AZ3_PDOS, operational=False), request_) == code
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"),
+    [
+        ("23 00 16 01 10 00 FF 2F", "06040041"),  # no such object
+        ("23 00 16 01 10 00 41 60", "06040041"),  # an RPDO cannot write the statusword
+        ("23 00 16 01 08 00 6A 20", "06040041"),  # a float of 8 bits
+        ("23 00 16 01 08 00 05 00", "ok"),  # a dummy
+        ("23 00 16 09 10 00 40 60", "06090011"),
+        ("2F 00 16 00 09 00 00 00", "06040042"),
+        ("2F 00 16 00 03 00 00 00", "06040042"),  # 16 + 32 + 32 bits
+        ("23 00 14 01 05 06 00 00", "06090030"),  # an SDO has this identifier
+    ],
+)
+def test_what_may_not_be_mapped(request_: str, code: str) -> None:
+    device = device_with(Pdo("RPDO", 1, (0x60400010, 0x60FF0020, 0x607A0010)), operational=False)
+    assert answer(device, "23 00 14 01 05 02 00 80") == "ok"
+    if request_.startswith("23 00 16"):
+        assert answer(device, "2F 00 16 00 00 00 00 00") == "ok"
+    if request_ == "2F 00 16 00 03 00 00 00":
+        assert answer(device, "2F 00 16 00 00 00 00 00") == "ok"
+        assert answer(device, "23 00 16 03 20 00 7A 60") == "ok"
+    assert answer(device, request_) == code
+
+
+def test_factory_settings_are_checked_too() -> None:
+    with pytest.raises(EncodeError, match="no such object"):
+        Device(5, ObjectDictionary(), [Pdo("TPDO", 1, (0x60410010,))])
+    with pytest.raises(EncodeError, match="expected a number"):
+        Device(5, az3_objects(), [Pdo("TPDO", 0, (0x60410010,))])
+    with pytest.raises(EncodeError, match="there twice"):
+        Device(5, az3_objects(), [Pdo("TPDO", 1, ()), Pdo("TPDO", 1, ())])
+
+
+def test_a_fifth_pdo_is_off_until_it_gets_an_identifier() -> None:
+    device = device_with(Pdo("TPDO", 5, (0x60410010,), type=1), operational=False)
+    assert answer(device, "40 04 18 01 00 00 00 00") == "80000000"
+    assert answer(device, "23 04 18 01 A0 06 00 00") == "ok"
+    hear(device, "000#0105")
+    assert hear(device, "080#") == ["6A0#3706"]

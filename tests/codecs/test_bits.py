@@ -1,0 +1,79 @@
+"""Bits of a word, halves of a register, packed rows."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.codecs import get_bit, get_half, pack_bits, set_bit, set_half, unpack_bits
+from barewire.codecs.bits import Half
+from barewire.errors import DecodeError, EncodeError
+from tests.helpers import modest, refused, unhex
+
+
+@pytest.mark.parametrize("width", [8, 16, 32])
+def test_each_bit_is_set_and_cleared_alone(width: int) -> None:
+    full = (1 << width) - 1
+    for bit in range(width):
+        assert set_bit(0, bit, True, width) == 1 << bit
+        assert set_bit(full, bit, False, width) == full ^ 1 << bit
+        assert [get_bit(1 << bit, other, width) for other in range(width)] == [other == bit for other in range(width)]
+
+
+@pytest.mark.parametrize(("bit", "width"), [(-1, 16), (16, 16), (8, 8), (32, 32)])
+def test_a_bit_that_does_not_exist_is_refused(bit: int, width: int) -> None:
+    text = f"bit {bit} does not exist in {width} bits: expected 0..{width - 1}"
+    with refused(EncodeError, text):
+        get_bit(0, bit, width)
+    with refused(EncodeError, text):
+        set_bit(0, bit, True, width)
+
+
+@modest
+@given(st.integers(0, 0xFFFF), st.integers(0, 0xFF), st.sampled_from(["L", "H"]))
+def test_a_half_is_changed_and_the_other_kept(word: int, value: int, half: Half) -> None:
+    other: Half = "H" if half == "L" else "L"
+    changed = set_half(word, half, value)
+    assert get_half(changed, half) == value
+    assert get_half(changed, other) == get_half(word, other)
+
+
+@pytest.mark.parametrize("value", [-1, 256])
+def test_a_value_too_large_for_half_a_register_is_refused(value: int) -> None:
+    with refused(EncodeError, f"{value} does not fit half a register: expected 0..255"):
+        set_half(0, "L", value)
+
+
+def test_there_are_two_halves() -> None:
+    text = "half 'M': expected L (low byte) or H (high byte)"
+    with refused(EncodeError, text):
+        get_half(0, "M")  # type: ignore[arg-type]
+    with refused(EncodeError, text):
+        set_half(0, "M", 0)  # type: ignore[arg-type]
+
+
+@modest
+@given(st.lists(st.booleans(), max_size=2000))
+def test_a_row_of_bits_comes_back(bits: list[bool]) -> None:
+    packed = pack_bits(bits)
+    assert len(packed) == (len(bits) + 7) // 8
+    assert list(unpack_bits(packed, len(bits))) == bits
+    assert not any(unpack_bits(packed)[len(bits) :])
+
+
+@pytest.mark.parametrize(
+    ("bits", "packed"),
+    [("", ""), ("1", "01"), ("00000001", "80"), ("000000001", "00 01"), ("1011001111010110101", "CD 6B 05")],
+)
+def test_the_first_bit_is_the_lowest_of_the_first_byte(bits: str, packed: str) -> None:
+    row = [int(bit) for bit in bits]
+    assert pack_bits(row) == unhex(packed)
+    assert unpack_bits(unhex(packed), len(row)) == tuple(map(bool, row))
+
+
+def test_more_bits_than_there_are_is_short() -> None:
+    with refused(DecodeError, "9 bits do not fit into 1 bytes") as caught:
+        unpack_bits(b"\xff", 9)
+    assert isinstance(caught.value, DecodeError)
+    assert (caught.value.reason, caught.value.at) == ("short", 1)
