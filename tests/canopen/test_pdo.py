@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barewire.canopen import Mapped, Mapping
+from barewire.canopen import Mapped, PdoMapping
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 
 
-def row(*entries: tuple[str | None, int]) -> Mapping:
+def row(*entries: tuple[str | None, int]) -> PdoMapping:
     """A mapping of invented objects called a, b, c ..., each (type, bits)."""
-    return Mapping(
+    return PdoMapping(
         Mapped(0x2000 + place, 0, bits, type_, "abcdefgh"[place]) for place, (type_, bits) in enumerate(entries)
     )
 
@@ -74,7 +74,7 @@ ERROR = Mapped(0x2069, 0, 16, "u16", "error")
     ],
 )
 def test_the_eight_pdos_of_the_az3(entries: tuple[Mapped, ...], values: tuple[Value, ...], data: str) -> None:
-    mapping = Mapping(entries)
+    mapping = PdoMapping(entries)
     named = dict(zip((entry.name for entry in entries), values))
     assert mapping.pack(named) == bytes.fromhex(data)
     assert mapping.unpack(bytes.fromhex(data)) == named
@@ -87,23 +87,23 @@ def test_entries_as_they_lie_in_the_dictionary() -> None:
 
 
 def test_dummies_and_unknown_objects_never_move_an_offset() -> None:
-    mapping = Mapping([Mapped(0x0005, 0, 8), Mapped(0x2ABC, 3, 4), Mapped(0x0001, 0, 4), STATUS])
+    mapping = PdoMapping([Mapped(0x0005, 0, 8), Mapped(0x2ABC, 3, 4), Mapped(0x0001, 0, 4), STATUS])
     assert mapping.unpack(bytes.fromhex("FF A5 37 06")) == {"2ABCh:03": 5, "statusword": 0x0637}
     assert mapping.pack({"statusword": 0x0637}) == bytes.fromhex("00 00 37 06")
     assert mapping.pack({"2ABCh:03": 15}) == bytes.fromhex("00 0F 00 00")
-    whole_bytes = Mapping([Mapped(0x0006, 0, 16), STATUS])
+    whole_bytes = PdoMapping([Mapped(0x0006, 0, 16), STATUS])
     assert whole_bytes.unpack(bytes.fromhex("FFFF 3706")) == {"statusword": 0x0637}
     assert whole_bytes.pack({"statusword": 0x0637}) == bytes.fromhex("0000 3706")
 
 
 def test_64_entries_of_one_bit() -> None:
-    mapping = Mapping(Mapped(0x2000, sub, 1, "bool") for sub in range(64))
+    mapping = PdoMapping(Mapped(0x2000, sub, 1, "bool") for sub in range(64))
     values: dict[str, Value] = {f"2000h:{sub:02X}": sub % 3 == 0 for sub in range(64)}
     assert mapping.unpack(mapping.pack(values)) == values
 
 
 def test_the_same_object_twice_is_one_value() -> None:
-    mapping = Mapping([STATUS, STATUS])
+    mapping = PdoMapping([STATUS, STATUS])
     assert mapping.pack({"statusword": 1}) == bytes.fromhex("0100 0100")
     assert mapping.unpack(bytes.fromhex("0100 0100")) == {"statusword": 1}
 
@@ -123,7 +123,7 @@ def test_the_same_object_twice_is_one_value() -> None:
 )
 def test_mappings_that_cannot_be(entries: list[Mapped], text: str) -> None:
     with pytest.raises(EncodeError, match=text):
-        Mapping(entries)
+        PdoMapping(entries)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_a_name_that_is_not_there() -> None:
     with pytest.raises(EncodeError, match="'b' is not in this PDO: it has a"):
         row(("u8", 8)).pack({"a": 1, "b": 2})
     with pytest.raises(EncodeError, match="it has nothing"):
-        Mapping([]).pack({"b": 2})
+        PdoMapping([]).pack({"b": 2})
 
 
 def test_data_of_another_length() -> None:
@@ -175,7 +175,7 @@ def test_whatever_is_packed_is_unpacked(data: st.DataObject) -> None:
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
         entries.append(mapped)
         values[mapped.name] = data.draw(st.integers(low, high))
-    mapping = Mapping(entries)
+    mapping = PdoMapping(entries)
     packed = mapping.pack(dict(values))
     assert len(packed) == (used + 7) // 8
     assert mapping.unpack(packed) == values

@@ -162,9 +162,7 @@ def fails(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[
 def test_silence_ends_with_an_abort_that_names_the_object() -> None:
     text, said = fails(upload(5, 0x6041, 2, timeout=0.5))
     assert said == ["605#4041600200000000", "605#8041600200000405"]
-    assert text == (
-        "node 5 did not answer InitiateUpload of 6041h:02 within 0.5 s: nothing at all was heard on the bus"
-    )
+    assert text == ("node 5 did not answer the upload of 6041h:02 within 0.5 s: nothing at all was heard on the bus")
 
 
 def test_a_write_is_never_repeated() -> None:

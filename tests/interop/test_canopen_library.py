@@ -92,6 +92,7 @@ def dictionary_of_theirs() -> Any:
 def network(request: pytest.FixtureRequest) -> Iterator[Any]:
     """Their side of a bus of our own, closed at the end."""
     network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.05  # how long its thread waits at most, and so how long closing takes
     network.connect(interface="virtual", channel=request.node.name)
     yield network
     network.disconnect()

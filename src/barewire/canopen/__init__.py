@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         guarding_request,
     )
     from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
-    from barewire.canopen.pdo import Mapped, Mapping
+    from barewire.canopen.pdo import Mapped, PdoMapping
     from barewire.canopen.pdo_engine import PdoEngine
     from barewire.canopen.pdo_records import Pdo
     from barewire.canopen.sdo import (
@@ -93,7 +93,7 @@ __all__ = [
     "register_names",
     "Sync",
     "Mapped",
-    "Mapping",
+    "PdoMapping",
     "Pdo",
     "PdoEngine",
     "Device",

@@ -17,8 +17,7 @@ An object that nobody knows here, or a dummy (0001h to 0007h), keeps its bits, s
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
-from collections.abc import Mapping as Dict
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -82,10 +81,10 @@ class _Step(NamedTuple):
     length: int  # bytes of a string, 0 for a number
 
 
-class Mapping:
+class PdoMapping:
     """A packed row of objects, planned once.
 
-    >>> rpdo1 = Mapping([Mapped(0x6040, 0, 16, "u16", "controlword"), Mapped(0x60FF, 0, 32, "i32", "velocity")])
+    >>> rpdo1 = PdoMapping([Mapped(0x6040, 0, 16, "u16", "controlword"), Mapped(0x60FF, 0, 32, "i32", "velocity")])
     >>> rpdo1.pack({"controlword": 15, "velocity": -25000}).hex(" ").upper()
     '0F 00 58 9E FF FF'
     >>> rpdo1.unpack(bytes.fromhex("0F00 A8610000"))
@@ -119,9 +118,9 @@ class Mapping:
         self._struct = _struct_of(self.entries)
 
     def __repr__(self) -> str:
-        return f"Mapping([{', '.join(f'{entry.word:08X}h' for entry in self.entries)}])"
+        return f"PdoMapping([{', '.join(f'{entry.word:08X}h' for entry in self.entries)}])"
 
-    def pack(self, values: Dict[str, Value]) -> bytes:
+    def pack(self, values: Mapping[str, Value]) -> bytes:
         """Values by name as the data of a PDO. An object without a value goes as 0, an unknown name is an error."""
         if self._struct is not None:
             try:
@@ -151,7 +150,7 @@ class Mapping:
         stream = int.from_bytes(data, "little")
         return {step.name: _from_bits(step, stream >> step.offset & step.mask) for step in self._steps}
 
-    def _check_names(self, values: Dict[str, Value]) -> None:
+    def _check_names(self, values: Mapping[str, Value]) -> None:
         known = {step.name for step in self._steps}
         for name in values:
             if name not in known:

@@ -7,8 +7,8 @@
         type 1..240           held, in at the next SYNC               out at every n-th SYNC
 
 At a SYNC first what was received takes effect, then what is sent is sampled. An RPDO that is shorter than mapped is
-not processed and an emergency says so (8210h); one that is longer is used as far as mapped (8220h). Each is said once,
-until a good one came.
+not processed and an emergency says so (8210h, then the received and the mapped length); one that is longer is used as
+far as mapped (8220h). Each is said once, until a good one came.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from barewire.canopen.cob import CobEntry, cob_id
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.pdo import Mapping
+from barewire.canopen.pdo import PdoMapping
 from barewire.canopen.pdo_records import Pdo, add_records, resolve
 from barewire.canopen.sync import Sync
 from barewire.errors import BarewireError, DecodeError
@@ -46,7 +46,7 @@ class _Live:
         self.event_timer = number(pdo.communication, 5) / 1000
         self.start = number(pdo.communication, 6)
         words = tuple(number(pdo.map, sub) for sub in range(1, number(pdo.map, 0) + 1))
-        self.mapping: Mapping = resolve(objects, pdo.direction, words)
+        self.mapping: PdoMapping = resolve(objects, pdo.direction, words)
         self.complained = 0  # the emergency that was said and still holds
         self.held: bytes | None = None  # an RPDO that waits for SYNC
         self.sent: bytes | None = None

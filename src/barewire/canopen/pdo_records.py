@@ -26,7 +26,7 @@ from typing import Literal
 
 from barewire.canopen.cob import CobEntry, ServiceName, cob_id, is_restricted
 from barewire.canopen.dictionary import Entry, ObjectDictionary
-from barewire.canopen.pdo import BITS_MAX, ENTRIES_MAX, Mapped, Mapping
+from barewire.canopen.pdo import BITS_MAX, ENTRIES_MAX, Mapped, PdoMapping
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import EncodeError
@@ -116,7 +116,7 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
         put(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
 
 
-def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, ...]) -> Mapping:
+def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, ...]) -> PdoMapping:
     """The mapping behind the entries, with the types that the dictionary has for them. Raises EncodeError."""
     entries = []
     for word in words:
@@ -130,7 +130,7 @@ def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, .
                 raise EncodeError(f"{mapped.name} is {entry.access} and cannot be mapped to an {direction}")
             mapped = Mapped.of_word(word, entry.type)
         entries.append(mapped)
-    return Mapping(entries)
+    return PdoMapping(entries)
 
 
 class _Rules:

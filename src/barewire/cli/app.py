@@ -1,7 +1,7 @@
 """The command's frame: its words, and what happens when something goes wrong.
 
-Every error that barewire raises on purpose becomes one line on stderr and exit status 1. Anything else would be a bug of
-ours, and is shown as one.
+Every error that barewire raises on purpose becomes one line on stderr and exit status 1. Anything else would be a bug
+of ours, and is shown as one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`barewire demo`: the three machines, simulated, read and written by name over all four wires, every byte explained.
 
-Real ports: pseudo-terminals that take the time of 19200 8E1, TCP on loopback, and a CAN bus of python-can. What is shown
-is what travelled; nothing is prepared.
+Real ports: pseudo-terminals that take the time of 19200 8E1, TCP on loopback, and a CAN bus of python-can. What is
+shown is what travelled; nothing is prepared.
 """
 
 from __future__ import annotations

@@ -45,9 +45,8 @@ def _list(as_json: bool) -> None:
 
 
 def _show(device: Device) -> None:
-    table = Table(
-        header_style="bold", title=f"{device.title}: {len(device.parameters)} parameters", title_justify="left"
-    )
+    title = f"{device.title}: {len(device.parameters)} parameters"
+    table = Table(header_style="bold", title=title, title_justify="left")
     for title in ("name", "type", "unit", "range", "default", "access", "Modbus", "object", "firmware"):
         table.add_column(title, overflow="fold")
     for parameter in device.parameters:
@@ -59,11 +58,10 @@ def _show(device: Device) -> None:
         console.print("\nNotes, names of values and bits", style="bold")
     for parameter in notes:
         console.print(Text(parameter.name, style="bold"))
-        for number, meaning in (
-            *parameter.values.items(),
-            *((f"bit {bit}", name) for bit, name in parameter.bits.items()),
-        ):
+        for number, meaning in parameter.values.items():
             console.print(Text(f"    {number}: {meaning}"))
+        for bit, meaning in parameter.bits.items():
+            console.print(Text(f"    bit {bit}: {meaning}"))
         if parameter.note:
             console.print(Text(f"    {parameter.note}"))
         for key, printed in parameter.printed.items():

@@ -24,11 +24,12 @@ TABLE = "table"
 def simulate(device: str, endpoint: str) -> None:
     """Simulate DEVICE at ENDPOINT until interrupted.
 
-    DEVICE is a name of `barewire devices`, the directory of a description of your own, or `table`: 65,536 coils, discrete
-    inputs, holding and input registers.
+    DEVICE is a name of `barewire devices`, the directory of a description of your own, or `table`: 65,536 coils,
+    discrete inputs, holding and input registers.
 
-    A serial ENDPOINT whose path does not exist yet becomes a new pseudo-terminal under that name: another terminal opens it
-    like a serial port. `rtu://pty` makes one without a name. Once it listens it prints `ready ENDPOINT`.
+    A serial ENDPOINT whose path does not exist yet becomes a new pseudo-terminal under that name, which another program
+    opens like a serial port; `rtu://pty` makes one without a name. can://socketcand/127.0.0.1:29536/can0 becomes a bus
+    of its own if nobody serves that port yet. Once it listens it prints `ready ENDPOINT`.
 
     \b
     barewire simulate adxl rtu:///tmp/adxl &

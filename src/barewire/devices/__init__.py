@@ -1,0 +1,68 @@
+"""MEANING: what a register or an object of a real machine is. One parameter, one name, wherever it lives.
+
+                          load("az3").find("STATUS WORD")           catalog/az3/input.toml
+                                        |
+             ModbusAt("input", 24) -----+----- ObjectAt(0x6041)     u16, bits named, no unit
+                     |                                 |
+    read_modbus(line, 1, az3, ["STATUS WORD"])    read_canopen(1, az3, ["STATUS WORD"])
+                     '---> Reading("STATUS WORD", 0x0637) <---'
+
+    parameter   one named value, its unit and its places     device    all of them, and what the machine says of itself
+    load        TOML -> Device                               check, lines, rows    what is wrong with it, and where
+    plan        names -> the fewest requests                 access    read and write by name, over either bus
+    cia402      the states of a drive                        describe  a parameter as JSON
+    catalog/    three machines as data                       sim/      the same three, behaving
+
+I know: names, units, ranges, places, states of a drive.  I never know: envelopes, ports, clocks.  Shells and cli import
+me; modbus and canopen do not.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
+    from barewire.devices.check import DescriptionError
+    from barewire.devices.cia402 import State, next_control_word, state_of
+    from barewire.devices.describe import describe
+    from barewire.devices.device import CanopenSide, Device, ModbusSide, Pdo, UnknownName
+    from barewire.devices.load import load, names
+    from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
+    from barewire.devices.plan import plan_reads, plan_writes
+
+__all__ = [
+    "load",
+    "names",
+    "Device",
+    "ModbusSide",
+    "CanopenSide",
+    "Pdo",
+    "Parameter",
+    "ModbusAt",
+    "ObjectAt",
+    "Reading",
+    "UnknownName",
+    "DescriptionError",
+    "read_modbus",
+    "write_modbus",
+    "read_canopen",
+    "write_canopen",
+    "plan_reads",
+    "plan_writes",
+    "describe",
+    "State",
+    "state_of",
+    "next_control_word",
+]
+
+# Loaded when asked for, the light ones first: whoever looks a parameter up need not load the buses.
+_FILES = ("parameter", "device", "check", "load", "describe", "cia402", "plan", "access")
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        for file in _FILES:
+            module = import_module(f"{__name__}.{file}")
+            if name in vars(module):
+                return vars(module)[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

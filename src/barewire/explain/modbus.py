@@ -146,7 +146,7 @@ def _characters(field: Field, data: bytes) -> str:
     if field.name == "end":
         return " ".join({13: "CR", 10: "LF"}[character] for character in text)
     if all(character in ascii_frame.DIGITS for character in text):
-        return text.hex(" ", 1) and " ".join(text[at : at + 2].decode() for at in range(0, len(text), 2))
+        return " ".join(text[at : at + 2].decode() for at in range(0, len(text), 2))
     return text.decode("latin-1").encode("unicode_escape").decode("ascii")
 
 

@@ -94,7 +94,9 @@ def _error(message: type[Message] | None, pdu: bytes, role: Role | None) -> Deco
     if pdu[0] & ~EXCEPTION_BIT == 0:
         return DecodeError("function", pdu, 0, f"function code {pdu[0]:02X}: there is no function 00")
     if role == "request" and pdu[0] & EXCEPTION_BIT:
-        return DecodeError("function", pdu, 0, f"function code {pdu[0]:02X}: bit 7 is set, as in exception responses only")
+        return DecodeError(
+            "function", pdu, 0, f"function code {pdu[0]:02X}: bit 7 is set, as in exception responses only"
+        )
     # A function that nobody here knows is no fault: 65..72 and 100..110 are for everyone's own use.
     return _decode_error(message, pdu) if message else None
 

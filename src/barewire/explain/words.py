@@ -98,7 +98,7 @@ def _words(field: Field, pdu: bytes) -> str:
     value = field.value
     if not isinstance(value, int):
         return ""
-    if field.name.startswith("register ") or field.name == "value" and not field.meaning:
+    if field.name.startswith("register ") or (field.name == "value" and not field.meaning):
         return f"{value - 0x10000} if signed" if value >= 0x8000 else ""
     match field.name:
         case "function_code" if value & EXCEPTION_BIT:

@@ -8,7 +8,7 @@ from typing import Any
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
-from barewire.shells.endpoint import Endpoint
+from barewire.shells.endpoint import Endpoint, socketcand_address
 
 try:
     import can
@@ -30,9 +30,9 @@ class CanPort:
         self.others = 0
         extra: dict[str, Any] = {key: _plain(value) for key, value in endpoint.options.items() if key not in _OURS}
         if interface == "socketcand" and "host" not in extra:
-            host, _, rest = channel.partition(":")
-            number, _, channel = rest.partition("/")
-            extra |= {"host": host, "port": _plain(number)}
+            host, port = socketcand_address(channel)
+            channel = channel.partition("/")[2]
+            extra |= {"host": host, "port": port}
         if interface == "slcan":
             # The pause python-can makes after opening is for hardware that reboots; the option brings it back.
             extra.setdefault("sleep_after_open", 0.0)

@@ -5,6 +5,7 @@ rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
 ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E
 rtu://pty                                 a new pseudo-terminal (where a simulator is to be started)
 can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can names it: socketcan, slcan, ...
+can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
 
 scheme   options, and what they are without being said
 tcp      unit (the device's own, or 1), timeout (1)
@@ -26,6 +27,19 @@ PSEUDO_TERMINAL = "pty"
 
 _SERIAL = frozenset({"unit", "timeout", "baudrate", "parity", "stopbits", "bytesize", "patience", "pace"})
 _KNOWN = {"tcp": frozenset({"unit", "timeout"}), "rtu": _SERIAL, "ascii": _SERIAL}
+
+
+SOCKETCAND_PORT = 29536
+
+
+def socketcand_address(channel: str) -> tuple[str, int]:
+    """HOST and PORT of the channel of a socketcand endpoint, HOST:PORT/BUS.
+
+    >>> socketcand_address("127.0.0.1:29536/can0")
+    ('127.0.0.1', 29536)
+    """
+    host, _, port = channel.partition("/")[0].partition(":")
+    return host, int(port) if port.isdecimal() else SOCKETCAND_PORT
 
 
 class Endpoint(NamedTuple):

@@ -25,8 +25,9 @@ from barewire.modbus import Server, Unit
 from barewire.shells.aio import serve_tcp
 from barewire.shells.blocking import Port
 from barewire.shells.client import open_serial, serial_line
-from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint
+from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint, socketcand_address
 from barewire.shells.pseudo_terminal import PseudoTerminal
+from barewire.shells.socketcand_hub import SocketcandHub
 from barewire.shells.tcp_socket import reason
 
 _LOOK = 0.1
@@ -153,6 +154,7 @@ class CanHost(Host):
 
         super().__init__()
         self._node = node
+        self._hub = _hub(endpoint)
         self.port: Port[CanFrame] = CanPort(endpoint)
         self.url = str(endpoint)
 
@@ -168,12 +170,27 @@ class CanHost(Host):
                 self._send(self._node.feed(frame, clock()))
         finally:
             self.port.close()
+            if self._hub is not None:
+                self._hub.close()
 
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
             # A bus without anybody else to acknowledge is no reason for a device to die.
             with contextlib.suppress(PortError):
                 self.port.send(frame)
+
+
+def _hub(endpoint: Endpoint) -> SocketcandHub | None:
+    """The bus itself, for a socketcand endpoint on this machine that nobody serves yet."""
+    interface, _, channel = endpoint.place.partition("/")
+    host, port = socketcand_address(channel)
+    if interface != "socketcand" or host not in ("127.0.0.1", "localhost", "::1"):
+        return None
+    try:
+        socket.create_connection((host, port), timeout=1.0).close()
+    except ConnectionRefusedError:
+        return SocketcandHub(host, port)
+    return None
 
 
 def open_host(url: str, *, units: Mapping[int, Unit] | None = None, node: CanopenNode | None = None) -> Host:

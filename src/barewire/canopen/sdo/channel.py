@@ -28,7 +28,7 @@ from barewire.canopen.heartbeat import NodeState
 from barewire.canopen.nmt import NmtState
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
-from barewire.canopen.sdo.messages import Abort, Answer, ExpeditedUpload, Request, decode_answer
+from barewire.canopen.sdo.messages import Abort, Answer, ExpeditedUpload, InitiateUpload, Request, decode_answer
 from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
@@ -185,13 +185,17 @@ class Channel:
             raise
         self.quiet_until = heard.now + timeout
         yield self._abort(request, AbortCode.TIMED_OUT)
-        what = f"{type(request).__name__} of {request.index:04X}h:{request.sub:02X}"
+        what = f"the {_verb(request)} of {request.index:04X}h:{request.sub:02X}"
         evidence = self.heard.explain(self.node, self.answer_id)
         raise NoAnswer(f"node {self.node} did not answer {what} within {timeout:g} s: {evidence}")
 
     def refuse(self, request: Request, code: int) -> Conversation[CanFrame, None]:
         """Tell the server that we do not go on with this transfer."""
         yield self._abort(request, code)
+
+
+def _verb(request: Request) -> str:
+    return "upload" if isinstance(request, InitiateUpload) else "download"
 
 
 def channel_to(node: int | Channel, dialect: Dialect | None) -> Channel:

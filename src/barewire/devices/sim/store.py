@@ -187,7 +187,7 @@ class Store:
 
     def restore(self, values: dict[str, Value] | None = None) -> None:
         """Every cell as at delivery, then those of `values`, which is what `snapshot` gave. No hook is called."""
-        for cell in self:
+        for cell in sorted(self, key=lambda cell: cell.whole is not None):  # words first, then the bits in them
             cell.set(cell.default)
         for name, value in (values or {}).items():
             self[name] = value

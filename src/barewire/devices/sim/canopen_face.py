@@ -1,0 +1,215 @@
+"""The CANopen side of a simulated machine: a node whose object dictionary looks into the machine's store.
+
+        SDO, RPDO --> Entry.on_write --> Cell.check, Cell.put         (Declined -> abort code)
+        SDO, TPDO <-- Entry.on_read  <-- Cell.shown                   raw numbers, little-endian
+
+Nothing is kept here but what belongs to the node alone: its NMT state and the records of its PDOs. Objects that every
+node must have (1000h, 1001h) are added where the description does not list them.
+
+Of two parameters with one object the first in the description owns it. An object that is described by its bits only is
+composed out of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from barewire.canopen.device import Device as Node
+from barewire.canopen.dictionary import Access, Entry, ObjectDictionary
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt import NmtCommand, NmtState
+from barewire.canopen.pdo_records import Pdo
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.canopen.sdo.dialect import AZ3, STANDARD
+from barewire.codecs import Value, get_bit, set_bit
+from barewire.devices.device import CanopenSide
+from barewire.devices.device import Pdo as DescribedPdo
+from barewire.devices.parameter import Parameter
+from barewire.devices.sim.store import Cell, Declined, Why
+
+if TYPE_CHECKING:
+    from barewire.devices.sim.simulator import Simulator
+
+CODES: dict[Why, AbortCode] = {
+    "place": AbortCode.NO_OBJECT,
+    "value": AbortCode.INVALID_VALUE,
+    "state": AbortCode.DEVICE_STATE,
+}
+"""How a refusal is said on CANopen."""
+
+DEVICE_TYPE, ERROR_REGISTER = 0x1000, 0x1001
+PDO_RECORDS = range(0x1400, 0x1C00)
+COMMUNICATION = range(0x1000, 0x2000)
+SERVO_402 = 0x0002_0192  # device profile 402, servo drive
+DIALECTS = {dialect.name: dialect for dialect in (STANDARD, AZ3)}
+
+
+class CanopenFace:
+    """A machine: CAN frames and time in, CAN frames out. The first `feed` after power-on says the boot-up message."""
+
+    def __init__(self, machine: Simulator, side: CanopenSide) -> None:
+        self.machine = machine
+        entries = [*_entries(machine), Entry(DEVICE_TYPE, 0, "device type", "u32", "const", SERVO_402)]
+        entries.append(Entry(ERROR_REGISTER, 0, "error register", "u8", "ro", on_read=lambda: self.error_register))
+        self.error_register = 0
+        self.objects = ObjectDictionary({(entry.index, entry.sub): entry for entry in entries}.values())
+        pdos = [_pdo(pdo, side.node) for pdo in side.pdos]
+        self.node = Node(
+            side.node, self.objects, pdos, dialect=DIALECTS.get(side.dialect, STANDARD), on_reset=self._on_reset
+        )
+        self._add_missing_records()
+        self._boots_at: float | None = machine.now
+        self._pending: list[CanFrame] = []
+
+    def _add_missing_records(self) -> None:
+        """Described sub-indices of PDO records that the node does not make by itself: the compatibility entry, 04."""
+        for cell in self.machine.store:
+            place = cell.parameter.object
+            if place is not None and place.index in PDO_RECORDS and (place.index, place.sub) not in self.objects:
+                if (place.index, 0) in self.objects:
+                    self.objects.add(_entry(cell))
+
+    @property
+    def state(self) -> NmtState:
+        """The NMT state."""
+        return self.node.state
+
+    @property
+    def deadline(self) -> float | None:
+        """When the node has something to say by itself."""
+        if self._boots_at is not None:
+            return self._boots_at
+        return self.machine.now if self._pending or self._beat_changed() else self.node.deadline
+
+    def _beat_changed(self) -> bool:
+        """The heartbeat time was written through the other face."""
+        place = (0x1017, 0)
+        return place in self.objects and int(self.objects.get(*place)) / 1000 != self.node.heartbeat.period
+
+    def power_on(self, now: float) -> None:
+        """Power came back: the node boots at the next `feed`, and its PDOs are as at delivery."""
+        self.objects.restore()
+        self._pending.clear()
+        self._boots_at = now
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        """What the node says to a frame, or to time passing."""
+        self.machine.tick(now)
+        said: list[CanFrame] = []
+        if self._boots_at is not None:
+            self._boots_at = None
+            said += self.node.start(self.machine.now)
+        pending, self._pending = self._pending, []
+        return said + pending + self.node.feed(frame, self.machine.now)
+
+    def emergency(self, code: int, register: int) -> None:
+        """Say an emergency at the next `feed`."""
+        self.error_register = register
+        self._pending += self.node.emergency(code)
+
+    def _on_reset(self, command: NmtCommand) -> None:
+        # The dictionary has brought the PDO records back; what lives in the store is brought back here [CiA 301, NMT].
+        if command is NmtCommand.RESET_NODE:
+            self.machine.reset()
+            return
+        saved = self.machine.saved
+        for cell in self.machine.store:
+            place = cell.parameter.object
+            if place is not None and place.index in COMMUNICATION:
+                cell.set(saved.get(cell.name, cell.default))
+
+
+def _pdo(described: DescribedPdo, node: int) -> Pdo:
+    """The factory setting of a PDO. The descriptions give COB-IDs without the node-ID, which is added."""
+    number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
+    mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
+    direction = "TPDO" if described.cob_id & 0x80 else "RPDO"
+    return Pdo(
+        "TPDO" if direction == "TPDO" else "RPDO",
+        number,
+        mapping,
+        type=described.transmission,
+        cob_id=described.cob_id + node,
+    )
+
+
+def _entries(machine: Simulator) -> list[Entry]:
+    """One entry for each object: whole ones as described, and those that only their bits describe."""
+    entries: dict[tuple[int, int], Entry] = {}
+    bits: dict[tuple[int, int], list[Cell]] = {}
+    for cell in machine.store:
+        place = cell.parameter.object
+        if place is None or place.index in PDO_RECORDS:
+            continue
+        if place.bit is not None:
+            bits.setdefault((place.index, place.sub), []).append(cell)
+        else:
+            entries.setdefault((place.index, place.sub), _entry(cell))
+    for (index, sub), cells in bits.items():
+        if (index, sub) not in entries:
+            entries[index, sub] = _composed(index, sub, cells)
+    return list(entries.values())
+
+
+def _access(parameter: Parameter) -> Access:
+    return parameter.access
+
+
+def _entry(cell: Cell) -> Entry:
+    """The entry of a whole object. The dictionary judges raw numbers, so the limits are told without the scale."""
+    parameter = cell.parameter
+    place = parameter.object
+    assert place is not None
+
+    def read() -> Value:
+        value = cell.shown()
+        return bool(value) if parameter.type == "bool" else cell.free.to_raw(value)
+
+    def write(raw: Value) -> None:
+        value = cell.free.from_raw(raw)
+        _declined(lambda: cell.check(value), place.index, place.sub)
+        cell.put(value)
+
+    def limit(value: int | float | None) -> float | None:
+        return None if value is None or parameter.type == "text" else float(value / parameter.scale)
+
+    return Entry(
+        place.index,
+        place.sub,
+        parameter.name,
+        "string" if parameter.type == "text" else parameter.type,
+        _access(parameter),
+        minimum=limit(parameter.minimum),
+        maximum=limit(parameter.maximum),
+        on_read=read,
+        on_write=write,
+    )
+
+
+def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
+    """A word of 16 bits that is described bit by bit."""
+    places = [(cell, cell.parameter.object.bit or 0) for cell in cells if cell.parameter.object is not None]
+
+    def read() -> Value:
+        word = 0
+        for cell, bit in places:
+            word = set_bit(word, bit, bool(cell.get()))
+        return word
+
+    def write(word: Value) -> None:
+        for cell, bit in places:
+            if cell.parameter.writable:
+                on = get_bit(int(word), bit)
+                _declined(lambda cell=cell, on=on: cell.check(on), index, sub)  # type: ignore[misc]
+                cell.put(on)
+
+    access: Access = "rw" if any(cell.parameter.writable for cell in cells) else "ro"
+    return Entry(index, sub, f"{index:04X}h", "u16", access, on_read=read, on_write=write)
+
+
+def _declined(check: Callable[[], None], index: int, sub: int) -> None:
+    try:
+        check()
+    except Declined as declined:
+        raise SdoAbort(CODES[declined.why], index, sub) from declined

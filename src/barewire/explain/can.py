@@ -1,0 +1,210 @@
+"""A CAN frame as CANopen reads it: first whose identifier it is, then what the service makes of the bytes.
+
+        605#4041600000000000       605h = 600h + node 5: an SDO request
+        85#...  emergency of node 5        705#05  node 5 is operational        000#0105  start node 5
+
+The identifier is no byte of the data, so its field has length 0: offsets count the data. Which side speaks is in the
+identifier too: a role that the caller claims is not needed, and not used.
+
+An identifier outside the predefined connection set is no fault: PDOs may be configured to any free one.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+from barewire.canopen.cob import Service, classify
+from barewire.canopen.emcy import Emergency, error_text, register_names
+from barewire.canopen.frame import DATA_MAX, CanFrame
+from barewire.canopen.heartbeat import STATE_BYTE, NodeState
+from barewire.canopen.nmt import NmtMessage, NmtState
+from barewire.canopen.sync import Sync
+from barewire.codecs import Field, Layout
+from barewire.errors import DecodeError
+from barewire.explain.explanation import ExplainedField, Explanation, Problem, Role, cover, on_bytes, problem
+from barewire.explain.lss import read_lss
+from barewire.explain.sdo import read_sdo
+
+# How many bytes each service has by the standard; None for "up to eight", which is everybody's limit.
+LENGTHS: dict[str, tuple[int, ...]] = {
+    "NMT": (2,),
+    "SYNC": (0, 1),
+    "EMCY": (8,),
+    "TIME": (6,),
+    "SDO request": (8,),
+    "SDO answer": (8,),
+    "error control": (1,),
+    "LSS request": (8,),
+    "LSS answer": (8,),
+}
+ROLES: dict[str, Role] = {
+    "SDO request": "request",
+    "SDO answer": "response",
+    "LSS request": "request",
+    "LSS answer": "response",
+}
+TIME = Layout("<IH", "milliseconds", "days")
+EPOCH = datetime(1984, 1, 1)
+
+Found = tuple[list[Field], DecodeError | None, str]
+"""The fields, the fault if there is one, and the summary."""
+
+
+def explain_can(frame: CanFrame) -> Explanation:
+    """One CAN frame.
+
+    >>> print(*explain_can(CanFrame.parse("585#4B41600037060000")).lines()[2:], sep="\\n")
+    1  41 60  index      6041h         device profile
+    3  00     sub-index  0
+    4  37 06  data       0637h (1591)  u16 1591
+    6  00 00  unused
+    valid: SDO answer from node 5: initiate upload, 6041h:00, 2 bytes: 0637h
+    """
+    whose = classify(frame)
+    title = _title(frame, whose)
+    name = whose[0].name if whose else ""
+    if frame.remote:
+        fields, error, said = _remote(frame, name)
+    elif whose is None:
+        fields, error, said = _raw(frame.data)
+    else:
+        fields, error, said = _data(frame, *whose)
+    fault = _length(frame, name) or problem(error)
+    start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
+    shown = (start, *on_bytes(cover(fields, len(frame.data)), frame.data))
+    return Explanation("can", ROLES.get(name), shown, fault, f"{title}: {said}" if said else title)
+
+
+def _title(frame: CanFrame, whose: tuple[Service, int] | None) -> str:
+    """Whose identifier it is."""
+    if frame.extended:
+        return "extended identifier: none of CANopen's own"
+    if whose is None:
+        return "not in the predefined connection set"
+    service, node = whose
+    if service.broadcast:
+        return service.name
+    if service.name == "error control" and frame.remote:
+        return f"node guarding of node {node}"
+    return f"{service.name} {'from' if service.from_device else 'to'} node {node}"
+
+
+def _length(frame: CanFrame, name: str) -> Problem | None:
+    """Too few or too many bytes for the service: said first, because it makes the rest doubtful."""
+    size = len(frame.data)
+    if size > DATA_MAX:
+        return Problem("long", DATA_MAX, f"a CAN frame carries at most {DATA_MAX} bytes, here are {size}")
+    expected = LENGTHS.get(name)
+    if expected is None or frame.remote or size in expected:
+        return None
+    wanted = " or ".join(map(str, expected))
+    text = f"{name} has {wanted} byte{'' if expected[-1] == 1 else 's'}, here are {size}"
+    return Problem("short", size, text) if size < expected[-1] else Problem("long", expected[-1], text)
+
+
+def _raw(data: bytes) -> Found:
+    digits = data.hex(" ").upper()
+    return ([Field(0, len(data), "data", digits)] if data else []), None, f"{len(data)} bytes"
+
+
+def _remote(frame: CanFrame, name: str) -> Found:
+    """A remote frame asks the owner of the identifier to send."""
+    if name == "error control":
+        return [], None, "a remote frame asks for its state"
+    if name.startswith("TPDO") or not name:
+        return [], None, f"a remote frame asks for {frame.requested} bytes"
+    return [], DecodeError("mismatch", frame.data, 0, f"a remote frame: {name} has none"), ""
+
+
+def _data(frame: CanFrame, service: Service, node: int) -> Found:
+    """The bytes, as the service lays them out."""
+    data = frame.data
+    match service.name:
+        case "SDO request" | "SDO answer":
+            return read_sdo(data, ROLES[service.name])
+        case "LSS request" | "LSS answer":
+            return read_lss(data, ROLES[service.name])
+        case "NMT":
+            return _nmt(frame)
+        case "SYNC":
+            return _sync(frame)
+        case "EMCY":
+            return _emergency(data)
+        case "TIME":
+            return _time(data)
+        case "error control":
+            return _state(data, node)
+    return [Field(0, len(data), "process data", data.hex(" ").upper())] if data else [], None, f"{len(data)} bytes"
+
+
+def _cut(layout: Layout, data: bytes) -> list[Field]:
+    """The fields of a little-endian layout, as far as the bytes go."""
+    found = []
+    for field in layout.fields(data):
+        part = data[field.offset : field.offset + field.length]
+        is_number = field.name != layout.tail
+        found.append(field._replace(value=int.from_bytes(part, "little")) if is_number else field)
+    return cover(found, len(data), layout.names[len(found)] if len(found) < len(layout.names) else "")
+
+
+def _nmt(frame: CanFrame) -> Found:
+    try:
+        message = NmtMessage.decode(frame)
+    except DecodeError as error:
+        return _cut(NmtMessage.layout, frame.data), error, ""
+    command = message.command.name.lower().replace("_", " ")
+    whom = f"node {message.node}" if message.node else "all nodes"
+    fields = [
+        field._replace(meaning=command if field.name == "command" else whom)
+        for field in _cut(NmtMessage.layout, frame.data)
+    ]
+    return fields, None, f"{command}, {whom}"
+
+
+def _sync(frame: CanFrame) -> Found:
+    fields = [Field(0, 1, "counter", frame.data[0]) for _ in frame.data[:1]]
+    try:
+        message = Sync.decode(frame)
+    except DecodeError as error:
+        return fields, error, ""
+    return fields, None, "" if message.counter is None else f"number {message.counter}"
+
+
+def _emergency(data: bytes) -> Found:
+    names = {"code": "error code", "register": "error register", "info": "manufacturer"}
+    fields = []
+    said = ""
+    for field in _cut(Emergency.layout, data):
+        words = field.meaning
+        if field.name == "code" and isinstance(field.value, int):
+            words = error_text(field.value)
+            said = f"{field.value:04X}h {words}"
+        elif field.name == "register" and isinstance(field.value, int):
+            words = ", ".join(register_names(field.value)) or "no error left"
+        fields.append(field._replace(name=names.get(field.name, field.name), meaning=words))
+    return fields, None, said
+
+
+def _time(data: bytes) -> Found:
+    fields = _cut(TIME, data)
+    if len(data) < TIME.size:
+        return fields, None, ""
+    milliseconds, days = TIME.unpack(data[: TIME.size])
+    # The upper four bits are reserved; a day has fewer milliseconds than the other 28 can count.
+    moment = EPOCH + timedelta(days=days, milliseconds=milliseconds & 0x0FFF_FFFF)
+    fields[0] = fields[0]._replace(meaning=f"since midnight: {moment:%H:%M:%S}.{moment.microsecond // 1000:03}")
+    fields[1] = fields[1]._replace(meaning=f"since 1984-01-01: {(EPOCH + timedelta(days=days)):%Y-%m-%d}")
+    return fields, None, f"{moment:%Y-%m-%d %H:%M:%S}"
+
+
+def _state(data: bytes, node: int) -> Found:
+    if not data:
+        return [], DecodeError("short", data, 0, "the state is byte 0, but there are none"), ""
+    bits = STATE_BYTE.decode(data[0])
+    state = NodeState(node, bits["s"], bool(bits["t"]))
+    words = "boot-up" if state.is_boot_up else state.name
+    meaning = f"{words}; toggle bit {bits['t']}" + (": the answer to node guarding" if bits["t"] else "")
+    error = None
+    if state.state not in tuple(NmtState):
+        error = DecodeError("value", data, 0, f"{state.state:02X}h is no state: expected 00, 04, 05 or 7F")
+    return [Field(0, 1, "state", data[0], meaning)], error, words

@@ -1,0 +1,56 @@
+"""The two ways in: a frame as it is, and a frame as somebody typed it."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from barewire.canopen.frame import CanFrame
+from barewire.errors import EncodeError
+from barewire.explain.can import explain_can
+from barewire.explain.explanation import Explanation, Protocol, Role
+from barewire.explain.modbus import explain_ascii, explain_rtu, explain_tcp
+from barewire.explain.text import parse_ascii, parse_can, parse_hex
+
+PROTOCOLS: tuple[str, ...] = get_args(Protocol)
+
+
+def explain(protocol: Protocol, data: bytes | CanFrame, role: Role | None = None) -> Explanation:
+    """One whole frame, field by field. Whatever the bytes are, there is an explanation and never an exception.
+
+    >>> explain("rtu", bytes.fromhex("01040FB1000222F8")).verdict
+    'valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'
+
+    Without `role` it is guessed from the shape. EncodeError only for a protocol or a role that does not exist, and
+    for bytes where a `CanFrame` is needed, or the other way round.
+    """
+    _check(protocol, role)
+    if isinstance(data, CanFrame) != (protocol == "can"):
+        raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
+    if isinstance(data, CanFrame):
+        return explain_can(data)
+    known = {"rtu": explain_rtu, "ascii": explain_ascii, "tcp": explain_tcp}
+    return known[protocol](data, role)
+
+
+def explain_text(protocol: Protocol, text: str, role: Role | None = None) -> Explanation:
+    """The same for what somebody typed or pasted; `barewire.explain.text` shows the forms.
+
+    >>> explain_text("can", "can0  705   [1]  05").verdict
+    'valid: error control from node 5: operational'
+
+    Raises DecodeError, with the place in the text, for what is no way of writing a frame. An ASCII frame may come
+    without its CR LF, because that is how lines are copied from a screen.
+    """
+    _check(protocol, role)
+    if protocol == "can":
+        return explain_can(parse_can(text))
+    if protocol == "ascii":
+        return explain_ascii(parse_ascii(text), role, typed=True)
+    return explain(protocol, parse_hex(text), role)
+
+
+def _check(protocol: str, role: str | None) -> None:
+    if protocol not in PROTOCOLS:
+        raise EncodeError(f"protocol {protocol!r}: expected {', '.join(PROTOCOLS)}", "protocol")
+    if role not in (None, *get_args(Role)):
+        raise EncodeError(f"role {role!r}: expected {', '.join(get_args(Role))}", "role")

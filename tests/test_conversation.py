@@ -1,0 +1,208 @@
+"""The two forms of behaviour: what `play` and `last_words` mean by each word. And the errors, as sentences."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import pytest
+
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, last_words, play
+from barewire.errors import REASONS, BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused
+from barewire.modbus import ModbusException
+from tests.helpers import refused
+
+Talk = Conversation[str, list[Heard[str]]]
+
+
+def saying(*steps: Send[str] | Listen) -> Talk:
+    """A conversation with these steps, whatever it hears; its result is what it heard."""
+    heard = []
+    for step in steps:
+        heard.append((yield step))
+    return heard
+
+
+def silent(item: str, now: float) -> list[tuple[float, str]]:
+    return []
+
+
+def echo_after(*delays: float) -> Callable[[str, float], list[tuple[float, str]]]:
+    return lambda item, now: [(now + delay, f"{item} after {delay:g}") for delay in delays]
+
+
+# play ------------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_sent_is_out_after_the_time_that_sending_takes() -> None:
+    heard, end = play(saying(Send("four")), silent, start=10.0, sending_takes=len)
+    assert heard == [Heard(None, 14.0)]
+    assert end == 14.0
+
+
+def test_the_peer_hears_it_when_it_is_out() -> None:
+    heard, end = play(saying(Send("four"), Listen(9.0)), echo_after(1.0), sending_takes=len)
+    assert heard[1] == Heard("four after 1", 5.0)
+    assert end == 5.0
+
+
+def test_what_does_not_come_is_waited_for_until_the_time_is_up() -> None:
+    heard, end = play(saying(Send("x"), Listen(3.0), Listen(5.0)), echo_after(4.0))
+    assert heard == [Heard(None, 0.0), Heard(None, 3.0), Heard("x after 4", 4.0)]
+    assert end == 4.0
+
+
+def test_what_comes_exactly_when_the_time_is_up_is_heard() -> None:
+    heard, _ = play(saying(Send("x"), Listen(3.0)), echo_after(3.0))
+    assert heard[1] == Heard("x after 3", 3.0)
+
+
+def test_answers_come_in_the_order_of_their_times() -> None:
+    heard, _ = play(saying(Send("x"), Listen(9.0), Listen(9.0)), echo_after(2.0, 1.0))
+    assert [item for item, _ in heard[1:]] == ["x after 1", "x after 2"]
+
+
+def test_what_came_while_sending_is_heard_afterwards() -> None:
+    heard, _ = play(saying(Send("x"), Send("long"), Listen(9.0)), echo_after(1.0), sending_takes=len)
+    assert heard[2] == Heard("x after 1", 5.0)
+
+
+@pytest.mark.parametrize("until", [float("-inf"), 0.0, 4.0])
+def test_a_time_that_is_past_means_take_what_is_there(until: float) -> None:
+    nothing, _ = play(saying(Listen(until)), silent, start=4.0)
+    assert nothing == [Heard(None, 4.0)]
+    waiting, _ = play(saying(Send("x"), Listen(until)), echo_after(0.0), start=4.0)
+    assert waiting[1] == Heard("x after 0", 4.0)
+
+
+def test_time_never_runs_backwards() -> None:
+    heard, _ = play(saying(Listen(5.0), Listen(3.0), Send("x"), Listen(1.0)), echo_after(-9.0))
+    times = [now for _, now in heard]
+    assert times == sorted(times) == [5.0, 5.0, 5.0, 5.0]
+
+
+def test_what_a_conversation_raises_comes_out_of_play() -> None:
+    def gives_up() -> Talk:
+        yield Listen(1.0)
+        raise NoAnswer("nobody there")
+
+    with refused(NoAnswer, "nobody there"):
+        play(gives_up(), silent)
+
+
+# last_words ------------------------------------------------------------------------------------------------------
+
+
+def polite(*words: str) -> Talk:
+    """Says these words when it is abandoned."""
+    try:
+        yield Listen(1.0)
+    except Abandoned:
+        for word in words:
+            yield Send(word)
+        raise
+    return []
+
+
+def test_an_abandoned_conversation_may_say_something_last() -> None:
+    conversation = polite("abort", "goodbye")
+    next(conversation)
+    assert last_words(conversation) == ["abort", "goodbye"]
+
+
+def test_most_conversations_have_no_last_words() -> None:
+    conversation = saying(Listen(1.0))
+    next(conversation)
+    assert last_words(conversation) == []
+
+
+def test_a_conversation_that_never_began_has_no_last_words() -> None:
+    assert last_words(polite("abort")) == []
+
+
+def test_a_conversation_that_is_over_has_no_last_words() -> None:
+    conversation = saying()
+    with pytest.raises(StopIteration):
+        next(conversation)
+    assert last_words(conversation) == []
+
+
+def test_an_abandoned_conversation_is_never_listened_for() -> None:
+    listened = []
+
+    def stubborn() -> Talk:
+        try:
+            yield Listen(1.0)
+        except Abandoned:
+            yield Send("abort")
+            listened.append((yield Listen(2.0)))
+        return []
+
+    conversation = stubborn()
+    next(conversation)
+    assert last_words(conversation) == ["abort"]
+    assert listened == []
+    assert conversation.gi_frame is None  # type: ignore[attr-defined]  # closed
+
+
+def test_an_abandoned_conversation_may_end_quietly() -> None:
+    def quiet() -> Talk:
+        try:
+            yield Listen(1.0)
+        except Abandoned:
+            yield Send("abort")
+        return []
+
+    conversation = quiet()
+    next(conversation)
+    assert last_words(conversation) == ["abort"]
+
+
+def test_an_error_in_the_last_words_is_not_hidden() -> None:
+    def clumsy() -> Talk:
+        try:
+            yield Listen(1.0)
+        except Abandoned:
+            raise EncodeError("cannot say that either") from None
+        return []
+
+    conversation = clumsy()
+    next(conversation)
+    with refused(EncodeError, "cannot say that either"):
+        last_words(conversation)
+
+
+# Errors ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [EncodeError, DecodeError, Refused, NoAnswer, PortError, Abandoned])
+def test_whatever_is_raised_on_purpose_is_one_family(error: type[Exception]) -> None:
+    assert issubclass(error, BarewireError)
+
+
+def test_errors_are_also_what_python_calls_them() -> None:
+    assert issubclass(EncodeError, ValueError)
+    assert issubclass(DecodeError, ValueError)
+    assert issubclass(NoAnswer, TimeoutError)
+    assert issubclass(PortError, OSError)
+
+
+def test_the_reasons_are_a_closed_list() -> None:
+    assert len(REASONS) == len(set(REASONS)) == 11
+
+
+@pytest.mark.parametrize(
+    ("data", "shown"),
+    [(b"", "nothing"), (b"\x01\xab", "01 AB"), (bytes(32), "00 " * 31 + "00"), (bytes(33), "00 " * 32 + "...")],
+)
+def test_a_decode_error_shows_the_bytes_but_not_all_of_many(data: bytes, shown: str) -> None:
+    assert str(DecodeError("short", data, 0, "no")) == f"no (short, at byte 0 of {shown})"
+
+
+def test_errors_survive_being_sent_to_another_process() -> None:
+    unread = pickle.loads(pickle.dumps(DecodeError("checksum", b"\x01", 1, "no CRC")))
+    assert (unread.reason, unread.data, unread.at, unread.text) == ("checksum", b"\x01", 1, "no CRC")
+    declined = pickle.loads(pickle.dumps(ModbusException(2, 3)))
+    assert (declined.code, declined.function_code) == (2, 3)
+    unsaid = pickle.loads(pickle.dumps(EncodeError("unit 300", "unit")))
+    assert (str(unsaid), unsaid.field) == ("unit 300", "unit")
