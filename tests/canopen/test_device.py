@@ -294,6 +294,20 @@ def test_factory_settings_are_checked_too() -> None:
         Device(5, az3_objects(), [Pdo("TPDO", 1, ()), Pdo("TPDO", 1, ())])
 
 
+def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
+    objects = az3_objects()
+    objects.add(Entry(0x1800, 1, "TPDO1 COB-ID", "u32", "rw", 0x181))
+    objects.add(Entry(0x1800, 4, "TPDO1 COMPATIBILITY ENTRY", "u8", "rw", 0))
+    objects.add(Entry(0x1A00, 0, "highest sub-index supported", "u8", "const", 1))
+    device = Device(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1)])
+    device.start(0.0)
+    assert objects.entry(0x1800, 1).name == "TPDO1 COB-ID"
+    assert answer(device, "40 00 18 01 00 00 00 00") == "185"
+    assert answer(device, "40 00 18 04 00 00 00 00") == "0"
+    assert answer(device, "23 00 18 01 85 01 00 80") == "ok"
+    assert answer(device, "2F 00 1A 00 00 00 00 00") == "ok"
+
+
 def test_a_fifth_pdo_is_off_until_it_gets_an_identifier() -> None:
     device = device_with(Pdo("TPDO", 5, (0x60410010,), type=1), operational=False)
     assert answer(device, "40 04 18 01 00 00 00 00") == "80000000"

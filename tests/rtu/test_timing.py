@@ -29,7 +29,7 @@ def test_times_follow_the_characters_up_to_19200_and_are_fixed_above(
     baudrate: int, bits: int, character: float, t15: float, t35: float
 ) -> None:
     timing = Timing.of(baudrate, bits)
-    assert timing == pytest.approx((character * US, t15 * US, t35 * US), rel=1e-6)
+    assert timing == pytest.approx((character * US, t15 * US, t35 * US), rel=1e-5)
 
 
 def test_a_full_frame_takes_as_long_as_its_characters() -> None:

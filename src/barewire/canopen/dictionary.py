@@ -93,6 +93,12 @@ class ObjectDictionary:
         subs.append(entry.sub)
         subs.sort()
 
+    def replace(self, entry: Entry) -> None:
+        """This entry in place of the one at its index and sub-index, or as a new one. Its value is its default."""
+        if self._entries.pop((entry.index, entry.sub), None) is not None:
+            self._subs[entry.index].remove(entry.sub)
+        self.add(entry)
+
     def __iter__(self) -> Iterator[Entry]:
         """All entries in order of index and sub-index."""
         return (self._entries[place] for place in sorted(self._entries))

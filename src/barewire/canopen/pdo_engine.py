@@ -23,7 +23,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.pdo import PdoMapping
 from barewire.canopen.pdo_records import Pdo, add_records, resolve
 from barewire.canopen.sync import Sync
-from barewire.errors import BarewireError, DecodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError
 
 SYNC_KEY = (cob_id("SYNC"), False)
 TOO_SHORT, TOO_LONG = 0x8210, 0x8220
@@ -79,6 +79,10 @@ class PdoEngine:
         self.refused = 0
         self._running = False
         self._live: dict[Pdo, _Live] = {}
+        numbers = [(pdo.direction, pdo.number) for pdo in self.pdos]
+        for direction, number in numbers:
+            if numbers.count((direction, number)) > 1:
+                raise EncodeError(f"{direction}{number} is there twice")
         for pdo in self.pdos:
             add_records(objects, node, pdo, partial(self._live.pop, pdo, None))
 

@@ -89,8 +89,10 @@ class Pdo:
 def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callable[[], object]) -> None:
     """Put the two records of a PDO into the dictionary, with the rules for changing them.
 
-    `changed` is called when a write has been accepted, just before it is stored. Raises EncodeError if the factory
-    setting itself breaks a rule.
+    Where the dictionary has an entry of the records already (a device description lists them too), it keeps its name
+    and takes its default and its rules from here; sub-index 04, reserved, stays as it is, or absent. `changed` is
+    called when a write has been accepted, just before it is stored. Raises EncodeError if the factory setting itself
+    breaks a rule.
     """
     if not 1 <= pdo.number <= 512:
         raise EncodeError(f"{pdo.direction}{pdo.number}: expected a number in 1..512")
@@ -101,7 +103,8 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
     def put(index: int, sub: int, what: str, type: str, default: int, check: Callable[[int], None] | None) -> None:
         access: Literal["const", "rw"] = "const" if check is None else "rw"
         hook = None if check is None else rules.hook(check)
-        objects.add(Entry(index, sub, f"{name} {what}", type, access, default, on_write=hook))
+        called = objects.entry(index, sub).name if (index, sub) in objects else f"{name} {what}"
+        objects.replace(Entry(index, sub, called, type, access, default, on_write=hook))
 
     put(at, 0, "highest sub-index", "u8", 6, None)
     put(at, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)

@@ -20,14 +20,15 @@ me; modbus and canopen do not.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from barewire.devices.check import DescriptionError
+from barewire.devices.describe import describe
+from barewire.devices.device import CanopenSide, Device, ModbusSide, Pdo, UnknownName
+from barewire.devices.load import load, names
+from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
+
 if TYPE_CHECKING:
     from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
-    from barewire.devices.check import DescriptionError
     from barewire.devices.cia402 import State, next_control_word, state_of
-    from barewire.devices.describe import describe
-    from barewire.devices.device import CanopenSide, Device, ModbusSide, Pdo, UnknownName
-    from barewire.devices.load import load, names
-    from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
     from barewire.devices.plan import plan_reads, plan_writes
 
 __all__ = [
@@ -55,8 +56,8 @@ __all__ = [
     "next_control_word",
 ]
 
-# Loaded when asked for, the light ones first: whoever looks a parameter up need not load the buses.
-_FILES = ("parameter", "device", "check", "load", "describe", "cia402", "plan", "access")
+# Loaded when asked for: whoever looks a parameter up need not load the buses.
+_FILES = ("cia402", "plan", "access")
 
 
 def __getattr__(name: str) -> Any:

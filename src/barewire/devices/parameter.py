@@ -20,19 +20,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal, NamedTuple
 
-from barewire.codecs import (
-    Codec,
-    Text,
-    Value,
-    codec,
-    from_registers,
-    get_bit,
-    get_half,
-    set_bit,
-    set_half,
-    to_registers,
-)
-from barewire.codecs.bits import Half
+from barewire.codecs import Codec, Text, Value, codec, from_registers, to_registers
+from barewire.codecs.bits import Half, get_bit, get_half, set_bit, set_half
 from barewire.codecs.order import Order
 from barewire.errors import DecodeError, EncodeError
 
@@ -91,6 +80,9 @@ class Parameter:
     modbus: ModbusAt | None = None
     object: ObjectAt | None = None
 
+    def __hash__(self) -> int:
+        return hash((self.name, self.modbus, self.object))
+
     # Values, as people have them
 
     @property
@@ -113,11 +105,11 @@ class Parameter:
             if not isinstance(value, str):
                 raise EncodeError(f"{self.name} = {value!r}: expected text", self.name)
             return value
-        if isinstance(value, (str, bytes)):
+        if not isinstance(value, (int, float)):
             raise EncodeError(f"{self.name} = {value!r}: expected a number", self.name)
-        below = self.minimum is not None and value < self.minimum
-        above = self.maximum is not None and value > self.maximum
-        if below or above:
+        # Asked this way round, not-a-number is outside of every range.
+        reaches = self.minimum is None or value >= self.minimum
+        if not (reaches and (self.maximum is None or value <= self.maximum)):
             low = "" if self.minimum is None else show(self.minimum)
             high = "" if self.maximum is None else show(self.maximum)
             raise EncodeError(f"{self.name} = {show(value)}: expected {low}..{high} {self.unit}".rstrip(), self.name)
@@ -163,6 +155,8 @@ class Parameter:
             return value
         if self.type.startswith("f"):
             return float(value) / float(self.scale)
+        if value - value != 0:
+            raise EncodeError(f"{self.name} = {value!r}: expected a number with an end", self.name)
         exact = Fraction(value) / self.scale
         raw = round(exact)
         # A decimal like 27.2 is not quite a binary number: what is nearer than a thousandth of a step is meant.
@@ -209,7 +203,8 @@ class Parameter:
             return get_bit(registers[0], place.bit)
         if place.half is not None:
             return self.from_raw(codec(self.type).decode(bytes([get_half(registers[0], place.half)])))
-        return self.from_raw(self._register_codec(place).decode(from_registers(registers)))
+        raw = self._register_codec(place).decode(from_registers(registers))
+        return bool(raw) if self.type == "bool" else self.from_raw(raw)
 
     def _on_modbus(self) -> ModbusAt:
         if self.modbus is None:

@@ -83,7 +83,7 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[Block]:
     >>> from barewire.devices import load
     >>> adxl = load("adxl")
     >>> [block[:3] for block in plan_reads(adxl, map(adxl.find, ["L3 current", "L1 current", "Frequency"]))]
-    [('input', 8, 6), ('input', 49, 2)]
+    [('input', 7, 6), ('input', 49, 2)]
 
     Raises EncodeError for a parameter without a place on Modbus, in a table that nothing reads, or wider than the
     device's limit.
@@ -132,8 +132,8 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Writing
 
     >>> from barewire.devices import load
     >>> csd = load("csd-mt")
-    >>> [write[:3] for write in plan_writes(csd, [csd.find("Target Position"), csd.find("Motor Code")])]
-    [('holding', 1021, 2), ('holding', 1090, 1)]
+    >>> [write[:3] for write in plan_writes(csd, [csd.find("Motor Code"), csd.find("Control Word")])]
+    [('holding', 1090, 2), ('holding', 1040, 1)]
 
     Raises EncodeError for a parameter without a place on Modbus, in a table that nothing writes, or wider than one
     request of the device can carry.

@@ -17,11 +17,11 @@ from barewire.canopen.cob import Service, classify
 from barewire.canopen.emcy import Emergency, error_text, register_names
 from barewire.canopen.frame import DATA_MAX, CanFrame
 from barewire.canopen.heartbeat import STATE_BYTE, NodeState
-from barewire.canopen.nmt import NmtMessage, NmtState
+from barewire.canopen.nmt import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.sync import Sync
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.explain.explanation import ExplainedField, Explanation, Problem, Role, cover, on_bytes, problem
+from barewire.explain.explanation import ExplainedField, Explanation, Problem, Role, counted, cover, on_bytes, problem
 from barewire.explain.lss import read_lss
 from barewire.explain.sdo import read_sdo
 
@@ -43,6 +43,7 @@ ROLES: dict[str, Role] = {
     "LSS request": "request",
     "LSS answer": "response",
 }
+COMMANDS = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
 TIME = Layout("<IH", "milliseconds", "days")
 EPOCH = datetime(1984, 1, 1)
 
@@ -104,7 +105,7 @@ def _length(frame: CanFrame, name: str) -> Problem | None:
 
 def _raw(data: bytes) -> Found:
     digits = data.hex(" ").upper()
-    return ([Field(0, len(data), "data", digits)] if data else []), None, f"{len(data)} bytes"
+    return ([Field(0, len(data), "data", digits)] if data else []), None, counted(len(data))
 
 
 def _remote(frame: CanFrame, name: str) -> Found:
@@ -112,8 +113,8 @@ def _remote(frame: CanFrame, name: str) -> Found:
     if name == "error control":
         return [], None, "a remote frame asks for its state"
     if name.startswith("TPDO") or not name:
-        return [], None, f"a remote frame asks for {frame.requested} bytes"
-    return [], DecodeError("mismatch", frame.data, 0, f"a remote frame: {name} has none"), ""
+        return [], None, f"a remote frame asks for {counted(frame.requested)}"
+    return [], DecodeError("mismatch", frame.data, 0, f"a remote frame, which {name} does not have"), ""
 
 
 def _data(frame: CanFrame, service: Service, node: int) -> Found:
@@ -134,7 +135,7 @@ def _data(frame: CanFrame, service: Service, node: int) -> Found:
             return _time(data)
         case "error control":
             return _state(data, node)
-    return [Field(0, len(data), "process data", data.hex(" ").upper())] if data else [], None, f"{len(data)} bytes"
+    return [Field(0, len(data), "process data", data.hex(" ").upper())] if data else [], None, counted(len(data))
 
 
 def _cut(layout: Layout, data: bytes) -> list[Field]:
@@ -148,17 +149,19 @@ def _cut(layout: Layout, data: bytes) -> list[Field]:
 
 
 def _nmt(frame: CanFrame) -> Found:
+    fields = []
+    for field in _cut(NmtMessage.layout, frame.data):
+        words = field.meaning
+        if field.name == "command":
+            words = COMMANDS.get(frame.data[0], "no NMT command")
+        elif field.name == "node" and isinstance(field.value, int):
+            words = f"node {field.value}" if field.value else "all nodes"
+        fields.append(field._replace(meaning=words))
     try:
-        message = NmtMessage.decode(frame)
+        NmtMessage.decode(frame)
     except DecodeError as error:
-        return _cut(NmtMessage.layout, frame.data), error, ""
-    command = message.command.name.lower().replace("_", " ")
-    whom = f"node {message.node}" if message.node else "all nodes"
-    fields = [
-        field._replace(meaning=command if field.name == "command" else whom)
-        for field in _cut(NmtMessage.layout, frame.data)
-    ]
-    return fields, None, f"{command}, {whom}"
+        return fields, error, ""
+    return fields, None, ", ".join(field.meaning for field in fields)
 
 
 def _sync(frame: CanFrame) -> Found:

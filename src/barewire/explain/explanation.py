@@ -146,6 +146,11 @@ def cover(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
     return whole
 
 
+def counted(number: int, noun: str = "byte") -> str:
+    """A number of things: '1 byte', '2 bytes'."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def moved(fields: Iterable[Field], by: int) -> list[Field]:
     """The same fields, `by` bytes further right."""
     return [field._replace(offset=field.offset + by) for field in fields]

@@ -16,7 +16,7 @@ from barewire.ascii import frame as ascii_frame
 from barewire.ascii.lrc import lrc
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.explain.explanation import Explanation, Problem, Role, cover, explained, moved, on_bytes, problem
+from barewire.explain.explanation import Explanation, Problem, Role, counted, cover, explained, moved, on_bytes, problem
 from barewire.explain.pdu import Letter, left_over, read_letter
 from barewire.explain.words import unit_words
 from barewire.modbus.adu import Adu
@@ -64,7 +64,8 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
         end = _end_of_first(data, role)
         if end is not None:
             frame, behind = data[:end], "a whole frame ends before: perhaps the next one"
-            fault = DecodeError("long", data, end, f"a whole frame ends here, {len(data) - end} bytes are left over")
+            text = f"the end is no CRC: a whole frame ends before, {counted(len(data) - end)} left over"
+            fault = DecodeError(fault.reason, data, end, text)
         elif data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
             fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
     body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
@@ -111,6 +112,9 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
         end = max(end, start)
     judged = data[:end] + ascii_frame.END if typed and not has_end else data
     fault = _fault(ascii_frame.decode, judged)
+    if fault is not None:
+        # The end that was added for the judge is not there to be pointed at.
+        fault = DecodeError(fault.reason, data, min(fault.at, len(data)), fault.text)
     digits = 0
     while start + digits < end and data[start + digits] in ascii_frame.DIGITS:
         digits += 1

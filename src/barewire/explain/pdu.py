@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from barewire.codecs import Field
 from barewire.errors import DecodeError
-from barewire.explain.explanation import LEFT_OVER, Role, cover
+from barewire.explain.explanation import LEFT_OVER, Role, counted, cover
 from barewire.explain.words import code_title, title, with_meanings
 from barewire.modbus.exceptions import exception_name
 from barewire.modbus.functions import ENCAPSULATED, request_class, response_class
@@ -131,8 +131,9 @@ def _summary(fields: list[Field], pdu: bytes) -> str:
             return f"{title(pdu)}, {words['value'] if pdu[0] == 0x05 else value} to {address:04X}h"
     registers = sum(field.name.startswith("register ") for field in fields)
     if registers:
-        return f"{title(pdu)}, {registers} register{'s' if registers > 1 else ''}"
-    return title(pdu)
+        return f"{title(pdu)}, {counted(registers, 'register')}"
+    packed = sum(field.name in ("coils", "inputs") for field in fields)
+    return f"{title(pdu)}, {counted(packed)} of bits" if packed else title(pdu)
 
 
 def left_over(at: int, size: int, meaning: str = "") -> list[Field]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import cast, get_args
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import EncodeError
@@ -11,10 +11,11 @@ from barewire.explain.explanation import Explanation, Protocol, Role
 from barewire.explain.modbus import explain_ascii, explain_rtu, explain_tcp
 from barewire.explain.text import parse_ascii, parse_can, parse_hex
 
-PROTOCOLS: tuple[str, ...] = get_args(Protocol)
+PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
+ROLES: tuple[Role, ...] = get_args(Role)
 
 
-def explain(protocol: Protocol, data: bytes | CanFrame, role: Role | None = None) -> Explanation:
+def explain(protocol: str, data: bytes | CanFrame, role: str | None = None) -> Explanation:
     """One whole frame, field by field. Whatever the bytes are, there is an explanation and never an exception.
 
     >>> explain("rtu", bytes.fromhex("01040FB1000222F8")).verdict
@@ -23,16 +24,16 @@ def explain(protocol: Protocol, data: bytes | CanFrame, role: Role | None = None
     Without `role` it is guessed from the shape. EncodeError only for a protocol or a role that does not exist, and
     for bytes where a `CanFrame` is needed, or the other way round.
     """
-    _check(protocol, role)
+    side = _checked(protocol, role)
     if isinstance(data, CanFrame) != (protocol == "can"):
         raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
     if isinstance(data, CanFrame):
         return explain_can(data)
     known = {"rtu": explain_rtu, "ascii": explain_ascii, "tcp": explain_tcp}
-    return known[protocol](data, role)
+    return known[protocol](data, side)
 
 
-def explain_text(protocol: Protocol, text: str, role: Role | None = None) -> Explanation:
+def explain_text(protocol: str, text: str, role: str | None = None) -> Explanation:
     """The same for what somebody typed or pasted; `barewire.explain.text` shows the forms.
 
     >>> explain_text("can", "can0  705   [1]  05").verdict
@@ -41,16 +42,18 @@ def explain_text(protocol: Protocol, text: str, role: Role | None = None) -> Exp
     Raises DecodeError, with the place in the text, for what is no way of writing a frame. An ASCII frame may come
     without its CR LF, because that is how lines are copied from a screen.
     """
-    _check(protocol, role)
+    side = _checked(protocol, role)
     if protocol == "can":
         return explain_can(parse_can(text))
     if protocol == "ascii":
-        return explain_ascii(parse_ascii(text), role, typed=True)
-    return explain(protocol, parse_hex(text), role)
+        return explain_ascii(parse_ascii(text), side, typed=True)
+    return explain(protocol, parse_hex(text), side)
 
 
-def _check(protocol: str, role: str | None) -> None:
+def _checked(protocol: str, role: str | None) -> Role | None:
+    """The role, if there are such a protocol and such a role: both come from a command line as plain text."""
     if protocol not in PROTOCOLS:
         raise EncodeError(f"protocol {protocol!r}: expected {', '.join(PROTOCOLS)}", "protocol")
-    if role not in (None, *get_args(Role)):
-        raise EncodeError(f"role {role!r}: expected {', '.join(get_args(Role))}", "role")
+    if role is not None and role not in ROLES:
+        raise EncodeError(f"role {role!r}: expected {', '.join(ROLES)}", "role")
+    return cast("Role | None", role)

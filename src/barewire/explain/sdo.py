@@ -17,7 +17,7 @@ from barewire.canopen.sdo import AZ3, abort_text
 from barewire.canopen.sdo.messages import InitiateUpload, has_reserved_bits
 from barewire.codecs import BitPattern, Field, codec
 from barewire.errors import DecodeError
-from barewire.explain.explanation import Role, cover
+from barewire.explain.explanation import Role, counted, cover
 
 LENGTH = 8
 Rest = Callable[[bytes, dict[str, int]], list[Field]]
@@ -136,7 +136,7 @@ REQUESTS = (
     Command(BitPattern("100- ----"), "abort", _abort),
     Command(BitPattern("101- -c00"), "initiate block upload", _block_asked),
     Command(BitPattern("101- --01"), "end block upload", _nothing),
-    Command(BitPattern("101- --10"), "block upload acknowledge", _acknowledged),
+    Command(BitPattern("101- --10"), "acknowledge block upload", _acknowledged),
     Command(BitPattern("101- --11"), "start block upload", _nothing),
     Command(BitPattern("110- -cs0"), "initiate block download", _sized),
     Command(BitPattern("110n nn-1"), "end block download", _block_end),
@@ -148,7 +148,7 @@ RESPONSES = (
     Command(BitPattern("011- ----"), "initiate download", _only_object),
     Command(BitPattern("100- ----"), "abort", _abort),
     Command(BitPattern("101- -c00"), "initiate block download", _block_of),
-    Command(BitPattern("101- --10"), "block download acknowledge", _acknowledged),
+    Command(BitPattern("101- --10"), "acknowledge block download", _acknowledged),
     Command(BitPattern("101- --01"), "end block download", _nothing),
     Command(BitPattern("110- -cs0"), "initiate block upload", _sized),
     Command(BitPattern("110n nn-1"), "end block upload", _block_end),
@@ -206,16 +206,16 @@ def _command_words(name: str, row: Command, command: int, role: Role, bits: dict
     """The name, what the bits say, and the bits."""
     said = []
     if "e" in bits:
-        size = f"{4 - bits['n']} bytes, size indicated" if bits["s"] else "size not indicated"
+        size = f"{counted(4 - bits['n'])}, size indicated" if bits["s"] else "size not indicated"
         said.append(f"expedited, {size}" if bits["e"] else "in segments, " + size.rpartition(", ")[2])
     if "t" in bits:
         said.append(f"toggle bit {bits['t']}")
     if row.rest is _segment:
-        said.append(f"{7 - bits['n']} bytes" + (", the last" if bits["c"] else ", more follow"))
+        said.append(counted(7 - bits["n"]) + (", the last" if bits["c"] else ", more follow"))
     elif "c" in bits:
         said.append("with CRC" if bits["c"] else "without CRC")
     elif row.rest is _block_end:
-        said.append(f"{7 - bits['n']} bytes in the last segment")
+        said.append(f"{counted(7 - bits['n'])} in the last segment")
     specifier = "cs" if name == "abort" else "ccs" if role == "request" else "scs"
     drawn = ", ".join([f"{specifier} {command >> 5}", *(f"{letter} {bit}" for letter, bit in bits.items())])
     words = f"{name}{': ' + ', '.join(said) if said else ''} ({drawn})"
@@ -240,7 +240,6 @@ def _summary(name: str, fields: list[Field]) -> str:
         parts.append(held["abort code"].meaning)
     data = held.get("data")
     if data is not None:
-        count = f"{data.length} byte{'s' if data.length > 1 else ''}"
         value = f": {data.value:0{2 * data.length}X}h" if isinstance(data.value, int) else ""
-        parts.append(count + value)
+        parts.append(counted(data.length) + value)
     return ", ".join(parts)

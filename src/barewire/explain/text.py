@@ -13,6 +13,7 @@ import re
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, Reason
+from barewire.explain.explanation import counted
 
 _TOKEN = re.compile(r"[^\s,;:|\-_.]+")
 _PREFIX = re.compile(r"0[xX]|\\x")
@@ -103,7 +104,7 @@ def parse_can(text: str) -> CanFrame:
     if "#" in first:
         if rest and (len(rest) > 1 or rest[0][1] not in ("R", "T")):
             raise _wrong("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over behind the frame")
-        return CanFrame.parse(first)
+        return _parsed(text, at, first)
     return _in_columns(text, at, first, rest)
 
 
@@ -129,7 +130,17 @@ def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> 
         quoted = next((place for place, (_, token) in enumerate(rest) if token.startswith("'")), len(rest))
         data = b"".join(_token(text, place, token) for place, token in rest[:quoted])
         if length is not None and length != len(data):
-            words = f"the length is [{length}], but there are {len(data)} bytes"
+            words = f"the length is [{length}], but {counted(len(data))} of data follow"
             raise _wrong("length", text, rest[0][0] if rest else len(text), words)
         body = data.hex()
-    return CanFrame.parse(f"{identifier.rjust(3, '0')}#{body}")
+    return _parsed(text, at, f"{identifier.rjust(3, '0')}#{body}")
+
+
+def _parsed(text: str, at: int, frame: str) -> CanFrame:
+    """`CanFrame.parse`, with its complaint placed in the whole text."""
+    try:
+        return CanFrame.parse(frame)
+    except DecodeError as error:
+        place = min(at + error.at, len(text))
+        words = f"{text[place : place + 1]!r} is no hexadecimal digit" if error.reason == "character" else error.text
+        raise _wrong(error.reason, text, place, f"{words}, at {place}") from None

@@ -33,6 +33,9 @@ Role = Literal["client", "server", "listener"]
 PATIENCE = 0.030
 """Seconds: above the 16 ms in which common USB adapters hand over bytes, far below any time-out."""
 
+_ROUNDING = 1e-7
+"""Seconds: far below any character. Times are sums of floats, and a gap of exactly t1.5 or t3.5 must count as that."""
+
 _ENVELOPE = 3
 """What the frame has more than the PDU: unit and CRC."""
 
@@ -69,7 +72,7 @@ class RtuLine:
         self._units = units
         self._held = bytearray()
         self._last = float("-inf")  # when the last byte was over, ours or theirs
-        self._spoiled = False  # strict only: a gap above t1.5 was inside
+        self._spoiled: tuple[Reason, str] | None = None  # strict only: why what is held is no frame, whatever its CRC
         self._hunted = 0  # so many of the held bytes are known not to end a frame
         self._unit = 0
 
@@ -119,17 +122,17 @@ class RtuLine:
         # They came one behind the other, so the first of them began this much earlier.
         silent = now - self.timing.duration(len(data)) - self._last
         if self._held:
-            if silent >= self.gap:
+            if silent >= self.gap - _ROUNDING:
                 events += self._close()
-            elif self.strict and silent > self.timing.t15:
-                self._spoiled = True
+            elif self.strict and silent > self.timing.t15 + _ROUNDING:
+                self._spoiled = "silence", "a gap above 1.5 characters inside the frame"
         self._held += data
         self._last = max(self._last, now)
         if not self.strict:
             events += self._cut()
         elif len(self._held) > LONGEST:
-            events.append(self._drop(len(self._held) - LONGEST, "long", f"more than {LONGEST} bytes without silence"))
-            self._spoiled = True
+            self._spoiled = "long", f"more than {LONGEST} bytes without silence"
+            events.append(self._drop(len(self._held) - LONGEST, *self._spoiled))
         return events
 
     def _cut(self) -> list[Adu | Noise]:
@@ -137,38 +140,38 @@ class RtuLine:
         events: list[Adu | Noise] = []
         while self._held:
             ends, hopeful = self._ends(0)
-            end = next((end for end in ends if self._proven(0, end)), None)
+            end = self._proven(0, ends)
             if end is not None:
                 events.append(self._take(end))
             elif hopeful and len(self._held) < LONGEST:
                 break
-            else:
-                found = self._hunt()
-                if found is None:
-                    if len(self._held) <= LONGEST:
-                        break
-                    excess = len(self._held) - LONGEST
-                    events.append(self._drop(excess, "long", f"more than {LONGEST} bytes and no frame in them"))
-                    break
+            elif (found := self._hunt()) is not None:
                 events += found
+            else:
+                excess = len(self._held) - LONGEST
+                if excess > 0:
+                    events.append(self._drop(excess, "long", f"more than {LONGEST} bytes and no frame in them"))
+                break
         return events
 
     def _close(self) -> list[Adu | Noise]:
         """Silence: what is held is one frame, or there are frames in it, or it is noise."""
         events: list[Adu | Noise] = []
-        if self._spoiled:
-            events.append(self._drop(len(self._held), "silence", "a gap above 1.5 characters inside the frame"))
-        elif SHORTEST <= len(self._held) <= LONGEST and crc16(self._held) == 0:
-            # Only silence can end a function that nobody can count.
-            events.append(self._take(len(self._held)))
-        elif not self.strict:
-            self._hunted = 0
-            while self._held and (found := self._hunt()) is not None:
+        if self._spoiled is not None:
+            events.append(self._drop(len(self._held), *self._spoiled))
+        self._spoiled = None
+        self._hunted = 0
+        while self._held:
+            end = None if self.strict else self._proven(0, self._ends(0)[0])
+            if end is None:
+                # Only silence can end a function that nobody can count.
+                end = self._proven(0, [len(self._held)])
+            if end is not None:
+                events.append(self._take(end))
+            elif not self.strict and (found := self._hunt()) is not None:
                 events += found
-                self._hunted = 0
-        if self._held:
-            events.append(self._drop(len(self._held), *self._diagnosis()))
-        self._spoiled = False
+            else:
+                events.append(self._drop(len(self._held), *self._diagnosis()))
         return events
 
     def _diagnosis(self) -> tuple[Reason, str]:
@@ -183,7 +186,7 @@ class RtuLine:
 
     def _ends(self, at: int) -> tuple[list[int], bool]:
         """Where a frame that begins at `at` could end, of what is here; and whether it could still come to an end."""
-        unit, pdu = self._held[at], bytes(self._held[at + 1 :])
+        unit, pdu = self._held[at], bytes(self._held[at + 1 : at + LONGEST])
         if not pdu:
             return [], True
         if self.role == "client":
@@ -198,16 +201,20 @@ class RtuLine:
         here = [end for end in ends if end <= len(self._held)]
         return here, len(here) < len(ends)
 
-    def _proven(self, at: int, end: int) -> bool:
-        return end > self._hunted and crc16(self._held[at:end]) == 0
+    def _proven(self, at: int, ends: list[int]) -> int | None:
+        """The first of these ends at which the CRC is good."""
+        for end in ends:
+            if self._hunted < end and SHORTEST <= end - at <= LONGEST and crc16(self._held[at:end]) == 0:
+                return end
+        return None
 
     def _hunt(self) -> list[Adu | Noise] | None:
         """The first whole frame at any later place, and what lies before it as Noise; None if there is none yet."""
         for at in range(1, len(self._held) - SHORTEST + 1):
-            for end in self._ends(at)[0]:
-                if self._proven(at, end):
-                    noise = self._drop(at, "checksum", f"{at} bytes that are no frame before a good one")
-                    return [noise, self._take(end - at)]
+            end = self._proven(at, self._ends(at)[0])
+            if end is not None:
+                noise = self._drop(at, "checksum", f"{at} bytes that are no frame before a good one")
+                return [noise, self._take(end - at)]
         self._hunted = len(self._held)
         return None
 

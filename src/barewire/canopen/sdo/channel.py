@@ -164,6 +164,7 @@ class Channel:
     def _turn(
         self, request: Request, wanted: tuple[type[Wanted], ...], timeout: float
     ) -> Conversation[CanFrame, Wanted]:
+        until: float | None = None
         try:
             sent: Heard[CanFrame] = yield Send(CanFrame(self.request_id, request.encode()))
             until = sent.now + timeout
@@ -180,7 +181,8 @@ class Channel:
                 if heard.item is None or heard.now >= until:
                     break
         except Abandoned:
-            # The server must not be left waiting, and it must not matter to it why we go.
+            # The server must not be left waiting, and its answer must not be taken for that of the next transfer.
+            self.quiet_until = until
             yield self._abort(request, AbortCode.GENERAL)
             raise
         self.quiet_until = heard.now + timeout

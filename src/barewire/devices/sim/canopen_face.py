@@ -66,9 +66,10 @@ class CanopenFace:
         """Described sub-indices of PDO records that the node does not make by itself: the compatibility entry, 04."""
         for cell in self.machine.store:
             place = cell.parameter.object
-            if place is not None and place.index in PDO_RECORDS and (place.index, place.sub) not in self.objects:
-                if (place.index, 0) in self.objects:
-                    self.objects.add(_entry(cell))
+            if place is None or place.index not in PDO_RECORDS or (place.index, 0) not in self.objects:
+                continue
+            if (place.index, place.sub) not in self.objects:
+                self.objects.add(_entry(cell))
 
     @property
     def state(self) -> NmtState:

@@ -78,10 +78,13 @@ class ModbusFace:
             # ReadDiscreteInputs is a ReadCoils and ReadInputRegisters a ReadHoldingRegisters: one row for each pair.
             case bits.ReadCoils(address, quantity):
                 row = self._read(code, address, quantity, bits.READ_LIMIT)
-                return request.response(tuple(map(bool, row)))  # type: ignore[no-any-return]
+                kind = bits.ReadCoilsResponse if code == 0x01 else bits.ReadDiscreteInputsResponse
+                return kind(tuple(map(bool, row)))
             case registers.ReadHoldingRegisters(address, quantity):
                 words = self._read(code, address, quantity, self.side.read_limit)
-                return request.response(words)  # type: ignore[no-any-return]
+                if code == 0x03:
+                    return registers.ReadHoldingRegistersResponse(words)
+                return registers.ReadInputRegistersResponse(words)
             case bits.WriteSingleCoil(address, on):
                 self._write(code, address, (int(on),), 1)
                 return bits.WriteSingleCoilResponse(address, on)

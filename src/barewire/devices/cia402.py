@@ -1,0 +1,213 @@
+"""The states of a drive: what the status word says, and which control word leads where.   [CiA 402, device control]
+
+              0 | power on                                                14 (by itself)
+       NOT READY TO SWITCH ON          any state --13, a fault--> FAULT REACTION ACTIVE ---> FAULT
+              1 | by itself                                                                    |
+       SWITCH ON DISABLED <----------------------------------- 15, fault reset ----------------'
+       2 shutdown |  ^ 7 disable voltage                    ^ ^  ^
+       READY TO SWITCH ON <--------------------.            | |  |
+       3 switch on |  ^ 6 shutdown             |            | |  | 12 disable voltage, or by itself
+       SWITCHED ON ----------------------------|-- 10 ------' |  |
+       4 enable |  ^ 5 disable operation       |              |  |
+       OPERATION ENABLED -- 8 shutdown --------' -- 9 --------'  |
+              11 | quick stop                                    |
+       QUICK STOP ACTIVE ----------------------------------------'    16 enable: back, if the drive stays here
+
+Pure and without time: the drive reports, we decide. Both buses carry these words, 6040h and 6041h on CANopen, a holding
+and an input register on Modbus.
+
+I know: states, words, transitions.  I never know: how words travel, modes, targets.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+from barewire.errors import DecodeError, EncodeError
+
+
+class State(Enum):
+    """Where a drive stands, in the standard's words."""
+
+    NOT_READY_TO_SWITCH_ON = "not ready to switch on"
+    SWITCH_ON_DISABLED = "switch on disabled"
+    READY_TO_SWITCH_ON = "ready to switch on"
+    SWITCHED_ON = "switched on"
+    OPERATION_ENABLED = "operation enabled"
+    QUICK_STOP_ACTIVE = "quick stop active"
+    FAULT_REACTION_ACTIVE = "fault reaction active"
+    FAULT = "fault"
+
+
+class Command(IntEnum):
+    """What a control word asks for; its value is the plainest word that does. Switch on is also disable operation."""
+
+    DISABLE_VOLTAGE = 0x0000
+    QUICK_STOP = 0x0002
+    SHUTDOWN = 0x0006
+    SWITCH_ON = 0x0007
+    ENABLE_OPERATION = 0x000F
+    FAULT_RESET = 0x0080
+
+
+# The status word: under this mask it has this value in this state, and in no other.
+#   bit 6 switch on disabled, 5 quick stop (0: active), 3 fault, 2 operation enabled, 1 switched on, 0 ready
+STATUS: dict[State, tuple[int, int]] = {
+    State.NOT_READY_TO_SWITCH_ON: (0x4F, 0x00),
+    State.SWITCH_ON_DISABLED: (0x4F, 0x40),
+    State.READY_TO_SWITCH_ON: (0x6F, 0x21),
+    State.SWITCHED_ON: (0x6F, 0x23),
+    State.OPERATION_ENABLED: (0x6F, 0x27),
+    State.QUICK_STOP_ACTIVE: (0x6F, 0x07),
+    State.FAULT_REACTION_ACTIVE: (0x4F, 0x0F),
+    State.FAULT: (0x4F, 0x08),
+}
+
+# The control word: bits 7, 3, 2, 1, 0 count, the others belong to the mode. Fault reset is the rising edge of bit 7.
+CONTROL: dict[Command, tuple[int, int]] = {
+    Command.DISABLE_VOLTAGE: (0x82, 0x00),
+    Command.QUICK_STOP: (0x86, 0x02),
+    Command.SHUTDOWN: (0x87, 0x06),
+    Command.SWITCH_ON: (0x8F, 0x07),
+    Command.ENABLE_OPERATION: (0x8F, 0x0F),
+}
+
+
+class Transition(NamedTuple):
+    """One arrow of the drawing. Without a command the drive takes it by itself."""
+
+    number: int
+    source: State
+    target: State
+    command: Command | None
+
+
+_S = State
+TRANSITIONS: tuple[Transition, ...] = (
+    Transition(1, _S.NOT_READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, None),
+    Transition(2, _S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, Command.SHUTDOWN),
+    Transition(3, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, Command.SWITCH_ON),
+    Transition(3, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, Command.ENABLE_OPERATION),  # and 4 follows at once
+    Transition(4, _S.SWITCHED_ON, _S.OPERATION_ENABLED, Command.ENABLE_OPERATION),
+    Transition(5, _S.OPERATION_ENABLED, _S.SWITCHED_ON, Command.SWITCH_ON),
+    Transition(6, _S.SWITCHED_ON, _S.READY_TO_SWITCH_ON, Command.SHUTDOWN),
+    Transition(7, _S.READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
+    Transition(7, _S.READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, Command.QUICK_STOP),
+    Transition(8, _S.OPERATION_ENABLED, _S.READY_TO_SWITCH_ON, Command.SHUTDOWN),
+    Transition(9, _S.OPERATION_ENABLED, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
+    Transition(10, _S.SWITCHED_ON, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
+    Transition(10, _S.SWITCHED_ON, _S.SWITCH_ON_DISABLED, Command.QUICK_STOP),
+    Transition(11, _S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE, Command.QUICK_STOP),
+    Transition(12, _S.QUICK_STOP_ACTIVE, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
+    Transition(14, _S.FAULT_REACTION_ACTIVE, _S.FAULT, None),
+    Transition(15, _S.FAULT, _S.SWITCH_ON_DISABLED, Command.FAULT_RESET),
+    Transition(16, _S.QUICK_STOP_ACTIVE, _S.OPERATION_ENABLED, Command.ENABLE_OPERATION),
+)
+
+# Where a command can lead on purpose, each with the command to give in every state on the way there.
+_STEPS: dict[State, dict[State, Command]] = {
+    _S.SWITCH_ON_DISABLED: {
+        _S.READY_TO_SWITCH_ON: Command.DISABLE_VOLTAGE,
+        _S.SWITCHED_ON: Command.DISABLE_VOLTAGE,
+        _S.OPERATION_ENABLED: Command.DISABLE_VOLTAGE,
+    },
+    _S.READY_TO_SWITCH_ON: {
+        _S.SWITCH_ON_DISABLED: Command.SHUTDOWN,
+        _S.SWITCHED_ON: Command.SHUTDOWN,
+        _S.OPERATION_ENABLED: Command.SHUTDOWN,
+    },
+    _S.SWITCHED_ON: {
+        _S.SWITCH_ON_DISABLED: Command.SHUTDOWN,
+        _S.READY_TO_SWITCH_ON: Command.SWITCH_ON,
+        _S.OPERATION_ENABLED: Command.SWITCH_ON,
+    },
+    _S.OPERATION_ENABLED: {
+        _S.SWITCH_ON_DISABLED: Command.SHUTDOWN,
+        _S.READY_TO_SWITCH_ON: Command.SWITCH_ON,
+        _S.SWITCHED_ON: Command.ENABLE_OPERATION,
+    },
+    _S.QUICK_STOP_ACTIVE: {_S.OPERATION_ENABLED: Command.QUICK_STOP},
+}
+
+
+def state_of(status_word: int) -> State:
+    """The state that a status word tells.
+
+    >>> state_of(0x0637)
+    <State.OPERATION_ENABLED: 'operation enabled'>
+
+    DecodeError for a word that is none of the eight, which a drive shows only while it changes.
+    """
+    for state, (mask, value) in STATUS.items():
+        if status_word & mask == value and 0 <= status_word <= 0xFFFF:
+            return state
+    data = (status_word & 0xFFFF).to_bytes(2, "big")
+    raise DecodeError("value", data, 0, f"status word {status_word:04X}h is no state of CiA 402")
+
+
+def with_state(status_word: int, state: State) -> int:
+    """The status word with the bits of `state` in it and every other bit kept: how a simulated drive reports.
+
+    >>> hex(with_state(0x0600, State.OPERATION_ENABLED))
+    '0x627'
+    """
+    mask, value = STATUS[state]
+    return status_word & ~mask | value
+
+
+def command_of(control_word: int, previous: int = 0) -> Command | None:
+    """What a control word asks for, after the previous one: fault reset is an edge. None while bit 7 only stays.
+
+    >>> command_of(0x001F), command_of(0x0080), command_of(0x0080, previous=0x0080)
+    (<Command.ENABLE_OPERATION: 15>, <Command.FAULT_RESET: 128>, None)
+    """
+    if control_word & ~previous & Command.FAULT_RESET:
+        return Command.FAULT_RESET
+    for command, (mask, value) in CONTROL.items():
+        if control_word & mask == value:
+            return command
+    return None
+
+
+def after(state: State, control_word: int, previous: int = 0, *, stays_in_quick_stop: bool = False) -> State:
+    """Where a control word takes a drive. Transition 16 only exists in a drive that stays in its quick stop.
+
+    >>> after(State.READY_TO_SWITCH_ON, 0x000F)
+    <State.OPERATION_ENABLED: 'operation enabled'>
+    """
+    command = command_of(control_word, previous)
+    if command is None:
+        return state
+    for number, source, target, asks in TRANSITIONS:
+        if source is state and asks is command and (number != 16 or stays_in_quick_stop):
+            # One word can take two steps: 000Fh switches a ready drive on and enables it.
+            state = target
+    return state
+
+
+def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = False) -> int | None:
+    """The control word that takes a drive in `state` one step nearer to `goal`. None: nothing to say, look again.
+
+    None is the answer where the drive stands at its goal, and where it moves by itself. Out of a fault leads the edge
+    of bit 7, so whoever has 0080h standing in the control word must first write 0000h.
+
+    >>> [next_control_word(state, State.OPERATION_ENABLED) for state in (State.SWITCH_ON_DISABLED, State.FAULT)]
+    [6, 128]
+
+    Raises EncodeError for a goal that no command leads to: a fault, or a quick stop of a drive that is not enabled.
+    """
+    steps = _STEPS.get(goal)
+    if steps is None:
+        wanted = ", ".join(possible.value for possible in _STEPS)
+        raise EncodeError(f"no control word leads to {goal.value!r}: expected one of {wanted}", "goal")
+    if state is goal or state in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE):
+        return None
+    if goal is State.QUICK_STOP_ACTIVE and state not in steps:
+        raise EncodeError(f"a quick stop is for a drive that runs, not for one that is {state.value!r}", "goal")
+    if state is State.FAULT:
+        return int(Command.FAULT_RESET)
+    if state is State.QUICK_STOP_ACTIVE:
+        resumes = stays_in_quick_stop and goal is State.OPERATION_ENABLED
+        return int(Command.ENABLE_OPERATION if resumes else Command.DISABLE_VOLTAGE)
+    return int(steps[state])

@@ -1,0 +1,251 @@
+"""A simulated servo axis: the CiA 402 states and the motion they let happen. Used by both drives of the catalogue.
+
+        control word --> states --> may the shaft move? --> mode 1 position, 3 velocity, 6 homing --> trajectory
+                                                                                                        |
+        status word  <-- state bits, 9 remote, 10 target reached, 12 by mode ---------------------------'
+
+What differs between drives (units, limits, where the values come from) is asked of a `Settings`. Everything is in steps
+and seconds. Bits of the control word that are a mode's own: 4 new set-point or homing start, 5 change immediately,
+6 relative, 8 halt (CSD MT manual, ch. 12, register 1040).
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Protocol
+
+from barewire.devices.cia402 import TRANSITIONS, Command, State, Transition, command_of, with_state
+from barewire.devices.sim.trajectory import Trajectory
+
+POSITION, VELOCITY, TORQUE, HOMING = 1, 3, 4, 6
+NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
+VOLTAGE_ENABLED, QUICK_STOP, REMOTE, REACHED, MODE_BIT = 0x10, 0x20, 0x200, 0x400, 0x1000
+
+CURRENT_ON = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE})
+FAULTED = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
+
+
+class Settings(Protocol):
+    """What an axis asks its drive: values in steps and seconds, at the moment of asking."""
+
+    def mode(self) -> int: ...
+
+    def target_position(self) -> float: ...
+
+    def target_velocity(self) -> float: ...
+
+    def profile_velocity(self) -> float: ...
+
+    def acceleration(self) -> float: ...
+
+    def deceleration(self) -> float: ...
+
+    def without_ramp(self, velocity: float) -> bool:
+        """Whether a position move at this velocity starts and stops without a ramp."""
+
+    def home(self, way: Trajectory, now: float) -> float | None:
+        """Plan a homing run from here. The position that its end is called; None if there is no such method."""
+
+    def velocity_window(self) -> tuple[float, float]:
+        """How near to the target velocity counts as reached, and for how many seconds."""
+
+    def zero_window(self) -> tuple[float, float]:
+        """Below which velocity, and for how many seconds, the shaft counts as standing."""
+
+
+class Axis:
+    """States and motion of one drive. Feed it control words with `control`, and time with `tick`."""
+
+    def __init__(self, settings: Settings, *, stays_in_quick_stop: bool) -> None:
+        self.settings = settings
+        self.stays_in_quick_stop = stays_in_quick_stop
+        """True: 12 only by command and 16 is allowed (option code 5). False: 12 by itself after the ramp."""
+        self.state = State.SWITCH_ON_DISABLED
+        self.way = Trajectory()
+        self.word = 0
+        self.mode = 0
+        self.powered_since: float | None = -inf
+        self.power_delay = 0.0
+        """How long power must have been there before transition 3."""
+        self.cause = 0
+        """The code of the fault whose cause is still there, 0 if none is."""
+        self.homed = False
+        self._home_called: float | None = None
+        self._overall_start = 0.0
+        self._relative = False
+        self._acknowledged = False
+        self._reached = True
+        self._faults_at = inf
+
+    # Time
+
+    def tick(self, now: float) -> None:
+        """What happens by itself up to now: the end of a homing run, of a quick stop, of a fault reaction."""
+        end = self.way.ends_at
+        if self._home_called is not None and end <= now:
+            self.way.jump(end, self._home_called)
+            self._home_called, self.homed = None, True
+        if self.state is State.QUICK_STOP_ACTIVE and not self.stays_in_quick_stop and end <= now:
+            self.state = State.SWITCH_ON_DISABLED  # 12
+        if self.state is State.FAULT_REACTION_ACTIVE and self._faults_at <= now:
+            self.state = State.FAULT  # 14
+
+    # Commands
+
+    def control(self, word: int, now: float) -> None:
+        """A control word was written."""
+        before, self.word = self.word, word
+        command = command_of(word, before)
+        for transition in TRANSITIONS:
+            # In the order of the list one word can take two steps: 3, and 4 at once.
+            if command is not None and transition.source is self.state and transition.command is command:
+                self._take(transition, now)
+        if command is Command.ENABLE_OPERATION and self.state is State.OPERATION_ENABLED:
+            self._move(word, before, now)
+
+    def _take(self, transition: Transition, now: float) -> None:
+        if transition.number == 3 and not self._has_power(now):
+            return  # "otherwise drive remains in READY TO SWITCH ON" (CSD MT manual, ch. 11, transition 3)
+        if transition.number == 15 and self.cause:
+            return  # "allowed when the fault of the drive is solved" (transition 15)
+        if transition.number == 16 and not self.stays_in_quick_stop:
+            return
+        self.state = transition.target
+        if self.state is State.QUICK_STOP_ACTIVE:
+            self._stop(now)
+        elif self.state is State.OPERATION_ENABLED:
+            self._enter(now)
+        else:
+            # Current off: the shaft coasts. It is drawn here as braking with the deceleration that is set.
+            self._stop(now)
+            self._acknowledged = False
+
+    def _has_power(self, now: float) -> bool:
+        return self.powered_since is not None and now - self.powered_since >= self.power_delay
+
+    def _move(self, word: int, before: int, now: float) -> None:
+        rising, falling = word & ~before, before & ~word
+        if rising & HALT:
+            self._stop(now)
+        elif falling & HALT:
+            # "Target reached is automatically set to 0 and the interrupted movement is not completed" (bit 8).
+            self._reached = False
+            if self.mode == VELOCITY:
+                self.follow(now)
+        if falling & NEW_SET_POINT:
+            self._acknowledged = False
+        if rising & NEW_SET_POINT and not word & HALT:
+            if self.mode == POSITION:
+                self._set_point(word, now)
+            elif self.mode == HOMING:
+                self._start_homing(now)
+
+    def _set_point(self, word: int, now: float) -> None:
+        moving = self.way.moves(now)
+        if moving and not word & IMMEDIATELY:
+            return  # not before the target is reached (bit 5)
+        self._acknowledged = True
+        if not moving:
+            self._overall_start = self.way.position(now)
+            self._relative = bool(word & RELATIVE)
+        # On the way "a relative movement has the overall starting point as a reference", and a change of bit 6 is
+        # ignored (CSD MT manual, ch. 12, multi-set-point).
+        origin = self._overall_start if self._relative else 0.0
+        self._goal = origin + self.settings.target_position()
+        self._plan(now)
+
+    _goal = 0.0
+
+    def _plan(self, now: float) -> None:
+        velocity = self.settings.profile_velocity()
+        self._reached = True
+        if velocity > 0:
+            rate = self.settings.acceleration()
+            self.way.move(now, self._goal, velocity, rate, rate, jerky=self.settings.without_ramp(velocity))
+
+    def _start_homing(self, now: float) -> None:
+        if self.way.moves(now):
+            return
+        self._acknowledged = True
+        self.homed = False
+        self._home_called = self.settings.home(self.way, now)
+        self._reached = self._home_called is not None
+        self.tick(now)
+
+    def replan(self, now: float) -> None:
+        """The profile velocity was changed: "immediately, independently of New Set Point", on a set-point move."""
+        if self.mode == POSITION and self.way.moves(now) and not self.word & HALT:
+            self._plan(now)
+
+    def follow(self, now: float) -> None:
+        """Profile velocity: head for the target velocity, if the shaft may run."""
+        if self.state is State.OPERATION_ENABLED and self.mode == VELOCITY and not self.word & HALT:
+            rates = self.settings.acceleration(), self.settings.deceleration()
+            self.way.run_at(now, self.settings.target_velocity(), *rates)
+
+    def change_mode(self, now: float) -> None:
+        """The mode of operation was written. A movement of the old mode ends on its ramp."""
+        mode = self.settings.mode()
+        if mode == self.mode:
+            return
+        self.mode = mode
+        if self.state is State.OPERATION_ENABLED:
+            self._stop(now)
+            self._enter(now)
+
+    def _enter(self, now: float) -> None:
+        self._reached = True
+        self.follow(now)
+
+    def _stop(self, now: float) -> None:
+        self._home_called = None
+        self._reached = True
+        self.way.stop(now, max(self.settings.deceleration(), 1.0))
+
+    def rest_at(self, position: float, now: float) -> None:
+        """The present place is called `position` from now on; a movement ends here."""
+        self.way.jump(now, position)
+        self._home_called = None
+
+    # Faults
+
+    def fault(self, code: int, now: float, *, reaction: bool = False) -> None:
+        """13 and 14. With a `reaction` the shaft is braked first, otherwise the current is off at once."""
+        self.cause = code
+        if self.state is State.FAULT:
+            return
+        self._stop(now)
+        self._faults_at = self.way.ends_at if reaction else now
+        self.state = State.FAULT_REACTION_ACTIVE
+        self.tick(now)
+
+    # What a master reads
+
+    def status(self, now: float) -> int:
+        """The status word, without the bits that a drive adds."""
+        # In SWITCH ON DISABLED bit 5 is of no account in CiA 402; table 12 of the CSD MT manual prints 1.
+        word = with_state(QUICK_STOP if self.state is State.SWITCH_ON_DISABLED else 0, self.state)
+        if self.powered_since is not None:
+            word |= VOLTAGE_ENABLED
+        # During a fault reaction the drive hears nothing: remote is 0 (CSD MT manual, register 1085, step 3).
+        if self.state is not State.FAULT_REACTION_ACTIVE:
+            word |= REMOTE
+        if self.state in CURRENT_ON and self._target_reached(now):
+            word |= REACHED
+        if self.mode == VELOCITY and self.state is not State.FAULT_REACTION_ACTIVE:
+            width, seconds = self.settings.zero_window()
+            since = self.way.inside_since(now, 0.0, width)
+            word |= MODE_BIT if since is not None and now - since >= seconds else 0
+        elif self.mode == HOMING:
+            word |= MODE_BIT if self.homed else 0
+        elif self.mode == POSITION:
+            word |= MODE_BIT if self._acknowledged else 0
+        return word
+
+    def _target_reached(self, now: float) -> bool:
+        if self.mode == VELOCITY and self.state is State.OPERATION_ENABLED:
+            wanted = 0.0 if self.word & HALT else self.settings.target_velocity()
+            width, seconds = self.settings.velocity_window()
+            since = self.way.inside_since(now, wanted, width)
+            return since is not None and now - since >= seconds
+        return self._reached and not self.way.moves(now)

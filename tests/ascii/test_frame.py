@@ -1,0 +1,74 @@
+"""One whole ASCII frame."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import decode, encode
+from barewire.errors import DecodeError, EncodeError
+from barewire.modbus import Adu
+from tests.helpers import modest, refused, unhex
+
+
+@modest
+@given(st.integers(0, 255), st.binary(min_size=1, max_size=253))
+def test_a_letter_comes_back_in_upper_and_in_lower_case(unit: int, pdu: bytes) -> None:
+    frame = encode(unit, pdu)
+    assert frame == frame.upper()
+    assert decode(frame) == decode(frame.lower()) == Adu(unit, pdu)
+    assert len(frame) == 2 * len(pdu) + 7
+
+
+@modest
+@given(st.one_of(st.binary(max_size=20), st.text(":0123456789ABCDEFabcdef\r\n", max_size=20).map(str.encode)))
+def test_characters_are_a_frame_or_a_decode_error(data: bytes) -> None:
+    try:
+        adu = decode(data)
+    except DecodeError as error:
+        assert error.data == data
+        assert 0 <= error.at <= len(data)
+    else:
+        assert encode(adu.unit, adu.pdu) == data.upper()
+
+
+def test_the_longest_frame_has_513_characters() -> None:
+    assert len(encode(1, bytes(253))) == 513
+
+
+@pytest.mark.parametrize(("unit", "pdu"), [(-1, b"\x07"), (256, b"\x07"), (1, b""), (1, bytes(254))])
+def test_what_does_not_fit_is_refused(unit: int, pdu: bytes) -> None:
+    with refused(EncodeError, "expected"):
+        encode(unit, pdu)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason", "at", "text"),
+    [
+        (b"", "delimiter", 0, "begins with ':'"),
+        (b"0107F8\r\n", "delimiter", 0, "begins with ':'"),
+        (b":", "delimiter", 1, "ends with CR LF"),
+        (b":0107F8", "delimiter", 5, "ends with CR LF"),
+        (b":0107F8\n", "delimiter", 6, "ends with CR LF"),
+        (b":0107F8\r", "delimiter", 6, "ends with CR LF"),
+        (b":0107F8\n\r", "delimiter", 7, "ends with CR LF"),
+        (b":01g7F8\r\n", "character", 3, "b'g' is no hexadecimal digit"),
+        (b":01 7F8\r\n", "character", 3, "b' ' is no hexadecimal digit"),
+        (b":\r\n", "short", 3, "at least 9 characters, here are 3"),
+        (b":01FF\r\n", "short", 7, "at least 9 characters, here are 7"),
+        (b":0107F\r\n", "short", 8, "at least 9 characters, here are 8"),
+        (b":0107F80\r\n", "short", 8, "7 digits: the last byte has only one"),
+        (b":" + b"0" * 512 + b"\r\n", "long", 513, "at most 513 characters, here are 515"),
+        (b":0107F9\r\n", "checksum", 5, "LRC is F9, should be F8"),
+    ],
+)
+def test_what_is_no_frame_says_why(data: bytes, reason: str, at: int, text: str) -> None:
+    with refused(DecodeError, text) as caught:
+        decode(data)
+    assert isinstance(caught.value, DecodeError)
+    assert (caught.value.reason, caught.value.at) == (reason, at)
+
+
+def test_a_frame_that_is_known() -> None:
+    assert encode(17, unhex("03 006B 0003")) == b":1103006B00037E\r\n"

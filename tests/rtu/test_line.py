@@ -1,0 +1,480 @@
+"""The framing of an RTU line: count, CRC and silence, patient and strict.
+
+Times here are powers of two where equality matters: one character takes 1/2048 s, so that sums are exact.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.errors import EncodeError
+from barewire.modbus import Adu, Noise
+from barewire.modbus.functions import measure_request
+from barewire.rtu import RtuLine, Timing, crc16, decode, encode
+from barewire.rtu.line import Role
+from tests.helpers import (
+    Chunk,
+    chunked,
+    deliveries,
+    feed_all,
+    frames_of,
+    keeps_the_law,
+    modest,
+    noise_of,
+    refused,
+    silence,
+    spaced,
+    unhex,
+)
+
+CHARACTER = 1 / 2048
+EXACT = Timing(CHARACTER, 1.5 * CHARACTER, 3.5 * CHARACTER)
+PATIENCE = 1 / 32
+
+REQUESTS = {
+    "read coils": encode(1, unhex("01 0013 0013")),
+    "read inputs": encode(1, unhex("02 00C4 0016")),
+    "read registers": encode(1, unhex("03 006B 0003")),
+    "write coil": encode(1, unhex("05 00AC FF00")),
+    "write register": encode(1, unhex("06 0001 0003")),
+    "exception status": encode(1, unhex("07")),
+    "write coils": encode(1, unhex("0F 0013 000A 02 CD01")),
+    "write registers": encode(1, unhex("10 0001 0002 04 000A0102")),
+    "server id": encode(1, unhex("11")),
+    "identification": encode(1, unhex("2B 0E 01 00")),
+    "the longest": encode(1, unhex("10 0000 007B F6") + bytes(range(246))),
+}
+RESPONSES = {
+    "coils": encode(1, unhex("01 03 CD6B05")),
+    "registers": encode(1, unhex("03 06 022B 0000 0064")),
+    "input register": encode(1, unhex("04 02 000A")),
+    "coil written": encode(1, unhex("05 00AC FF00")),
+    "exception status": encode(1, unhex("07 6D")),
+    "registers written": encode(1, unhex("10 0001 0002")),
+    "server id": encode(1, unhex("11 03 01 FF 41")),
+    "identification": encode(1, unhex("2B 0E 01 01 00 00 02 00 03 54454D 01 03 415A33")),
+    "exception": encode(1, unhex("83 02")),
+    "the longest": encode(1, unhex("03 FA") + bytes(range(250))),
+}
+HEARD_AS: list[tuple[Role, dict[str, bytes]]] = [
+    ("client", RESPONSES),
+    ("server", REQUESTS),
+    ("listener", REQUESTS),
+    ("listener", RESPONSES),
+]
+HEARD = [pytest.param(role, frame, id=f"{role}-{name}") for role, table in HEARD_AS for name, frame in table.items()]
+
+
+def line_of(role: Role = "client", *, strict: bool = False, units: tuple[int, ...] = ()) -> RtuLine:
+    return RtuLine(EXACT, role=role, units=units, patience=None if strict else PATIENCE)
+
+
+def at_line_speed(parts: list[bytes], start: float = 1.0) -> list[Chunk]:
+    """One part right behind the other: each is over when its last character is."""
+    now, chunks = start, []
+    for part in parts:
+        now += EXACT.duration(len(part))
+        chunks.append((part, now))
+    return chunks
+
+
+# However it is delivered -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("role", "frame"), HEARD)
+def test_a_frame_is_the_same_however_it_is_delivered(role: Role, frame: bytes) -> None:
+    for parts in deliveries(frame):
+        line = line_of(role)
+        assert feed_all(line, spaced(parts, 0.002)) == [decode(frame)], parts
+        assert line.deadline is None
+
+
+@pytest.mark.parametrize(("role", "frame"), HEARD)
+def test_strict_or_not_a_frame_without_gaps_arrives(role: Role, frame: bytes) -> None:
+    for parts in deliveries(frame):
+        line = line_of(role, strict=True)
+        for data, now in at_line_speed(parts):
+            assert line.feed(data, now) == [], "only silence ends a frame"
+        assert silence(line) == [decode(frame)], parts
+
+
+@pytest.mark.parametrize(("role", "frame"), HEARD)
+def test_two_frames_glued_together_are_two(role: Role, frame: bytes) -> None:
+    for parts in deliveries(frame + frame) if len(frame) < 40 else [[frame + frame], [frame + frame[:9], frame[9:]]]:
+        assert feed_all(line_of(role), spaced(parts, 0.002)) == [decode(frame)] * 2, parts
+
+
+@pytest.mark.parametrize("noise", ["00", "FF", "FF FF FF", "01 03", "01 03 FA", "00 41", "01 83 02 00 00", "2B 0E 01"])
+@pytest.mark.parametrize(("role", "frame"), HEARD)
+def test_noise_before_a_frame_does_not_hide_it(role: Role, frame: bytes, noise: str) -> None:
+    for parts in deliveries(frame) if len(frame) < 40 else [[frame]]:
+        line = line_of(role)
+        events = feed_all(line, spaced([unhex(noise), *parts], 0.002)) + silence(line)
+        assert frames_of(events) == [decode(frame)]
+        assert b"".join(found.data for found in noise_of(events)) == unhex(noise)
+
+
+@pytest.mark.parametrize(("role", "frame"), HEARD)
+def test_noise_behind_a_frame_does_not_touch_it(role: Role, frame: bytes) -> None:
+    line = line_of(role)
+    assert line.feed(frame + b"\xff\x00", 1.0) == [decode(frame)]
+    assert silence(line) == [Noise(b"\xff\x00", "short", "2 bytes, then silence")]
+
+
+# The law of bytes ------------------------------------------------------------------------------------------------
+
+WHOLE = st.sampled_from([*REQUESTS.values(), *RESPONSES.values(), encode(9, unhex("41 0102"))])
+DAMAGED = st.builds(lambda frame, cut: frame[:cut] + b"\xff" + frame[cut:], WHOLE, st.integers(0, 12))
+TRAFFIC = st.lists(st.one_of(WHOLE, DAMAGED, st.binary(max_size=8)), max_size=4).map(b"".join)
+ROLES: list[Role] = ["client", "server", "listener"]
+
+
+@modest
+@given(chunked(st.one_of(st.binary(max_size=40), TRAFFIC), 2 * PATIENCE), st.sampled_from(ROLES), st.booleans())
+def test_no_byte_vanishes(chunks: list[Chunk], role: Role, strict: bool) -> None:
+    keeps_the_law(line_of(role, strict=strict, units=(1,)), chunks, lambda adu: encode(*adu[:2]), bound=256)
+
+
+@modest
+@given(st.binary(max_size=2000), st.sampled_from(ROLES), st.booleans())
+def test_a_babbling_line_is_heard_out_and_forgotten(data: bytes, role: Role, strict: bool) -> None:
+    line = line_of(role, strict=strict)
+    keeps_the_law(line, spaced([data[at : at + 50] for at in range(0, len(data), 50)], 0.0001), encode_again, 256)
+    silence(line)
+    assert line.held == b""
+
+
+def encode_again(adu: Adu) -> bytes:
+    return encode(adu.unit, adu.pdu)
+
+
+# Silence, patiently ----------------------------------------------------------------------------------------------
+
+REPLY = RESPONSES["registers"]
+
+
+@pytest.mark.parametrize(
+    ("gap", "heard"),
+    [(PATIENCE - CHARACTER, [decode(REPLY)]), (PATIENCE, []), (PATIENCE + CHARACTER, [])],
+    ids=["shorter", "as long", "longer"],
+)
+def test_a_pause_is_forgiven_up_to_the_patience(gap: float, heard: list[Adu]) -> None:
+    line = line_of()
+    events = line.feed(REPLY[:5], 1.0)
+    events += line.feed(REPLY[5:], 1.0 + gap + EXACT.duration(len(REPLY) - 5))
+    assert frames_of(events + silence(line)) == heard
+
+
+def test_a_long_reply_handed_over_in_two_batches_is_not_cut() -> None:
+    timing = Timing.of(115200)
+    frame = RESPONSES["the longest"]
+    line = RtuLine(timing)
+    assert line.feed(frame[:100], 1.0) == []
+    assert line.feed(frame[100:], 1.0 + 0.016 + timing.duration(155)) == [decode(frame)]
+
+
+def test_patience_is_never_less_than_the_silence_of_the_line() -> None:
+    slow = Timing.of(300)
+    assert RtuLine(slow, patience=0.001).gap == slow.t35
+
+
+@pytest.mark.parametrize("patience", [-1.0, -0.001])
+def test_patience_is_not_negative(patience: float) -> None:
+    with refused(EncodeError, "expected seconds, 0 or more, or None to be strict"):
+        RtuLine(EXACT, patience=patience)
+
+
+def test_half_a_frame_ends_exactly_at_the_deadline() -> None:
+    line = line_of()
+    line.feed(REPLY[:5], 1.0)
+    assert line.deadline == 1.0 + PATIENCE
+    assert line.feed(None, line.deadline - CHARACTER) == []
+    assert line.held == REPLY[:5]
+    assert line.feed(None, line.deadline) == [
+        Noise(REPLY[:5], "checksum", f"CRC is 02 2B, should be {crc16(REPLY[:3]).to_bytes(2, 'little').hex(' ').upper()}")
+    ]
+    assert (line.held, line.deadline) == (b"", None)
+
+
+@pytest.mark.parametrize("data", [None, b""])
+def test_nothing_is_nothing(data: bytes | None) -> None:
+    line = line_of()
+    assert line.feed(data, 5.0) == []
+    assert (line.held, line.deadline, line.quiet_at) == (b"", None, float("-inf"))
+
+
+def test_each_byte_puts_the_deadline_off() -> None:
+    line = line_of()
+    line.feed(REPLY[:1], 1.0)
+    line.feed(REPLY[1:2], 1.0 + PATIENCE / 2)
+    assert line.deadline == 1.0 + PATIENCE / 2 + PATIENCE
+
+
+def test_a_clock_that_is_late_does_not_shorten_the_silence() -> None:
+    line = line_of()
+    line.feed(REPLY[:1], 2.0)
+    line.feed(REPLY[1:2], 1.5)
+    assert line.deadline == 2.0 + PATIENCE
+
+
+# Silence, by the letter ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("characters", "whole"),
+    [(0.0, True), (1.0, True), (1.5, True), (2.0, False), (3.0, False)],
+)
+def test_a_gap_above_1_5_characters_spoils_a_frame(characters: float, whole: bool) -> None:
+    line = line_of("server", strict=True)
+    frame = REQUESTS["read registers"]
+    assert line.feed(frame[:3], 1.0) == []
+    assert line.feed(frame[3:], 1.0 + characters * CHARACTER + EXACT.duration(len(frame) - 3)) == []
+    spoiled = Noise(frame, "silence", "a gap above 1.5 characters inside the frame")
+    assert silence(line) == [decode(frame) if whole else spoiled]
+
+
+@pytest.mark.parametrize("characters", [3.5, 4.0, 100.0])
+def test_a_gap_of_3_5_characters_ends_a_frame_even_unasked(characters: float) -> None:
+    line = line_of("server", strict=True)
+    frame = REQUESTS["read registers"]
+    later = 1.0 + characters * CHARACTER + EXACT.duration(len(frame))
+    assert line.feed(frame, 1.0) == []
+    assert line.feed(frame, later) == [decode(frame)]
+    assert silence(line) == [decode(frame)]
+
+
+@pytest.mark.parametrize("baudrate", [1200, 9600, 19200, 38400, 115200])
+@pytest.mark.parametrize("start", [0.1, 1234.5678, 86400.1, 1e6 / 3])
+def test_equal_is_equal_at_every_baudrate_and_hour(baudrate: int, start: float) -> None:
+    """A gap of exactly t1.5 is allowed and one of exactly t3.5 ends a frame, whatever floating point makes of the sum."""
+    timing = Timing.of(baudrate)
+    line = RtuLine(timing, role="server", patience=None)
+    frame = REQUESTS["read registers"]
+    first = start + timing.duration(3)
+    second = first + timing.t15 + timing.duration(len(frame) - 3)
+    third = second + timing.t35 + timing.duration(len(frame))
+    events = line.feed(frame[:3], first) + line.feed(frame[3:], second) + line.feed(frame, third)
+    assert events + silence(line) == [decode(frame)] * 2
+
+
+def test_a_spoiled_frame_does_not_spoil_the_next() -> None:
+    line = line_of("server", strict=True)
+    frame = REQUESTS["read registers"]
+    line.feed(frame[:3], 1.0)
+    line.feed(frame[3:], 1.0 + 2 * CHARACTER + EXACT.duration(len(frame) - 3))
+    assert frames_of(silence(line)) == []
+    line.feed(frame, 2.0)
+    assert silence(line) == [decode(frame)]
+
+
+def test_strict_does_not_slide_over_noise() -> None:
+    line = line_of("server", strict=True)
+    line.feed(b"\xff" + REQUESTS["read registers"], 1.0)
+    assert [event.reason for event in noise_of(silence(line))] == ["checksum"]
+
+
+def test_strict_says_why_what_was_too_long_is_no_frame() -> None:
+    line = line_of("server", strict=True)
+    events = line.feed(bytes(300), 1.0) + silence(line)
+    assert [(len(event.data), event.reason) for event in noise_of(events)] == [(44, "long"), (256, "long")]
+
+
+# Speaking --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_the_line_is_quiet_t35_after_whoever_spoke_last(strict: bool) -> None:
+    line = line_of(strict=strict)
+    line.sent(1.0)
+    assert line.quiet_at == 1.0 + EXACT.t35
+    line.feed(REPLY, 2.0)
+    assert line.quiet_at == 2.0 + EXACT.t35
+    line.sent(1.5)
+    assert line.quiet_at == 2.0 + EXACT.t35
+
+
+def test_silence_does_not_put_the_quiet_off() -> None:
+    line = line_of()
+    line.feed(REPLY, 1.0)
+    line.feed(None, 9.0)
+    assert line.quiet_at == 1.0 + EXACT.t35
+
+
+def test_an_answer_comes_from_the_unit_that_was_asked() -> None:
+    line = line_of()
+    assert line.request(7, unhex("03 0000 0001")) == encode(7, unhex("03 0000 0001"))
+    assert line.answers(Adu(7, b"\x03"))
+    assert not line.answers(Adu(8, b"\x03"))
+
+
+def test_a_response_goes_back_under_the_units_own_address() -> None:
+    assert line_of("server").response(Adu(7, b"\x03"), unhex("83 02")) == encode(7, unhex("83 02"))
+
+
+# What nobody can count -------------------------------------------------------------------------------------------
+
+CUSTOM = encode(1, unhex("41 01 02 03 04 05"))
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_function_that_nobody_knows_is_ended_by_silence(role: Role) -> None:
+    for parts in deliveries(CUSTOM):
+        line = line_of(role)
+        assert feed_all(line, spaced(parts, 0.002)) == []
+        assert silence(line) == [decode(CUSTOM)]
+
+
+def test_an_unknown_mei_type_is_ended_by_silence() -> None:
+    line, frame = line_of("server"), encode(1, unhex("2B 0D 00 1F 1005 00 0000 0008"))
+    assert feed_all(line, spaced([frame[:2], frame[2:]], 0.002)) == []
+    assert silence(line) == [decode(frame)]
+
+
+def test_a_byte_count_that_lies_is_a_frame_all_the_same_when_the_crc_is_good() -> None:
+    """What is wrong with it is for the server to say (exception 03), not for the line."""
+    for pdu in ("10 0001 0002 05 000A0102", "10 0001 0002 03 000A0102", "03 0001"):
+        line = line_of("server", units=(1,))
+        assert line.feed(encode(1, unhex(pdu)), 1.0) == []
+        assert silence(line) == [Adu(1, unhex(pdu))]
+
+
+def test_the_longest_frame_that_nobody_can_count() -> None:
+    line, frame = line_of("server"), encode(1, b"\x41" + bytes(range(252)))
+    assert feed_all(line, spaced([frame[:128], frame[128:]], 0.002)) + silence(line) == [decode(frame)]
+
+
+# Resynchronisation -----------------------------------------------------------------------------------------------
+
+
+def damaged(frame: bytes) -> bytes:
+    return frame[:-1] + bytes([frame[-1] ^ 1])
+
+
+def test_a_good_frame_right_behind_a_damaged_one_is_found_at_once() -> None:
+    line = line_of()
+    events = line.feed(damaged(REPLY) + RESPONSES["exception"], 1.0)
+    assert events == [
+        Noise(damaged(REPLY), "checksum", f"{len(REPLY)} bytes that are no frame before a good one"),
+        decode(RESPONSES["exception"]),
+    ]
+
+
+def test_a_damaged_frame_is_told_with_the_crc_it_should_have_had() -> None:
+    line = line_of()
+    assert line.feed(damaged(REPLY), 1.0) == []
+    right, wrong = (frame[-2:].hex(" ").upper() for frame in (REPLY, damaged(REPLY)))
+    assert silence(line) == [Noise(damaged(REPLY), "checksum", f"CRC is {wrong}, should be {right}")]
+
+
+@pytest.mark.parametrize("length", range(1, len(REPLY)))
+def test_half_a_frame_and_then_a_whole_one(length: int) -> None:
+    """With silence between them, and (a unit that began again) without."""
+    for pause in (0.002, 2 * PATIENCE):
+        line = line_of()
+        events = feed_all(line, [(REPLY[:length], 1.0), (REPLY, 1.0 + pause)]) + silence(line)
+        assert frames_of(events) == [decode(REPLY)]
+        assert b"".join(event.data for event in noise_of(events)) == REPLY[:length]
+
+
+@pytest.mark.parametrize("noise", ["FF 41", "FF 03 FA", "01 10 00 00 00 7B F6"])
+def test_silence_brings_out_every_frame_behind_a_false_promise(noise: str) -> None:
+    """The noise promises a long frame (or one without an end), so nothing is decided before the silence."""
+    first, second, third = RESPONSES["registers"], RESPONSES["exception"], RESPONSES["coils"]
+    line = line_of("listener")
+    events = line.feed(unhex(noise) + first + second, 1.0) + line.feed(third + b"\xff", 1.001) + silence(line)
+    assert frames_of(events) == [decode(first), decode(second), decode(third)]
+    assert [event.data for event in noise_of(events)] == [unhex(noise), b"\xff"]
+
+
+def test_behind_noise_and_a_good_frame_silence_still_ends_what_nobody_can_count() -> None:
+    line = line_of("listener")
+    events = line.feed(unhex("FF 41") + REPLY + CUSTOM, 1.0) + silence(line)
+    assert frames_of(events) == [decode(REPLY), decode(CUSTOM)]
+
+
+def test_a_frame_is_found_behind_more_noise_than_a_frame_is_long() -> None:
+    for noise in (bytes(1000), b"\xff" * 1000, b"\x01\x41" * 500):
+        line = line_of()
+        events = line.feed(noise, 1.0) + line.feed(REPLY, 1.001) + silence(line)
+        assert frames_of(events) == [decode(REPLY)]
+
+
+def test_noise_without_end_is_let_go_in_parts() -> None:
+    line = line_of()
+    events = [event for place in range(100) for event in line.feed(b"\x01\x41" * 8, 1.0 + place / 1000)]
+    assert {event.reason for event in noise_of(events)} == {"long"}
+    assert {event.text for event in noise_of(events)} == {"more than 256 bytes and no frame in them"}
+    assert len(line.held) == 256
+
+
+# Other people's talk ---------------------------------------------------------------------------------------------
+
+OURS = encode(1, unhex("03 0000 0001"))
+TALK = [
+    encode(2, unhex("03 006B 0003")),
+    encode(2, unhex("03 06 022B 0000 0064")),
+    encode(3, unhex("10 0001 0002 04 000A0102")),
+    encode(3, unhex("10 0001 0002")),
+    encode(4, unhex("01 0013 0013")),
+    encode(4, unhex("81 02")),
+    encode(5, unhex("04 0000 0001")),  # nobody answers this one
+]
+
+
+@pytest.mark.parametrize("step", [0.0, 0.002, 2 * PATIENCE], ids=["glued", "batches", "pauses"])
+@pytest.mark.parametrize("strangers", range(len(TALK) + 1))
+def test_a_server_follows_others_and_then_hears_its_own_request(strangers: int, step: float) -> None:
+    line = line_of("server", units=(1,))
+    heard = feed_all(line, spaced([*TALK[:strangers], OURS], step))
+    assert heard == [decode(frame) for frame in [*TALK[:strangers], OURS]]
+
+
+@pytest.mark.parametrize("lost", range(1, 9))
+def test_a_server_that_missed_the_beginning_of_somebody_elses_reply_hears_its_own_request(lost: int) -> None:
+    line = line_of("server", units=(1,))
+    events = feed_all(line, [(TALK[1][lost:], 1.0), (OURS, 1.004)]) + silence(line)
+    assert frames_of(events) == [decode(OURS)]
+
+
+def request_that_begins_like_a_response(unit: int) -> bytes:
+    """A write of 123 registers whose first 8 bytes are, by accident, a whole response with a good CRC."""
+    for address in range(0x10000):
+        head = bytes([unit, 0x10]) + address.to_bytes(2, "big") + unhex("007B")
+        low, high = crc16(head).to_bytes(2, "little")
+        if low == 0xF6:  # the byte count of 123 registers
+            return encode(unit, head[1:] + bytes([0xF6, high]) + bytes(245))
+    raise AssertionError("there is one among 65536")
+
+
+def test_a_long_request_of_ones_own_is_not_cut_short() -> None:
+    frame = request_that_begins_like_a_response(1)
+    assert len(frame) == 255
+    assert crc16(frame[:8]) == 0
+    for parts in ([frame], [frame[:8], frame[8:]], [frame[:200], frame[200:]]):
+        line = line_of("server", units=(1,))
+        assert feed_all(line, spaced(parts, 0.002)) == [decode(frame)]
+
+
+def test_a_client_does_not_take_its_own_echo_for_more_than_a_frame() -> None:
+    """On a line that echoes, the request comes back in front of the answer."""
+    line = line_of()
+    request = line.request(1, unhex("03 006B 0003"))
+    events = line.feed(request + REPLY, 1.0)
+    assert frames_of(events) == [decode(REPLY)]
+    assert noise_of(events)[0].data == request
+
+
+@pytest.mark.parametrize(("role", "strict"), [*product(ROLES, [True, False])])
+def test_what_is_too_short_for_a_frame_is_noise(role: Role, strict: bool) -> None:
+    for length in range(1, 4):
+        line = line_of(role, strict=strict)
+        line.feed(b"\x01" * length, 1.0)
+        assert silence(line) == [Noise(b"\x01" * length, "short", f"{length} bytes, then silence")]
+
+
+def test_the_longest_request_is_counted() -> None:
+    assert measure_request(decode(REQUESTS["the longest"]).pdu) == 252

@@ -1,0 +1,81 @@
+"""URLs taken apart, and what is said of wrong ones."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.errors import EncodeError
+from barewire.shells.endpoint import Endpoint
+
+
+@pytest.mark.parametrize(
+    ("url", "scheme", "place"),
+    [
+        ("tcp://127.0.0.1:1502?unit=1", "tcp", "127.0.0.1:1502"),
+        ("rtu:///dev/ttyUSB0", "rtu", "/dev/ttyUSB0"),
+        ("rtu:///dev/pts/3?parity=N", "rtu", "/dev/pts/3"),
+        ("ascii://COM3", "ascii", "COM3"),
+        ("rtu://pty", "rtu", "pty"),
+        ("rtu://PTY?unit=2", "rtu", "pty"),
+        ("can://socketcan/can0?node=5", "can", "socketcan/can0"),
+        ("can://slcan//dev/ttyACM0", "can", "slcan//dev/ttyACM0"),
+    ],
+)
+def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
+    endpoint = Endpoint.parse(url)
+    assert (endpoint.scheme, endpoint.place) == (scheme, place)
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("127.0.0.1:502", "expected tcp://HOST:PORT"),
+        ("http://127.0.0.1", "expected tcp://HOST:PORT"),
+        ("tcp://", "it names no port"),
+        ("tcp://127.0.0.1?units=1", "unknown option 'units', expected timeout, unit"),
+        ("can://socketcan", "expected can://INTERFACE/CHANNEL"),
+        ("tcp:127.0.0.1", "expected tcp://HOST:PORT"),
+    ],
+)
+def test_a_wrong_url_is_told_in_one_line(url: str, said: str) -> None:
+    with pytest.raises(EncodeError) as caught:
+        Endpoint.parse(url)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "host", "port"),
+    [
+        ("tcp://127.0.0.1", "127.0.0.1", 502),
+        ("tcp://gateway:802", "gateway", 802),
+        ("tcp://[::1]:1502", "::1", 1502),
+        ("tcp://[::1]", "::1", 502),
+    ],
+)
+def test_host_and_port(url: str, host: str, port: int) -> None:
+    assert Endpoint.parse(url).host_and_port == (host, port)
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:x", "tcp://127.0.0.1:70000"])
+def test_a_port_that_is_none(url: str) -> None:
+    with pytest.raises(EncodeError, match="is not a number in 0..65535"):
+        _ = Endpoint.parse(url).host_and_port
+
+
+def test_options_have_kinds() -> None:
+    endpoint = Endpoint.parse("rtu:///dev/x?unit=0x11&timeout=0.5&parity=e")
+    assert endpoint.integer("unit", 1) == 17
+    assert endpoint.seconds("timeout", 1.0) == 0.5
+    assert endpoint.choice("parity", "N", ("N", "E", "O")) == "E"
+    assert endpoint.integer("baudrate", 19200) == 19200
+
+
+@pytest.mark.parametrize("query", ["unit=x", "timeout=-1", "timeout=soon", "timeout=nan", "parity=Q"])
+def test_a_wrong_option_is_told_with_its_name(query: str) -> None:
+    endpoint = Endpoint.parse(f"rtu:///dev/x?{query}")
+    key = query.partition("=")[0]
+    with pytest.raises(EncodeError, match=key):
+        endpoint.integer("unit", 1)
+        endpoint.seconds("timeout", 1)
+        endpoint.choice("parity", "N", ("N", "E", "O"))
