@@ -46,43 +46,44 @@ def _pack(items: list[str], indent: str) -> list[str]:
     """Items one behind the other, a new line where they would become too wide."""
     lines: list[str] = []
     line = indent
-    for place, item in enumerate(items):
-        piece = item + ("," if place < len(items) - 1 else "")
-        if line != indent and len(line) + 1 + len(piece) > WIDTH:
+    for item in items:
+        if line != indent and len(line) + 1 + len(item) > WIDTH:
             lines.append(line)
             line = indent
-        line += ("" if line == indent else " ") + piece
-    return [*lines, line] if line.strip() else lines
+        line += ("" if line == indent else " ") + item
+    return [*lines, line] if line != indent else lines
+
+
+def _value(value: Any, indent: str, used: int) -> str:
+    """A value: on one line if it fits there or cannot be cut, otherwise an element on each line."""
+    flat = _flat(value)
+    if used + len(flat) + 1 <= WIDTH or not isinstance(value, (list, dict)) or not value:
+        return flat
+    inner = indent + "  "
+    if isinstance(value, dict):
+        body = ",\n".join(inner + _entry(name, one, inner) for name, one in value.items())
+        return f"{{\n{body}\n{indent}}}"
+    if all(isinstance(one, str) for one in value):
+        body = "\n".join(_pack([_flat(one) + "," for one in value], inner)).removesuffix(",")
+    else:
+        body = ",\n".join(inner + _value(one, inner, len(inner)) for one in value)
+    return f"[\n{body}\n{indent}]"
 
 
 def _entry(key: str, value: Any, indent: str) -> str:
-    """One key of a case: on one line if it fits or cannot be cut, otherwise a list with an element on each line."""
-    flat = f"{_flat(key)}: {_flat(value)}"
-    if len(indent) + len(flat) + 1 <= WIDTH or not isinstance(value, (list, dict)) or not value:
-        return flat
-    inner = indent + "  "
-    if isinstance(value, list) and all(isinstance(one, str) for one in value):
-        body = "\n".join(_pack([_flat(one) for one in value], inner))
-    elif isinstance(value, list):
-        body = ",\n".join(inner + _flat(one) for one in value)
-    else:
-        body = ",\n".join(inner + _entry(name, one, inner) for name, one in value.items())
-    opening, closing = "[]" if isinstance(value, list) else "{}"
-    return f"{_flat(key)}: {opening}\n{body}\n{indent}{closing}"
+    return f"{_flat(key)}: {_value(value, indent, len(indent) + len(key) + 4)}"
 
 
 def _case(case: dict[str, Any]) -> str:
     indent = " " * 6
-    rest = [key for key in case if not any(key in row for row in ROWS)]
+    rest = tuple(key for key in case if not any(key in row for row in ROWS))
     lines: list[str] = []
-    rows = [[key for key in row if key in case] for row in ROWS]
-    for row in [*rows, rest]:
-        entries = [_entry(key, case[key], indent) for key in row]
+    for row in (*ROWS, rest):
+        entries = [_entry(key, case[key], indent) + "," for key in row if key in case]
         while entries:
-            wide = next((place for place, entry in enumerate(entries) if "\n" in entry), len(entries))
-            lines += [line + "," for line in _pack(entries[:wide], indent)]
-            lines += [indent + entry + "," for entry in entries[wide : wide + 1]]
-            entries = entries[wide + 1 :]
+            tall = next((place for place, entry in enumerate(entries) if "\n" in entry), len(entries))
+            lines += _pack(entries[:tall], indent) + [indent + entry for entry in entries[tall : tall + 1]]
+            entries = entries[tall + 1 :]
     return "    {\n" + "\n".join(lines).removesuffix(",") + "\n    }"
 
 

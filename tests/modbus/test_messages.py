@@ -45,7 +45,9 @@ ADDRESS = WORD = st.integers(0, 0xFFFF)
 BYTE = st.integers(0, 0xFF)
 REGISTERS = st.lists(WORD, min_size=1, max_size=125).map(tuple)
 # A response decoded alone holds whole bytes of bits.
-WHOLE_BYTES = st.lists(st.booleans(), min_size=1, max_size=250).map(lambda bits: tuple(b for b in bits for _ in range(8)))
+WHOLE_BYTES = st.lists(st.booleans(), min_size=1, max_size=250).map(
+    lambda bits: tuple(b for b in bits for _ in range(8))
+)
 OBJECTS = st.lists(st.tuples(BYTE, st.binary(max_size=30)), max_size=7).map(tuple)
 
 REQUESTS: dict[type[AnyRequest], st.SearchStrategy[AnyRequest]] = {

@@ -1,27 +1,44 @@
-"""The CRC: definition, table, and crcmod as referee."""
+"""The CRC: the definition, its two faster forms, and crcmod as referee."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import crcmod.predefined
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barewire.rtu.crc import crc16, crc16_bit_by_bit
+from barewire.rtu.crc import crc16, crc16_bit_by_bit, crc16_folded, crc16_table
 from tests.helpers import modest, unhex
 
 referee = crcmod.predefined.mkCrcFun("modbus")
 
 
+FORMS = [crc16, crc16_bit_by_bit, crc16_table, crc16_folded]
+
+
+@pytest.mark.parametrize("form", FORMS)
 @modest
 @given(st.binary(max_size=256))
-def test_the_table_is_the_definition_and_the_referee_agrees(data: bytes) -> None:
-    assert crc16(data) == crc16_bit_by_bit(data) == referee(data)
+def test_each_form_gives_what_the_referee_gives(form: Callable[[bytes], int], data: bytes) -> None:
+    assert form(data) == referee(data)
 
 
-@pytest.mark.parametrize("byte", range(256))
-def test_every_entry_of_the_table(byte: int) -> None:
-    assert crc16(bytes([byte])) == crc16_bit_by_bit(bytes([byte])) == referee(bytes([byte]))
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_takes_every_byte_and_every_length(form: Callable[[bytes], int]) -> None:
+    for byte in range(256):
+        assert form(bytes([byte])) == referee(bytes([byte]))
+    row = bytes(37 * place & 0xFF for place in range(300))
+    for length in range(300):
+        for data in (row[:length], bytes(length), b"\xff" * length):
+            assert form(data) == form(bytearray(data)) == referee(data)
+
+
+@pytest.mark.parametrize("length", [0xFFFF, 0x10000, 0x10001, 0x20003])
+def test_nothing_is_too_long(length: int) -> None:
+    data = bytes(range(251)) * (length // 251 + 1)
+    assert crc16_folded(data[:length]) == crc16_table(data[:length]) == referee(data[:length])
 
 
 @pytest.mark.parametrize(

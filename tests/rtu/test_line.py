@@ -195,7 +195,9 @@ def test_half_a_frame_ends_exactly_at_the_deadline() -> None:
     assert line.feed(None, line.deadline - CHARACTER) == []
     assert line.held == REPLY[:5]
     assert line.feed(None, line.deadline) == [
-        Noise(REPLY[:5], "checksum", f"CRC is 02 2B, should be {crc16(REPLY[:3]).to_bytes(2, 'little').hex(' ').upper()}")
+        Noise(
+            REPLY[:5], "checksum", f"CRC is 02 2B, should be {crc16(REPLY[:3]).to_bytes(2, 'little').hex(' ').upper()}"
+        )
     ]
     assert (line.held, line.deadline) == (b"", None)
 

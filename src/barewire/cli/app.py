@@ -8,21 +8,40 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import import_module
 from typing import Any
 
 import click
 
 from barewire import __version__
-from barewire.cli.demo import demo
-from barewire.cli.devices import devices
-from barewire.cli.explain import explain
-from barewire.cli.simulate import simulate
-from barewire.cli.values import read, write
 from barewire.errors import BarewireError
+
+COMMANDS = {
+    "demo": "demo",
+    "devices": "devices",
+    "simulate": "simulate",
+    "read": "values",
+    "write": "values",
+    "explain": "explain",
+}
+"""Which file has which command. It is loaded when the command is used: explaining a frame needs no CAN bus."""
 
 
 class Commands(click.Group):
-    """A group whose commands fail in one line."""
+    """A group whose commands are loaded when they are needed, and fail in one line."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, from its file."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"barewire.cli.{COMMANDS[cmd_name]}")
+        command = getattr(module, cmd_name)
+        assert isinstance(command, click.Command)
+        return command
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; say what went wrong without a traceback."""
@@ -32,7 +51,7 @@ class Commands(click.Group):
             print(f"barewire: {error}", file=sys.stderr)
             sys.exit(1)
         except BrokenPipeError:
-            # Whoever read our output has had enough (`| head`): no reason to complain, nor to try to flush the rest.
+            # Whoever read our output has had enough (`| head`): no reason to complain, nor to flush the rest.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(1)
         except KeyboardInterrupt:
@@ -51,7 +70,3 @@ def barewire() -> None:
       ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E&unit=1
       can://INTERFACE/CHANNEL?node=1&bitrate=125000      (INTERFACE as python-can names it)
     """
-
-
-for command in (demo, devices, simulate, read, write, explain):
-    barewire.add_command(command)

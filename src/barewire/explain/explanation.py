@@ -76,7 +76,7 @@ class Problem(NamedTuple):
 class Explanation:
     """All that can be said about one frame. `error` is None exactly when the frame is valid.
 
-    `summary` is the message in one line; the verdict tells it when the frame is valid, and `error` when it is not.
+    `summary` is the message in one line, written for a good frame: the verdict tells it only when the frame is valid.
     """
 
     protocol: Protocol

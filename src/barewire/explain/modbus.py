@@ -15,7 +15,7 @@ from collections.abc import Callable
 from barewire.ascii import frame as ascii_frame
 from barewire.ascii.lrc import lrc
 from barewire.codecs import Field, Layout
-from barewire.errors import DecodeError
+from barewire.errors import DecodeError, Reason
 from barewire.explain.explanation import Explanation, Problem, Role, counted, cover, explained, moved, on_bytes, problem
 from barewire.explain.pdu import Letter, left_over, read_letter
 from barewire.explain.words import unit_words
@@ -60,14 +60,16 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     """
     fault = _fault(rtu_frame.decode, data)
     frame, behind = data, ""
-    if fault is not None and fault.reason == "checksum":
-        end = _end_of_first(data, role)
-        if end is not None:
-            frame, behind = data[:end], "a whole frame ends before: perhaps the next one"
-            text = f"the end is no CRC: a whole frame ends before, {counted(len(data) - end)} left over"
-            fault = DecodeError(fault.reason, data, end, text)
-        elif data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
-            fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
+    is_doubtful = fault.reason == "checksum" if fault else read_letter(data[1:-2], role).error is not None
+    end = _end_of_first(data, role) if is_doubtful else None
+    if end is not None:
+        frame, behind = data[:end], "perhaps the next frame"
+        # A byte 00 behind a good frame goes unnoticed by the CRC; only the length of the message betrays it.
+        reason: Reason = "checksum" if fault else "long"
+        text = f"a whole frame ends before this, {counted(len(data) - end)} left over"
+        fault = DecodeError(reason, data, end, text)
+    elif fault is not None and fault.reason == "checksum" and data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
+        fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
     body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
     letter = read_letter(body[1:], role)
     fields = [Field(0, 1, "unit", data[0], unit_words(data[0], serial=True)) for _ in data[:1]]

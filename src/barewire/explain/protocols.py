@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast, get_args
+from typing import get_args
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import EncodeError
@@ -56,4 +56,4 @@ def _checked(protocol: str, role: str | None) -> Role | None:
         raise EncodeError(f"protocol {protocol!r}: expected {', '.join(PROTOCOLS)}", "protocol")
     if role is not None and role not in ROLES:
         raise EncodeError(f"role {role!r}: expected {', '.join(ROLES)}", "role")
-    return cast("Role | None", role)
+    return role

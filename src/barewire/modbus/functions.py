@@ -36,10 +36,13 @@ _encapsulated: dict[int, type[AnyRequest]] = {}
 def register(request: type[AnyRequest], mei_type: int | None = None) -> type[AnyRequest]:
     """Make a request class known under its function code; usable as a decorator. `mei_type` only for 2B.
 
-    Raises EncodeError for a code outside 1..127. A code that is taken is replaced: some devices speak their own 07.
+    Raises EncodeError for a code outside 1..127, and for 2B without an MEI type. A code that is taken is replaced: some
+    devices speak their own 07.
     """
     if not 1 <= request.function_code <= 0x7F:
         raise EncodeError(f"function code {request.function_code:02X}h: expected 01h..7Fh", "function_code")
+    if (mei_type is not None) != (request.function_code == ENCAPSULATED):
+        raise EncodeError("an MEI type belongs to function 2Bh, and only to that one", "function_code")
     if mei_type is None:
         _requests[request.function_code] = request
     else:

@@ -14,6 +14,9 @@ OBJECT_LIMIT = 244
 """The longest value an object can have: 253 - 7 bytes of header - 2 of the object's own [MB-APP 6.21]."""
 
 BASIC, REGULAR, EXTENDED, INDIVIDUAL = 1, 2, 3, 4
+SINGLE_ACCESS = 0x80
+"""Set in the conformity of a device that also answers `INDIVIDUAL`."""
+
 READ_CODES = {BASIC: "basic", REGULAR: "regular", EXTENDED: "extended", INDIVIDUAL: "one object"}
 MORE, NO_MORE = 0xFF, 0x00
 

@@ -49,7 +49,9 @@ class Message:
         try:
             return cls(*values)
         except EncodeError as error:
-            places = [field.offset for field in cls.layout.fields(pdu) if field.name == error.field]
+            # How many registers or bits there are is told by the byte count, so that is the field to point at.
+            names = (error.field, cls.layout.count)
+            places = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
             raise DecodeError("value", pdu, places[0] if places else 0, str(error)) from None
 
     @classmethod
@@ -125,6 +127,10 @@ class ExceptionResponse(Response):
 
     name: ClassVar[str] = "Exception"
     layout: ClassVar[Layout] = Layout(">BB", "function_code", "exception_code")
+
+    def __post_init__(self) -> None:
+        check_range("function_code", self.function_code, EXCEPTION_BIT, 0xFF)
+        check_range("exception_code", self.exception_code, 0, 0xFF)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:

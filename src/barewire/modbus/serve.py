@@ -24,7 +24,7 @@ from barewire.modbus.exceptions import (
 )
 from barewire.modbus.functions import AnyRequest, decode_request
 from barewire.modbus.line import Line
-from barewire.modbus.message import EXCEPTION_BIT, ExceptionResponse, Response
+from barewire.modbus.message import EXCEPTION_BIT, ExceptionResponse, Response, checked
 
 
 class Unit(Protocol):
@@ -98,7 +98,7 @@ class Server:
             return None
         found = self.units.get(adu.unit)
         if found is None and not self.serial:
-            found = self.units.get(255) or self.units.get(0)
+            found = self.units.get(255, self.units.get(0))
         if found is None:
             self.tally.for_others += 1
             if self.serial:
@@ -109,18 +109,21 @@ class Server:
 
     def _carry_out(self, unit: Unit, pdu: bytes, now: float) -> bytes | None:
         try:
-            response = unit.handle(read(pdu), now)
-            return None if response is None else response.encode()
-        except ModbusException as declined:
-            return self._exception(pdu, declined.code)
+            try:
+                response = unit.handle(read(pdu), now)
+            except ModbusException as declined:
+                return self._exception(pdu, declined.code)
+            # Checked here, where a response that is none is still the unit's failure and not the line's.
+            return None if response is None else checked(response.encode())
         except Exception as error:
             # A unit's own code failed. The client gets an answer, the line goes on, and the error is kept to be seen.
             self.tally.failures = [*self.tally.failures[-9:], f"{type(error).__name__}: {error}"]
             return self._exception(pdu, SERVER_DEVICE_FAILURE)
 
     def _exception(self, pdu: bytes, code: int) -> bytes:
+        answer = ExceptionResponse(pdu[0] | EXCEPTION_BIT, code).encode()
         self.tally.exceptions += 1
-        return ExceptionResponse(pdu[0] | EXCEPTION_BIT, code).encode()
+        return answer
 
 
 def read(pdu: bytes) -> AnyRequest:

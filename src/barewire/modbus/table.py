@@ -13,6 +13,8 @@ from barewire.modbus import bits, registers
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.identification import (
     BASIC,
+    INDIVIDUAL,
+    SINGLE_ACCESS,
     ReadDeviceIdentification,
     ReadDeviceIdentificationResponse,
     ReportServerId,
@@ -40,6 +42,19 @@ class Table:
         self.holding_registers = array("H", bytes(2 * size))
         self.input_registers = array("H", bytes(2 * size))
         self.identity = ((0, vendor.encode()), (1, product.encode()), (2, b"1"))
+        # Said once here, so that names too long for a PDU are refused now and not when somebody asks.
+        self._identify(BASIC, 0).encode()
+
+    def _identify(self, code: int, object_id: int) -> ReadDeviceIdentificationResponse:
+        """One object, or the stream of them from `object_id` on; from 0 if there is none of that id [MB-APP 6.21]."""
+        known = [number for number, _ in self.identity]
+        if object_id not in known:
+            if code == INDIVIDUAL:
+                raise ModbusException(ILLEGAL_DATA_ADDRESS)
+            object_id = 0
+        first = known.index(object_id)
+        objects = self.identity[first : first + 1] if code == INDIVIDUAL else self.identity[first:]
+        return ReadDeviceIdentificationResponse(code, BASIC | SINGLE_ACCESS, objects)
 
     def _span(self, address: int, quantity: int) -> slice:
         if address + quantity > self.size:
@@ -74,6 +89,6 @@ class Table:
                 return registers.WriteMultipleRegistersResponse(address, len(values))
             case ReportServerId():
                 return ReportServerIdResponse(b"\x01\xff" + self.identity[1][1])
-            case ReadDeviceIdentification(code, _):
-                return ReadDeviceIdentificationResponse(code, BASIC, self.identity)
+            case ReadDeviceIdentification(code, object_id):
+                return self._identify(code, object_id)
         raise ModbusException(ILLEGAL_FUNCTION)

@@ -1,0 +1,56 @@
+"""Simulated machines: the three of the catalogue, behaving, and any other that somebody describes.
+
+        machine = simulator("az3")            a user's own:  simulator(load("my_device/"))
+        machine.modbus.handle(request, now)   a `barewire.modbus.serve.Unit`, or None if it is not on Modbus
+        machine.canopen.feed(frame, now)      frames in, frames out, a `deadline`; None if it is not on CAN
+        machine.tick(now)                     time is what it is told: nothing here looks at a clock
+
+A simulator behaves; it does not merely answer. Both faces look into one store, so a value that is written over Modbus
+is read over CANopen, and what moves by itself moves while nobody asks.
+
+What is real: every parameter of the description, at its place, with its type, rights and range; function codes, limits
+and refusals of each device; the CiA 402 states and status words; ramps and trapezoids that last as long as they must; a
+soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; stored parameters and power-off.
+What is drawn: currents, torques, temperatures and their curves. What is only stored: everything that the head of
+`adxl`, `az3` and `csd_mt` lists as simplified. What the manuals leave open is decided in one place, and said there.
+
+Files, from the store upwards:
+
+    store       every value once                    modbus_face, canopen_face    how the buses see it
+    image       registers composed of values        simulator                    any device, without behaviour
+    trajectory  motion in closed form               axis                         CiA 402 states and motion
+    adxl, adxl_values, adxl_motor, adxl_memory      csd_mt, csd_mt_service       az3, az3_values
+
+I know: descriptions, requests, frames, time as a number.  I never know: envelopes, ports, clocks.
+Who may import me: shells, cli, bench, tests.
+"""
+
+from __future__ import annotations
+
+from barewire.devices.device import Device
+from barewire.devices.load import load
+from barewire.devices.sim.adxl import Adxl
+from barewire.devices.sim.az3 import Az3
+from barewire.devices.sim.csd_mt import CsdMt
+from barewire.devices.sim.simulator import Simulator
+
+BEHAVING: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
+"""The machines that have been taught to move, by the name of their description."""
+
+
+def simulator(device: str | Device, now: float = 0.0) -> Simulator:
+    """The simulator of a device, by its name, its path or its description.
+
+    >>> machine = simulator("csd-mt")
+    >>> type(machine).__name__, machine.canopen
+    ('CsdMt', None)
+    """
+    described = load(device) if isinstance(device, str) else device
+    # A description of somebody's own may have the name of one of ours; only ours has the parameters we move.
+    ours = BEHAVING.get(described.name)
+    if ours is not None and described is load(described.name):
+        return ours(described, now)
+    return Simulator(described, now)
+
+
+__all__ = ["simulator", "Simulator", "Adxl", "Az3", "CsdMt", "BEHAVING"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from barewire.canopen.nmt import NmtState
 from barewire.devices.cia402 import State
 from barewire.devices.sim.axis import FAULTED
 from barewire.devices.sim.trajectory import wrapped
@@ -55,7 +56,8 @@ def hang_values(drive: Az3) -> None:
     measures: dict[str, Callable[[], float]] = {
         "STATUS WORD": lambda: drive.axis.status(drive.now),
         "COIL WORD 5": lambda: int(states.held) | 1 << STATE_BITS[drive.axis.state],
-        "NODE STATE": lambda: int(drive.canopen.state) if drive.canopen is not None else 0,
+        # A drive with nothing on its CAN connector has booted all the same.
+        "NODE STATE": lambda: int(drive.canopen.state if drive.canopen else 0) or NmtState.PRE_OPERATIONAL,
         "CAN BITRATE INDEX": lambda: store.whole("CAN BIT RATE"),
         "BOOT CAN NODE READ ONLY": lambda: store.whole("BOOT CAN NODE"),
         "BOOT MODBUS NODE": lambda: store.whole("MODBUS ADDRESS") & 0xFF,

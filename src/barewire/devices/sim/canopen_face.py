@@ -13,6 +13,7 @@ composed out of them.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from barewire.canopen.device import Device as Node
@@ -25,7 +26,6 @@ from barewire.canopen.sdo.dialect import AZ3, STANDARD
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import CanopenSide
 from barewire.devices.device import Pdo as DescribedPdo
-from barewire.devices.parameter import Parameter
 from barewire.devices.sim.store import Cell, Declined, Why
 
 if TYPE_CHECKING:
@@ -125,9 +125,8 @@ def _pdo(described: DescribedPdo, node: int) -> Pdo:
     """The factory setting of a PDO. The descriptions give COB-IDs without the node-ID, which is added."""
     number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
-    direction = "TPDO" if described.cob_id & 0x80 else "RPDO"
     return Pdo(
-        "TPDO" if direction == "TPDO" else "RPDO",
+        "TPDO" if described.cob_id & 0x80 else "RPDO",
         number,
         mapping,
         type=described.transmission,
@@ -153,10 +152,6 @@ def _entries(machine: Simulator) -> list[Entry]:
     return list(entries.values())
 
 
-def _access(parameter: Parameter) -> Access:
-    return parameter.access
-
-
 def _entry(cell: Cell) -> Entry:
     """The entry of a whole object. The dictionary judges raw numbers, so the limits are told without the scale."""
     parameter = cell.parameter
@@ -169,7 +164,7 @@ def _entry(cell: Cell) -> Entry:
 
     def write(raw: Value) -> None:
         value = cell.free.from_raw(raw)
-        _declined(lambda: cell.check(value), place.index, place.sub)
+        _declined(partial(cell.check, value), place.index, place.sub)
         cell.put(value)
 
     def limit(value: int | float | None) -> float | None:
@@ -180,7 +175,7 @@ def _entry(cell: Cell) -> Entry:
         place.sub,
         parameter.name,
         "string" if parameter.type == "text" else parameter.type,
-        _access(parameter),
+        parameter.access,
         minimum=limit(parameter.minimum),
         maximum=limit(parameter.maximum),
         on_read=read,
@@ -202,7 +197,7 @@ def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
         for cell, bit in places:
             if cell.parameter.writable:
                 on = get_bit(int(word), bit)
-                _declined(lambda cell=cell, on=on: cell.check(on), index, sub)  # type: ignore[misc]
+                _declined(partial(cell.check, on), index, sub)
                 cell.put(on)
 
     access: Access = "rw" if any(cell.parameter.writable for cell in cells) else "ro"

@@ -195,7 +195,7 @@ class CsdMt(Simulator):
         return self.store.number("Profile Velocity")
 
     def acceleration(self) -> float:
-        """Register 1046; for both ramps of a position move, since a trapezoid is where PV² < PA·ΔS (motion profiles)."""
+        """Register 1046; both ramps of a position move, since a trapezoid needs PV² < PA·ΔS (motion profiles)."""
         return self.store.number("Profile Acceleration")
 
     def deceleration(self) -> float:

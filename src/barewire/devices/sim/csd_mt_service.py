@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import exp
 from typing import TYPE_CHECKING
 
@@ -69,8 +70,8 @@ class Service:
         store.measure("Digital Output", self._outputs)
         store.measure("Touch Probe Status", self._probe)
         for place in range(LOG_SIZE):
-            store.measure(f"Drive Alarm Time {place}", lambda place=place: self._alarm(place)[0])  # type: ignore[misc]
-            store.measure(f"Drive Alarm Code {place}", lambda place=place: self._alarm(place)[1])  # type: ignore[misc]
+            store.measure(f"Drive Alarm Time {place}", partial(self._alarm, place, 0))
+            store.measure(f"Drive Alarm Code {place}", partial(self._alarm, place, 1))
         self._motor(store["Motor Code"])
         store.after("Motor Code", self._motor)
 
@@ -112,8 +113,8 @@ class Service:
         seconds = int(self.drive.now - self.on_since) % 0x10000
         self.alarms = [(seconds, code), *self.alarms][:LOG_SIZE]
 
-    def _alarm(self, place: int) -> tuple[int, int]:
-        return self.alarms[place] if place < len(self.alarms) else (0, 0)
+    def _alarm(self, place: int, column: int) -> int:
+        return self.alarms[place][column] if place < len(self.alarms) else 0
 
     def _clear_log(self, value: Value) -> None:
         if value == 1:

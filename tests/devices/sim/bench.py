@@ -1,0 +1,100 @@
+"""A bench for simulated machines: ask by name, in virtual time, through real messages and frames."""
+
+from __future__ import annotations
+
+from barewire.canopen import CanFrame
+from barewire.canopen.sdo.messages import Abort, ExpeditedDownload, ExpeditedUpload, InitiateUpload, decode_answer
+from barewire.codecs import Value
+from barewire.devices.parameter import ModbusAt, Parameter
+from barewire.devices.sim import Simulator
+from barewire.modbus import bits, registers
+from barewire.modbus.exceptions import ModbusException
+from barewire.modbus.message import Response
+
+
+class Bench:
+    """One machine and the time it is there."""
+
+    def __init__(self, machine: Simulator, now: float = 0.0) -> None:
+        self.machine = machine
+        self.now = now
+
+    def parameter(self, name: str) -> Parameter:
+        return self.machine.device.find(name)
+
+    # Modbus
+
+    def ask(self, request: object) -> Response | None:
+        assert self.machine.modbus is not None
+        return self.machine.modbus.handle(request, self.now)
+
+    def refused(self, request: object) -> int:
+        """The exception code that the machine answers with; 0 if it does not."""
+        try:
+            self.ask(request)
+        except ModbusException as declined:
+            return declined.code
+        return 0
+
+    def words(self, address: int, quantity: int = 1, table: str = "holding") -> tuple[int, ...]:
+        side = self.machine.device.modbus
+        assert side is not None
+        code = side.read_functions["input" if table == "input" else "holding"]
+        kind = {3: registers.ReadHoldingRegisters, 4: registers.ReadInputRegisters}[code]
+        answer = self.ask(kind(address, quantity))
+        assert isinstance(answer, registers.ReadHoldingRegistersResponse)
+        return answer.registers
+
+    def place(self, name: str) -> ModbusAt:
+        place = self.parameter(name).modbus
+        assert place is not None
+        return place
+
+    def read(self, name: str) -> Value:
+        parameter, place = self.parameter(name), self.place(name)
+        if place.table == "coil":
+            answer = self.ask(bits.ReadCoils(place.address, 1))
+            assert isinstance(answer, bits.ReadCoilsResponse)
+            return answer.bits[0]
+        return parameter.from_registers(self.words(place.address, place.words, place.table))
+
+    def writes(self, name: str, value: Value) -> object:
+        """The request that writes a parameter."""
+        parameter, place = self.parameter(name), self.place(name)
+        if place.table == "coil":
+            return bits.WriteSingleCoil(place.address, bool(value))
+        old = self.words(place.address, 1, place.table) if place.partial else ()
+        words = parameter.to_registers(value, old)
+        if len(words) == 1:
+            return registers.WriteSingleRegister(place.address, words[0])
+        return registers.WriteMultipleRegisters(place.address, words)
+
+    def write(self, name: str, value: Value) -> None:
+        self.ask(self.writes(name, value))
+
+    # CANopen
+
+    def frames(self, text: str | None = None) -> list[str]:
+        """What the node says to a frame, or to time passing, as lines of text."""
+        assert self.machine.canopen is not None
+        frame = None if text is None else CanFrame.parse(text)
+        return [str(said) for said in self.machine.canopen.feed(frame, self.now)]
+
+    def _sdo(self, data: bytes) -> bytes:
+        assert self.machine.canopen is not None
+        said = self.machine.canopen.feed(CanFrame(0x601, data), self.now)
+        (answer,) = [frame for frame in said if frame.id == 0x581]
+        return answer.data
+
+    def upload(self, index: int, sub: int = 0) -> bytes | int:
+        """The bytes of an object, or the abort code."""
+        answer = decode_answer(self._sdo(InitiateUpload(index, sub).encode()))
+        if isinstance(answer, Abort):
+            return answer.code
+        assert isinstance(answer, ExpeditedUpload)
+        return answer.data
+
+    def download(self, index: int, sub: int, data: bytes) -> int:
+        """0, or the abort code."""
+        answer = decode_answer(self._sdo(ExpeditedDownload(index, sub, data).encode()))
+        return answer.code if isinstance(answer, Abort) else 0

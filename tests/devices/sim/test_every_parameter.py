@@ -1,0 +1,106 @@
+"""Every parameter of the catalogue, by each of its places: what can be written comes back, what cannot is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.codecs import Value
+from barewire.codecs.numbers import Number
+from barewire.devices.load import load, names
+from barewire.devices.parameter import Parameter
+from barewire.devices.sim import simulator
+from barewire.modbus import registers
+from tests.devices.sim.bench import Bench
+
+ALL = [(name, parameter) for name in names() for parameter in load(name).parameters]
+IDS = [f"{name}-{parameter.name}" for name, parameter in ALL]
+
+# Written, and not to be read back as written: why.
+COMMANDS = {
+    "Save All Parameters", "Restore All Default Parameters", "Reset Error Logs", "Read Temperature",
+    "STORE ALL PARAMETERS", "RESET POSITION", "RESET ERROR", "SOFTWARE RESET", "POWER OFF RESET",
+}  # fmt: skip
+MEASURED = {"HEATSINK TEMPERATURE", "CUSTOM POSITION ACTUAL VALUE", "SENSORLESS MEASURED SPEED"}
+MAPPINGS = range(0x1400, 0x1C00)  # have rules of their own, see tests/canopen
+
+
+def wanted(parameter: Parameter) -> Value:
+    """A value that the parameter may have, and not the one it has."""
+    if parameter.type == "bool":
+        return not parameter.default
+    if parameter.name == "Parameter value":
+        return 4
+    if parameter.type.startswith("f"):
+        return 1.5
+    kind, scale = Number(parameter.type), parameter.scale
+    low = kind.minimum * scale if parameter.minimum is None else parameter.minimum
+    high = kind.maximum * scale if parameter.maximum is None else parameter.maximum
+    allowed = [value for value in parameter.values if low <= value <= high]
+    candidates = [*allowed, high, low] if parameter.values else [high, low]
+    return next((float(v) if v % 1 else int(v) for v in candidates if v != parameter.default), int(low))
+
+
+@pytest.mark.parametrize(("name", "parameter"), ALL, ids=IDS)
+def test_over_modbus(name: str, parameter: Parameter) -> None:
+    bench = Bench(simulator(name))
+    place = parameter.modbus
+    if place is None:
+        return
+    if not parameter.readable:
+        gone = bench.refused(registers.ReadInputRegisters(place.address, 1))
+        event = parameter.name == "Event index"  # its address is another thing when it is read
+        assert gone == (0 if event else 2)
+        return
+    if name == "adxl":
+        bench.write("Menu number selection", 1)
+        bench.write("Parameter number selection", 4)
+    before = bench.read(parameter.name)
+    value = wanted(parameter)
+    if not parameter.writable:
+        if place.table != "input":
+            assert bench.refused(bench.writes(parameter.name, before)) == 2
+        assert bench.read(parameter.name) == before
+        return
+    bench.write(parameter.name, value)
+    if parameter.name not in COMMANDS | MEASURED:
+        assert bench.read(parameter.name) == value
+    if place.table == "input":
+        return
+    # Out of range is 03, and nothing changes.
+    kept = bench.read(parameter.name)
+    if parameter.type.startswith(("i", "u")) and parameter.maximum is not None:
+        above = Number(parameter.type).maximum
+        if above * parameter.scale > parameter.maximum and not place.partial:
+            words = Parameter("", parameter.type, modbus=place).to_registers(above)
+            assert bench.refused(registers.WriteMultipleRegisters(place.address, words) if name != "adxl" else
+                                 registers.WriteSingleRegister(place.address, words[0])) == 3  # fmt: skip
+            assert bench.read(parameter.name) == kept
+
+
+@pytest.mark.parametrize(("name", "parameter"), [pair for pair in ALL if pair[1].object], ids=lambda v: getattr(v, "name", v))
+def test_over_canopen(name: str, parameter: Parameter) -> None:
+    bench = Bench(simulator(name))
+    bench.frames()
+    place = parameter.object
+    assert place is not None
+    before = bench.upload(place.index, place.sub)
+    assert isinstance(before, bytes)
+    if place.index in MAPPINGS:
+        assert parameter.from_object(before) == parameter.default
+        return
+    value = wanted(parameter)
+    if parameter.name == "CAN BITRATE INDEX":  # 2068h is CAN BIT RATE, of one byte
+        assert before == b"\x05"
+        return
+    if not parameter.writable:
+        if place.bit is None:
+            assert bench.download(place.index, place.sub, before) == 0x0601_0002
+        return
+    assert bench.download(place.index, place.sub, parameter.to_object(value, before)) == 0
+    if parameter.name in COMMANDS | MEASURED:
+        return
+    after = bench.upload(place.index, place.sub)
+    assert isinstance(after, bytes)
+    assert parameter.from_object(after) == value
+    if parameter.modbus is not None:
+        assert bench.read(parameter.name) == value

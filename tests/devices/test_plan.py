@@ -1,0 +1,261 @@
+"""The planner: the fewest requests, no gap bridged that the device does not fill, writing in the order asked."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.devices import Device, ModbusAt, ModbusSide, Parameter, load, plan_reads, plan_writes
+from barewire.devices.plan import Block, Writing, known_addresses
+from barewire.errors import EncodeError
+from helpers import modest, refused
+
+
+def device(*places: ModbusAt, access: Any = "rw", **side: Any) -> Device:
+    """A device with one parameter in each place, named by its number."""
+    kinds = {1: "u16", 2: "u32", 4: "u64"}
+    rows = (
+        Parameter(
+            str(number),
+            "bool" if at.bit is not None else "u8" if at.half else kinds.get(at.words, "text"),
+            access=access,
+            modbus=at,
+        )
+        for number, at in enumerate(places)
+    )
+    return Device("d", "d", tuple(rows), modbus=ModbusSide(**side))
+
+
+def holding(address: int, words: int = 1, **rest: Any) -> ModbusAt:
+    return ModbusAt("holding", address, words, **rest)
+
+
+def reads(machine: Device, *numbers: int) -> list[tuple[str, int, int, list[tuple[str, int]]]]:
+    blocks = plan_reads(machine, [machine.find(str(number)) for number in numbers])
+    return [(b.table, b.address, b.quantity, [(m.parameter.name, m.offset) for m in b.members]) for b in blocks]
+
+
+def writes(machine: Device, *numbers: int) -> list[tuple[int, int, int, list[str]]]:
+    planned = plan_writes(machine, [machine.find(str(number)) for number in numbers])
+    return [(w.function, w.address, w.quantity, [m.parameter.name for m in w.members]) for w in planned]
+
+
+# Reading
+
+
+def test_neighbours_are_one_request_in_whatever_order_they_are_asked() -> None:
+    machine = device(holding(0), holding(1, 2), holding(3))
+    assert reads(machine, 2, 0, 1) == [("holding", 0, 4, [("0", 0), ("1", 1), ("2", 3)])]
+
+
+def test_a_known_register_between_is_read_along_and_an_unknown_one_is_not() -> None:
+    machine = device(holding(0), holding(1), holding(2), holding(4))
+    assert reads(machine, 0, 2, 3) == [
+        ("holding", 0, 3, [("0", 0), ("2", 2)]),
+        ("holding", 4, 1, [("3", 0)]),
+    ]
+
+
+def test_what_may_not_be_read_bridges_nothing() -> None:
+    machine = device(holding(0), holding(2))
+    secret = Parameter("secret", "u16", access="wo", modbus=holding(1))
+    machine = Device("d", "d", (*machine.parameters, secret), modbus=machine.modbus)
+    assert [row[:3] for row in reads(machine, 0, 1)] == [("holding", 0, 1), ("holding", 2, 1)]
+
+
+def test_halves_and_bits_of_one_register_are_one_request() -> None:
+    machine = device(holding(5, half="L"), holding(5, half="H"), holding(5, bit=3), holding(4, 2))
+    assert reads(machine, 0, 1, 2) == [("holding", 5, 1, [("0", 0), ("1", 0), ("2", 0)])]
+    assert reads(machine, 0, 3) == [("holding", 4, 2, [("3", 0), ("0", 1)])]
+
+
+def test_tables_stand_apart() -> None:
+    machine = device(holding(0), ModbusAt("input", 1), ModbusAt("coil", 2), ModbusAt("discrete", 3))
+    assert [row[:3] for row in reads(machine, 0, 1, 2, 3)] == [
+        ("coil", 2, 1),
+        ("discrete", 3, 1),
+        ("holding", 0, 1),
+        ("input", 1, 1),
+    ]
+
+
+def test_the_limit_cuts_between_parameters_never_within_one() -> None:
+    machine = device(holding(0, 2), holding(2, 2), holding(4, 2), read_limit=3)
+    assert [row[1:3] for row in reads(machine, 0, 1, 2)] == [(0, 2), (2, 2), (4, 2)]
+
+
+def test_coils_are_counted_sixteen_to_a_register() -> None:
+    coils = [ModbusAt("coil", address) for address in range(40)]
+    assert [row[1:3] for row in reads(device(*coils, read_limit=2), *range(40))] == [(0, 32), (32, 8)]
+    many = [ModbusAt("coil", address) for address in range(2001)]
+    assert [row[1:3] for row in reads(device(*many), *range(2001))] == [(0, 2000), (2000, 1)]
+
+
+def test_the_same_parameter_twice_is_one_member() -> None:
+    assert reads(device(holding(0)), 0, 0) == [("holding", 0, 1, [("0", 0)])]
+
+
+def test_the_function_is_that_of_the_description() -> None:
+    adxl = load("adxl")
+    asked = [adxl.find("Parameter value"), adxl.find("Frequency")]
+    assert [(b.table, b.function, b.address) for b in plan_reads(adxl, asked)] == [
+        ("holding", 4, 0x5003),
+        ("input", 4, 0x31),
+    ]
+    assert plan_reads(load("csd-mt"), [load("csd-mt").find("Status Word")])[0].function == 3
+
+
+@pytest.mark.parametrize(
+    ("machine", "said"),
+    [
+        (device(holding(0, 9), read_limit=8), "0 takes 9 registers, d gives 8 in one answer"),
+        (device(holding(0), read_functions={}), "0: d has no function that reads table 'holding'"),
+    ],
+)
+def test_what_cannot_be_read(machine: Device, said: str) -> None:
+    with refused(EncodeError, said):
+        plan_reads(machine, machine.parameters)
+
+
+def test_a_parameter_that_is_elsewhere() -> None:
+    with refused(EncodeError, "IQRMSX10 has no place on Modbus: it is object 2002h:00 on CANopen"):
+        plan_reads(load("az3"), [load("az3").find("IQRMSX10")])
+
+
+def test_a_whole_machine_in_few_requests() -> None:
+    counts = {}
+    for name in ("adxl", "az3", "csd-mt"):
+        machine = load(name)
+        asked = [parameter for parameter in machine.parameters if parameter.readable and parameter.modbus]
+        counts[name] = len(plan_reads(machine, asked))
+    assert counts == {"adxl": 18, "az3": 44, "csd-mt": 15}
+
+
+places = st.builds(
+    ModbusAt,
+    st.sampled_from(["holding", "input", "coil"]),
+    st.integers(0, 40),
+    st.sampled_from([1, 1, 1, 2, 4]),
+).map(lambda at: at._replace(words=1) if at.table == "coil" else at)
+
+
+@modest
+@given(st.lists(places, min_size=1, max_size=14), st.integers(4, 12), st.data())
+def test_property_of_reading(rows: list[ModbusAt], limit: int, data: st.DataObject) -> None:
+    machine = device(*rows, read_limit=limit)
+    asked = data.draw(st.lists(st.sampled_from(machine.parameters), min_size=1, unique_by=lambda row: row.name))
+    blocks = plan_reads(machine, asked)
+    assert sorted(m.parameter.name for block in blocks for m in block.members) == sorted(row.name for row in asked)
+    for block in blocks:
+        assert block.quantity <= (limit * 16 if block.table == "coil" else limit)
+        assert {*range(block.address, block.address + block.quantity)} <= known_addresses(machine, block.table)
+        for parameter, offset in block.members:
+            assert parameter.modbus is not None
+            assert (parameter.modbus.table, parameter.modbus.address) == (block.table, block.address + offset)
+            assert offset + parameter.modbus.words <= block.quantity
+    assert len(blocks) == fewest(machine, asked, limit)
+
+
+def fewest(machine: Device, asked: list[Parameter], limit: int) -> int:
+    """By trying: the smallest number of spans of known ground that cover what is asked, table by table."""
+    total = 0
+    for table in {row.modbus.table for row in asked if row.modbus}:
+        spans = [(at.address, at.address + at.words) for row in asked if (at := row.modbus) and at.table == table]
+        known = known_addresses(machine, table)
+        longest = limit * 16 if table == "coil" else limit
+        windows = []
+        for start in {begin for begin, _ in spans}:
+            end = start
+            while end in known and end - start < longest:
+                end += 1
+            windows.append({span for span in spans if start <= span[0] and span[1] <= end})
+        total += next(
+            count
+            for count in range(1, len(spans) + 1)
+            if any(set(spans) <= set().union(*chosen) for chosen in combinations(windows, min(count, len(windows))))
+        )
+    return total
+
+
+# Writing
+
+
+def test_neighbours_in_order_become_one_function_16() -> None:
+    machine = device(holding(0), holding(1, 2), holding(3))
+    assert writes(machine, 0, 1, 2) == [(16, 0, 4, ["0", "1", "2"])]
+
+
+def test_the_order_of_writing_is_kept_and_nothing_is_bridged() -> None:
+    machine = device(holding(0), holding(1), holding(2))
+    assert writes(machine, 1, 0) == [(6, 1, 1, ["1"]), (6, 0, 1, ["0"])]
+    assert writes(machine, 0, 2) == [(6, 0, 1, ["0"]), (6, 2, 1, ["2"])]
+
+
+def test_neighbours_stay_apart_without_function_16_and_beyond_the_limit() -> None:
+    places = (holding(0), holding(1), holding(2))
+    assert writes(device(*places, write_functions={"holding": (6,)}), 0, 1) == [(6, 0, 1, ["0"]), (6, 1, 1, ["1"])]
+    assert writes(device(*places, write_limit=2), 0, 1, 2) == [(16, 0, 2, ["0", "1"]), (6, 2, 1, ["2"])]
+
+
+def test_a_device_with_function_16_alone_gets_16_for_one_register_too() -> None:
+    assert writes(device(holding(0), write_functions={"holding": (16,)}), 0) == [(16, 0, 1, ["0"])]
+
+
+def test_two_registers_take_function_16_or_06_twice() -> None:
+    assert writes(device(holding(0, 2)), 0) == [(16, 0, 2, ["0"])]
+    assert writes(device(holding(0, 2), write_functions={"holding": (6,)}), 0) == [(6, 0, 2, ["0"])]
+
+
+def test_two_registers_for_a_device_that_takes_one() -> None:
+    machine = device(holding(0, 2), write_functions={"holding": (6,)}, write_limit=1)
+    with refused(EncodeError, "0 takes 2 registers, and d takes 1 in one write: it would arrive in pieces"):
+        plan_writes(machine, machine.parameters)
+
+
+def test_parts_of_a_register_are_read_changed_and_written_together() -> None:
+    machine = device(holding(7, half="L"), holding(7, half="H"), holding(7, bit=2), holding(8))
+    planned = plan_writes(machine, [machine.find(name) for name in "0123"])
+    assert [(w.address, w.keep, w.read_function, len(w.members)) for w in planned] == [
+        (7, True, 3, 3),
+        (8, False, 0, 1),
+    ]
+
+
+def test_parts_of_a_register_that_nobody_may_read_cannot_be_kept() -> None:
+    machine = device(holding(7, half="L"), read_functions={})
+    with refused(EncodeError, "0 is part of a register that d does not let be read"):
+        plan_writes(machine, machine.parameters)
+
+
+def test_coils_one_by_one() -> None:
+    coils = (ModbusAt("coil", 0), ModbusAt("coil", 1))
+    assert writes(device(*coils), 0, 1) == [(5, 0, 1, ["0"]), (5, 1, 1, ["1"])]
+    assert writes(device(*coils, write_functions={"coil": (15,)}), 0) == [(15, 0, 1, ["0"])]
+
+
+def test_a_table_that_nothing_writes() -> None:
+    machine = device(ModbusAt("input", 0))
+    with refused(EncodeError, "0 lies in table 'input', which nothing in d writes"):
+        plan_writes(machine, machine.parameters)
+
+
+@modest
+@given(st.lists(places.filter(lambda at: at.table != "input"), min_size=1, max_size=10), st.integers(4, 12))
+def test_property_of_writing(rows: list[ModbusAt], limit: int) -> None:
+    machine = device(*rows, write_limit=limit)
+    planned = plan_writes(machine, machine.parameters)
+    assert [m.parameter for write in planned for m in write.members] == [*machine.parameters]
+    for write in planned:
+        assert write.quantity <= limit
+        covered = [(write.address + m.offset, m.parameter.modbus) for m in write.members]
+        assert all(at is not None and at.address == address for address, at in covered)
+        assert sum(at.words for _, at in covered if at is not None) == write.quantity
+
+
+def test_blocks_are_values() -> None:
+    assert Block("holding", 0, 1, (), 3) == Block("holding", 0, 1, (), 3)
+    assert Writing("holding", 0, 1, (), 6).keep is False

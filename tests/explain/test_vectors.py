@@ -1,0 +1,47 @@
+"""The same judgement as everybody else's: every frame and PDU of the vectors, explained."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barewire import rtu
+from barewire.explain import Explanation, Role, explain
+
+VECTORS = Path(__file__).parent.parent.parent / "vectors"
+BYTES_OF = {"rtu-frame": "frame", "tcp-frame": "frame", "ascii-frame": "text", "pdu": "pdu"}
+
+
+def tells_about_bytes(case: dict[str, Any], key: str) -> bool:
+    """Not what cannot be said or carried, and not what a decoder refuses but a wire may carry: unknown functions."""
+    refused = case["result"] == "invalid" and (case.get("fails") != "decode" or case.get("reason") == "function")
+    return key in case and not refused and (key != "pdu" or 1 <= len(bytes.fromhex(case[key])) <= 253)
+
+
+def vectors() -> list[Any]:
+    found = []
+    for room in ("modbus", "rtu", "ascii", "tcp"):
+        for file in sorted((VECTORS / room).glob("*.json")):
+            content = json.loads(file.read_text(encoding="utf-8"))
+            kind = content["kind"]
+            cases = [case for case in content["cases"] if kind in BYTES_OF and tells_about_bytes(case, BYTES_OF[kind])]
+            found += [pytest.param(kind, case, id=case["id"]) for case in cases]
+    return found
+
+
+def of_vector(kind: str, case: dict[str, Any]) -> Explanation:
+    side: Role | None = case.get("side")
+    if kind == "ascii-frame":
+        return explain("ascii", case["text"].encode("latin-1"), side)
+    if kind == "pdu":
+        return explain("rtu", rtu.encode(1, bytes.fromhex(case["pdu"])), side)
+    return explain("rtu" if kind == "rtu-frame" else "tcp", bytes.fromhex(case["frame"]), side)
+
+
+@pytest.mark.parametrize(("kind", "case"), vectors())
+def test_it_judges_as_the_vectors_do(kind: str, case: dict[str, Any]) -> None:
+    said = of_vector(kind, case)
+    assert said.valid == (case["result"] != "invalid"), said.verdict

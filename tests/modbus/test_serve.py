@@ -1,0 +1,314 @@
+"""The server: the order of its checks, its silences, and no way to make it stumble."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import AsciiLine
+from barewire.modbus import (
+    Adu,
+    ModbusException,
+    ReadHoldingRegistersResponse,
+    ReportServerIdResponse,
+    Response,
+    Server,
+    Table,
+    Unit,
+    decode_response,
+)
+from barewire.modbus.line import Line
+from barewire.modbus.message import Message
+from barewire.rtu import RtuLine, Timing
+from barewire.rtu import encode as rtu_frame
+from barewire.tcp import TcpLine
+from barewire.tcp import decode as tcp_decode
+from barewire.tcp import encode as tcp_frame
+from tests.helpers import Broken, Chunk, chunked, modest, unhex
+
+TIMING = Timing.of(19200)
+
+
+class Answering:
+    """A unit that answers everything with the same response."""
+
+    def __init__(self, response: Any) -> None:
+        self.response = response
+        self.heard: list[Message] = []
+
+    def handle(self, request: Any, now: float) -> Response | None:
+        self.heard.append(request)
+        return self.response  # type: ignore[no-any-return]
+
+
+def tcp_server(unit: Unit | None = None, address: int = 1) -> Server:
+    return Server(TcpLine(), {address: unit or Table(100)}, serial=False)
+
+
+def rtu_server(units: dict[int, Unit] | None = None) -> Server:
+    units = {1: Table(100)} if units is None else units
+    return Server(RtuLine(TIMING, role="server", units=units), units, serial=True)
+
+
+def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
+    """The PDU that the server answers to one PDU, as hex."""
+    found = server.answer(Adu(unit, unhex(pdu)), 1.0)
+    return None if found is None else found.hex().upper()
+
+
+# The order of checks ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("pdu", "answered"),
+    [
+        # 01: the function, before anything else
+        pytest.param("41 00", "C101", id="unknown function"),
+        pytest.param("00", "8001", id="function 0"),
+        pytest.param("08 0000 A537", "8801", id="function that nobody here knows"),
+        pytest.param("2B 0D 00 1F 1005 00 0000 0004", "AB01", id="unknown MEI type"),
+        pytest.param("07", "8701", id="known function that the unit does not do"),
+        # 03: quantities, values, lengths
+        pytest.param("03 0000 0000", "8303", id="quantity 0"),
+        pytest.param("03 0000 007E", "8303", id="quantity 126"),
+        pytest.param("01 0000 07D1", "8103", id="quantity 2001"),
+        pytest.param("05 0000 1234", "8503", id="a coil that is neither on nor off"),
+        pytest.param("0F 0000 0009 01 FF", "8F03", id="byte count too small for the coils"),
+        pytest.param("10 0000 0001 04 0001 0002", "9003", id="byte count too large for the registers"),
+        pytest.param("10 0000 0002 04 0001", "9003", id="byte count larger than what follows"),
+        pytest.param("03 0000", "8303", id="truncated"),
+        pytest.param("03", "8303", id="nothing but the function"),
+        pytest.param("03 0000 0001 00", "8303", id="a byte too many"),
+        pytest.param("2B 0E 05 00", "AB03", id="unknown read code"),
+        # 03 wins over 02
+        pytest.param("03 FFFF 0000", "8303", id="bad address and quantity 0"),
+        pytest.param("05 FFFF 1234", "8503", id="bad address and bad value"),
+        pytest.param("10 FFFF 0001 04 0001 0002", "9003", id="bad address and byte count"),
+        # 02: addresses
+        pytest.param("03 0064 0001", "8302", id="behind the end"),
+        pytest.param("03 0063 0002", "8302", id="over the end"),
+        pytest.param("03 FFFF 0002", "8302", id="over the end of all addresses"),
+        pytest.param("05 0064 FF00", "8502", id="no such coil"),
+        pytest.param("0F 0060 0005 01 1F", "8F02", id="coils over the end"),
+        pytest.param("10 0063 0002 04 0001 0002", "9002", id="registers over the end"),
+        # and what is right
+        pytest.param("03 0063 0001", "03020000", id="the last register"),
+        pytest.param("05 0063 FF00", "050063FF00", id="the last coil"),
+    ],
+)
+def test_function_then_quantity_then_address(pdu: str, answered: str) -> None:
+    assert answer(tcp_server(), pdu) == answered
+
+
+def test_ffff_plus_1_exists_and_ffff_plus_2_does_not() -> None:
+    server = tcp_server(Table())
+    assert answer(server, "03 FFFF 0001") == "03020000"
+    assert answer(server, "03 FFFF 0002") == "8302"
+
+
+def test_a_truncated_request_on_rtu_ends_in_silence_and_exception_03() -> None:
+    server = rtu_server()
+    assert server.feed(rtu_frame(1, unhex("03 0000")), 1.0) == []
+    assert server.deadline is not None
+    (reply,) = server.feed(None, server.deadline)
+    assert reply.data == rtu_frame(1, unhex("83 03"))
+
+
+def test_a_request_with_a_wrong_crc_is_not_answered() -> None:
+    server = rtu_server()
+    frame = rtu_frame(1, unhex("03 0000 0001"))
+    assert server.feed(frame[:-1] + b"\xff", 1.0) == []
+    assert server.deadline is not None
+    assert server.feed(None, server.deadline) == []
+    assert server.tally.noise_bytes == len(frame)
+    assert server.tally.requests == 0
+
+
+# For whom --------------------------------------------------------------------------------------------------------
+
+
+def test_a_broadcast_is_carried_out_by_all_and_answered_by_none() -> None:
+    one, two = Table(), Table()
+    server = rtu_server({1: one, 2: two})
+    assert server.feed(rtu_frame(0, unhex("06 0005 1234")), 1.0) == []
+    assert (one.holding_registers[5], two.holding_registers[5]) == (0x1234, 0x1234)
+    assert (server.tally.broadcasts, server.tally.replies) == (1, 0)
+
+
+def test_a_bad_broadcast_is_not_answered_either() -> None:
+    server = rtu_server()
+    for pdu in ("41", "03 0000 0000", "06 0064 0000"):
+        assert answer(server, pdu, unit=0) is None
+
+
+def test_what_is_for_another_unit_is_not_answered_on_a_serial_line() -> None:
+    server = rtu_server()
+    assert server.feed(rtu_frame(2, unhex("06 0005 1234")), 1.0) == []
+    assert (server.tally.for_others, server.tally.requests) == (1, 0)
+
+
+@pytest.mark.parametrize("unit", [0, 255])
+@pytest.mark.parametrize("at", [0, 255])
+def test_a_direct_device_on_tcp_is_unit_0_or_255_and_answers_to_every_name(unit: int, at: int) -> None:
+    server = tcp_server(address=at)
+    assert answer(server, "03 0000 0001", unit) == "03020000"
+    assert answer(server, "03 0000 0001", unit=17) == "03020000"
+
+
+def test_unit_0_on_tcp_is_no_broadcast() -> None:
+    server = tcp_server(address=0)
+    (reply,) = server.feed(tcp_frame(0, unhex("06 0005 1234"), 9), 1.0)
+    assert reply.data == tcp_frame(0, unhex("06 0005 1234"), 9)
+    assert server.tally.broadcasts == 0
+
+
+def test_255_answers_before_0_and_a_units_own_name_before_both() -> None:
+    def unit(value: int) -> Answering:
+        return Answering(ReadHoldingRegistersResponse((value,)))
+
+    server = Server(TcpLine(), {0: unit(0), 5: unit(5), 255: unit(255)}, serial=False)
+    assert [answer(server, "03 0000 0001", number) for number in (0, 5, 6, 255)] == [
+        "03020000",
+        "03020005",
+        "030200FF",
+        "030200FF",
+    ]
+
+
+def test_a_unit_that_is_false_is_still_a_unit() -> None:
+    class Empty(Answering):
+        def __len__(self) -> int:
+            return 0
+
+    server = Server(TcpLine(), {255: Empty(ReadHoldingRegistersResponse((7,)))}, serial=False)
+    assert answer(server, "03 0000 0001", unit=17) == "03020007"
+
+
+def test_an_unknown_unit_on_tcp_is_a_target_that_does_not_respond() -> None:
+    server = tcp_server(address=1)
+    assert answer(server, "03 0000 0001", unit=2) == "830B"
+    assert server.tally.for_others == 1
+
+
+# Segments --------------------------------------------------------------------------------------------------------
+
+
+def test_several_requests_in_one_segment_are_all_answered_in_their_order() -> None:
+    server = tcp_server()
+    requests = [tcp_frame(1, unhex("06 0000") + bytes([0, number]), number) for number in range(5)]
+    assert [reply.data for reply in server.feed(b"".join(requests), 1.0)] == requests
+    assert server.tally.replies == 5
+
+
+def test_half_a_request_is_answered_when_the_other_half_comes() -> None:
+    server = tcp_server()
+    frame = tcp_frame(1, unhex("03 0000 0001"), 3)
+    assert server.feed(frame[:9], 1.0) == []
+    (reply,) = server.feed(frame[9:], 2.0)
+    assert tcp_decode(reply.data) == Adu(1, unhex("03 02 0000"), 3)
+
+
+def test_a_reply_on_rtu_waits_for_the_silence() -> None:
+    (reply,) = rtu_server().feed(rtu_frame(1, unhex("03 0000 0001")), 1.0)
+    assert reply.at == 1.0 + TIMING.t35
+
+
+# A unit's own code -----------------------------------------------------------------------------------------------
+
+
+def test_a_unit_that_stumbles_is_exception_04_and_its_error_is_kept() -> None:
+    server = tcp_server(Broken(ValueError("no sensor")))
+    assert answer(server, "03 0000 0001") == "8304"
+    assert server.tally.failures == ["ValueError: no sensor"]
+    assert server.tally.exceptions == 1
+
+
+def test_only_the_latest_failures_are_kept() -> None:
+    unit = Broken(ValueError())
+    server = tcp_server(unit)
+    for number in range(25):
+        unit.error = ValueError(number)
+        answer(server, "03 0000 0001")
+    assert server.tally.failures == [f"ValueError: {number}" for number in range(15, 25)]
+
+
+@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 10, 11, 99])
+def test_a_unit_declines_with_the_code_it_wants(code: int) -> None:
+    server = tcp_server(Broken(ModbusException(code)))
+    assert answer(server, "03 0000 0001") == f"83{code:02X}"
+    assert server.tally.failures == []
+
+
+@pytest.mark.parametrize("code", [-1, 256, 1000])
+def test_a_code_that_is_none_is_a_failure_of_the_unit(code: int) -> None:
+    server = tcp_server(Broken(ModbusException(code)))
+    assert answer(server, "03 0000 0001") == "8304"
+    assert server.tally.failures == [f"EncodeError: exception_code = {code}: expected 0..255"]
+    assert server.tally.exceptions == 1
+
+
+class TooLong(ReportServerIdResponse):
+    """A user's own response that forgot the limit of a PDU."""
+
+    def encode(self) -> bytes:
+        return bytes(254)
+
+
+@pytest.mark.parametrize("response", [TooLong(b""), b"\x03\x02\x00\x00", 7])
+def test_an_answer_that_is_none_is_a_failure_of_the_unit(response: object) -> None:
+    server = tcp_server(Answering(response))
+    (reply,) = server.feed(tcp_frame(1, unhex("11")), 1.0)
+    assert tcp_decode(reply.data).pdu == unhex("91 04")
+    assert len(server.tally.failures) == 1
+
+
+def test_a_unit_may_stay_silent() -> None:
+    server = tcp_server(Answering(None))
+    assert answer(server, "03 0000 0001") is None
+    assert (server.tally.requests, server.tally.replies) == (1, 0)
+
+
+# Whatever comes --------------------------------------------------------------------------------------------------
+
+PDUS = st.one_of(st.binary(min_size=1, max_size=30), st.builds(lambda code, rest: bytes([code]) + rest,
+    st.sampled_from([1, 2, 3, 4, 5, 6, 7, 15, 16, 17, 43]), st.binary(max_size=12)))  # fmt: skip
+
+
+@modest
+@given(st.lists(PDUS, max_size=5))
+def test_any_request_is_answered_with_its_own_function_code(pdus: list[bytes]) -> None:
+    server = tcp_server()
+    for number, pdu in enumerate(pdus):
+        (reply,) = server.feed(tcp_frame(1, pdu, number), 1.0)
+        adu = tcp_decode(reply.data)
+        assert (adu.unit, adu.transaction) == (1, number)
+        assert adu.pdu[0] in (pdu[0], pdu[0] | 0x80)
+        if adu.pdu[0] < 0x80:
+            decode_response(adu.pdu)
+    assert server.tally.failures == []
+
+
+TRAFFIC = st.one_of(
+    st.binary(max_size=30),
+    st.builds(lambda unit, pdu: rtu_frame(unit, pdu), st.integers(0, 3), PDUS),
+    st.builds(lambda unit, pdu: tcp_frame(unit, pdu), st.integers(0, 3), PDUS),
+)
+
+
+@modest
+@given(chunked(TRAFFIC, longest_pause=0.1))
+def test_no_bytes_make_a_server_stumble(chunks: list[Chunk]) -> None:
+    lines: list[tuple[Line, bool]] = [
+        (RtuLine(TIMING, role="server", units=(1,)), True),
+        (RtuLine(TIMING, role="server", patience=None), True),
+        (AsciiLine(), True),
+        (TcpLine(), False),
+    ]
+    for line, serial in lines:
+        server = Server(line, {1: Table(100), 2: Broken(KeyError("x"))}, serial=serial)
+        for data, now in chunks:
+            server.feed(data, now)
+            assert server.deadline is None or server.deadline >= now or data is None

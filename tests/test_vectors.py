@@ -1,0 +1,116 @@
+"""Every case of vectors/, run by the library that they describe; and what makes the vectors a product.
+
+A case of a kind is run by `tests/vectors_runner`. Here is what holds for all: the schema, unique ids, no kind without
+a runner, no reason that barewire does not have, files and README in the form that `tools/vectors.py` gives them.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import jsonschema
+import pytest
+
+from barewire.errors import REASONS
+from tests.vectors_runner.common import Case
+from tests.vectors_runner.kinds import RUNNERS
+
+ROOT = Path(__file__).parent.parent
+VECTORS = ROOT / "vectors"
+FILES = sorted(VECTORS.glob("*/*.json"))
+SCHEMA = json.loads((VECTORS / "schema.json").read_text(encoding="utf-8"))
+README = (VECTORS / "README.md").read_text(encoding="utf-8")
+DOCUMENTS: dict[Path, dict[str, Any]] = {file: json.loads(file.read_text(encoding="utf-8")) for file in FILES}
+CASES = [(document["kind"], case) for document in DOCUMENTS.values() for case in document["cases"]]
+
+
+def named(file: Path) -> str:
+    return file.relative_to(VECTORS).as_posix()
+
+
+@pytest.mark.parametrize(("kind", "case"), CASES, ids=[case["id"] for _, case in CASES])
+def test_vector(kind: str, case: Case) -> None:
+    RUNNERS[kind](case)
+
+
+# The files -------------------------------------------------------------------------------------------------------
+
+validator = jsonschema.Draft202012Validator(SCHEMA)
+
+
+def test_the_schema_is_one() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("file", FILES, ids=named)
+def test_file(file: Path) -> None:
+    document = DOCUMENTS[file]
+    wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(document)]
+    assert not wrong, "\n".join(wrong)
+    assert document["kind"] in RUNNERS, "a kind that nobody runs"
+    assert len(document["cases"]) < 100, "one subject, under a hundred cases"
+    for case in document["cases"]:
+        assert re.fullmatch(rf"{re.escape(file.stem)}-[1-9]\d*", case["id"]), case["id"]
+
+
+def test_every_runner_has_vectors_and_every_kind_is_told() -> None:
+    assert set(RUNNERS) == {document["kind"] for document in DOCUMENTS.values()}
+    assert set(RUNNERS) == set(SCHEMA["properties"]["kind"]["enum"])
+    assert [kind for kind in RUNNERS if f"### {kind}" not in README] == []
+
+
+def test_ids_are_unique() -> None:
+    ids = [case["id"] for _, case in CASES]
+    assert sorted(ids) == sorted(set(ids))
+
+
+def test_reasons_are_those_of_the_library() -> None:
+    assert set(SCHEMA["$defs"]["reason"]["enum"]) == set(REASONS)
+    assert [reason for reason in REASONS if f"| `{reason}` |" not in README] == []
+    assert {case["reason"] for _, case in CASES if "reason" in case} <= set(REASONS)
+
+
+def test_flags_are_explained() -> None:
+    flags = SCHEMA["$defs"]["flags"]["items"]["enum"]
+    assert [flag for flag in flags if f"| `{flag}` |" not in README] == []
+    assert set(flags) == {flag for _, case in CASES for flag in case.get("flags", ())}
+
+
+def test_f5_is_here_twice() -> None:
+    """The ADXL manual's LRC of 01 04 00 00 08: F3 is right, the printed F5 belongs to 01 04 00 00 06."""
+    found = {(case["bytes"], case["lrc"]): case["result"] for kind, case in CASES if kind == "lrc"}
+    assert found["01 04 00 00 08", "F3"] == "valid"
+    assert found["01 04 00 00 08", "F5"] == "invalid"
+    assert found["01 04 00 00 06", "F5"] == "valid"
+
+
+# The tool --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("vectors_tool", ROOT / "tools" / "vectors.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_file_is_in_a_room_of_the_table(tool: ModuleType) -> None:
+    assert sorted(tool.files()) == FILES
+
+
+@pytest.mark.parametrize("file", FILES, ids=named)
+def test_form(file: Path, tool: ModuleType) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert tool.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
+
+
+def test_counts(tool: ModuleType) -> None:
+    assert tool.with_counts(README) == README, "run python tools/vectors.py"

@@ -1,0 +1,67 @@
+"""number, bits, register-part, text."""
+
+from __future__ import annotations
+
+import math
+
+from barewire.codecs import Text, codec, get_bit, get_half, pack_bits, set_bit, set_half, unpack_bits
+from tests.vectors_runner.common import Case, bits, check, octets, whole_or_float
+
+
+def number(case: Case) -> None:
+    """A value stands for the nearest number of its type, so what is read is compared as that number."""
+    kind = codec(case["type"], case["order"])
+    value = whole_or_float(case["value"]) if "value" in case else 0
+
+    def nearest() -> int | float:
+        return kind.decode(kind.encode(value)) if kind.is_float else value
+
+    if isinstance(value, float) and math.isnan(value):
+        assert math.isnan(kind.decode(octets(case["bytes"])))
+        assert math.isnan(kind.decode(kind.encode(value)))
+        return
+    check(
+        case,
+        encode=lambda: kind.encode(value),
+        wire=octets(case.get("bytes", "")),
+        decode=lambda: kind.decode(octets(case["bytes"])),
+        value=nearest() if case.get("fails") != "encode" else None,
+    )
+
+
+def packed_bits(case: Case) -> None:
+    """A row of bits, the reader told how many."""
+    row = bits(case["bits"])
+    data = octets(case["bytes"])
+    check(case, encode=lambda: pack_bits(row), wire=data, decode=lambda: unpack_bits(data, len(row)), value=row)
+
+
+def register_part(case: Case) -> None:
+    """Half a register or a bit of it."""
+    register, part = int(case["register"], 16), case["part"]
+
+    def read() -> int:
+        return get_half(register, part) if part in ("L", "H") else get_bit(register, int(part[4:]))
+
+    def write() -> int:
+        if part in ("L", "H"):
+            return set_half(register, part, case["write"])
+        return set_bit(register, int(part[4:]), bool(case["write"]))
+
+    if case.get("fails") == "compare" or "write" not in case:
+        assert (read() == case["value"]) == (case["result"] == "valid")
+    else:
+        then = int(case.get("then", "0"), 16)
+        check(case, encode=write, wire=then, decode=read, value=case.get("value"))
+
+
+def text(case: Case) -> None:
+    """Characters in a fixed number of bytes."""
+    kind = Text(case["size"], case["charset"], octets(case["pad"]))
+    check(
+        case,
+        encode=lambda: kind.encode(case["text"]),
+        wire=octets(case.get("bytes", "")),
+        decode=lambda: kind.decode(octets(case["bytes"])),
+        value=case.get("text"),
+    )

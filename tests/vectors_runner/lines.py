@@ -1,0 +1,228 @@
+"""crc16, lrc, rtu-timing; the frames of the three envelopes, each delivered every way; talk.
+
+A valid frame is fed to its room's line whole, byte by byte, cut at every place, twice glued together, and after
+noise. Every byte that is fed comes out in exactly one frame or one noise, or is still held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import barewire.ascii
+import barewire.rtu
+import barewire.tcp
+from barewire.ascii import AsciiLine, lrc
+from barewire.modbus.adu import Adu, Noise
+from barewire.modbus.functions import measure_request, measure_response
+from barewire.modbus.line import Line
+from barewire.rtu import Timing, crc16
+from barewire.rtu.crc import crc16_bit_by_bit
+from barewire.rtu.line import RtuLine
+from barewire.tcp import TcpLine
+from tests.vectors_runner.common import Case, check, octets, refuse
+
+LATER = 1e6
+"""Long after every silence."""
+
+CHARACTER = 11 / 19200
+
+
+def text(characters: str) -> bytes:
+    """A text of an ASCII line: one character for one byte."""
+    return characters.encode("latin-1")
+
+
+# Checksums -------------------------------------------------------------------------------------------------------
+
+
+def walk(data: bytes) -> list[dict[str, Any]]:
+    """The CRC step by step, as the vectors write it."""
+    register, steps = 0xFFFF, []
+    for byte in data:
+        register ^= byte
+        step: dict[str, Any] = {"byte": f"{byte:02X}", "xor": f"{register:04X}", "shifts": []}
+        for _ in range(8):
+            fell_out = register & 1
+            register >>= 1
+            shown = f"{register:04X} {fell_out}"
+            if fell_out:
+                register ^= 0xA001
+                shown += f" {register:04X}"
+            step["shifts"].append(shown)
+        steps.append(step)
+    return steps
+
+
+def crc(case: Case) -> None:
+    """The CRC as a number and on the wire; with a walk, every step of it."""
+    data = octets(case["bytes"])
+    right = crc16(data)
+    assert right == crc16_bit_by_bit(data)
+    fits = case["crc"] == f"{right:04X}" and octets(case["wire"]) == right.to_bytes(2, "little")
+    if "walk" in case:
+        fits = fits and case["walk"] == walk(data)
+    assert fits == (case["result"] == "valid")
+
+
+def lrc8(case: Case) -> None:
+    """The LRC."""
+    assert (lrc(octets(case["bytes"])) == int(case["lrc"], 16)) == (case["result"] == "valid")
+
+
+def timing(case: Case) -> None:
+    """Character, t1.5 and t3.5 in nanoseconds."""
+
+    def nanoseconds() -> list[int]:
+        return [round(1e9 * time) for time in Timing.of(case["baud"], case["bits"])]
+
+    told = [case.get(name) for name in ("character_ns", "t15_ns", "t35_ns")]
+    if case["result"] == "invalid":
+        refuse(case, encode=nanoseconds, wire=told, decode=nanoseconds, value=told)
+    else:
+        assert nanoseconds() == told
+
+
+# Frames ----------------------------------------------------------------------------------------------------------
+
+
+def listen(line: Line, pieces: Iterable[bytes], pack: Callable[[Adu], bytes]) -> list[Adu | Noise]:
+    """Feed the pieces at the speed of 19200 bit/s, then let time pass; no byte may vanish."""
+    events: list[Adu | Noise] = []
+    now, fed = 1.0, 0
+    for piece in pieces:
+        now += len(piece) * CHARACTER
+        fed += len(piece)
+        events += line.feed(piece, now)
+    events += line.feed(None, LATER)
+    out = sum(len(pack(event)) if isinstance(event, Adu) else len(event.data) for event in events)
+    assert out + len(line.held) == fed
+    return events
+
+
+def frames(events: Iterable[Adu | Noise]) -> list[Adu]:
+    """Only what is a frame."""
+    return [event for event in events if isinstance(event, Adu)]
+
+
+def deliver(
+    frame: bytes, adu: Adu, line: Callable[[], Line], pack: Callable[[Adu], bytes], *, glued: bool, noise: bytes
+) -> None:
+    """Every way in which a frame can come."""
+    assert listen(line(), [frame], pack) == [adu], "whole"
+    assert listen(line(), [frame[at : at + 1] for at in range(len(frame))], pack) == [adu], "byte by byte"
+    for at in range(1, len(frame)):
+        assert listen(line(), [frame[:at], frame[at:]], pack) == [adu], f"cut at {at}"
+    if glued:
+        assert listen(line(), [frame + frame], pack) == [adu, adu], "two glued together"
+        if noise:
+            events = listen(line(), [noise + frame], pack)
+            assert frames(events) == [adu], "after noise"
+            assert b"".join(event.data for event in events if isinstance(event, Noise)) == noise
+
+
+def rtu_frame(case: Case) -> None:
+    """unit, PDU, CRC."""
+    frame = octets(case.get("frame", ""))
+    adu = Adu(case["unit"], octets(case["pdu"])) if "pdu" in case else None
+
+    def encode() -> bytes:
+        return barewire.rtu.encode(case["unit"], octets(case["pdu"]))
+
+    check(case, encode=encode, wire=frame, decode=lambda: barewire.rtu.decode(frame), value=adu)
+    timing = Timing.of(19200)
+
+    def pack(one: Adu) -> bytes:
+        return barewire.rtu.encode(one.unit, one.pdu)
+
+    def strict() -> Line:
+        return RtuLine(timing, patience=None)
+
+    if case["result"] == "valid":
+        assert adu is not None
+        role, measure = ("client", measure_response) if case["side"] == "response" else ("server", measure_request)
+
+        def line() -> Line:
+            return RtuLine(timing, role=role, units={adu.unit})  # type: ignore[arg-type]
+
+        countable = measure(adu.pdu) is not None
+        assert countable != ("uncountable" in case.get("flags", ())) or adu.pdu[0] < 0x64
+        deliver(frame, adu, line, pack, glued=countable, noise=b"\xff\x00\x07")
+        assert listen(strict(), [frame], pack) == [adu]
+    elif case["fails"] == "decode":
+        events = listen(strict(), [frame], pack)
+        assert not frames(events)
+        assert [event.reason for event in events if isinstance(event, Noise)][:1] in ([], [case["reason"]])
+
+
+def ascii_frame(case: Case) -> None:
+    """Colon, digits, CR LF."""
+    frame = text(case.get("text", ""))
+    adu = Adu(case["unit"], octets(case["pdu"])) if "pdu" in case else None
+
+    def encode() -> bytes:
+        return barewire.ascii.encode(case["unit"], octets(case["pdu"]))
+
+    def pack(one: Adu) -> bytes:
+        return barewire.ascii.encode(one.unit, one.pdu)
+
+    check(case, encode=encode, wire=frame, decode=lambda: barewire.ascii.decode(frame), value=adu)
+    if case["result"] != "invalid":
+        assert adu is not None
+        deliver(frame, adu, AsciiLine, pack, glued=True, noise=b"\x00\xffzz")
+
+
+def tcp_frame(case: Case) -> None:
+    """MBAP header and PDU."""
+    frame = octets(case.get("frame", ""))
+    adu = Adu(case["unit"], octets(case["pdu"]), case["transaction"]) if "pdu" in case else None
+
+    def encode() -> bytes:
+        return barewire.tcp.encode(case["unit"], octets(case["pdu"]), case["transaction"])
+
+    def pack(one: Adu) -> bytes:
+        return barewire.tcp.encode(one.unit, one.pdu, one.transaction or 0)
+
+    check(case, encode=encode, wire=frame, decode=lambda: barewire.tcp.decode(frame), value=adu)
+    if case["result"] == "valid":
+        assert adu is not None
+        deliver(frame, adu, TcpLine, pack, glued=True, noise=b"")
+    elif case["fails"] == "decode" and case["reason"] in ("protocol", "length"):
+        events = listen(TcpLine(), [frame], pack)
+        assert [event.reason for event in events if isinstance(event, Noise)] == [case["reason"]]
+        assert not frames(events)
+
+
+# Talk ------------------------------------------------------------------------------------------------------------
+
+
+def talk(case: Case, line: Line, read: Callable[[str], bytes]) -> None:
+    """Step by step: what is fed at which time, and what comes out of it."""
+    for step in case["talk"]:
+        events = line.feed(read(step["hear"]) if "hear" in step else None, step["at"] / 1e6)
+        assert [event[:2] if isinstance(event, Noise) else event for event in events] == [
+            (read(told["noise"]), told["reason"])
+            if "noise" in told
+            else Adu(told["unit"], octets(told["pdu"]), told.get("transaction"))
+            for told in step["events"]
+        ]
+    assert line.held == read(case["held"])
+
+
+def rtu_talk(case: Case) -> None:
+    """`line`: role, units of a server, baud, bits, patience in microseconds or null for strict."""
+    setup = case["line"]
+    patience = None if setup["patience"] is None else setup["patience"] / 1e6
+    timing = Timing.of(setup["baud"], setup["bits"])
+    talk(case, RtuLine(timing, role=setup["role"], units=set(setup.get("units", ())), patience=patience), octets)
+
+
+def ascii_talk(case: Case) -> None:
+    """`line`: timeout in microseconds, data bits."""
+    setup = case["line"]
+    talk(case, AsciiLine(character_timeout=setup["timeout"] / 1e6, data_bits=setup["data_bits"]), text)
+
+
+def tcp_talk(case: Case) -> None:
+    """`line` has nothing to set."""
+    talk(case, TcpLine(), octets)

@@ -1,0 +1,104 @@
+"""pdu, exchange."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from barewire.modbus.exceptions import ModbusException
+from barewire.modbus.functions import (
+    decode_request,
+    decode_response,
+    measure_request,
+    measure_response,
+    request_class,
+    response_class,
+)
+from barewire.modbus.message import EXCEPTION_BIT, Message
+from tests.vectors_runner.common import Case, bits, octets, refuse, words
+
+
+def from_json(name: str, value: Any) -> Any:
+    """A field of a message as the library has it."""
+    if name == "bits":
+        return bits(value)
+    if name == "registers":
+        return words(value)
+    if name == "data":
+        return octets(value)
+    if name == "objects":
+        return tuple((one["id"], octets(one["value"])) for one in value)
+    return value
+
+
+def build(case: Case) -> Message:
+    """The message that the case describes."""
+    code = octets(case["function"]) if "function" in case else octets(case["pdu"])[:2]
+    code = b"\x2b\x0e" if code[:1] == b"\x2b" else code
+    made = request_class(code) if case["side"] == "request" else response_class(code)
+    assert made is not None, f"no message class for function {code.hex()}"
+    fields = {name: from_json(name, value) for name, value in case["message"].items()}
+    if code[0] & EXCEPTION_BIT:
+        fields["function_code"] = code[0]
+    return made(**fields)
+
+
+def assert_says(message: Message, fields: dict[str, Any]) -> None:
+    """The decoded message has the fields of the case; a row of bits may have more, the padding, and that is zero."""
+    for name, value in fields.items():
+        wanted, found = from_json(name, value), getattr(message, name)
+        if name == "bits":
+            assert found[: len(wanted)] == wanted
+            assert len(found) - len(wanted) < 8
+            assert not any(found[len(wanted) :])
+        else:
+            assert found == wanted, name
+
+
+def assert_measured(measure: Callable[[bytes], int | None], pdu: bytes) -> None:
+    """Byte by byte, the count asks for more until it has the whole, and never for too much."""
+    have = 1
+    while (wanted := measure(pdu[:have])) is not None and wanted > have:
+        assert wanted <= len(pdu)
+        have = wanted
+    assert wanted == len(pdu)
+
+
+def pdu(case: Case) -> None:
+    """One message: fields and bytes."""
+    request = case["side"] == "request"
+
+    def decode() -> Message:
+        return decode_request(octets(case["pdu"])) if request else decode_response(octets(case["pdu"]))
+
+    if case["result"] == "invalid":
+        refuse(case, encode=lambda: build(case).encode(), wire=None, decode=decode, value=None)
+        return
+    assert_says(decode(), case["message"])
+    assert_measured(measure_request if request else measure_response, octets(case["pdu"]))
+    if case["result"] == "valid":
+        assert build(case).encode() == octets(case["pdu"])
+    else:
+        assert build(case).encode() != octets(case["pdu"])
+
+
+def exchange(case: Case) -> None:
+    """A question and what came back."""
+    request = decode_request(octets(case["request"]))
+
+    def read() -> Message:
+        return request.read_response(octets(case["response"]))  # type: ignore[no-any-return]
+
+    if case["result"] == "invalid":
+        refuse(case, encode=request.encode, wire=None, decode=read, value=None)
+    elif "exception_code" in case:
+        with pytest.raises(ModbusException) as caught:
+            read()
+        assert caught.value.code == case["exception_code"]
+    else:
+        message = read()
+        assert_says(message, case["message"])
+        if "bits" in case["message"]:
+            assert message.bits == bits(case["message"]["bits"])  # type: ignore[attr-defined]
