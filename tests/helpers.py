@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeVar
 
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from barewire.modbus import Adu, Noise, Server, Unit
+from barewire.errors import DecodeError
+from barewire.modbus import Adu, Noise, Server
 from barewire.modbus.line import Event, Line
 from barewire.rtu import Timing
+
+T = TypeVar("T")
 
 Chunk = tuple[bytes | None, float]
 """What a line is fed once: bytes (or None, when nothing came), and the time."""
@@ -26,6 +30,17 @@ modest = settings(max_examples=60, deadline=None, derandomize=True, database=Non
 def unhex(text: str) -> bytes:
     """Bytes as people write them: `unhex("01 83 02")`."""
     return bytes.fromhex(text)
+
+
+def readable(decode: Callable[[bytes], T], data: bytes) -> T | None:
+    """What `decode` makes of the bytes; None if it refuses them as it should, with a DecodeError that shows where."""
+    try:
+        return decode(data)
+    except DecodeError as error:
+        refusal = error
+    assert refusal.data == data
+    assert 0 <= refusal.at <= len(data)
+    return None
 
 
 # Delivery --------------------------------------------------------------------------------------------------------
@@ -141,12 +156,6 @@ class Broken:
         raise self.error
 
 
-def one_unit(unit: Unit, address: int = 1) -> Mapping[int, Unit]:
-    return {address: unit}
-
-
 def refused(error: type[Exception], text: str) -> pytest.RaisesExc[Exception]:
     """`pytest.raises` with the text taken word for word."""
-    import re
-
     return pytest.raises(error, match=re.escape(text))

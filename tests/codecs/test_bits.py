@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.helpers import modest, refused, unhex
 
 from barewire.codecs import get_bit, get_half, pack_bits, set_bit, set_half, unpack_bits
 from barewire.codecs.bits import Half
 from barewire.errors import DecodeError, EncodeError
-from tests.helpers import modest, refused, unhex
 
 
 @pytest.mark.parametrize("width", [8, 16, 32])

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 import pytest
+from tests.helpers import refused, unhex
 
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu, Request, Response, decode_request, decode_response, functions, register
 from barewire.modbus.functions import known, measure_request, measure_response
 from barewire.rtu import RtuLine, Timing, encode
-from tests.helpers import refused, unhex
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +39,10 @@ class Blink(Request[BlinkResponse]):
 
 
 @pytest.fixture(autouse=True)
-def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test registers is forgotten afterwards."""
     monkeypatch.setattr(functions, "_requests", dict(functions._requests))
     monkeypatch.setattr(functions, "_encapsulated", dict(functions._encapsulated))
-    yield
 
 
 def test_a_function_of_ones_own_is_known_everywhere_at_once() -> None:

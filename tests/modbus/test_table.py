@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.helpers import refused
 
 from barewire.errors import EncodeError
 from barewire.modbus import (
@@ -11,6 +12,7 @@ from barewire.modbus import (
     ReadDeviceIdentification,
     ReadDeviceIdentificationResponse,
     ReadDiscreteInputs,
+    ReadExceptionStatus,
     ReadHoldingRegisters,
     ReadInputRegisters,
     ReportServerId,
@@ -20,8 +22,7 @@ from barewire.modbus import (
     WriteSingleCoil,
     WriteSingleRegister,
 )
-from barewire.modbus.functions import AnyRequest, ReadExceptionStatus
-from tests.helpers import refused
+from barewire.modbus.functions import AnyRequest
 
 
 def test_what_was_written_is_read() -> None:

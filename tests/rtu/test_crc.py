@@ -8,25 +8,26 @@ import crcmod.predefined
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.helpers import modest, unhex
 
 from barewire.rtu.crc import crc16, crc16_bit_by_bit, crc16_folded, crc16_table
-from tests.helpers import modest, unhex
 
 referee = crcmod.predefined.mkCrcFun("modbus")
 
 
-FORMS = [crc16, crc16_bit_by_bit, crc16_table, crc16_folded]
+Form = Callable[[bytes | bytearray], int]
+FORMS: list[Form] = [crc16, crc16_bit_by_bit, crc16_table, crc16_folded]
 
 
 @pytest.mark.parametrize("form", FORMS)
 @modest
 @given(st.binary(max_size=256))
-def test_each_form_gives_what_the_referee_gives(form: Callable[[bytes], int], data: bytes) -> None:
+def test_each_form_gives_what_the_referee_gives(form: Form, data: bytes) -> None:
     assert form(data) == referee(data)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_each_form_takes_every_byte_and_every_length(form: Callable[[bytes], int]) -> None:
+def test_each_form_takes_every_byte_and_every_length(form: Form) -> None:
     for byte in range(256):
         assert form(bytes([byte])) == referee(bytes([byte]))
     row = bytes(37 * place & 0xFF for place in range(300))

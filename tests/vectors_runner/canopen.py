@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tests.vectors_runner.common import Case, check, octets, whole_or_float
+
 from barewire.canopen.cob import CobEntry, classify, cob_id, is_restricted
 from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
@@ -15,7 +17,6 @@ from barewire.canopen.sdo.aborts import AbortCode
 from barewire.canopen.sync import Sync
 from barewire.codecs import Value, codec
 from barewire.errors import DecodeError
-from tests.vectors_runner.common import Case, check, octets, whole_or_float
 
 COMMANDS = {
     "start": NmtCommand.START,
@@ -58,9 +59,7 @@ def can_text(case: Case) -> None:
     if told is not None:
         flags = {name: told[name] for name in ("extended", "remote", "requested")}
         frame = CanFrame.checked(int(told["id"], 16), octets(told["data"]), **flags)
-    check(
-        case, encode=lambda: str(frame), wire=case["text"], decode=lambda: CanFrame.parse(case["text"]), value=frame
-    )
+    check(case, encode=lambda: str(frame), wire=case["text"], decode=lambda: CanFrame.parse(case["text"]), value=frame)
 
 
 def cob_ids(case: Case) -> None:

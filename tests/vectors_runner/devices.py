@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+from tests.vectors_runner.common import Case, check, octets, whole_or_float, words
+
 from barewire.codecs import Value, codec, get_bit
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter
-from tests.vectors_runner.common import Case, check, octets, whole_or_float, words
 
 STATES = {
     "not ready to switch on": (0x4F, 0x00),

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from tests.vectors_runner.common import Case, bits, octets, refuse, words
 
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.functions import (
@@ -17,7 +18,6 @@ from barewire.modbus.functions import (
     response_class,
 )
 from barewire.modbus.message import EXCEPTION_BIT, Message
-from tests.vectors_runner.common import Case, bits, octets, refuse, words
 
 
 def from_json(name: str, value: Any) -> Any:

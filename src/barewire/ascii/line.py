@@ -25,6 +25,8 @@ class AsciiLine:
     ([], [Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)])
     """
 
+    numbered = False
+
     def __init__(self, *, character_timeout: float = 1.0, data_bits: int = 8) -> None:
         if data_bits not in (7, 8):
             raise EncodeError(f"{data_bits} data bits: ASCII characters have 7 or 8", "data_bits")

@@ -10,7 +10,7 @@ from barewire.errors import EncodeError
 from barewire.shells.endpoint import Endpoint
 
 
-class EndpointArgument(click.ParamType):
+class EndpointArgument(click.ParamType[str]):
     """A URL, checked before anything is opened; it stays text."""
 
     name = "endpoint"

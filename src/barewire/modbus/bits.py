@@ -183,6 +183,7 @@ class WriteSingleCoil(Request[WriteSingleCoilResponse]):
     function_code: ClassVar[int] = 0x05
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
     response: ClassVar[type[Response]] = WriteSingleCoilResponse
+    writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
@@ -241,6 +242,7 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
         ">BHHB", "function_code", "address", "quantity", "byte_count", tail="coils", count="byte_count"
     )
     response: ClassVar[type[Response]] = WriteMultipleCoilsResponse
+    writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)

@@ -3,6 +3,7 @@
     01 Read Coils                05 Write Single Coil          0F Write Multiple Coils        07 Read Exception Status
     02 Read Discrete Inputs      06 Write Single Register      10 Write Multiple Registers    11 Report Server ID
     03 Read Holding Registers    04 Read Input Registers       2B/0E Read Device Identification
+    08 Diagnostics
 
 A function code of your own: write a request and a response class, then `register(YourRequest)`. From then on servers,
 clients, `explain` and the byte count of RTU know it.
@@ -14,7 +15,7 @@ from typing import Any, TypeAlias
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.bits import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
-from barewire.modbus.diagnostics import ReadExceptionStatus
+from barewire.modbus.diagnostics import Diagnostics, ReadExceptionStatus
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.message import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
 from barewire.modbus.registers import (
@@ -58,6 +59,7 @@ for _request in (
     WriteSingleCoil,
     WriteSingleRegister,
     ReadExceptionStatus,
+    Diagnostics,
     WriteMultipleCoils,
     WriteMultipleRegisters,
     ReportServerId,

@@ -6,7 +6,7 @@ A *line* is the framing state of one connection. Nobody inherits from this; a cl
     --------                                         -------
     request(unit, pdu) -> bytes on the wire          feed(data | None, now) -> [Adu | Noise, ...]
     response(to, pdu)  -> bytes on the wire          deadline: feed None at this time if nothing came
-    quiet_at: not before this time                   answers(adu): is it the answer to the last request?
+    quiet_at: not before this time                   answers(adu): does it answer the last request?
     sent(now): what was given is out now             held: bytes that are not decided yet
 """
 
@@ -21,6 +21,10 @@ Event: TypeAlias = Adu | Noise
 
 class Line(Protocol):
     """The framing state of one connection, whatever the envelope."""
+
+    @property
+    def numbered(self) -> bool:
+        """Whether answers carry the number of their question, as on TCP; if not, a late one can pass for another's."""
 
     @property
     def quiet_at(self) -> float:

@@ -80,6 +80,8 @@ class Request(Message, Generic[R]):
     __slots__ = ()
 
     response: ClassVar[type[Response]]
+    writes: ClassVar[bool] = False
+    """Whether carrying it out changes something: then a lost answer leaves the outcome unknown."""
 
     def read_response(self, pdu: bytes) -> R:
         """The answer as a value, if it is one: right function, right byte count, right echo.

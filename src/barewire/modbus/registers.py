@@ -163,6 +163,7 @@ class WriteSingleRegister(Request[WriteSingleRegisterResponse]):
     function_code: ClassVar[int] = 0x06
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
     response: ClassVar[type[Response]] = WriteSingleRegisterResponse
+    writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
@@ -207,6 +208,7 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
         ">BHHB", "function_code", "address", "quantity", "byte_count", tail="registers", count="byte_count"
     )
     response: ClassVar[type[Response]] = WriteMultipleRegistersResponse
+    writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)

@@ -54,6 +54,8 @@ class RtuLine:
     `units` are the server's own addresses: what goes to them is a request, never some other unit's response.
     """
 
+    numbered = False
+
     def __init__(
         self,
         timing: Timing,
@@ -131,8 +133,9 @@ class RtuLine:
         if not self.strict:
             events += self._cut()
         elif len(self._held) > LONGEST:
-            self._spoiled = "long", f"more than {LONGEST} bytes without silence"
-            events.append(self._drop(len(self._held) - LONGEST, *self._spoiled))
+            text = f"more than {LONGEST} bytes without silence"
+            self._spoiled = "long", text
+            events.append(self._drop(len(self._held) - LONGEST, "long", text))
         return events
 
     def _cut(self) -> list[Adu | Noise]:

@@ -24,6 +24,8 @@ class TcpLine:
     b'\\x00'
     """
 
+    numbered = True
+
     def __init__(self) -> None:
         self._held = bytearray()
         self._transaction = 0

@@ -55,12 +55,14 @@ def test_over_modbus(name: str, parameter: Parameter) -> None:
         bench.write("Menu number selection", 1)
         bench.write("Parameter number selection", 4)
     before = bench.read(parameter.name)
-    value = wanted(parameter)
     if not parameter.writable:
+        if parameter.type == "text":
+            return  # reading an event moves on to the next one
         if place.table != "input":
             assert bench.refused(bench.writes(parameter.name, before)) == 2
         assert bench.read(parameter.name) == before
         return
+    value = wanted(parameter)
     bench.write(parameter.name, value)
     if parameter.name not in COMMANDS | MEASURED:
         assert bench.read(parameter.name) == value

@@ -1,0 +1,317 @@
+"""What must be remembered between two questions: the one owner of a line.
+
+On a serial line an answer does not say which question it answers. If the answer to A is late, it comes while B is
+being asked; if B looks like A, it passes for the answer to B, and the wrong value is delivered. So after a question
+ended without an answer (time-out, cancellation, damaged answer) the line is *suspect*, and stays so until A's answer is
+proven gone:
+
+    A  ------------------->
+       ......... time-out                        A is lost
+    probe (08/00, a number) -------------->      only if A's answer could pass for B's: same unit, same function
+       <--- the late answer to A                 recognised, reported, never delivered
+       <--- the probe's echo, or exception 88    so whatever the unit had to say before is said
+    B  ------------------->
+       <--- the answer to B
+
+    recovery = "probe"    as drawn; a unit that leaves the probe unanswered is given `late_window` of silence instead
+    recovery = "wait"     no probe: silence for `late_window`, then B
+
+A line whose answers are numbered (TCP) is never suspect. The good case costs nothing. What is assumed: a unit answers
+in the order in which it was asked. A second master on the line defeats it, as it defeats everything on RS-485.
+
+A write that got no answer may have been carried out: its error is `WriteOutcomeUnknown`, and it is never repeated
+unless the caller says so.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, TypeVar
+
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send
+from barewire.errors import DecodeError, EncodeError, NoAnswer
+from barewire.modbus.adu import BROADCAST, Adu
+from barewire.modbus.diagnostics import RETURN_QUERY_DATA, Diagnostics
+from barewire.modbus.exceptions import ModbusException
+from barewire.modbus.line import Event, Line
+from barewire.modbus.message import Request, Response
+
+R = TypeVar("R", bound=Response)
+Recovery = Literal["probe", "wait"]
+
+_KEPT = 16
+"""Late replies kept to be looked at, and lost questions remembered: a line in trouble must not fill the memory."""
+
+
+class WriteOutcomeUnknown(NoAnswer):
+    """A write was sent and nobody answered: it may have been carried out, or not. Read back before writing again."""
+
+
+class LateReply(NamedTuple):
+    """An answer that came when nobody waited for it any more. It was not delivered to anybody."""
+
+    unit: int
+    request: Request[Any]
+    pdu: bytes
+    at: float
+
+
+class _Lost(NamedTuple):
+    """A question that went out and got no answer, and when it was given up."""
+
+    unit: int
+    request: Request[Any]
+    at: float
+
+
+@dataclass(slots=True)
+class _Known:
+    """What is known of one unit."""
+
+    free_at: float = float("-inf")  # not to be spoken to before: its gap
+    silent: int = 0  # questions in a row without an answer
+    dead_until: float = float("-inf")
+    deaf: bool = False  # leaves probes unanswered
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """How the line is."""
+
+    asked: int = 0
+    answered: int = 0
+    lost: int = 0
+    late: int = 0
+    probes: int = 0
+    strays: int = 0
+    replies: deque[LateReply] = field(default_factory=lambda: deque(maxlen=_KEPT))
+
+
+class Bus:
+    """The owner of a line. One conversation at a time; whoever runs several sees to the turns.
+
+    `late_window` is the silence, in seconds, after which a lost answer is taken for gone; three time-outs if not given.
+    `gaps` are pauses, in seconds, that units need between two exchanges. After `dead_after` questions in a row without
+    an answer a unit is left alone for a while, longer each time, up to `dead_longest` seconds: None never gives up.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        *,
+        recovery: Recovery = "probe",
+        late_window: float | None = None,
+        gaps: Mapping[int, float] | None = None,
+        dead_after: int | None = None,
+        dead_longest: float = 30.0,
+    ) -> None:
+        self.line = line
+        self.recovery: Recovery = recovery
+        self.late_window = late_window
+        self.counters = BusCounters()
+        self._gaps = gaps or {}
+        self._dead_after = dead_after
+        self._dead_longest = dead_longest
+        self._lost: deque[_Lost] = deque(maxlen=_KEPT)
+        self._units: dict[int, _Known] = {}
+        self._nonce = 0
+
+    @property
+    def suspect(self) -> list[tuple[int, Request[Any]]]:
+        """The questions whose answers may still come."""
+        return [(lost.unit, lost.request) for lost in self._lost]
+
+    def ask(
+        self, unit: int, request: Request[R], *, timeout: float = 1.0, retries: int = 0, repeat_writes: bool = False
+    ) -> Conversation[bytes, R]:
+        """Ask `unit` and return its response. `timeout` counts from the moment the request is out, in seconds.
+
+        `retries` repeats a read that got no answer; a write only with `repeat_writes`. Raises ModbusException when the
+        unit declines, NoAnswer when it is silent, WriteOutcomeUnknown when a write got no answer.
+        """
+        if unit == BROADCAST and not self.line.numbered:
+            raise EncodeError("unit 0 on a serial line is a broadcast: nobody answers, use tell", "unit")
+        return self._ask(unit, request, timeout, retries if repeat_writes or not request.writes else 0)
+
+    def _ask(self, unit: int, request: Request[R], timeout: float, retries: int) -> Conversation[bytes, R]:
+        while True:
+            try:
+                return (yield from self._once(unit, request, timeout))
+            except NoAnswer:
+                if not retries:
+                    raise
+                retries -= 1
+
+    def _once(self, unit: int, request: Request[R], timeout: float) -> Conversation[bytes, R]:
+        known = self._units.setdefault(unit, _Known())
+        now = yield from self.hush(timeout)
+        if now < known.dead_until:
+            left = known.dead_until - now
+            raise NoAnswer(f"unit {unit} left {known.silent} questions unanswered: asked again in {left:.1f} s")
+        while now < known.free_at:
+            heard = yield Listen(known.free_at)
+            now = self._pass_over(heard)
+        yield from self._prove_gone(unit, request, timeout, known)
+        return (yield from self._exchange(unit, request, timeout, known))
+
+    def _exchange(self, unit: int, request: Request[R], timeout: float, known: _Known) -> Conversation[bytes, R]:
+        """Send it and wait for its answer."""
+        line = self.line
+        self.counters.asked += 1
+        now = float("-inf")
+        passed_over: list[str] = []
+        try:
+            heard = yield Send(line.request(unit, request.encode()))
+            now = heard.now
+            line.sent(now)
+            until = now + timeout
+            while now < until:
+                wake = until if line.deadline is None else min(until, line.deadline)
+                heard = yield Listen(wake)
+                now = heard.now
+                for event in line.feed(heard.item, now):
+                    why = describe(event)
+                    if isinstance(event, Adu) and line.answers(event):
+                        try:
+                            response = request.read_response(event.pdu)
+                        except ModbusException:
+                            self._answered(known, unit, now)
+                            raise
+                        except DecodeError as error:
+                            why = str(error)
+                        else:
+                            self._answered(known, unit, now)
+                            return response
+                    self._stray(event, now)
+                    _note(passed_over, why)
+        except (Abandoned, GeneratorExit):
+            self._lose(unit, request, now)
+            raise
+        self._lose(unit, request, now)
+        self._unanswered(known, now)
+        if line.held:
+            _note(passed_over, f"{len(line.held)} bytes without an end")
+        instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
+        text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
+        raise (
+            WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown") if request.writes else NoAnswer(text)
+        )
+
+    def hush(self, patience: float) -> Conversation[bytes, float]:
+        """Hear the line out until it may be spoken on; returns the time. What comes now answers nothing of ours.
+
+        Raises NoAnswer if somebody else never stops talking.
+        """
+        line = self.line
+        heard = yield Listen(float("-inf"))
+        give_up = heard.now + patience
+        while True:
+            now = self._pass_over(heard)
+            quiet = max(line.quiet_at, line.deadline or line.quiet_at) if line.held else line.quiet_at
+            if heard.item is None and now >= quiet:
+                return now
+            if now >= give_up:
+                raise NoAnswer(f"the line is never silent: somebody else has been talking for {patience:g} s")
+            heard = yield Listen(max(quiet, now))
+
+    # A lost answer
+
+    def _prove_gone(self, unit: int, request: Request[Any], timeout: float, known: _Known) -> Conversation[bytes, None]:
+        """Before a question that a lost answer could pass for: make sure that the lost answer cannot come any more."""
+        if not self._confusable(unit, request):
+            return
+        probing = self.recovery == "probe" and not known.deaf
+        if probing and not any(isinstance(lost.request, Diagnostics) for lost in self._lost if lost.unit == unit):
+            self._nonce = self._nonce + 0x9E37 & 0xFFFF  # a different number each time: its echo cannot be an older one
+            self.counters.probes += 1
+            try:
+                yield from self._exchange(
+                    unit, Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big")), timeout, known
+                )
+            except ModbusException:
+                pass  # "I do not know function 08" is an answer too, and it came after everything before
+            except NoAnswer:
+                known.deaf = not known.silent > 1  # the unit is there, but not for probes
+            else:
+                known.deaf = False
+        window = self.late_window if self.late_window is not None else 3 * timeout
+        while confusable := self._confusable(unit, request):
+            until = max(lost.at for lost in confusable) + window
+            heard = yield Listen(until)
+            now = self._pass_over(heard)
+            if now >= until:
+                self._forget(unit)
+        yield from self.hush(timeout)
+
+    def _confusable(self, unit: int, request: Request[Any]) -> list[_Lost]:
+        """The lost questions whose answers could pass for this one's: the same function is enough, for an exception
+        response says no more than that."""
+        code = request.function_code
+        return [lost for lost in self._lost if lost.unit == unit and lost.request.function_code == code]
+
+    def _lose(self, unit: int, request: Request[Any], now: float) -> None:
+        self.counters.lost += 1
+        if not self.line.numbered:
+            self._lost.append(_Lost(unit, request, now))
+
+    def _forget(self, unit: int) -> None:
+        self._lost = deque((lost for lost in self._lost if lost.unit != unit), maxlen=_KEPT)
+
+    def _answered(self, known: _Known, unit: int, now: float) -> None:
+        """The unit answered: everything it was asked before is settled."""
+        self.counters.answered += 1
+        known.silent = 0
+        known.dead_until = float("-inf")
+        known.free_at = now + self._gaps.get(unit, 0.0)
+        if self._lost:
+            self._forget(unit)
+
+    def _unanswered(self, known: _Known, now: float) -> None:
+        known.silent += 1
+        if self._dead_after is not None and known.silent >= self._dead_after:
+            known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), self._dead_longest)
+
+    def _pass_over(self, heard: Heard[bytes]) -> float:
+        for event in self.line.feed(heard.item, heard.now):
+            self._stray(event, heard.now)
+        return heard.now
+
+    def _stray(self, event: Event, now: float) -> None:
+        """Something that answers nothing we wait for: a late reply if it fits a lost question, weather otherwise."""
+        self.counters.strays += 1
+        if not isinstance(event, Adu):
+            return
+        for lost in self._lost:
+            if lost.unit == event.unit and _fits(lost.request, event.pdu):
+                self._lost.remove(lost)
+                self.counters.late += 1
+                self.counters.replies.append(LateReply(lost.unit, lost.request, event.pdu, now))
+                return
+
+
+def _fits(request: Request[Any], pdu: bytes) -> bool:
+    try:
+        request.read_response(pdu)
+    except ModbusException:
+        return True
+    except DecodeError:
+        return False
+    return True
+
+
+def describe(event: Event) -> str:
+    """One event in words, for the text of an error."""
+    if isinstance(event, Adu):
+        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}"
+    shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
+    return f"{len(event.data)} bytes {shown}: {event.text or event.reason}"
+
+
+def _note(passed_over: list[str], text: str) -> None:
+    """Keep the first few: an error is one line, and a babbling line must not fill the memory."""
+    if len(passed_over) < 3:
+        passed_over.append(text)
+    elif len(passed_over) == 3:
+        passed_over.append("...")
