@@ -20,6 +20,16 @@ STATES = {
     "fault": (0x4F, 0x08),
 }
 
+COMMANDS = {
+    "shutdown": (0x87, 0x06, [2, 6, 8]),
+    "switch on": (0x8F, 0x07, [3]),
+    "disable voltage": (0x82, 0x00, [7, 9, 10, 12]),
+    "quick stop": (0x86, 0x02, [7, 10, 11]),
+    "disable operation": (0x8F, 0x07, [5]),
+    "enable operation": (0x8F, 0x0F, [4, 16]),
+    "fault reset": (0x80, 0x80, [15]),
+}
+
 
 def parameter(case: Case) -> None:
     """A value, and its bytes in each of its places."""
@@ -76,5 +86,6 @@ def drive_state(case: Case) -> None:
 
 def drive_command(case: Case) -> None:
     """The bits of a command, whatever the others are."""
-    fits = int(case["word"], 16) & int(case["mask"], 16) == int(case["masked"], 16)
-    assert fits == (case["result"] == "valid")
+    mask, masked, transitions = COMMANDS[case["command"]]
+    assert (int(case["mask"], 16), int(case["masked"], 16), case["transitions"]) == (mask, masked, transitions)
+    assert (int(case["word"], 16) & mask == masked) == (case["result"] == "valid")

@@ -201,21 +201,14 @@ def _check_numbers(block: Block, parameter: Parameter) -> None:
 
 
 def _check_fits(block: Block, parameter: Parameter, key: str, value: int | float) -> None:
-    number_type = codec(parameter.type)
+    limits = codec(parameter.type)
     raw = Fraction(value) / parameter.scale
     # A binary 655.35 is not quite 65535 hundredths: within a thousandth of a step it is meant to be.
     slack = Fraction(1, 1000)
-    if not number_type.minimum - slack <= raw <= number_type.maximum + slack:
-        limits = [
-            show(float(limit * parameter.scale))
-            if parameter.scale != 1
-            else f"{limit:g}"
-            if number_type.is_float
-            else str(limit)
-            for limit in (number_type.minimum, number_type.maximum)
-        ]
-        raise block.error(key, f"{show(value)} does not fit {parameter.type}; expected {limits[0]}..{limits[1]}")
-    if key == "default" and not number_type.is_float and abs(raw - round(raw)) > slack:
+    if not limits.minimum - slack <= raw <= limits.maximum + slack:
+        low, high = (show(parameter.from_raw(limit)) for limit in (limits.minimum, limits.maximum))
+        raise block.error(key, f"{show(value)} does not fit {parameter.type}; expected {low}..{high}")
+    if key == "default" and not limits.is_float and abs(raw - round(raw)) > slack:
         raise block.error(key, f"{show(value)} falls between two steps of {show(float(parameter.scale))}")
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.devices.sim.bench import Bench
 
 from barewire.devices.load import load
 from barewire.devices.sim import Simulator, simulator
 from barewire.modbus import bits, registers
 from barewire.modbus.diagnostics import ReadExceptionStatus
-from tests.devices.sim.bench import Bench
 
 HEAD = """
 name = "mine"
@@ -30,22 +30,26 @@ holding = 10
 max = 100000
 default = 7
 object = 0x2000
+access = "rw"
 [[parameter]]
 name = "Low"
 type = "u8"
 holding = 12
 half = "L"
+access = "rw"
 [[parameter]]
 name = "High"
 type = "i8"
 holding = 12
 half = "H"
 min = -5
+access = "rw"
 [[parameter]]
 name = "Text"
 type = "text"
 holding = 13
 words = 2
+access = "rw"
 [[parameter]]
 name = "Level"
 type = "i16"
@@ -58,6 +62,7 @@ type = "bool"
 coil = 3
 object = 0x2001
 object_bit = 4
+access = "rw"
 [[parameter]]
 name = "Button"
 type = "bool"

@@ -1,0 +1,208 @@
+"""Reading and writing by name over CANopen: a dictionary behind an SDO server, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from tests.helpers import refused
+
+from barewire.canopen import AZ3, STANDARD, CanFrame, Channel, Entry, ObjectDictionary, SdoAbort, SdoServer
+from barewire.codecs import Value
+from barewire.conversation import play
+from barewire.devices import CanopenSide, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
+from barewire.devices.access import DIALECTS
+from barewire.errors import DecodeError, EncodeError, NoAnswer
+
+DRIVE = load("az3")
+NODE = 5
+
+
+class Machine:
+    """A node that writes down every frame that it hears, as text."""
+
+    def __init__(self, dialect: Any = AZ3) -> None:
+        entries = [
+            Entry(0x6041, 0, "STATUS WORD", "u16", "ro", 0x0637),
+            Entry(0x6060, 0, "MODES OF OPERATION", "i8", "rw", -1),
+            Entry(0x607A, 0, "TARGET POSITION", "i32", "rw", -100_000),
+            Entry(0x2018, 0, "COIL WORD 0", "u16", "rw", 0b0110),
+            Entry(0x2028, 0, "SPIDAC CHANNEL 1 SCALE", "f32", "rw", 1.5),
+            Entry(0x2002, 0, "IQRMSX10", "i16", "ro", -5),
+        ]
+        self.objects = ObjectDictionary(entries)
+        self.server = SdoServer(NODE, self.objects, dialect)
+        self.asked: list[str] = []
+
+    def __call__(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        self.asked.append(str(frame))
+        return [(now + 0.001, answer) for answer in self.server.feed(frame, now)]
+
+
+@pytest.fixture
+def machine() -> Machine:
+    return Machine()
+
+
+def read(peer: Callable[[CanFrame, float], Any], *names: str, **how: Any) -> list[Value]:
+    readings, _ = play(read_canopen(NODE, DRIVE, names, **how), peer)
+    return [reading.value for reading in readings]
+
+
+def write(peer: Callable[[CanFrame, float], Any], wanted: dict[str, Value], **how: Any) -> None:
+    play(write_canopen(NODE, DRIVE, wanted, **how), peer)
+
+
+# Reading
+
+
+def test_values_in_the_order_asked_in_the_dialect_of_the_device(machine: Machine) -> None:
+    names = ["TARGET POSITION", "status word", "MODES OF OPERATION", "IQRMSX10"]
+    assert read(machine, *names) == [-100_000, 0x0637, -1, -5]
+    assert [frame[:6] for frame in machine.asked] == ["605#43", "605#4B", "605#4F", "605#4B"]
+
+
+def test_the_standard_dialect_if_asked_for(machine: Machine) -> None:
+    assert read(machine, "STATUS WORD", dialect=STANDARD) == [0x0637]
+    assert machine.asked == ["605#4041600000000000"]
+
+
+def test_bits_of_one_object_are_one_transfer(machine: Machine) -> None:
+    names = ["PHASING IN PROGRESS", "START PHASING", "ALIGNMENT REQUEST"]
+    assert read(machine, *names) == [False, True, True]
+    assert len(machine.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("answer", "name", "value"),
+    [
+        ("43 41 60 00 37 06 00 00", "STATUS WORD", 0x0637),
+        ("43 02 20 00 FB FF FF FF", "IQRMSX10", -5),
+        ("43 02 20 00 FB FF 00 00", "IQRMSX10", -5),
+        ("42 60 60 00 FF 00 00 00", "MODES OF OPERATION", -1),
+        ("43 18 20 00 02 00 00 00", "START PHASING", True),
+    ],
+)
+def test_numbers_in_four_bytes(answer: str, name: str, value: Value) -> None:
+    frame = CanFrame(0x580 + NODE, bytes.fromhex(answer))
+    assert read(lambda item, now: [(now + 0.001, frame)], name) == [value]
+
+
+def test_a_number_that_does_not_fit_its_type_is_no_value() -> None:
+    frame = CanFrame(0x580 + NODE, bytes.fromhex("43 41 60 00 37 06 01 00"))
+    with pytest.raises(DecodeError):
+        read(lambda item, now: [(now + 0.001, frame)], "STATUS WORD")
+
+
+def test_everything_that_the_drive_has_can_be_asked_for() -> None:
+    names = [parameter.name for parameter in DRIVE.parameters if parameter.readable and parameter.object]
+
+    def zeros(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        return [(now, CanFrame(0x580 + NODE, b"\x43" + frame.data[1:4] + bytes(4)))]
+
+    readings, _ = play(read_canopen(NODE, DRIVE, names), zeros)
+    assert [reading.name for reading in readings] == names
+    assert {float(reading.value) for reading in readings} == {0.0}
+
+
+# Writing
+
+
+def test_writing_in_the_dialect_of_the_device_takes_four_bytes(machine: Machine) -> None:
+    write(machine, {"TARGET POSITION": 100_000, "MODES OF OPERATION": 3})
+    assert machine.asked == ["605#237A6000A0860100", "605#2360600003000000"]
+    assert machine.objects.get(0x6060) == 3
+
+
+def test_writing_by_the_letter_of_the_standard() -> None:
+    machine = Machine(STANDARD)
+    write(machine, {"MODES OF OPERATION": -1, "SPIDAC CHANNEL 1 SCALE": 1.1}, dialect=STANDARD)
+    assert machine.asked == ["605#2F606000FF000000", "605#23282000CDCC8C3F"]
+
+
+@pytest.mark.parametrize("dialect", [STANDARD, AZ3])
+def test_one_bit_of_an_object_is_changed_and_the_others_kept(dialect: Any) -> None:
+    machine = Machine(dialect)
+    write(machine, {"PHASING IN PROGRESS": True, "START PHASING": False}, dialect=dialect)
+    assert machine.objects.get(0x2018) == 0b0101
+    assert len(machine.asked) == 4
+
+
+def test_a_channel_is_used_as_it_is(machine: Machine) -> None:
+    channel = Channel(NODE, STANDARD)
+    play(read_canopen(channel, DRIVE, ["STATUS WORD"]), machine)
+    assert channel.heard.answers == 1
+    with refused(EncodeError, "the channel to node 5 speaks standard, not az3"):
+        read_canopen(channel, DRIVE, ["STATUS WORD"], dialect=AZ3)
+
+
+def test_every_dialect_of_a_description_is_spoken() -> None:
+    assert DIALECTS == {"standard": STANDARD, "az3": AZ3}
+
+
+# Refused before anything is sent
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ({"STATUS WORD": 1}, "STATUS WORD is read only"),
+        ({"MODES OF OPERATION": 300}, "MODES OF OPERATION = 300: expected"),
+        ({"DIGITAL INPUT STATUS": 1}, "DIGITAL INPUT STATUS is read only"),
+    ],
+)
+def test_refused_at_once(wanted: dict[str, Value], said: str) -> None:
+    with refused(EncodeError, said):
+        write_canopen(NODE, DRIVE, wanted)
+
+
+def test_a_parameter_that_is_elsewhere() -> None:
+    with refused(EncodeError, "DIGITAL INPUT STATUS is no object of CANopen: it is input 27 on Modbus (from 0)"):
+        read_canopen(NODE, DRIVE, ["DIGITAL INPUT STATUS"])
+    with refused(EncodeError, "Status Word is no object of CANopen: it is holding 1001 on Modbus (from 0)"):
+        read_canopen(NODE, load("csd-mt"), ["Status Word"])
+
+
+def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
+    write(machine, {"MODES OF OPERATION": 100}, force=True)
+    with pytest.raises(SdoAbort):
+        write(machine, {"STATUS WORD": 1}, force=True)
+    with refused(EncodeError, "MODES OF OPERATION = 300: 300 does not fit i8"):
+        write(machine, {"MODES OF OPERATION": 300}, force=True)
+
+
+def test_what_one_expedited_transfer_cannot_carry() -> None:
+    rows = (
+        Parameter("wide", "u64", object=ObjectAt(0x2000)),
+        Parameter("text", "text", object=ObjectAt(0x2001)),
+        Parameter("flag", "bool", access="wo", object=ObjectAt(0x2002, 0, 3)),
+    )
+    device = Device("d", "d", rows, canopen=CanopenSide())
+    with refused(EncodeError, "wide takes 8 bytes: an expedited transfer carries 4"):
+        read_canopen(NODE, device, ["wide"])
+    with refused(EncodeError, "text is text, which does not fit an expedited transfer"):
+        write_canopen(NODE, device, {"text": "x"})
+    with refused(EncodeError, "flag is one bit of an object that cannot be read"):
+        write_canopen(NODE, device, {"flag": True})
+
+
+# When the other side is not as it should be
+
+
+def test_what_was_written_before_an_abort_is_noted(machine: Machine) -> None:
+    with pytest.raises(SdoAbort) as caught:
+        write(machine, {"MODES OF OPERATION": 1, "TARGET POSITION": 5, "SPIDAC CHANNEL 2 SCALE": 1.0})
+    assert caught.value.__notes__ == ["written before that: MODES OF OPERATION, TARGET POSITION"]
+
+
+def test_nobody_there() -> None:
+    with pytest.raises(NoAnswer):
+        read(lambda item, now: [], "STATUS WORD", timeout=0.5)
+
+
+def test_parameters_may_name_what_is_written(machine: Machine) -> None:
+    position = DRIVE.find("TARGET POSITION")
+    play(write_canopen(NODE, DRIVE, {position: 7}), machine)
+    assert machine.objects.get(0x607A) == 7
+    assert position.modbus == ModbusAt("holding", 277, 2, order="CDAB")
