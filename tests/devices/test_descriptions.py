@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.helpers import modest
 
 from barewire.devices import DescriptionError, load
+from barewire.devices.rows import RULES
 from barewire.errors import BarewireError
 
 HEAD = """\
@@ -97,6 +102,8 @@ KEY_MISTAKES: list[tuple[str, str, int, dict[str, str | None]]] = [
     ("scale", "'1/0': expected", 5, {"scale": '"1/0"'}),
     ("scale", "'-1/10': expected", 5, {"scale": '"-1/10"'}),
     ("scale", "'tenth': expected", 5, {"scale": '"tenth"'}),
+    ("scale", "'0.0': expected", 5, {"scale": '"0.0"'}),
+    ("scale", "'1e999999999': expected", 5, {"scale": '"1e999999999"'}),
     ("scale", "type 'bool' has none", 5, {"type": '"bool"', "scale": '"1/10"'}),
     ("min", "-1 does not fit u16; expected 0..65535", 5, {"min": "-1"}),
     ("max", "65536 does not fit u16; expected 0..65535", 5, {"max": "65536"}),
@@ -197,6 +204,7 @@ HEAD_MISTAKES: list[tuple[str, str]] = [
     ('name = "n"\ntitle = "t\n', "2: no TOML: Illegal character '\\n'"),
     ('name = "n"\ntitle = """t\n', "3: no TOML: Unterminated string"),
     ('name = "n"\nname = "n"\n', "2: no TOML: Cannot overwrite a value"),
+    ("a = " + "9" * 5000, "1: no TOML: Exceeds the limit"),
     ("a = " + "[" * 3000, "1: nested too deeply to be read"),
 ]  # fmt: skip
 
@@ -237,3 +245,23 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "rows.toml").unlink()
     (tmp_path / "rows.toml").mkdir()
     assert "rows.toml:1: Is a directory" in mistake(tmp_path)
+
+
+NUMBERS = ["0", "-1", "7", "99999999999999999999", "0.5", "-1e300", "inf", "nan", "1979-05-27", "07:32:00"]
+TEXTS = ['""', '"x"', '"L"', '"u8"', '"text"', '"f64"', '"bool"', '"ro"', '"1/3"']
+TABLES = ["true", "[]", "[1]", "{}", '{ 0 = "x" }', "{ max = 1 }"]
+values = st.sampled_from([*NUMBERS, *TEXTS, *TABLES])
+keys = st.sampled_from([*RULES, "unknown", '""', '"two words"', "a.b"])
+
+
+@modest
+@given(st.dictionaries(keys, values, max_size=6))
+def test_whatever_stands_in_a_row_it_loads_or_is_told(changes: dict[str, str]) -> None:
+    text = ""
+    with TemporaryDirectory() as directory:
+        write(Path(directory), row(**changes))
+        try:
+            load(directory)
+        except DescriptionError as error:
+            text = str(error)
+    assert not text or re.match(r".*rows\.toml:\d+: parameter .*: key '.*': ", text)

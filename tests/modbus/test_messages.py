@@ -11,6 +11,8 @@ from tests.helpers import modest, readable, refused, unhex
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import (
+    Diagnostics,
+    DiagnosticsResponse,
     ExceptionResponse,
     Message,
     ReadCoils,
@@ -57,6 +59,8 @@ REQUESTS: dict[type[AnyRequest], st.SearchStrategy[AnyRequest]] = {
     ReadInputRegisters: st.builds(ReadInputRegisters, ADDRESS, st.integers(1, 125)),
     WriteSingleCoil: st.builds(WriteSingleCoil, ADDRESS, st.booleans()),
     WriteSingleRegister: st.builds(WriteSingleRegister, ADDRESS, WORD),
+    # Two bytes of data, as everywhere but in some echoes: those have their own tests below.
+    Diagnostics: st.builds(Diagnostics, WORD, st.binary(min_size=2, max_size=2)),
     ReadExceptionStatus: st.builds(ReadExceptionStatus),
     WriteMultipleCoils: st.builds(
         WriteMultipleCoils, ADDRESS, st.lists(st.booleans(), min_size=1, max_size=1968).map(tuple)
@@ -72,6 +76,7 @@ RESPONSES: dict[type[Response], st.SearchStrategy[Response]] = {
     ReadInputRegistersResponse: st.builds(ReadInputRegistersResponse, REGISTERS),
     WriteSingleCoilResponse: st.builds(WriteSingleCoilResponse, ADDRESS, st.booleans()),
     WriteSingleRegisterResponse: st.builds(WriteSingleRegisterResponse, ADDRESS, WORD),
+    DiagnosticsResponse: st.builds(DiagnosticsResponse, WORD, st.binary(min_size=2, max_size=2)),
     ReadExceptionStatusResponse: st.builds(ReadExceptionStatusResponse, BYTE),
     WriteMultipleCoilsResponse: st.builds(WriteMultipleCoilsResponse, ADDRESS, st.integers(1, 1968)),
     WriteMultipleRegistersResponse: st.builds(WriteMultipleRegistersResponse, ADDRESS, st.integers(1, 123)),
@@ -127,6 +132,7 @@ def test_a_response_comes_back(response: Response) -> None:
         ("05 00AC FF00", "05 00AC FF00"),
         ("06 0001 0003", "06 0001 0003"),
         ("07", "07 6D"),
+        ("08 0000 A537", "08 0000 A537"),
         ("0F 0013 000A 02 CD01", "0F 0013 000A"),
         ("10 0001 0002 04 000A0102", "10 0001 0002"),
         ("11", "11 03 01 FF 41"),
@@ -233,6 +239,18 @@ def test_objects_that_do_not_fit_together_are_refused() -> None:
         ReadDeviceIdentificationResponse(1, 1, ((0, bytes(200)), (1, bytes(43)))).encode()
 
 
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 250])
+def test_query_data_may_have_any_length(length: int) -> None:
+    echo = Diagnostics(0x00, bytes(length))
+    assert decode_of(echo) == echo
+    assert echo.read_response(echo.encode()) == DiagnosticsResponse(0x00, bytes(length))
+
+
+def test_query_data_of_251_bytes_is_refused() -> None:
+    with refused(EncodeError, "data length = 251: expected 0..250"):
+        Diagnostics(0x00, bytes(251))
+
+
 def test_a_server_id_of_252_bytes_is_refused() -> None:
     assert len(ReportServerIdResponse(bytes(251)).encode()) == 253
     with refused(EncodeError, "byte_count = 252: expected 0..251"):
@@ -301,6 +319,8 @@ def test_the_fields_of_half_a_message_lie_inside_it(message: Message, data: st.D
 @pytest.mark.parametrize(
     ("message", "pdu", "name", "meaning"),
     [
+        (Diagnostics, "08 0004 0000", "sub_function", "Force Listen Only Mode"),
+        (Diagnostics, "08 0013 0000", "sub_function", "reserved: no public sub-function"),
         (WriteSingleCoil, "05 00AC FF00", "value", "on"),
         (WriteSingleCoil, "05 00AC 0000", "value", "off"),
         (WriteSingleCoil, "05 00AC 1234", "value", "neither on (FF00h) nor off (0000h)"),
@@ -339,6 +359,10 @@ def test_a_field_says_what_its_value_means(message: type[Message], pdu: str, nam
         ("10 0000 0000 00", "value", 3, "quantity = 0: expected 1..123"),
         ("10 0000 0001 04 0001 0002", "length", 5, "byte count 4 for 1 registers"),
         ("10 0000 0001 02 00", "length", 5, "byte_count says 2, but 1 bytes of registers follow"),
+        ("08 00", "short", 2, "sub_function needs bytes 1..2"),
+        ("08 0001", "value", 3, "sub-function 01 has 2 bytes of data, here are 0"),
+        ("08 0001 00", "value", 3, "sub-function 01 has 2 bytes of data, here are 1"),
+        ("08 000B 000000", "value", 3, "sub-function 0B has 2 bytes of data, here are 3"),
         ("2B 0E 05 00", "value", 2, "read_code = 5: expected 1..4"),
         ("2B 0E 01", "short", 3, "object_id is byte 3"),
     ],

@@ -9,6 +9,7 @@ from tests.helpers import modest, refused, unhex
 
 from barewire.errors import DecodeError
 from barewire.modbus import (
+    Diagnostics,
     ModbusException,
     ReadCoils,
     ReadCoilsResponse,
@@ -29,6 +30,10 @@ def test_bits_are_cut_to_as_many_as_were_asked() -> None:
     assert ReadCoils(0, 10).read_response(unhex("01 02 CD FF")) == ReadCoilsResponse(
         (True, False, True, True, False, False, True, True, True, True)
     )
+
+
+def test_a_counter_is_not_an_echo() -> None:
+    assert Diagnostics(0x0B).read_response(unhex("08 000B 0011")).count == 17
 
 
 def test_registers_are_as_many_as_were_asked() -> None:
@@ -53,6 +58,9 @@ def test_registers_are_as_many_as_were_asked() -> None:
         (WriteMultipleCoils(5, (True,) * 9), "0F 0005 0008", 3, "quantity 8 where 9 was asked"),
         (WriteMultipleRegisters(5, (1, 2)), "10 0006 0002", 1, "address 6 where 5 was asked"),
         (WriteMultipleRegisters(5, (1, 2)), "10 0005 0001", 3, "quantity 1 where 2 was asked"),
+        (Diagnostics(0x0B), "08 000C 0011", 1, "sub_function 12 where 11 was asked (Diagnostics)"),
+        (Diagnostics(0x00, b"\xa5\x37"), "08 0000 A538", 3, "data A5 38 where A5 37 was asked (Diagnostics)"),
+        (Diagnostics(0x01, b"\xff\x00"), "08 0001 0000", 3, "data 00 00 where FF 00 was asked"),
         (ReadDeviceIdentification(1), "2B 0E 02 02 00 00 00", 2, "read_code 2 where 1 was asked"),
         (ReportServerId(), "07 00", 0, "function 07 where 11 (Report Server ID)"),
     ],

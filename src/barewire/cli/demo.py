@@ -155,7 +155,7 @@ def demo(as_json: bool) -> None:
     table = Table(title="What was done", title_justify="left", header_style="bold")
     for title in ("wire", "endpoint", "read", "written", "frames", "seconds"):
         table.add_column(title, overflow="fold")
-    machines = {wire.device: simulator(wire.device) for wire in WIRES}
+    machines = {wire.device: simulator(wire.device, time.monotonic()) for wire in WIRES}
     for wire in WIRES:
         if not as_json:
             console.print(f"\n[bold]{wire.title}[/bold]")
@@ -184,7 +184,8 @@ def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
         scheme = wire.endpoint.partition(":")[0]
         frames = Frames(scheme)
         url = f"{host.url}&pace=1" if scheme in ("rtu", "ascii") else host.url
-        client = stack.enter_context(connect(url, watch=frames.watch))
+        client = connect(url, watch=frames.watch)
+        stack.callback(client.close)
         if isinstance(client, CanopenClient):
             client.receive(0.5)  # the boot-up message: the node is there
         for step in wire.steps:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from typing import Any
 
 import click
 
 from barewire.cli.arguments import device_argument, endpoint_argument
-from barewire.devices.sim import simulator
+from barewire.devices.sim import Simulator, simulator
 from barewire.errors import EncodeError
 from barewire.modbus import Table, Unit
 from barewire.shells import Host, open_host
@@ -47,20 +48,19 @@ def simulate(device: str, endpoint: str) -> None:
     host.run(stop)
 
 
-def host_device(device: str, endpoint: str, machine: Any = None) -> Host:
+def host_device(device: str, endpoint: str, machine: Simulator | None = None) -> Host:
     """The host of a simulated device (or of `machine`, one that exists already) at a URL."""
     at = Endpoint.parse(endpoint)
     if device == TABLE:
         return open_host(endpoint, units=units_at(at, Table(), 1))
     if machine is None:
-        node = at.integer("node", 0) or None
-        machine = simulator(device, node=node)
+        machine = simulator(device, time.monotonic())
     if at.scheme == "can":
         if machine.canopen is None:
             raise EncodeError(f"{device} has no CANopen: it speaks Modbus")
         return open_host(endpoint, node=machine.canopen)
     side = machine.device.modbus
-    if side is None:
+    if machine.modbus is None or side is None:
         raise EncodeError(f"{device} has no Modbus: it speaks CANopen")
     return open_host(endpoint, units=units_at(at, machine.modbus, side.unit))
 

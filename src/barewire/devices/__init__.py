@@ -9,7 +9,7 @@
 
     parameter   one named value, its unit and its places     device    all of them, and what the machine says of itself
     load        TOML -> Device                               check, lines, rows    what is wrong with it, and where
-    plan        names -> the fewest requests                 access    read and write by name, over either bus
+    plan        names -> the fewest requests                 access, asked    read and write by name, over either bus
     cia402      the states of a drive                        describe  a parameter as JSON
     catalog/    three machines as data                       sim/      the same three, behaving
 

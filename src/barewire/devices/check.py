@@ -9,6 +9,7 @@ I know: tables, keys, types, lines.  I never know: what a register is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeAlias
@@ -136,13 +137,12 @@ def one_of(*choices: str | int) -> Rule:
 
 def fraction(value: Any) -> Fraction:
     """A scale: "1/10" or "0.1", as text, since a binary 0.1 would not be a tenth."""
-    try:
-        found = Fraction(value) if isinstance(value, str) else Fraction(0)
-    except (ValueError, ZeroDivisionError):
-        found = Fraction(0)
-    if found <= 0:
-        raise Unfit('expected a fraction or a decimal above 0, as text: "1/10"')
-    return found
+    # Python would take "1e999999" too, and be busy with it for a while.
+    if isinstance(value, str) and re.fullmatch(r"[0-9]{1,20}(/0*[1-9][0-9]{0,19}|\.[0-9]{1,20})?", value):
+        found = Fraction(value)
+        if found > 0:
+            return found
+    raise Unfit('expected a fraction or a decimal above 0, as text: "1/10"')
 
 
 def numbered(value: Any) -> dict[int, str]:

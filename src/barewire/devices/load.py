@@ -120,7 +120,7 @@ def _read_file(path: Path) -> Block:
         raise DescriptionError(f"{path}:1: {error.strerror or error}") from None
     except RecursionError:
         raise DescriptionError(f"{path}:1: nested too deeply to be read") from None
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # tomllib's own error is one, and so is Python's about a number of 5000 digits
         said = str(error)
         place = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", said)
         line = int(place[1]) if place and place[1] else content.count("\n") + 1

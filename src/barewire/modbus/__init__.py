@@ -29,7 +29,12 @@ if TYPE_CHECKING:
         WriteSingleCoil,
         WriteSingleCoilResponse,
     )
-    from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
+    from barewire.modbus.diagnostics import (
+        Diagnostics,
+        DiagnosticsResponse,
+        ReadExceptionStatus,
+        ReadExceptionStatusResponse,
+    )
     from barewire.modbus.exceptions import EXCEPTIONS, ModbusException, exception_name
     from barewire.modbus.functions import decode_request, decode_response, register
     from barewire.modbus.identification import (
@@ -69,6 +74,8 @@ __all__ = [
     "WriteMultipleCoilsResponse",
     "WriteSingleCoil",
     "WriteSingleCoilResponse",
+    "Diagnostics",
+    "DiagnosticsResponse",
     "ReadExceptionStatus",
     "ReadExceptionStatusResponse",
     "EXCEPTIONS",

@@ -52,7 +52,8 @@ class Message:
             # How many registers or bits there are is told by the byte count, so that is the field to point at.
             names = (error.field, cls.layout.count)
             places = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
-            raise DecodeError("value", pdu, places[0] if places else 0, str(error)) from None
+            missing = cls.layout.size if error.field == cls.layout.tail else 0  # a tail of no bytes is no field
+            raise DecodeError("value", pdu, places[0] if places else missing, str(error)) from None
 
     @classmethod
     def check_function(cls, pdu: bytes) -> None:

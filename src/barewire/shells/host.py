@@ -40,8 +40,6 @@ class CanopenNode(Protocol):
     @property
     def deadline(self) -> float | None: ...
 
-    def start(self, now: float) -> list[CanFrame]: ...
-
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]: ...
 
 
@@ -162,7 +160,9 @@ class CanHost(Host):
         """Be a node until `stop` is set."""
         clock = time.monotonic
         try:
-            self._send(self._node.start(clock()))
+            # A node that has to be switched on is; others begin by themselves.
+            self._send(getattr(self._node, "start", lambda now: [])(clock()))
+            self._send(self._node.feed(None, clock()))
             while not stop.is_set():
                 deadline = self._node.deadline
                 wait = _LOOK if deadline is None else min(_LOOK, max(0.0, deadline - clock()))

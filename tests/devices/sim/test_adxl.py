@@ -41,7 +41,7 @@ def test_a_start_lasts_as_long_as_p01_04(bench: Bench) -> None:
     set_parameter(bench, 1, 4, 20)
     bench.now = 100.0
     bench.ask(WriteSingleRegister(0x1001, 1))  # printed 1002h
-    seen = []
+    seen: list[tuple[float, object]] = []
     for tenth in range(0, 230):
         bench.now = 100 + tenth / 10
         status = bench.read("Status")
@@ -104,7 +104,7 @@ STEPS = [
 
 def test_the_parameter_setting_example_byte_for_byte(bench: Bench) -> None:
     assert bench.machine.modbus is not None
-    server = Server(RtuLine(Timing.of(9600)), {1: bench.machine.modbus}, serial=True)
+    server = Server(RtuLine(Timing.of(9600, bits=10), role="server", units={1}), {1: bench.machine.modbus}, serial=True)
     starter(bench).menus.values[1, 0, 4] = 30
     for second, (frame, answered) in enumerate(STEPS):
         replies = server.feed(bytes.fromhex(frame), float(second))
