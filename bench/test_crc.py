@@ -1,4 +1,4 @@
-"""CRC-16: our three forms, crcmod with its C extension and without, and pymodbus's table, over the lengths that occur."""
+"""CRC-16: our three forms, crcmod in C and in Python, and pymodbus's table, over the lengths that occur."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ PICTURE: dict[str, set[str]] = {
     "devices": BASE | {"modbus", "canopen"},
     "explain": MEANING,
     "shells": MEANING | {"explain"},
-    "cli": MEANING | {"explain", "shells"},
+    "cli": MEANING | {"explain", "shells", "__version__"},
     "__init__": {"errors", "conversation"},  # the map: loaded before every room, so it loads none
     "__main__": {"cli"},
 }

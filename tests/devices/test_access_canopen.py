@@ -9,10 +9,10 @@ import pytest
 from tests.helpers import refused
 
 from barewire.canopen import AZ3, STANDARD, CanFrame, Channel, Entry, ObjectDictionary, SdoAbort, SdoServer
+from barewire.canopen.sdo.dialect import DIALECTS
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import CanopenSide, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
-from barewire.devices.access import DIALECTS
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 DRIVE = load("az3")
@@ -57,9 +57,9 @@ def write(peer: Callable[[CanFrame, float], Any], wanted: dict[str, Value], **ho
 # Reading
 
 
-def test_values_in_the_order_asked_in_the_dialect_of_the_device(machine: Machine) -> None:
+def test_values_in_the_order_asked_in_the_dialect_of_the_az3(machine: Machine) -> None:
     names = ["TARGET POSITION", "status word", "MODES OF OPERATION", "IQRMSX10"]
-    assert read(machine, *names) == [-100_000, 0x0637, -1, -5]
+    assert read(machine, *names, dialect=AZ3) == [-100_000, 0x0637, -1, -5]
     assert [frame[:6] for frame in machine.asked] == ["605#43", "605#4B", "605#4F", "605#4B"]
 
 
@@ -109,8 +109,8 @@ def test_everything_that_the_drive_has_can_be_asked_for() -> None:
 # Writing
 
 
-def test_writing_in_the_dialect_of_the_device_takes_four_bytes(machine: Machine) -> None:
-    write(machine, {"TARGET POSITION": 100_000, "MODES OF OPERATION": 3})
+def test_writing_in_the_dialect_of_the_az3_takes_four_bytes(machine: Machine) -> None:
+    write(machine, {"TARGET POSITION": 100_000, "MODES OF OPERATION": 3}, dialect=AZ3)
     assert machine.asked == ["605#237A6000A0860100", "605#2360600003000000"]
     assert machine.objects.get(0x6060) == 3
 

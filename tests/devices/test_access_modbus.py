@@ -12,7 +12,7 @@ from barewire.codecs import Text, Value, codec, to_registers
 from barewire.conversation import Conversation, play
 from barewire.devices import Reading, UnknownName, load, read_modbus, write_modbus
 from barewire.errors import DecodeError, EncodeError, NoAnswer
-from barewire.modbus import ModbusException, Server, Table
+from barewire.modbus import Bus, ModbusException, Server, Table
 from barewire.modbus.message import Response
 from barewire.tcp import TcpLine
 
@@ -50,11 +50,11 @@ def values(machine: Machine, conversation: Conversation[bytes, list[Reading]]) -
 
 
 def read(machine: Machine, device: Any, *names: str) -> list[Value]:
-    return values(machine, read_modbus(TcpLine(), 1, device, names))
+    return values(machine, read_modbus(Bus(TcpLine()), 1, device, names))
 
 
 def write(machine: Machine, device: Any, wanted: dict[str, Value], **how: Any) -> None:
-    play(write_modbus(TcpLine(), 1, device, wanted, **how), machine.peer)
+    play(write_modbus(Bus(TcpLine()), 1, device, wanted, **how), machine.peer)
 
 
 def put(table: Any, address: int, registers: Sequence[int]) -> None:
@@ -69,7 +69,7 @@ def test_readings_come_in_the_order_asked_with_name_unit_and_words(machine: Mach
     machine.input_registers[24] = 0x0637
     put(machine.input_registers, 0x31, to_registers(codec("u32").encode(50_003)))
     line = TcpLine()
-    readings, _ = play(read_modbus(line, 1, AZ3, ["status word", AZ3.find("STATUS WORD")]), machine.peer)
+    readings, _ = play(read_modbus(Bus(line), 1, AZ3, ["status word", AZ3.find("STATUS WORD")]), machine.peer)
     assert [(reading.name, reading.value) for reading in readings] == [("STATUS WORD", 0x0637)] * 2
     assert str(readings[0]).startswith("STATUS WORD = 1591 (ready to switch on, switched on, operation enabled,")
     assert read(machine, ADXL, "Frequency") == [50.003]
@@ -176,7 +176,7 @@ def test_a_soft_starter_takes_one_register_with_06_at_the_address_below_the_prin
 )
 def test_refused_at_once(device: Any, wanted: dict[str, Value], said: str) -> None:
     with refused(EncodeError, said):
-        write_modbus(TcpLine(), 1, device, wanted)
+        write_modbus(Bus(TcpLine()), 1, device, wanted)
 
 
 def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
@@ -194,14 +194,14 @@ def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
 )
 def test_force_does_not_bend_the_wire(device: Any, wanted: dict[str, Value], said: str) -> None:
     with refused(EncodeError, said):
-        write_modbus(TcpLine(), 1, device, wanted, force=True)
+        write_modbus(Bus(TcpLine()), 1, device, wanted, force=True)
 
 
 def test_reading_is_refused_at_once_as_well() -> None:
     with refused(EncodeError, "C02 Thermal status reset is write only"):
-        read_modbus(TcpLine(), 1, ADXL, ["Frequency", "C02 Thermal status reset"])
+        read_modbus(Bus(TcpLine()), 1, ADXL, ["Frequency", "C02 Thermal status reset"])
     with refused(UnknownName, "csd-mt has no parameter 'Staus Word'; did you mean 'Status Word'"):
-        read_modbus(TcpLine(), 1, CSD, ["Staus Word"])
+        read_modbus(Bus(TcpLine()), 1, CSD, ["Staus Word"])
 
 
 # When the other side is not as it should be
@@ -219,7 +219,7 @@ def test_what_was_written_before_a_refusal_is_noted(machine: Machine) -> None:
 
 def test_nobody_there() -> None:
     with pytest.raises(NoAnswer):
-        play(read_modbus(TcpLine(), 1, CSD, ["Status Word"], timeout=0.5), lambda item, now: [])
+        play(read_modbus(Bus(TcpLine()), 1, CSD, ["Status Word"], timeout=0.5), lambda item, now: [])
 
 
 def test_bytes_that_are_no_text_of_the_parameter() -> None:

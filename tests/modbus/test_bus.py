@@ -235,6 +235,22 @@ def test_a_conversation_that_was_abandoned_leaves_the_line_suspect() -> None:
     assert bus.counters.late == 1
 
 
+def test_what_was_abandoned_while_it_was_being_sent_may_be_late_too() -> None:
+    """Nobody knows how much of it left; its window of silence counts from when sending began."""
+    bus = rtu_bus(recovery="wait", late_window=2.0)
+    conversation = read(bus, 10)
+    step = next(conversation)
+    while not isinstance(step, Send):
+        step = conversation.send(Heard(None, 100.0))
+    with pytest.raises(Abandoned):
+        conversation.throw(Abandoned())
+    clock = Clock(Slow([]))
+    clock.now = 100.5
+    clock.coming = [(101.0, RtuLine(TIMING).request(1, b"\x03\x02\x00\x0a"))]
+    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert bus.counters.late == 1
+
+
 def test_a_unit_gets_the_gap_it_needs() -> None:
     bus = rtu_bus(gaps={1: 0.5})
     clock = Clock(Slow([]))

@@ -59,7 +59,7 @@ def test_host_and_port(url: str, host: str, port: int) -> None:
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:x", "tcp://127.0.0.1:70000"])
 def test_a_port_that_is_none(url: str) -> None:
-    with pytest.raises(EncodeError, match="is not a number in 0..65535"):
+    with pytest.raises(EncodeError, match=r"is not a number in 0\.\.65535"):
         _ = Endpoint.parse(url).host_and_port
 
 
@@ -71,11 +71,14 @@ def test_options_have_kinds() -> None:
     assert endpoint.integer("baudrate", 19200) == 19200
 
 
+def _read_options(endpoint: Endpoint) -> None:
+    endpoint.integer("unit", 1)
+    endpoint.seconds("timeout", 1)
+    endpoint.choice("parity", "N", ("N", "E", "O"))
+
+
 @pytest.mark.parametrize("query", ["unit=x", "timeout=-1", "timeout=soon", "timeout=nan", "parity=Q"])
 def test_a_wrong_option_is_told_with_its_name(query: str) -> None:
     endpoint = Endpoint.parse(f"rtu:///dev/x?{query}")
-    key = query.partition("=")[0]
-    with pytest.raises(EncodeError, match=key):
-        endpoint.integer("unit", 1)
-        endpoint.seconds("timeout", 1)
-        endpoint.choice("parity", "N", ("N", "E", "O"))
+    with pytest.raises(EncodeError, match=query.partition("=")[0]):
+        _read_options(endpoint)

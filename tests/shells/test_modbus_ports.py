@@ -93,7 +93,7 @@ def test_nobody_answers_for_another_unit_on_a_serial_line(url: str) -> None:
     with (
         open_host(url, units={1: Table()}) as host,
         open_modbus(host.url) as client,
-        pytest.raises(NoAnswer, match="unit 9 did not answer Read Holding Registers within 0.2 s"),
+        pytest.raises(NoAnswer, match=r"unit 9 did not answer Read Holding Registers within 0\.2 s"),
     ):
         client.ask(ReadHoldingRegisters(0, 1), unit=9, timeout=0.2)
 
@@ -122,7 +122,7 @@ def test_a_refused_connection() -> None:
 
 
 def test_a_serial_port_that_is_not_there() -> None:
-    with pytest.raises(PortError, match="^/dev/tty-nowhere: no such file or directory$"):
+    with pytest.raises(PortError, match=r"^/dev/tty-nowhere: no such file or directory$"):
         open_modbus("rtu:///dev/tty-nowhere")
 
 
@@ -229,7 +229,7 @@ def test_a_cancelled_question_leaves_the_connection_good() -> None:
 def test_the_asyncio_client_fails_in_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    with pytest.raises(PortError, match="connection refused|connect call failed"):
+    with pytest.raises(PortError, match=r"connection refused|connect call failed"):
         asyncio.run(open_tcp("127.0.0.1", port))
 
 

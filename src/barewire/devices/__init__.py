@@ -4,7 +4,7 @@
                                         |
              ModbusAt("input", 24) -----+----- ObjectAt(0x6041)     u16, bits named, no unit
                      |                                 |
-    read_modbus(line, 1, az3, ["STATUS WORD"])    read_canopen(1, az3, ["STATUS WORD"])
+    read_modbus(bus, 1, az3, ["STATUS WORD"])    read_canopen(1, az3, ["STATUS WORD"])
                      '---> Reading("STATUS WORD", 0x0637) <---'
 
     parameter   one named value, its unit and its places     device    all of them, and what the machine says of itself

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from barewire.canopen import AZ3, STANDARD, CanFrame, Channel, Dialect, download, fit, upload
+from barewire.canopen import STANDARD, CanFrame, Channel, Dialect, download, fit, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation
 from barewire.devices.asked import Name, Values, naming, telling, to_read, to_write
@@ -27,7 +27,7 @@ from barewire.devices.parameter import ObjectAt, Parameter, Reading
 from barewire.devices.plan import Block, Writing, plan_reads, plan_writes
 from barewire.errors import EncodeError
 from barewire.modbus import (
-    Line,
+    Bus,
     ReadCoils,
     ReadDiscreteInputs,
     ReadHoldingRegisters,
@@ -36,17 +36,13 @@ from barewire.modbus import (
     WriteMultipleRegisters,
     WriteSingleCoil,
     WriteSingleRegister,
-    ask,
 )
-
-DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (STANDARD, AZ3)}
-
 
 # Modbus
 
 
 def read_modbus(
-    line: Line, unit: int, device: Device, names: Iterable[Name], *, timeout: float = 1.0
+    bus: Bus, unit: int, device: Device, names: Iterable[Name], *, timeout: float = 1.0
 ) -> Conversation[bytes, list[Reading]]:
     """Read parameters of `unit`, which is a `device`: one Reading for each name, in the order asked.
 
@@ -54,15 +50,15 @@ def read_modbus(
     `ask` raises, and DecodeError.
     """
     parameters = to_read(device, names)
-    return _read_modbus(line, unit, parameters, plan_reads(device, parameters), timeout)
+    return _read_modbus(bus, unit, parameters, plan_reads(device, parameters), timeout)
 
 
 def _read_modbus(
-    line: Line, unit: int, parameters: Sequence[Parameter], blocks: Sequence[Block], timeout: float
+    bus: Bus, unit: int, parameters: Sequence[Parameter], blocks: Sequence[Block], timeout: float
 ) -> Conversation[bytes, list[Reading]]:
     values: dict[str, Value] = {}
     for block in blocks:
-        content = yield from _read_entries(line, unit, block.function, block.address, block.quantity, timeout)
+        content = yield from _read_entries(bus, unit, block.function, block.address, block.quantity, timeout)
         for parameter, offset in block.members:
             if block.table in ("coil", "discrete"):
                 values[parameter.name] = bool(content[offset])
@@ -74,18 +70,18 @@ def _read_modbus(
 
 
 def _read_entries(
-    line: Line, unit: int, function: int, address: int, quantity: int, timeout: float
+    bus: Bus, unit: int, function: int, address: int, quantity: int, timeout: float
 ) -> Conversation[bytes, Sequence[int]]:
     """Registers or bits, with the function that the device wants."""
     if function in (1, 2):
         bits = ReadCoils if function == 1 else ReadDiscreteInputs
-        return (yield from ask(line, unit, bits(address, quantity), timeout=timeout)).bits
+        return (yield from bus.ask(unit, bits(address, quantity), timeout=timeout)).bits
     registers = ReadHoldingRegisters if function == 3 else ReadInputRegisters
-    return (yield from ask(line, unit, registers(address, quantity), timeout=timeout)).registers
+    return (yield from bus.ask(unit, registers(address, quantity), timeout=timeout)).registers
 
 
 def write_modbus(
-    line: Line, unit: int, device: Device, values: Values, *, timeout: float = 1.0, force: bool = False
+    bus: Bus, unit: int, device: Device, values: Values, *, timeout: float = 1.0, force: bool = False
 ) -> Conversation[bytes, None]:
     """Write parameters of `unit`, which is a `device`, in the order of `values`.
 
@@ -96,7 +92,7 @@ def write_modbus(
     writes = plan_writes(device, [parameter for parameter, _ in pairs])
     for parameter, value in pairs:
         _registers(parameter, value, [0])
-    return _write_modbus(line, unit, writes, pairs, timeout)
+    return _write_modbus(bus, unit, writes, pairs, timeout)
 
 
 def _registers(parameter: Parameter, value: Value, old: Sequence[int]) -> tuple[int, ...]:
@@ -108,7 +104,7 @@ def _registers(parameter: Parameter, value: Value, old: Sequence[int]) -> tuple[
 
 
 def _write_modbus(
-    line: Line,
+    bus: Bus,
     unit: int,
     writes: Sequence[Writing],
     pairs: Sequence[tuple[Parameter, Value]],
@@ -121,28 +117,28 @@ def _write_modbus(
         with telling(done):
             content: list[int] = []
             if write.keep:
-                content += yield from _read_entries(line, unit, write.read_function, write.address, 1, timeout)
+                content += yield from _read_entries(bus, unit, write.read_function, write.address, 1, timeout)
             for _ in write.members:
                 parameter, value = next(coming)
                 new = _registers(parameter, value, content)
                 content = list(new) if write.keep else [*content, *new]
-            yield from _write_entries(line, unit, write.function, write.address, content, timeout)
+            yield from _write_entries(bus, unit, write.function, write.address, content, timeout)
         done += [member.parameter.name for member in write.members]
 
 
 def _write_entries(
-    line: Line, unit: int, function: int, address: int, content: Sequence[int], timeout: float
+    bus: Bus, unit: int, function: int, address: int, content: Sequence[int], timeout: float
 ) -> Conversation[bytes, None]:
     """Registers or bits, with the function that the device has for them: singles one by one, the lowest first."""
     if function == 15:
-        yield from ask(line, unit, WriteMultipleCoils(address, tuple(map(bool, content))), timeout=timeout)
+        yield from bus.ask(unit, WriteMultipleCoils(address, tuple(map(bool, content))), timeout=timeout)
     elif function == 16:
-        yield from ask(line, unit, WriteMultipleRegisters(address, tuple(content)), timeout=timeout)
+        yield from bus.ask(unit, WriteMultipleRegisters(address, tuple(content)), timeout=timeout)
     elif function == 5:
-        yield from ask(line, unit, WriteSingleCoil(address, bool(content[0])), timeout=timeout)
+        yield from bus.ask(unit, WriteSingleCoil(address, bool(content[0])), timeout=timeout)
     else:
         for offset, register in enumerate(content):
-            yield from ask(line, unit, WriteSingleRegister(address + offset, register), timeout=timeout)
+            yield from bus.ask(unit, WriteSingleRegister(address + offset, register), timeout=timeout)
 
 
 # CANopen
@@ -158,14 +154,14 @@ def read_canopen(
 ) -> Conversation[CanFrame, list[Reading]]:
     """Read parameters of `node`, which is a `device`: one Reading for each name, in the order asked.
 
-    `dialect` is that of the device's description if it is not given. Several bits of one object are one transfer.
+    The standard's SDO unless `dialect` says otherwise. Several bits of one object are one transfer.
     Raises at once UnknownName, and EncodeError for what is write only or no object; in the conversation what
     `upload` raises, and DecodeError.
     """
     parameters = to_read(device, names)
     for parameter in parameters:
         _object(device, parameter)
-    return _read_canopen(_channel(node, device, dialect), device, parameters, timeout)
+    return _read_canopen(_channel(node, dialect), device, parameters, timeout)
 
 
 def _read_canopen(
@@ -203,7 +199,7 @@ def write_canopen(
             parameter.to_object(value, bytes(parameter.object_size))
         if place.bit is not None and not parameter.readable and not force:
             raise EncodeError(f"{parameter.name} is one bit of an object that cannot be read: the rest would be lost")
-    return _write_canopen(_channel(node, device, dialect), device, pairs, timeout)
+    return _write_canopen(_channel(node, dialect), device, pairs, timeout)
 
 
 def _write_canopen(
@@ -242,10 +238,9 @@ def _object(device: Device, parameter: Parameter) -> ObjectAt:
     return parameter.object
 
 
-def _channel(node: int | Channel, device: Device, dialect: Dialect | None) -> Channel:
+def _channel(node: int | Channel, dialect: Dialect | None) -> Channel:
     if isinstance(node, Channel):
         if dialect is not None and dialect != node.dialect:
             raise EncodeError(f"the channel to node {node.node} speaks {node.dialect.name}, not {dialect.name}")
         return node
-    spoken = STANDARD if device.canopen is None else DIALECTS[device.canopen.dialect]
-    return Channel(node, dialect or spoken)
+    return Channel(node, dialect or STANDARD)

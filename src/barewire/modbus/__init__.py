@@ -8,7 +8,7 @@
     functions   which class for which function code  adu         what an envelope delivers
     talk        the client's turn of talk            serve       the server, as a machine
     line        what an envelope must offer          table       a ready unit: four tables in memory
-    exceptions  how a server declines
+    exceptions  how a server declines                bus         what is remembered between two questions
 
 I know: function codes, their fields and limits, turns of talk.  I never know: checksums, delimiters, ports, clocks;
 what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         WriteSingleCoil,
         WriteSingleCoilResponse,
     )
+    from barewire.modbus.bus import Bus, LateReply, WriteOutcomeUnknown
     from barewire.modbus.diagnostics import (
         Diagnostics,
         DiagnosticsResponse,
@@ -76,6 +77,9 @@ __all__ = [
     "WriteSingleCoilResponse",
     "Diagnostics",
     "DiagnosticsResponse",
+    "Bus",
+    "LateReply",
+    "WriteOutcomeUnknown",
     "ReadExceptionStatus",
     "ReadExceptionStatusResponse",
     "EXCEPTIONS",
@@ -119,6 +123,7 @@ _FILES = (
     "diagnostics",
     "identification",
     "functions",
+    "bus",
     "talk",
     "serve",
     "table",

@@ -153,14 +153,15 @@ class Bus:
         while now < known.free_at:
             heard = yield Listen(known.free_at)
             now = self._pass_over(heard)
-        yield from self._prove_gone(unit, request, timeout, known)
-        return (yield from self._exchange(unit, request, timeout, known))
+        now = yield from self._prove_gone(unit, request, timeout, known, now)
+        return (yield from self._exchange(unit, request, timeout, known, now))
 
-    def _exchange(self, unit: int, request: Request[R], timeout: float, known: _Known) -> Conversation[bytes, R]:
-        """Send it and wait for its answer."""
+    def _exchange(
+        self, unit: int, request: Request[R], timeout: float, known: _Known, now: float
+    ) -> Conversation[bytes, R]:
+        """Send it and wait for its answer. It is `now`: from here on an answer may come, however this ends."""
         line = self.line
         self.counters.asked += 1
-        now = float("-inf")
         passed_over: list[str] = []
         try:
             heard = yield Send(line.request(unit, request.encode()))
@@ -218,17 +219,22 @@ class Bus:
 
     # A lost answer
 
-    def _prove_gone(self, unit: int, request: Request[Any], timeout: float, known: _Known) -> Conversation[bytes, None]:
-        """Before a question that a lost answer could pass for: make sure that the lost answer cannot come any more."""
+    def _prove_gone(
+        self, unit: int, request: Request[Any], timeout: float, known: _Known, now: float
+    ) -> Conversation[bytes, float]:
+        """Before a question that a lost answer could pass for: make sure that the lost answer cannot come any more.
+
+        Returns the time.
+        """
         if not self._confusable(unit, request):
-            return
+            return now
         probing = self.recovery == "probe" and not known.deaf
         if probing and not any(isinstance(lost.request, Diagnostics) for lost in self._lost if lost.unit == unit):
             self._nonce = self._nonce + 0x9E37 & 0xFFFF  # a different number each time: its echo cannot be an older one
             self.counters.probes += 1
             try:
                 yield from self._exchange(
-                    unit, Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big")), timeout, known
+                    unit, Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big")), timeout, known, now
                 )
             except ModbusException:
                 pass  # "I do not know function 08" is an answer too, and it came after everything before
@@ -243,7 +249,7 @@ class Bus:
             now = self._pass_over(heard)
             if now >= until:
                 self._forget(unit)
-        yield from self.hush(timeout)
+        return (yield from self.hush(timeout))
 
     def _confusable(self, unit: int, request: Request[Any]) -> list[_Lost]:
         """The lost questions whose answers could pass for this one's: the same function is enough, for an exception

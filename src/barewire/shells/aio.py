@@ -24,7 +24,7 @@ from barewire.devices.access import read_modbus, write_modbus
 from barewire.devices.device import Device
 from barewire.devices.parameter import Reading
 from barewire.errors import PortError
-from barewire.modbus import Line, Request, Response, Server, Unit, ask
+from barewire.modbus import Bus, Line, Request, Response, Server, Unit
 from barewire.shells.tcp_socket import reason
 from barewire.tcp import TcpLine
 
@@ -130,7 +130,7 @@ class AsyncModbusClient:
 
     def __init__(self, port: AsyncPort[bytes], line: Line, *, unit: int = 1, timeout: float = 1.0) -> None:
         self.port = port
-        self.line = line
+        self.bus = Bus(line)
         self.unit = unit
         self.timeout = timeout
         self._turn = asyncio.Lock()
@@ -152,18 +152,21 @@ class AsyncModbusClient:
         async with self._turn:
             return await run(conversation, self.port)
 
-    async def ask(self, request: Request[R], *, unit: int | None = None, timeout: float | None = None) -> R:
-        """Ask and return the response. Raises ModbusException, NoAnswer, PortError."""
+    async def ask(
+        self, request: Request[R], *, unit: int | None = None, timeout: float | None = None, retries: int = 0
+    ) -> R:
+        """Ask and return the response; a read may be repeated. Raises ModbusException, NoAnswer, PortError."""
         at = self.unit if unit is None else unit
-        return await self.run(ask(self.line, at, request, timeout=self.timeout if timeout is None else timeout))
+        limit = self.timeout if timeout is None else timeout
+        return await self.run(self.bus.ask(at, request, timeout=limit, retries=retries))
 
     async def read(self, device: Device, *names: str) -> list[Reading]:
         """Named values, with as few requests as the device allows, in the order asked."""
-        return await self.run(read_modbus(self.line, self.unit, device, names, timeout=self.timeout))
+        return await self.run(read_modbus(self.bus, self.unit, device, names, timeout=self.timeout))
 
     async def write(self, device: Device, values: Mapping[str, Value], *, force: bool = False) -> None:
         """Write named values, in the order given. Ranges and access are checked before anything is sent."""
-        await self.run(write_modbus(self.line, self.unit, device, values, timeout=self.timeout, force=force))
+        await self.run(write_modbus(self.bus, self.unit, device, values, timeout=self.timeout, force=force))
 
 
 async def open_tcp(host: str, port: int = 502, *, unit: int = 1, timeout: float = 1.0) -> AsyncModbusClient:

@@ -27,7 +27,7 @@ from barewire.devices.access import read_canopen, read_modbus, write_canopen, wr
 from barewire.devices.device import Device
 from barewire.devices.parameter import Reading
 from barewire.errors import EncodeError
-from barewire.modbus import Line, Request, Response, ask, tell
+from barewire.modbus import Bus, Line, Request, Response, tell
 from barewire.rtu.line import PATIENCE, RtuLine
 from barewire.shells.blocking import Port, run
 from barewire.shells.endpoint import Endpoint
@@ -43,7 +43,7 @@ class ModbusClient:
 
     def __init__(self, port: Port[bytes], line: Line, *, unit: int | None = None, timeout: float = 1.0) -> None:
         self.port = port
-        self.line = line
+        self.bus = Bus(line)
         self.unit = unit
         self.timeout = timeout
         self._turn = threading.Lock()
@@ -63,25 +63,25 @@ class ModbusClient:
         with self._turn:
             return run(conversation, self.port)
 
-    def ask(self, request: Request[R], *, unit: int | None = None, timeout: float | None = None) -> R:
-        """Ask and return the response. Raises ModbusException, NoAnswer, PortError."""
-        return self.run(ask(self.line, self._unit(unit), request, timeout=self._time(timeout)))
+    def ask(self, request: Request[R], *, unit: int | None = None, timeout: float | None = None, retries: int = 0) -> R:
+        """Ask and return the response; a read may be repeated. Raises ModbusException, NoAnswer, PortError."""
+        return self.run(self.bus.ask(self._unit(unit), request, timeout=self._time(timeout), retries=retries))
 
     def tell(self, request: Request[R], *, turnaround: float = 0.1) -> None:
         """Broadcast to every unit of a serial line; nobody answers."""
-        self.run(tell(self.line, request, turnaround=turnaround))
+        self.run(tell(self.bus.line, request, turnaround=turnaround))
 
     def read(self, device: Device, *names: str, unit: int | None = None) -> list[Reading]:
         """Named values, with as few requests as the device allows, in the order asked."""
         at = self._unit(unit, device)
-        return self.run(read_modbus(self.line, at, device, names, timeout=self.timeout))
+        return self.run(read_modbus(self.bus, at, device, names, timeout=self.timeout))
 
     def write(
         self, device: Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
     ) -> None:
         """Write named values, in the order given. Ranges and access are checked before anything is sent."""
         at = self._unit(unit, device)
-        self.run(write_modbus(self.line, at, device, values, timeout=self.timeout, force=force))
+        self.run(write_modbus(self.bus, at, device, values, timeout=self.timeout, force=force))
 
     def _unit(self, unit: int | None, device: Device | None = None) -> int:
         if unit is not None:

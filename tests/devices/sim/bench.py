@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from barewire.canopen import CanFrame
-from barewire.canopen.sdo.messages import Abort, ExpeditedDownload, ExpeditedUpload, InitiateUpload, decode_answer
 from barewire.codecs import Value
 from barewire.devices.parameter import ModbusAt, Parameter
 from barewire.devices.sim import Simulator
@@ -80,21 +79,21 @@ class Bench:
         frame = None if text is None else CanFrame.parse(text)
         return [str(said) for said in self.machine.canopen.feed(frame, self.now)]
 
-    def _sdo(self, data: bytes) -> bytes:
+    def _sdo(self, command: int, index: int, sub: int, data: bytes = b"") -> bytes | int:
+        """One expedited transfer, bit by bit: the bytes of the answer, or the abort code."""
         assert self.machine.canopen is not None
-        said = self.machine.canopen.feed(CanFrame(0x601, data), self.now)
-        (answer,) = [frame for frame in said if frame.id == 0x581]
-        return answer.data
+        request = bytes([command]) + index.to_bytes(2, "little") + bytes([sub]) + data.ljust(4, b"\0")
+        said = self.machine.canopen.feed(CanFrame(0x601, request), self.now)
+        (answer,) = [frame.data for frame in said if frame.id == 0x581]
+        if answer[0] == 0x80:
+            return int.from_bytes(answer[4:], "little")
+        return answer[4 : 8 - (answer[0] >> 2 & 3)]
 
     def upload(self, index: int, sub: int = 0) -> bytes | int:
         """The bytes of an object, or the abort code."""
-        answer = decode_answer(self._sdo(InitiateUpload(index, sub).encode()))
-        if isinstance(answer, Abort):
-            return answer.code
-        assert isinstance(answer, ExpeditedUpload)
-        return answer.data
+        return self._sdo(0x40, index, sub)
 
     def download(self, index: int, sub: int, data: bytes) -> int:
         """0, or the abort code."""
-        answer = decode_answer(self._sdo(ExpeditedDownload(index, sub, data).encode()))
-        return answer.code if isinstance(answer, Abort) else 0
+        answer = self._sdo(0x23 | (4 - len(data)) << 2, index, sub, data)
+        return answer if isinstance(answer, int) else 0

@@ -8,7 +8,7 @@ from tests.devices.sim.bench import Bench
 from barewire.devices.cia402 import State
 from barewire.devices.sim import Az3, simulator
 from barewire.modbus.bits import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
-from barewire.modbus.identification import ReadDeviceIdentification
+from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.registers import ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
 
 
@@ -213,3 +213,12 @@ def test_refusals(bench: Bench) -> None:
     assert bench.refused(ReadInputRegisters(200, 1)) == 2
     assert bench.refused(WriteSingleRegister(197, 248)) == 3  # no such address
     assert bench.refused(WriteSingleRegister(500, 0)) == 2
+
+
+def test_what_the_drive_does_by_itself_at_power_on(bench: Bench) -> None:
+    bench.write("OPERATION ENABLE AT STARTUP", True)
+    bench.write("STORE ALL PARAMETERS", 0x65766173)
+    bench.machine.power_cycle(1.0)
+    bench.now = 1.0
+    assert states(bench) == [85]
+    assert bench.refused(ReportServerId()) == 1

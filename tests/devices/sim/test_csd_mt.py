@@ -278,3 +278,52 @@ def test_outputs(bench: Bench) -> None:
     assert bench.read("Digital Output") == 0b11111 << 16 | 1  # the brake is released, on O1
     drive(bench).service.inputs = 0b1010
     assert bench.read("Digital Input") == 0b1010 << 16
+
+
+def test_the_clock_may_begin_anywhere(bench: Bench) -> None:
+    bench.now = 1e6
+    enabled(bench)
+    drive(bench).fault(0x2130, 1e6 + 12)
+    bench.now = 1e6 + 12
+    assert bench.read("Drive Alarm Time 0") == 12
+
+
+def test_power_fails_under_way(bench: Bench) -> None:
+    enabled(bench)
+    drive(bench).supply(False, 1.0)
+    bench.now = 1.0
+    assert (status(bench), bench.read("Error Code")) == ("0208", 0x5100)
+    drive(bench).supply(True, 2.0)
+    assert bench.read("Error Code") == 0
+    assert control(bench, 0x80) == "0270"
+
+
+def test_the_first_enabling_can_reset_the_position(bench: Bench) -> None:
+    drive(bench).axis.rest_at(777.0, 0.0)
+    bench.write("Reset Encoder On First Power Up", 1)
+    enabled(bench)
+    assert bench.read("Position Actual Value") == 0
+
+
+def test_the_ramp_bit(bench: Bench) -> None:
+    enabled(bench)
+    bench.write("Enable SW bit 15", 1)
+    bench.write("Target Position", 100_000)
+    assert control(bench, 0x1F) == "9237"
+    assert status(bench, 1.0) == "1237"
+
+
+def test_no_homing_without_a_method(bench: Bench) -> None:
+    enabled(bench, 6)
+    assert control(bench, 0x1F) == "0237"
+
+
+def test_velocity_halts_and_goes_on(bench: Bench) -> None:
+    enabled(bench, 3)
+    bench.write("Target Velocity", 64_000)
+    bench.now = 1.0
+    control(bench, 0x10F)
+    assert status(bench, 2.0) == "1637"  # zero speed, and that is what halt wanted
+    control(bench, 0x0F)
+    bench.now = 3.0
+    assert bench.read("Velocity Actual Value") == 64_000

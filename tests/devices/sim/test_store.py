@@ -137,3 +137,19 @@ def test_power_off(bench: Bench) -> None:
     bench.machine.power_cycle(1.0)
     assert bench.read("Long") == 7
     assert bench.frames() == ["701#00"]
+
+
+def test_the_door() -> None:
+    by_name, by_description = simulator("az3", node=5), simulator(load("csd-mt"))
+    assert (type(by_name).__name__, type(by_description).__name__) == ("Az3", "CsdMt")
+    assert by_name.canopen is not None
+    assert [str(frame) for frame in by_name.canopen.start(100.0)] == ["705#00"]
+    assert by_name.canopen.deadline == 101.0
+    assert by_name.store["BOOT CAN NODE"] == 5
+    assert by_description.canopen is None
+
+
+def test_a_description_with_a_name_of_ours_is_still_somebody_elses(tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text(HEAD.replace("mine", "az3"))
+    (tmp_path / "rows.toml").write_text(ROWS)
+    assert type(simulator(tmp_path)) is Simulator

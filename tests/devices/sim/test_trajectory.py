@@ -60,3 +60,20 @@ def test_since_when_the_velocity_is_right() -> None:
     assert run.inside_since(20.0, 100.0, 20.0) == pytest.approx(9.0)
     run.run_at(20.0, -100.0, 10.0, 10.0)
     assert run.inside_since(60.0, -100.0, 20.0) == pytest.approx(38.0)
+
+
+def test_a_slower_velocity_on_the_way() -> None:
+    run = Trajectory()
+    run.move(0.0, 1000.0, 100.0, 100.0, 100.0)
+    run.move(2.0, 1000.0, 50.0, 100.0, 100.0)
+    assert run.velocity(2.5) == 50
+    # 150 steps are behind; braking to 50 takes 37.5, stopping from there 12.5, the rest goes at 50 per second.
+    assert run.ends_at == pytest.approx(2 + 0.5 + (850 - 37.5 - 12.5) / 50 + 0.5)
+    assert run.position(run.ends_at) == 1000
+
+
+def test_a_jump_of_velocity_ends_what_was_before() -> None:
+    run = Trajectory()
+    run.move(1.0, 100.0, 10.0, 10.0, 10.0, jerky=True)
+    assert run.inside_since(5.0, 10.0, 1.0) == 1.0
+    assert run.inside_since(20.0, 0.0, 1.0) == pytest.approx(11.0)

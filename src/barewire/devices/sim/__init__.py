@@ -27,6 +27,9 @@ Who may import me: shells, cli, bench, tests.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 from barewire.devices.device import Device
 from barewire.devices.load import load
 from barewire.devices.sim.adxl import Adxl
@@ -38,19 +41,19 @@ BEHAVING: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdM
 """The machines that have been taught to move, by the name of their description."""
 
 
-def simulator(device: str | Device, now: float = 0.0) -> Simulator:
-    """The simulator of a device, by its name, its path or its description.
+def simulator(device: str | Path | Device, now: float = 0.0, *, node: int | None = None) -> Simulator:
+    """The simulator of a device, by its name, its path or its description; on CANopen under another node id if given.
 
     >>> machine = simulator("csd-mt")
     >>> type(machine).__name__, machine.canopen
     ('CsdMt', None)
     """
-    described = load(device) if isinstance(device, str) else device
+    described = device if isinstance(device, Device) else load(device)
     # A description of somebody's own may have the name of one of ours; only ours has the parameters we move.
-    ours = BEHAVING.get(described.name)
-    if ours is not None and described is load(described.name):
-        return ours(described, now)
-    return Simulator(described, now)
+    kind = BEHAVING[described.name] if described.name in BEHAVING and described is load(described.name) else Simulator
+    if node is not None and described.canopen is not None:
+        described = replace(described, canopen=described.canopen._replace(node=node))
+    return kind(described, now)
 
 
 __all__ = ["simulator", "Simulator", "Adxl", "Az3", "CsdMt", "BEHAVING"]

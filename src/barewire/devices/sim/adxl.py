@@ -131,7 +131,7 @@ class Adxl(Simulator):
         self.reboots_until = now
         hang_values(self)
         self._hang_commands()
-        self.events.add(now, "POWER ON")
+        self.events.add(self.uptime, "POWER ON")
 
     def _modbus_face(self) -> ModbusFace | None:
         assert self.device.modbus is not None
@@ -148,7 +148,7 @@ class Adxl(Simulator):
         self.motor.cut()
         self.menus.values = dict(self.menus.saved)
         self.alarm, self.small_motor = "", False
-        self.events.add(self.now, "POWER ON")
+        self.events.add(self.uptime, "POWER ON")
 
     # What a test bench does to it
 
@@ -164,7 +164,7 @@ class Adxl(Simulator):
         self.tick(now)
         self.alarm = text
         self.motor.cut()
-        self.events.add(self.now, f"ALARM {text}")
+        self.events.add(self.uptime, f"ALARM {text}")
 
     def clear(self, now: float) -> None:
         """The alarm is gone."""
@@ -234,7 +234,7 @@ class Adxl(Simulator):
 
     def _logged(self, name: str, act: Callable[[], None]) -> Callable[[Value], None]:
         def command(value: Value) -> None:
-            self.events.add(self.now, name.upper())
+            self.events.add(self.uptime, name.upper())
             act()
 
         return command

@@ -70,9 +70,9 @@ class Events:
         self.total = 0
         self.index = 0
 
-    def add(self, now: float, text: str) -> None:
-        """One more event, with the seconds since the starter was made in front of it."""
-        self.texts = [*self.texts, f"{int(now):08d} {text}"[:TEXT_LENGTH]][-EVENTS:]
+    def add(self, uptime: float, text: str) -> None:
+        """One more event, with the seconds since power-on in front of it."""
+        self.texts = [*self.texts, f"{int(uptime):08d} {text}"[:TEXT_LENGTH]][-EVENTS:]
         self.total += 1
 
     def clear(self) -> None:

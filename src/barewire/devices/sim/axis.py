@@ -71,6 +71,7 @@ class Axis:
         """The code of the fault whose cause is still there, 0 if none is."""
         self.homed = False
         self._home_called: float | None = None
+        self._goal = 0.0
         self._overall_start = 0.0
         self._relative = False
         self._acknowledged = False
@@ -154,8 +155,6 @@ class Axis:
         self._goal = origin + self.settings.target_position()
         self._plan(now)
 
-    _goal = 0.0
-
     def _plan(self, now: float) -> None:
         velocity = self.settings.profile_velocity()
         self._reached = True
@@ -215,6 +214,7 @@ class Axis:
         if self.state is State.FAULT:
             return
         self._stop(now)
+        self._acknowledged = False
         self._faults_at = self.way.ends_at if reaction else now
         self.state = State.FAULT_REACTION_ACTIVE
         self.tick(now)

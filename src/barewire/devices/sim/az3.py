@@ -85,6 +85,9 @@ class Az3(Simulator):
         self.torque = Trajectory()
         """Torque mode: the torque in ‰ of the rated one, moved like a position."""
         self.errors: list[int] = []
+        if device.canopen is not None:
+            self.store.cell("BOOT CAN NODE").default = device.canopen.node
+            self.store["BOOT CAN NODE"] = device.canopen.node
         hang_values(self)
         store = self.store
         for name in ("TARGET VELOCITY", "PROFILE ACCELERATION", "PROFILE DECELERATION", "MAX MOTOR SPEED"):

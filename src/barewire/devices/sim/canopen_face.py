@@ -22,7 +22,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt import NmtCommand, NmtState
 from barewire.canopen.pdo_records import Pdo
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
-from barewire.canopen.sdo.dialect import AZ3, STANDARD
+from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import CanopenSide
 from barewire.devices.device import Pdo as DescribedPdo
@@ -42,11 +42,10 @@ DEVICE_TYPE, ERROR_REGISTER = 0x1000, 0x1001
 PDO_RECORDS = range(0x1400, 0x1C00)
 COMMUNICATION = range(0x1000, 0x2000)
 SERVO_402 = 0x0002_0192  # device profile 402, servo drive
-DIALECTS = {dialect.name: dialect for dialect in (STANDARD, AZ3)}
 
 
 class CanopenFace:
-    """A machine: CAN frames and time in, CAN frames out. The first `feed` after power-on says the boot-up message."""
+    """A machine: CAN frames and time in, CAN frames out. `start`, or else the first `feed`, says the boot-up."""
 
     def __init__(self, machine: Simulator, side: CanopenSide) -> None:
         self.machine = machine
@@ -94,13 +93,16 @@ class CanopenFace:
         self._pending.clear()
         self._boots_at = now
 
+    def start(self, now: float) -> list[CanFrame]:
+        """Boot: the boot-up message."""
+        self.machine.tick(now)
+        self._boots_at = None
+        return self.node.start(self.machine.now)
+
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """What the node says to a frame, or to time passing."""
         self.machine.tick(now)
-        said: list[CanFrame] = []
-        if self._boots_at is not None:
-            self._boots_at = None
-            said += self.node.start(self.machine.now)
+        said = [] if self._boots_at is None else self.start(now)
         pending, self._pending = self._pending, []
         return said + pending + self.node.feed(frame, self.machine.now)
 

@@ -44,7 +44,6 @@ class Service:
         self.temperature = AMBIENT
         self.inputs = 0
         """I0 to I3 as bits 0 to 3."""
-        self.on_since = drive.now
         self.alarms: list[tuple[int, int]] = []
         self._ticked_at = drive.now
         self._saving: tuple[float, dict[str, Value]] | None = None
@@ -101,7 +100,6 @@ class Service:
 
     def power_on(self) -> None:
         """The log is in memory that stays; a save that was still going on is lost (ch. 12, registers 1260, 1261)."""
-        self.on_since = self.drive.now
         self._saving = None
         self._turn_words(self.drive.store["Little Endian / Big Endian"])
         self._motor(self.drive.store["Motor Code"])
@@ -110,7 +108,7 @@ class Service:
 
     def log(self, code: int) -> None:
         """The newest alarm first, ten of them, each with its seconds since power-on (registers 1220 to 1239)."""
-        seconds = int(self.drive.now - self.on_since) % 0x10000
+        seconds = int(self.drive.uptime) % 0x10000
         self.alarms = [(seconds, code), *self.alarms][:LOG_SIZE]
 
     def _alarm(self, place: int, column: int) -> int:

@@ -36,6 +36,8 @@ class Simulator:
     def __init__(self, device: Device, now: float = 0.0) -> None:
         self.device = device
         self.now = now
+        self.on_since: float | None = None
+        """When power came: the first time that the machine is told."""
         self.saved: dict[str, Value] = {}
         """What survives power-off, by name."""
         self.store = Store(device.parameters)
@@ -52,7 +54,14 @@ class Simulator:
 
     def tick(self, now: float) -> None:
         """Time has passed. A clock that goes backwards is read over."""
+        if self.on_since is None:
+            self.on_since = now
         self.now = max(self.now, now)
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since power-on."""
+        return 0.0 if self.on_since is None else self.now - self.on_since
 
     def reset(self) -> None:
         """Every value as at power-on: defaults, and over them what was saved."""
@@ -61,6 +70,7 @@ class Simulator:
     def power_cycle(self, now: float) -> None:
         """Off and on again."""
         self.tick(now)
+        self.on_since = self.now
         self.reset()
         if self.canopen is not None:
             self.canopen.power_on(self.now)
