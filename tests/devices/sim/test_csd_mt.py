@@ -327,3 +327,20 @@ def test_velocity_halts_and_goes_on(bench: Bench) -> None:
     control(bench, 0x0F)
     bench.now = 3.0
     assert bench.read("Velocity Actual Value") == 64_000
+
+
+def test_a_new_ramp_waits_for_the_next_movement(bench: Bench) -> None:
+    enabled(bench)
+    bench.write("Profile Velocity", 100_000)
+    bench.write("Profile Acceleration", 100_000)
+    bench.write("Profile Deceleration", 2_000)  # of no account here: 1072 is for profile velocity
+    bench.write("Target Position", 300_000)
+    control(bench, 0x1F)
+    bench.now = 1.5
+    bench.write("Profile Acceleration", 1_000_000)
+    bench.write("Profile Velocity", 50_000)  # acts at once
+    bench.now = 2.0
+    assert bench.read("Velocity Actual Value") == 50_000
+    before = drive(bench).axis.way.ends_at
+    bench.now = before - 0.25
+    assert bench.read("Velocity Actual Value") == 25_000

@@ -72,6 +72,7 @@ class Axis:
         self.homed = False
         self._home_called: float | None = None
         self._goal = 0.0
+        self._rates = (1.0, 1.0)
         self._overall_start = 0.0
         self._relative = False
         self._acknowledged = False
@@ -149,8 +150,9 @@ class Axis:
         if not moving:
             self._overall_start = self.way.position(now)
             self._relative = bool(word & RELATIVE)
-        # On the way "a relative movement has the overall starting point as a reference", and a change of bit 6 is
-        # ignored (CSD MT manual, ch. 12, multi-set-point).
+            self._rates = self.settings.acceleration(), self.settings.deceleration()
+        # On the way "a relative movement has the overall starting point as a reference", a change of bit 6 is ignored,
+        # and new ramps wait for the next movement (CSD MT manual, ch. 12, multi-set-point).
         origin = self._overall_start if self._relative else 0.0
         self._goal = origin + self.settings.target_position()
         self._plan(now)
@@ -159,8 +161,7 @@ class Axis:
         velocity = self.settings.profile_velocity()
         self._reached = True
         if velocity > 0:
-            rate = self.settings.acceleration()
-            self.way.move(now, self._goal, velocity, rate, rate, jerky=self.settings.without_ramp(velocity))
+            self.way.move(now, self._goal, velocity, *self._rates, jerky=self.settings.without_ramp(velocity))
 
     def _start_homing(self, now: float) -> None:
         if self.way.moves(now):
@@ -179,8 +180,8 @@ class Axis:
     def follow(self, now: float) -> None:
         """Profile velocity: head for the target velocity, if the shaft may run."""
         if self.state is State.OPERATION_ENABLED and self.mode == VELOCITY and not self.word & HALT:
-            rates = self.settings.acceleration(), self.settings.deceleration()
-            self.way.run_at(now, self.settings.target_velocity(), *rates)
+            acceleration, deceleration = self.settings.acceleration(), self.settings.deceleration()
+            self.way.run_at(now, self.settings.target_velocity(), acceleration, deceleration)
 
     def change_mode(self, now: float) -> None:
         """The mode of operation was written. A movement of the old mode ends on its ramp."""

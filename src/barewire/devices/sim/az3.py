@@ -90,7 +90,7 @@ class Az3(Simulator):
             self.store["BOOT CAN NODE"] = device.canopen.node
         hang_values(self)
         store = self.store
-        for name in ("TARGET VELOCITY", "PROFILE ACCELERATION", "PROFILE DECELERATION", "MAX MOTOR SPEED"):
+        for name in ("TARGET VELOCITY", "MAX MOTOR SPEED"):
             store.after(name, lambda value: self.axis.follow(self.now))
         store.after("CONTROL WORD", self._control)
         store.after("MODES OF OPERATION", lambda value: self.axis.change_mode(self.now))

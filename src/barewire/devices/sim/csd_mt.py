@@ -86,7 +86,7 @@ class CsdMt(Simulator):
         store.after("Control Word", self._control)
         store.after("Mode of Operation", lambda value: self.axis.change_mode(self.now))
         store.after("Profile Velocity", lambda value: self.axis.replan(self.now))
-        for name in ("Target Velocity", "Profile Acceleration", "Profile Deceleration", "Max Motor Speed"):
+        for name in ("Target Velocity", "Max Motor Speed"):  # new ramps wait for the next movement (1046)
             store.after(name, lambda value: self.axis.follow(self.now))
         store.veto("Mode of Operation", self._check_mode)
         store.veto("Profile Velocity", self._check_velocity)
@@ -164,7 +164,7 @@ class CsdMt(Simulator):
             raise Declined("value", "Profile Velocity 0 while the motor runs")
 
     def status(self) -> int:
-        """Register 1001: the axis, and the three bits that 1105 and 1107 switch on."""
+        """Register 1001: the axis, and what 1105 and 1107 add to it."""
         word = self.axis.status(self.now)
         if self.axis.state is State.FAULT_REACTION_ACTIVE:
             word |= FOLLOWING_ERROR
@@ -195,12 +195,13 @@ class CsdMt(Simulator):
         return self.store.number("Profile Velocity")
 
     def acceleration(self) -> float:
-        """Register 1046; both ramps of a position move, since a trapezoid needs PV² < PA·ΔS (motion profiles)."""
+        """Register 1046."""
         return self.store.number("Profile Acceleration")
 
     def deceleration(self) -> float:
-        """Register 1072."""
-        return self.store.number("Profile Deceleration")
+        """Register 1072 in profile velocity. A position move brakes with 1046: a trapezoid needs PV² < PA·ΔS (ch. 12)."""
+        ramps = {axis.POSITION: "Profile Acceleration", axis.HOMING: "Homing Acceleration"}
+        return self.store.number(ramps.get(self.axis.mode, "Profile Deceleration"))
 
     def without_ramp(self, velocity: float) -> bool:
         """Up to 16000 steps per second a move is start-stop (ch. 12, motion profiles)."""
