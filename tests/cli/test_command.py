@@ -1,4 +1,4 @@
-"""The command as a person types it: what it prints, and how it fails. Devices run as a second process, on real ports."""
+"""The command as a person types it: what it prints, how it fails. Devices run in a second process, on real ports."""
 
 from __future__ import annotations
 
@@ -34,21 +34,18 @@ def out(*arguments: str) -> str:
 @contextmanager
 def simulated(device: str, endpoint: str) -> Iterator[str]:
     """A device in a process of its own; gives the endpoint that it says it is ready at."""
-    process = subprocess.Popen(
-        [*COMMAND, "simulate", device, endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
+    command = [*COMMAND, "simulate", device, endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith("ready "), process.stderr.read() if process.stderr else ""
-        yield line.split()[1]
-    finally:
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
         assert process.stderr is not None
+        try:
+            line = process.stdout.readline()
+            assert line.startswith("ready "), process.stderr.read()
+            yield line.split()[1]
+        finally:
+            process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
         assert process.stderr.read() == ""
-        process.stdout.close()
-        process.stderr.close()
 
 
 def free_port() -> int:

@@ -54,7 +54,8 @@ def host_device(device: str, endpoint: str, machine: Simulator | None = None) ->
     if device == TABLE:
         return open_host(endpoint, units=units_at(at, Table(), 1))
     if machine is None:
-        machine = simulator(device, time.monotonic())
+        node = at.integer("node", 0) or None if at.scheme == "can" else None
+        machine = simulator(device, time.monotonic(), node=node)
     if at.scheme == "can":
         if machine.canopen is None:
             raise EncodeError(f"{device} has no CANopen: it speaks Modbus")

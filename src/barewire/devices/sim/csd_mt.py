@@ -199,7 +199,7 @@ class CsdMt(Simulator):
         return self.store.number("Profile Acceleration")
 
     def deceleration(self) -> float:
-        """Register 1072 in profile velocity. A position move brakes with 1046: a trapezoid needs PV² < PA·ΔS (ch. 12)."""
+        """Register 1072 in profile velocity; a position move brakes with 1046: it is a trapezoid if PV² < PA·ΔS."""
         ramps = {axis.POSITION: "Profile Acceleration", axis.HOMING: "Homing Acceleration"}
         return self.store.number(ramps.get(self.axis.mode, "Profile Deceleration"))
 
