@@ -5,10 +5,10 @@ from __future__ import annotations
 import struct
 from typing import Any
 
+import canopen
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-import canopen
 from barewire.canopen import Mapped, PdoMapping
 
 DATA = bytes.fromhex("3706 E803 6400 9CFF")

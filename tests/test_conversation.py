@@ -6,11 +6,11 @@ import pickle
 from collections.abc import Callable
 
 import pytest
-from tests.helpers import refused
 
 from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, last_words, play
 from barewire.errors import REASONS, BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused
 from barewire.modbus import ModbusException
+from tests.helpers import refused
 
 Talk = Conversation[str, list[Heard[str]]]
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import jsonschema
 import pytest
-from tests.vectors_runner.common import Case
-from tests.vectors_runner.kinds import RUNNERS
 
 from barewire.errors import REASONS
+from tests.vectors_runner.common import Case
+from tests.vectors_runner.kinds import RUNNERS
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"

@@ -5,6 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
+from barewire.ascii import AsciiLine, decode, encode
+from barewire.errors import EncodeError
+from barewire.modbus import Adu, Noise
 from tests.helpers import (
     Chunk,
     chunked,
@@ -19,10 +23,6 @@ from tests.helpers import (
     spaced,
     unhex,
 )
-
-from barewire.ascii import AsciiLine, decode, encode
-from barewire.errors import EncodeError
-from barewire.modbus import Adu, Noise
 
 SHORT = encode(1, b"\x07")
 READ = encode(1, unhex("03 006B 0003"))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, unhex
 
 from barewire.ascii import lrc
+from tests.helpers import modest, unhex
 
 
 @modest

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused, unhex
 
-from barewire.codecs import get_bit, get_half, pack_bits, set_bit, set_half, unpack_bits
+from barewire.codecs import get_bit, get_field, get_half, pack_bits, set_bit, set_field, set_half, unpack_bits
 from barewire.codecs.bits import Half
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import modest, refused, unhex
 
 
 @pytest.mark.parametrize("width", [8, 16, 32])
@@ -77,3 +77,24 @@ def test_more_bits_than_there_are_is_short() -> None:
         unpack_bits(b"\xff", 9)
     assert isinstance(caught.value, DecodeError)
     assert (caught.value.reason, caught.value.at) == ("short", 1)
+
+
+@modest
+@given(st.integers(0, 0xFFFF), st.integers(0, 15), st.integers(1, 16), st.integers(0, 0xFFFF))
+def test_a_field_is_changed_and_its_neighbours_are_kept(word: int, low: int, bits: int, value: int) -> None:
+    bits = min(bits, 16 - low)
+    value &= (1 << bits) - 1
+    changed = set_field(word, low, bits, value)
+    assert get_field(changed, low, bits) == value
+    assert set_field(changed, low, bits, get_field(word, low, bits)) == word
+
+
+@pytest.mark.parametrize(("low", "bits"), [(-1, 2), (15, 2), (0, 17), (3, 0)])
+def test_a_field_outside_the_word_is_refused(low: int, bits: int) -> None:
+    with pytest.raises(EncodeError, match="do not exist in 16 bits"):
+        get_field(0, low, bits)
+
+
+def test_a_number_too_large_for_its_field_is_refused() -> None:
+    with pytest.raises(EncodeError, match=r"9 does not fit 3 bits: expected 0\.\.7"):
+        set_field(0, 4, 3, 9)

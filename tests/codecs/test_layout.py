@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused, unhex
 
 from barewire.codecs import BitPattern, Field, Layout
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import modest, refused, unhex
 
 FIXED = Layout(">BHH", "function_code", "address", "quantity")
 COUNTED = Layout(">BHB", "function_code", "address", "byte_count", tail="data", count="byte_count")

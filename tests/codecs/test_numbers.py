@@ -9,11 +9,11 @@ from itertools import product
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused, unhex
 
 from barewire.codecs import ORDERS, Number, codec
 from barewire.codecs.order import Order
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import modest, refused, unhex
 
 INTEGERS = [f"{sign}{bits}" for sign in "ui" for bits in range(8, 65, 8)]
 ALL = [*INTEGERS, "f32", "f64"]

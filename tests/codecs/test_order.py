@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused
 
 from barewire.codecs import ORDERS, from_registers, reorder, to_registers
 from barewire.codecs.order import Order
 from barewire.errors import EncodeError
+from tests.helpers import modest, refused
 
 
 @modest

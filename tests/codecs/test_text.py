@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused
 
 from barewire.codecs import Text
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import modest, refused
 
 
 @modest

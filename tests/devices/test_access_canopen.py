@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.helpers import refused
 
 from barewire.canopen import AZ3, STANDARD, CanFrame, Channel, Entry, ObjectDictionary, SdoAbort, SdoServer
 from barewire.canopen.sdo.dialect import DIALECTS
@@ -14,6 +13,7 @@ from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import CanopenSide, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
 from barewire.errors import DecodeError, EncodeError, NoAnswer
+from tests.helpers import refused
 
 DRIVE = load("az3")
 NODE = 5

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from tests.helpers import Peer, refused, serving
 
 from barewire.codecs import Text, Value, codec, to_registers
 from barewire.conversation import Conversation, play
@@ -15,6 +14,7 @@ from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus import Bus, ModbusException, Server, Table
 from barewire.modbus.message import Response
 from barewire.tcp import TcpLine
+from tests.helpers import Peer, refused, serving
 
 AZ3, ADXL, CSD = load("az3"), load("adxl"), load("csd-mt")
 

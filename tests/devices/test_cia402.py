@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from tests.helpers import refused
 
 from barewire.devices.cia402 import (
     STATUS,
@@ -19,6 +18,7 @@ from barewire.devices.cia402 import (
     with_state,
 )
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import refused
 
 COMMANDED = [
     State.SWITCH_ON_DISABLED,

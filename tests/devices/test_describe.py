@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from tests.devices.test_descriptions import HEAD, HEAD_MISTAKES, row, write
 
 from barewire.canopen import AZ3, STANDARD
 from barewire.devices import DescriptionError, describe, load, names
 from barewire.devices.load import CATALOG
 from barewire.devices.rows import REQUIRED, RULES
+from tests.devices.test_descriptions import HEAD, HEAD_MISTAKES, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
 KEYS += ["modbus", "object", "bits", "storable", "printed"]

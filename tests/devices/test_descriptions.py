@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest
 
 from barewire.devices import DescriptionError, load
 from barewire.devices.rows import RULES
 from barewire.errors import BarewireError
+from tests.helpers import modest
 
 HEAD = """\
 name = "mine"

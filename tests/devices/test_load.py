@@ -7,10 +7,10 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from tests.helpers import refused
 
 from barewire.devices import ModbusAt, ObjectAt, UnknownName, load, names
 from barewire.devices.load import CATALOG
+from tests.helpers import refused
 
 SMALL = """\
 name = "small"

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused
 
 from barewire.devices import Device, ModbusAt, ModbusSide, Parameter, load, plan_reads, plan_writes
 from barewire.devices.parameter import TableName
 from barewire.devices.plan import Block, Writing, known_addresses
 from barewire.errors import EncodeError
+from tests.helpers import modest, refused
 
 
 def device(*places: ModbusAt, access: Any = "rw", **side: Any) -> Device:

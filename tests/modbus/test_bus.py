@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest
 
 from barewire.ascii import AsciiLine
 from barewire.conversation import Abandoned, Conversation, Heard, Send, play
@@ -23,6 +22,7 @@ from barewire.modbus import (
 )
 from barewire.modbus.bus import Bus, WriteOutcomeUnknown
 from barewire.rtu import RtuLine, Timing
+from tests.helpers import modest
 
 Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 TIMING = Timing.of(19200)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import pytest
-from tests.helpers import refused, unhex
 
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu, Request, Response, decode_request, decode_response, functions, register
 from barewire.modbus.functions import known, measure_request, measure_response
 from barewire.rtu import RtuLine, Timing, encode
+from tests.helpers import refused, unhex
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, readable, refused, unhex
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import (
@@ -42,6 +41,7 @@ from barewire.modbus import (
     decode_response,
 )
 from barewire.modbus.functions import AnyRequest, known, measure_request, measure_response
+from tests.helpers import modest, readable, refused, unhex
 
 ADDRESS = WORD = st.integers(0, 0xFFFF)
 BYTE = st.integers(0, 0xFF)

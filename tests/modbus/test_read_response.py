@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, refused, unhex
 
 from barewire.errors import DecodeError
 from barewire.modbus import (
@@ -24,6 +23,7 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.functions import AnyRequest
+from tests.helpers import modest, refused, unhex
 
 
 def test_bits_are_cut_to_as_many_as_were_asked() -> None:

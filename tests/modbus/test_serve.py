@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import Broken, Chunk, chunked, modest, unhex
 
 from barewire.ascii import AsciiLine
 from barewire.modbus import (
@@ -28,6 +27,7 @@ from barewire.rtu import encode as rtu_frame
 from barewire.tcp import TcpLine
 from barewire.tcp import decode as tcp_decode
 from barewire.tcp import encode as tcp_frame
+from tests.helpers import Broken, Chunk, chunked, modest, unhex
 
 TIMING = Timing.of(19200)
 

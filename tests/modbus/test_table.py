@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from tests.helpers import refused
 
 from barewire.errors import EncodeError
 from barewire.modbus import (
@@ -23,6 +22,7 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.functions import AnyRequest
+from tests.helpers import refused
 
 
 def test_what_was_written_is_read() -> None:

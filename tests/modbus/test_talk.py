@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from tests.helpers import Chunk, answering, refused, serving, unhex
 
 from barewire.ascii import AsciiLine
 from barewire.ascii import encode as ascii_frame
@@ -28,6 +27,7 @@ from barewire.rtu import RtuLine, Timing
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import TcpLine
 from barewire.tcp import encode as tcp_frame
+from tests.helpers import Chunk, answering, refused, serving, unhex
 
 TIMING = Timing.of(19200)
 READ = ReadHoldingRegisters(0x6B, 3)

@@ -8,9 +8,9 @@ import crcmod.predefined
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, unhex
 
 from barewire.rtu.crc import crc16, crc16_bit_by_bit, crc16_folded, crc16_table
+from tests.helpers import modest, unhex
 
 referee = crcmod.predefined.mkCrcFun("modbus")
 

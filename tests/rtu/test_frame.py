@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import modest, readable, refused, unhex
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu
 from barewire.rtu import decode, encode
+from tests.helpers import modest, readable, refused, unhex
 
 
 @modest

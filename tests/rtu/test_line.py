@@ -10,6 +10,12 @@ from itertools import product
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
+from barewire.errors import EncodeError
+from barewire.modbus import Adu, Noise
+from barewire.modbus.functions import measure_request
+from barewire.rtu import RtuLine, Timing, crc16, decode, encode
+from barewire.rtu.line import Role
 from tests.helpers import (
     Chunk,
     chunked,
@@ -24,12 +30,6 @@ from tests.helpers import (
     spaced,
     unhex,
 )
-
-from barewire.errors import EncodeError
-from barewire.modbus import Adu, Noise
-from barewire.modbus.functions import measure_request
-from barewire.rtu import RtuLine, Timing, crc16, decode, encode
-from barewire.rtu.line import Role
 
 CHARACTER = 1 / 2048
 EXACT = Timing(CHARACTER, 1.5 * CHARACTER, 3.5 * CHARACTER)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from tests.helpers import refused
 
 from barewire.errors import EncodeError
 from barewire.rtu import Timing, character_bits
+from tests.helpers import refused
 
 US = 1e-6
 

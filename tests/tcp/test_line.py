@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.helpers import Chunk, chunked, deliveries, feed_all, keeps_the_law, modest, spaced, unhex
 
 from barewire.modbus import Adu, Noise
 from barewire.tcp import TcpLine, decode, encode
+from tests.helpers import Chunk, chunked, deliveries, feed_all, keeps_the_law, modest, spaced, unhex
 
 SHORT = encode(1, b"\x07", 1)
 READ = encode(255, unhex("03 006B 0003"), 0xABCD)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.vectors_runner.common import Case, check, octets, whole_or_float
-
 from barewire.canopen.cob import CobEntry, classify, cob_id, is_restricted
 from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
@@ -17,6 +15,7 @@ from barewire.canopen.sdo.aborts import AbortCode
 from barewire.canopen.sync import Sync
 from barewire.codecs import Value, codec
 from barewire.errors import DecodeError
+from tests.vectors_runner.common import Case, check, octets, whole_or_float
 
 COMMANDS = {
     "start": NmtCommand.START,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from tests.vectors_runner.common import Case, bits, check, octets, whole_or_float
-
 from barewire.codecs import Text, codec, get_bit, get_half, pack_bits, set_bit, set_half, unpack_bits
+from tests.vectors_runner.common import Case, bits, check, octets, whole_or_float
 
 
 def number(case: Case) -> None:

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from tests.vectors_runner.common import Case, check, octets, refuse
-
 import barewire.ascii
 import barewire.rtu
 import barewire.tcp
@@ -22,6 +20,7 @@ from barewire.rtu import Timing, crc16
 from barewire.rtu.crc import crc16_bit_by_bit
 from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine
+from tests.vectors_runner.common import Case, check, octets, refuse
 
 LATER = 1e6
 """Long after every silence."""

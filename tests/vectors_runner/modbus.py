@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.vectors_runner.common import Case, bits, octets, refuse, words
 
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.functions import (
@@ -18,6 +17,7 @@ from barewire.modbus.functions import (
     response_class,
 )
 from barewire.modbus.message import Message
+from tests.vectors_runner.common import Case, bits, octets, refuse, words
 
 
 def from_json(name: str, value: Any) -> Any:

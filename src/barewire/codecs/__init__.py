@@ -13,7 +13,16 @@ Five files, five questions:
 I know: values and bytes.  I never know: messages, units, addresses, time.  Everybody may import me.
 """
 
-from barewire.codecs.bits import get_bit, get_half, pack_bits, set_bit, set_half, unpack_bits
+from barewire.codecs.bits import (
+    get_bit,
+    get_field,
+    get_half,
+    pack_bits,
+    set_bit,
+    set_field,
+    set_half,
+    unpack_bits,
+)
 from barewire.codecs.layout import BitPattern, Field, Layout
 from barewire.codecs.numbers import Codec, Number, Value, codec
 from barewire.codecs.order import ORDERS, from_registers, reorder, to_registers
@@ -31,6 +40,8 @@ __all__ = [
     "from_registers",
     "get_bit",
     "set_bit",
+    "get_field",
+    "set_field",
     "get_half",
     "set_half",
     "pack_bits",

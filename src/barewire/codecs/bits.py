@@ -41,6 +41,34 @@ def set_bit(word: int, bit: int, value: bool, width: int = 16) -> int:
     return word | 1 << bit if value else word & ~(1 << bit)
 
 
+def get_field(word: int, low: int, bits: int, width: int = 16) -> int:
+    """The number in `bits` bits of a word, the lowest of them being bit `low`.
+
+    >>> get_field(0x0B40, 6, 6)             # 0000 1011 01.. ....
+    45
+    """
+    _check_field(low, bits, width)
+    return word >> low & (1 << bits) - 1
+
+
+def set_field(word: int, low: int, bits: int, value: int, width: int = 16) -> int:
+    """The word with that number changed and every other bit kept.
+
+    >>> hex(set_field(0xFFFF, 4, 8, 0))
+    '0xf00f'
+    """
+    _check_field(low, bits, width)
+    if not 0 <= value < 1 << bits:
+        raise EncodeError(f"{value} does not fit {bits} bits: expected 0..{(1 << bits) - 1}")
+    mask = (1 << bits) - 1 << low
+    return word & ~mask | value << low
+
+
+def _check_field(low: int, bits: int, width: int) -> None:
+    if bits < 1 or low < 0 or low + bits > width:
+        raise EncodeError(f"bits {low}..{low + bits - 1} do not exist in {width} bits: expected 0..{width - 1}")
+
+
 def get_half(word: int, half: Half) -> int:
     """The low or high byte of a register, 0..255.
 

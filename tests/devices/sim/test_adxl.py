@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from tests.devices.sim.bench import Bench
 
 from barewire.devices.sim import Adxl, simulator
 from barewire.devices.sim.adxl import REBOOT_TAKES
@@ -19,6 +18,7 @@ from barewire.modbus.registers import (
 )
 from barewire.modbus.serve import Server
 from barewire.rtu import RtuLine, Timing, decode, encode
+from tests.devices.sim.bench import Bench
 
 
 @pytest.fixture

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.devices.sim.bench import Bench
 
 from barewire.canopen import CanFrame
 from barewire.devices.load import names
 from barewire.devices.sim import simulator
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.registers import WriteMultipleRegisters, WriteSingleRegister
+from tests.devices.sim.bench import Bench
 
 WORDS = st.integers(0, 0xFFFF) | st.sampled_from([0, 1, 3, 6, 7, 0x0F, 0x1F, 0x3F, 0x80, 0x10F, 0x7F80, 0xFF80])
 PAUSES = st.sampled_from([0.0, 0.001, 0.3, 7.0, 1e5])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from tests.devices.sim.bench import Bench
 
 from barewire.devices.cia402 import State
 from barewire.devices.sim import Az3, simulator
 from barewire.modbus.bits import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.registers import ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
+from tests.devices.sim.bench import Bench
 
 
 @pytest.fixture

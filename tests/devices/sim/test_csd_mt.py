@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from tests.devices.sim.bench import Bench
 
 from barewire.devices.cia402 import State
 from barewire.devices.sim import CsdMt, simulator
@@ -14,6 +13,7 @@ from barewire.modbus.registers import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
+from tests.devices.sim.bench import Bench
 
 STATUS, CONTROL = 1001, 1040
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from tests.devices.sim.bench import Bench
 
 from barewire.codecs import Value
 from barewire.codecs.numbers import Number
@@ -11,6 +10,7 @@ from barewire.devices.load import load, names
 from barewire.devices.parameter import Parameter
 from barewire.devices.sim import simulator
 from barewire.modbus import registers
+from tests.devices.sim.bench import Bench
 
 ALL = [(name, parameter) for name in names() for parameter in load(name).parameters]
 IDS = [f"{name}-{parameter.name}" for name, parameter in ALL]

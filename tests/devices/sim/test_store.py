@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.devices.sim.bench import Bench
 
 from barewire.devices.load import load
 from barewire.devices.sim import Simulator, simulator
 from barewire.modbus import bits, registers
 from barewire.modbus.diagnostics import ReadExceptionStatus
+from tests.devices.sim.bench import Bench
 
 HEAD = """
 name = "mine"
