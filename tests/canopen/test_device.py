@@ -82,7 +82,8 @@ def test_services_follow_the_state() -> None:
         hear(device, f"000#{command}05")
         assert hear(device, READ_STATUS) == ([STATUS] if sdo else [])
         assert hear(device, "080#") == (tpdos if pdo else [])
-        assert len(device.emergency(0x2310)) == sdo
+        assert len(device.error(0x2310, 0.0, source=command)) == sdo
+        device.errors.reset(communication_only=False)
 
 
 def test_a_command_to_another_node_changes_nothing() -> None:
@@ -165,13 +166,13 @@ def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
 
 def test_wrong_lengths_of_an_rpdo_are_said_once() -> None:
     device = device_with(Pdo("RPDO", 1, (0x60400010,)))
-    assert hear(device, "205#0F") == ["085#1082000102000000"]
+    assert hear(device, "205#0F") == ["085#1082110102000000"]
     assert hear(device, "205#0E") == []
-    assert device.objects.get(0x6040) == 0
-    assert hear(device, "205#0F0001") == ["085#2082000302000000"]
+    assert (device.objects.get(0x6040), device.objects.get(0x1001)) == (0, 0x11)
+    assert hear(device, "205#0F0001") == ["085#2082110302000000", "085#0000110000000000"]
     assert device.objects.get(0x6040) == 15
-    assert hear(device, "205#0700") == []
-    assert hear(device, "205#") == ["085#1082000002000000"]
+    assert hear(device, "205#0700") == ["085#0000000000000000"]
+    assert hear(device, "205#") == ["085#1082110002000000"]
 
 
 def test_tpdo_at_every_third_sync() -> None:
@@ -253,7 +254,8 @@ def test_a_mapping_is_changed_in_the_order_of_the_standard() -> None:
         ("23 00 1A 01 20 00 64 60", "06010000"),
         ("23 00 18 01 95 01 00 00", "06090030"),  # another identifier while switched on
         ("2B 00 18 03 64 00 00 00", "06090030"),  # inhibit time while switched on
-        ("2F 00 18 02 FC 00 00 00", "06090030"),  # type 252
+        ("2F 00 18 02 FB 00 00 00", "06090030"),  # type 251, reserved
+        ("2F 00 14 02 FC 00 00 00", "06090030"),  # type 252, for TPDOs only
         ("2F 00 18 00 05 00 00 00", "06010002"),
     ],
 )

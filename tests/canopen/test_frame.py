@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barewire.canopen import CanFrame
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError, EncodeError
 
 
@@ -87,3 +87,12 @@ def test_any_text_is_a_frame_or_a_decode_error(text: str) -> None:
     except DecodeError:
         return
     assert CanFrame.parse(str(frame)) == frame
+
+
+def test_other_kinds_are_no_can_frames() -> None:
+    assert str(FdFrame(0x605, b"\1\2", flags=1)) == "605##10102"
+    assert str(FdFrame(0x605, b"\1", extended=True)) == "00000605##001"
+    assert ErrorFrame(0x144).text == "controller problem, bus off, controller restarted"
+    assert ErrorFrame(0).text == "error class 0h"
+    with pytest.raises(DecodeError, match="CAN FD"):
+        CanFrame.parse("605##10102")

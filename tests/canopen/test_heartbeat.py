@@ -130,3 +130,24 @@ def test_consumer_times_are_checked() -> None:
         HeartbeatConsumer({0: 1.0})
     with pytest.raises(EncodeError):
         HeartbeatConsumer({5: 0.0})
+
+
+def test_a_node_that_was_started_is_expected() -> None:
+    consumer = HeartbeatConsumer({5: 1.0})
+    consumer.expect(5, 3.0)
+    assert consumer.deadline == 3.0
+    assert kinds(consumer, None, 3.0) == [(5, "lost")]
+    consumer.expect(5, 10.0)
+    assert kinds(consumer, "705#7F", 9.0) == [(5, "active")]
+    assert consumer.deadline == 10.0  # its heartbeat time, from now on
+
+
+def test_a_new_time_begins_the_watch_anew() -> None:
+    consumer = HeartbeatConsumer({5: 1.0, 6: 1.0})
+    for node in ("705", "706"):
+        kinds(consumer, f"{node}#05", 0.0)
+    consumer.watch({5: 2.0, 6: 1.0})
+    assert (consumer.liveness(5), consumer.liveness(6)) == ("unknown", "active")
+    assert kinds(consumer, None, 1.0) == [(6, "lost")]
+    consumer.watch({})
+    assert consumer.deadline is None

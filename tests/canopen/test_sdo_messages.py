@@ -9,15 +9,28 @@ from barewire.canopen.sdo import (
     AZ3,
     STANDARD,
     Abort,
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockSegment,
+    BlockUploadInitiated,
     DownloadInitiated,
     ExpeditedDownload,
     ExpeditedUpload,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
     InitiateDownload,
     InitiateUpload,
+    NextSegment,
+    Segment,
+    SegmentTaken,
+    StartBlockUpload,
     UploadInitiated,
     decode_answer,
     decode_request,
 )
+from barewire.canopen.sdo.messages import Message, read
 from barewire.errors import DecodeError, EncodeError, Refused
 
 
@@ -62,19 +75,114 @@ def test_answers_both_ways(text: str, message: ExpeditedUpload) -> None:
     assert decode_answer(raw(text)) == message
 
 
+SEGMENTS = [
+    ("00 43 41 4E 6F 70 65 6E", Segment(0, b"CANopen")),
+    ("10 44 65 6D 6F 50 49 43", Segment(1, b"DemoPIC")),
+    ("0B 33 32 00 00 00 00 00", Segment(0, b"32", last=True)),
+    ("0F 00 00 00 00 00 00 00", Segment(0, b"", last=True)),
+    ("1D 33 00 00 00 00 00 00", Segment(1, b"3", last=True)),
+    ("60 00 00 00 00 00 00 00", NextSegment(0)),
+    ("70 00 00 00 00 00 00 00", NextSegment(1)),
+    ("20 00 00 00 00 00 00 00", SegmentTaken(0)),
+    ("30 00 00 00 00 00 00 00", SegmentTaken(1)),
+]
+
+BLOCKS = [
+    ("C6 00 21 00 0A 00 00 00", InitiateBlockDownload(0x2100, 0, 10)),
+    ("C4 00 21 00 00 00 00 00", InitiateBlockDownload(0x2100, 0)),
+    ("C2 00 21 00 0A 00 00 00", InitiateBlockDownload(0x2100, 0, 10, crc=False)),
+    ("C0 00 21 00 00 00 00 00", InitiateBlockDownload(0x2100, 0, crc=False)),
+    ("C6 08 10 00 10 00 00 00", BlockUploadInitiated(0x1008, 0, 16)),
+    ("C0 08 10 00 00 00 00 00", BlockUploadInitiated(0x1008, 0, crc=False)),
+    ("A4 00 21 00 7F 00 00 00", BlockDownloadInitiated(0x2100, 0, 127)),
+    ("A0 00 21 00 01 00 00 00", BlockDownloadInitiated(0x2100, 0, 1, crc=False)),
+    ("A4 08 10 00 14 00 00 00", InitiateBlockUpload(0x1008, 0, 20)),
+    ("A0 08 10 00 14 FF 00 00", InitiateBlockUpload(0x1008, 0, 20, 255, crc=False)),
+    ("A3 00 00 00 00 00 00 00", StartBlockUpload()),
+    ("01 43 41 4E 6F 70 65 6E", BlockSegment(1, b"CANopen")),
+    ("FF 33 32 31 30 2F 2E 2D", BlockSegment(127, b"3210/.-", last=True)),
+    ("A2 03 14 00 00 00 00 00", BlockAck(3, 20)),
+    ("C1 00 00 00 00 00 00 00", BlockEnd(0)),
+    ("D5 F3 43 00 00 00 00 00", BlockEnd(5, 0x43F3)),
+    ("DD 00 00 00 00 00 00 00", BlockEnd(7)),
+    ("A1 00 00 00 00 00 00 00", BlockEnded()),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), SEGMENTS + BLOCKS)
+def test_what_is_between_beginning_and_end_both_ways(text: str, message: Message) -> None:
+    assert message.encode() == raw(text)
+    assert read(raw(text), (type(message),)) == message
+
+
+def test_the_state_of_the_transfer_says_what_a_byte_means() -> None:
+    data = raw("C1 F3 43 00 00 00 00 00")
+    assert read(data, (BlockEnd,)) == BlockEnd(0, 0x43F3)
+    assert read(data, (BlockSegment,)) == BlockSegment(0x41, data[1:], last=True)
+    with pytest.raises(DecodeError, match="nothing that belongs here"):
+        decode_request(data)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        (Segment, "09 33 32"),
+        (InitiateBlockUpload, "A4 08 10 00 14"),
+        (BlockDownloadInitiated, "A4 08 10 00"),
+        (BlockUploadInitiated, "C6 08 10 00 10"),
+        (BlockSegment, "01 43"),
+        (BlockAck, "A2 03"),
+        (BlockEnd, "D5 F3"),
+    ],
+)
+def test_bytes_that_are_missing(kind: type[Message], text: str) -> None:
+    with pytest.raises(DecodeError) as caught:
+        read(raw(text), (kind,))
+    assert caught.value.reason == "short"
+
+
+@pytest.mark.parametrize("text", ["00 43 41 4E 6F 70 65 6E", "80 43 41 4E 6F 70 65 6E"])
+def test_there_is_no_segment_0(text: str) -> None:
+    with pytest.raises(DecodeError, match="no segment 0"):
+        BlockSegment.decode(raw(text))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Segment(2, b""),
+        Segment(0, bytes(8)),
+        NextSegment(2),
+        BlockSegment(0, bytes(7)),
+        BlockSegment(128, bytes(7)),
+        BlockSegment(1, bytes(6)),
+        BlockSegment(1, bytes(8), last=True),
+        BlockAck(1, 0),
+        BlockAck(256, 1),
+        BlockEnd(8),
+        BlockEnd(0, 1 << 16),
+        InitiateBlockUpload(0x1008, 0, 128),
+        BlockDownloadInitiated(0x1008, 0, 0),
+    ],
+)
+def test_segments_and_blocks_that_cannot_be_said(message: Message) -> None:
+    with pytest.raises(EncodeError):
+        message.encode()
+
+
 @pytest.mark.parametrize("command", ["43", "4B", "4F", "5F", "41"])
 def test_reserved_bits_of_an_upload_request_are_read_over(command: str) -> None:
     assert decode_request(raw(f"{command} 40 60 00 00 00 00 00")) == InitiateUpload(0x6040, 0, int(command, 16))
 
 
-@pytest.mark.parametrize("command", ["00", "60", "A0", "C0", "E0", "FF"])
+@pytest.mark.parametrize("command", ["00", "60", "81", "A1", "A3", "C1", "E0", "FF"])
 def test_commands_that_start_nothing_known(command: str) -> None:
     with pytest.raises(DecodeError) as caught:
         decode_request(raw(f"{command} 40 60 00 00 00 00 00"))
     assert (caught.value.reason, caught.value.at) == ("function", 0)
 
 
-@pytest.mark.parametrize("command", ["00", "20", "A0", "C0", "E0"])
+@pytest.mark.parametrize("command", ["00", "20", "81", "A1", "A2", "C1", "E0"])
 def test_commands_that_answer_nothing_known(command: str) -> None:
     with pytest.raises(DecodeError) as caught:
         decode_answer(raw(f"{command} 40 60 00 00 00 00 00"))

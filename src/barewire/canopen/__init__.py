@@ -6,12 +6,19 @@
 
 CAN delivers whole frames, so there is no envelope and no noise here. Which file for which question:
 
-    frame        one CAN frame, and its line of text          cob         whose identifier is that?
-    nmt          who may speak in which state                  heartbeat   who is alive
-    sdo/         read and write any object, confirmed          emcy        what went wrong
-    pdo          which bits of a frame are which object        sync        the beat that PDOs follow
-    pdo_records  how a PDO is configured                       pdo_engine  when it travels
-    datatypes    which type has how many bytes                 dictionary  the objects of one device
+    frame        one CAN frame, and its line of text          cob          whose identifier is that?
+    nmt          who may speak in which state                  nmt_master   command, and have it confirmed
+    heartbeat    who is alive                                  guarding     the same, asked for
+    sdo/         read and write any object of any length       emcy         what went wrong, in one message
+    emcy_producer, emcy_consumer    which errors there are: in this device, in the others
+    sync         the beat that PDOs follow                     time_stamp   what time it is
+    pdo          which bits of a frame are which object        pdo_records  how a PDO is configured
+    pdo_live, pdo_engine            when it travels            pdo_remote   the PDOs of another device
+    lss          messages that give a node-ID                  lss_slave, lss_master, lss_scan    who says them
+    survey       who is on the bus, and why we believe it
+    datatypes, times    which type has how many bytes          dictionary   the objects of one device
+    eds/         the same objects as a file, read and written without loss
+    own_objects, error_control, device_sync, stored            its services, as their objects say
     device       all of it together: one node
 
 Two nodes meet as two machines, or as a conversation and a machine; neither knows a bus or a clock.
@@ -27,8 +34,11 @@ if TYPE_CHECKING:
     from barewire.canopen.cob import CobEntry, Service, check_node, classify, cob_id, is_restricted
     from barewire.canopen.device import Device
     from barewire.canopen.dictionary import Entry, ObjectDictionary
-    from barewire.canopen.emcy import Emergency, error_text, register_names
-    from barewire.canopen.frame import CanFrame
+    from barewire.canopen.emcy import Emergency, error_text, register_names, register_of
+    from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
+    from barewire.canopen.emcy_producer import EmcyProducer
+    from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
+    from barewire.canopen.guarding import Guard, GuardedNode, GuardEvent, GuardingMaster, LifeEvent
     from barewire.canopen.heartbeat import (
         HeartbeatConsumer,
         HeartbeatEvent,
@@ -37,14 +47,33 @@ if TYPE_CHECKING:
         consumer_entry,
         guarding_request,
     )
+    from barewire.canopen.lss import Fastscan, LssAddress, LssMessage, LssRefused, LssService, LssState
+    from barewire.canopen.lss_master import (
+        activate_bit_timing,
+        configure_bit_timing,
+        configure_node,
+        identify_slaves,
+        identify_unconfigured,
+        inquire_address,
+        inquire_node,
+        store_configuration,
+        switch_global,
+        switch_selective,
+    )
+    from barewire.canopen.lss_scan import Assigned, fastscan, find_all
+    from barewire.canopen.lss_slave import LssSlave
     from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
+    from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
+    from barewire.canopen.own_objects import standard_objects
     from barewire.canopen.pdo import Mapped, PdoMapping
     from barewire.canopen.pdo_engine import PdoEngine
-    from barewire.canopen.pdo_records import Pdo
+    from barewire.canopen.pdo_records import Pdo, pdos_of
+    from barewire.canopen.pdo_remote import PdoManner, mapping_of, read_pdo, write_pdo
     from barewire.canopen.sdo import (
         AZ3,
         STANDARD,
         AbortCode,
+        Block,
         Channel,
         Dialect,
         SdoAbort,
@@ -53,11 +82,18 @@ if TYPE_CHECKING:
         download,
         fit,
         upload,
+        upload_to,
     )
-    from barewire.canopen.sync import Sync
+    from barewire.canopen.stored import StoredParameters
+    from barewire.canopen.survey import Found, Survey, scan
+    from barewire.canopen.sync import Sync, SyncEvent, SyncMonitor, SyncProducer
+    from barewire.canopen.time_stamp import TimeConsumer, TimeHeard, TimeProducer, TimeStamp
+    from barewire.canopen.times import TimeDifference, TimeOfDay
 
 __all__ = [
     "CanFrame",
+    "FdFrame",
+    "ErrorFrame",
     "cob_id",
     "classify",
     "check_node",
@@ -65,7 +101,9 @@ __all__ = [
     "Service",
     "CobEntry",
     "upload",
+    "upload_to",
     "download",
+    "Block",
     "Channel",
     "Dialect",
     "STANDARD",
@@ -77,26 +115,77 @@ __all__ = [
     "SdoServer",
     "Entry",
     "ObjectDictionary",
+    "TimeOfDay",
+    "TimeDifference",
     "NmtCommand",
     "NmtState",
     "NmtMessage",
     "NmtChange",
     "NmtSlave",
+    "tell_nmt",
+    "ask_state",
+    "Obeyed",
     "NodeState",
     "HeartbeatProducer",
     "HeartbeatConsumer",
     "HeartbeatEvent",
     "consumer_entry",
     "guarding_request",
+    "Guard",
+    "GuardingMaster",
+    "GuardEvent",
+    "GuardedNode",
+    "LifeEvent",
     "Emergency",
     "error_text",
     "register_names",
+    "register_of",
+    "EmcyProducer",
+    "EmcyConsumer",
+    "EmcyEvent",
     "Sync",
+    "SyncProducer",
+    "SyncMonitor",
+    "SyncEvent",
+    "TimeStamp",
+    "TimeProducer",
+    "TimeConsumer",
+    "TimeHeard",
     "Mapped",
     "PdoMapping",
     "Pdo",
+    "pdos_of",
     "PdoEngine",
+    "read_pdo",
+    "write_pdo",
+    "mapping_of",
+    "PdoManner",
+    "scan",
+    "Survey",
+    "Found",
+    "LssAddress",
+    "LssMessage",
+    "LssService",
+    "LssState",
+    "LssRefused",
+    "LssSlave",
+    "Fastscan",
+    "switch_global",
+    "switch_selective",
+    "identify_slaves",
+    "identify_unconfigured",
+    "inquire_address",
+    "inquire_node",
+    "configure_node",
+    "configure_bit_timing",
+    "activate_bit_timing",
+    "store_configuration",
+    "fastscan",
+    "find_all",
+    "Assigned",
     "Device",
+    "StoredParameters",
+    "standard_objects",
 ]
 
 # Loaded when asked for, the light ones first: a bus shell needs `frame` only and must not pay for a whole node.
@@ -105,13 +194,27 @@ _FILES = (
     "cob",
     "nmt",
     "heartbeat",
+    "nmt_master",
+    "guarding",
     "sync",
+    "times",
+    "time_stamp",
     "emcy",
+    "emcy_consumer",
+    "lss",
+    "lss_slave",
+    "lss_master",
+    "lss_scan",
     "sdo",
     "pdo",
     "dictionary",
+    "own_objects",
+    "stored",
+    "emcy_producer",
     "pdo_records",
     "pdo_engine",
+    "pdo_remote",
+    "survey",
     "device",
 )
 

@@ -3,14 +3,17 @@
         0001h BOOLEAN   bool   1 bit in a PDO, 1 byte in an SDO
         0003h INTEGER16 i16    16 bits, little-endian everywhere in CANopen
         0008h REAL32    f32    32 bits
+        000Ch TIME_OF_DAY      48 bits, milliseconds and days: see times
 
-Types of no fixed size (strings, domains) have 0 bits here: how long they are is told by the value.
+Types of no fixed size (strings, domains) have 0 bits here: how long they are is told by the value. `RECORDS` are the
+numbers of whole objects, which have no value of their own.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from barewire.canopen.times import Time
 from barewire.codecs import Number, Value, codec
 from barewire.errors import DecodeError, EncodeError
 
@@ -35,6 +38,9 @@ DATA_TYPES: tuple[DataType, ...] = (
     DataType(0x08, "REAL32", "f32", 32),
     DataType(0x09, "VISIBLE_STRING", "string", 0),
     DataType(0x0A, "OCTET_STRING", "octets", 0),
+    DataType(0x0B, "UNICODE_STRING", "unicode", 0),
+    DataType(0x0C, "TIME_OF_DAY", "time_of_day", 48),
+    DataType(0x0D, "TIME_DIFFERENCE", "time_difference", 48),
     DataType(0x0F, "DOMAIN", "domain", 0),
     DataType(0x10, "INTEGER24", "i24", 24),
     DataType(0x11, "REAL64", "f64", 64),
@@ -48,6 +54,14 @@ DATA_TYPES: tuple[DataType, ...] = (
     DataType(0x1A, "UNSIGNED56", "u56", 56),
     DataType(0x1B, "UNSIGNED64", "u64", 64),
 )
+
+RECORDS = {
+    0x20: "PDO_COMMUNICATION_PARAMETER",
+    0x21: "PDO_MAPPING",
+    0x22: "SDO_PARAMETER",
+    0x23: "IDENTITY",
+}
+"""Types of records: a number in the dictionary and a name, no codec."""
 
 BY_NAME = {row.name: row for row in DATA_TYPES}
 BY_CODE = {row.code: row for row in DATA_TYPES}
@@ -97,10 +111,32 @@ class Bytes:
         return data.decode("latin-1") if self.name == "string" else bytes(data)
 
 
-ObjectCodec = Number | Bool | Bytes
+class Unicode:
+    """UNICODE_STRING: 16 bits a character, the low byte first. Halves of a pair are kept as they are."""
 
-_BOOL = Bool()
-_BYTES = {name: Bytes(name) for name in ("string", "octets", "domain")}
+    name, size = "unicode", None
+
+    def encode(self, value: Value) -> bytes:
+        """Text as UTF-16."""
+        if not isinstance(value, str):
+            raise EncodeError(f"{value!r} is no text")
+        return value.encode("utf-16-le", "surrogatepass")
+
+    def decode(self, data: bytes) -> str:
+        """The text; an odd number of bytes is DecodeError("short")."""
+        if len(data) % 2:
+            raise DecodeError("short", data, len(data), "half a character at the end")
+        return bytes(data).decode("utf-16-le", "surrogatepass")
+
+
+ObjectCodec = Number | Bool | Bytes | Unicode | Time
+
+_SINGLE: dict[str, ObjectCodec] = {
+    "bool": Bool(),
+    "unicode": Unicode(),
+    **{name: Bytes(name) for name in ("string", "octets", "domain")},
+    **{name: Time(name) for name in ("time_of_day", "time_difference")},
+}
 
 
 def object_codec(name: str) -> ObjectCodec:
@@ -111,10 +147,8 @@ def object_codec(name: str) -> ObjectCodec:
 
     Raises EncodeError for a name that is not in the table.
     """
-    if name == "bool":
-        return _BOOL
-    if name in _BYTES:
-        return _BYTES[name]
+    if name in _SINGLE:
+        return _SINGLE[name]
     if name not in BY_NAME:
         raise EncodeError(f"type {name!r}: expected one of {', '.join(BY_NAME)}")
     return codec(name, "DCBA")

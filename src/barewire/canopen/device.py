@@ -3,40 +3,50 @@
                                   +------------ objects (the dictionary) ------------+
         000h    NMT command  ---> |  nmt        which state, and so who may speak    |
         600h+n  SDO request  ---> |  sdo        answers out of the dictionary        | ---> 580h+n
-        080h    SYNC         ---> |  pdo        process data out of and into it      | ---> 180h+n ...
-        200h+n  RPDO ...     ---> |                                                  |
-                time         ---> |  heartbeat  1017h milliseconds                   | ---> 700h+n
+        080h    SYNC         ---> |  sync       heard, or produced                   | ---> 080h
+        200h+n  RPDO ...     ---> |  pdo        process data out of and into it      | ---> 180h+n ...
+        100h    TIME         ---> |  time       what time it is                      |
+        700h+m  heartbeats   ---> |  control    who is alive; that I am              | ---> 700h+n
+        7E5h    LSS          ---> |  lss        which node-ID I have                 | ---> 7E4h
+                                  |  errors     what is wrong here                   | ---> 080h+n
                                   +--------------------------------------------------+
 
                             INITIALISING   PRE-OPERATIONAL   OPERATIONAL   STOPPED
         boot-up message          x
-        SDO, EMCY                                 x               x
+        SDO, EMCY, SYNC, TIME                     x               x
         PDO                                                       x
-        NMT, heartbeat                            x               x           x
+        NMT, error control                        x               x           x
+        LSS                      x                x               x           x
 
-Reset communication brings the defaults of 1000h to 1FFFh back, reset node those of 2000h to 9FFFh as well; both end
-with a boot-up message in PRE-OPERATIONAL. A simulated drive is this machine with a dictionary whose values somebody
-moves.
+Reset communication brings the defaults (or what 1010h stored) of 1000h to 1FFFh back, reset node those of 2000h to
+9FFFh as well; both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID hears nothing but LSS and
+says nothing else. A simulated drive is this machine with a dictionary whose values somebody moves.
 
 I know: one node and its dictionary.  I never know: what the values mean, buses, clocks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 
+from barewire.canopen.cob import NODE_MAX, CobEntry, check_node
+from barewire.canopen.device_sync import WRONG_LENGTH, DeviceSync, guard_sync_objects
 from barewire.canopen.dictionary import ObjectDictionary
-from barewire.canopen.emcy import Emergency
+from barewire.canopen.emcy_producer import EmcyProducer
+from barewire.canopen.error_control import HEARTBEAT_ERROR, ErrorControl, guard_consumer_entries
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.heartbeat import HeartbeatProducer
+from barewire.canopen.lss_slave import LssSlave
 from barewire.canopen.nmt import NmtCommand, NmtSlave, NmtState
+from barewire.canopen.own_objects import guard_cob_id, number
 from barewire.canopen.pdo_engine import PdoEngine
 from barewire.canopen.pdo_records import Pdo
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
 from barewire.canopen.sdo.serve import SdoServer
+from barewire.canopen.stored import StoredParameters
+from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 
-ERROR_REGISTER = 0x1001
-HEARTBEAT_TIME = 0x1017
+TIME_OBJECT = 0x1012
 
 
 class Device:
@@ -49,28 +59,53 @@ class Device:
     >>> [str(frame) for frame in device.feed(CanFrame.parse("605#4017100000000000"), 0.5)]
     ['585#4B171000E8030000']
 
-    `on_reset` is called when a reset command came, after the defaults are back: the place where a simulated
-    machine puts itself back as well.
+    `on_reset` is called when a reset command came, after the defaults are back: the place where a simulated machine
+    puts itself back as well. With `lss` the device can be given its node-ID over the bus; `node` None means that it
+    has none yet.
     """
 
-    __slots__ = ("heartbeat", "nmt", "node", "objects", "on_reset", "pdo", "sdo")
+    __slots__ = ("_on", "_pdos", "_silent_until", "control", "dialect", "errors", "lss", "nmt", "node", "objects",
+                 "on_reset", "pdo", "sdo", "stored", "sync", "time")  # fmt: skip
 
     def __init__(
         self,
-        node: int,
+        node: int | None,
         objects: ObjectDictionary,
         pdos: Iterable[Pdo] = (),
         *,
         dialect: Dialect = STANDARD,
         on_reset: Callable[[NmtCommand], None] | None = None,
+        lss: LssSlave | None = None,
     ) -> None:
-        self.node = node
         self.objects = objects
-        self.nmt = NmtSlave(node)
-        self.sdo = SdoServer(node, objects, dialect)
-        self.pdo = PdoEngine(node, objects, pdos)
-        self.heartbeat = HeartbeatProducer(node)
+        self.dialect = dialect
         self.on_reset = on_reset
+        self.lss = lss
+        if lss is not None:
+            lss.node = lss.pending = node
+            lss.silence = self._be_silent
+        self.stored = StoredParameters(objects)
+        self.sync = DeviceSync(objects)
+        self.time = TimeConsumer()
+        guard_sync_objects(objects)
+        guard_consumer_entries(objects)
+        guard_cob_id(objects, TIME_OBJECT, lambda entry: entry.bit30 or entry.bit31)
+        self._pdos = tuple(pdos)
+        self._on = False
+        self._silent_until = float("-inf")
+        self.errors = EmcyProducer(node or NODE_MAX, objects)
+        self.errors.allowed = False
+        self._settle(node)
+
+    def _settle(self, node: int | None) -> None:
+        """The services of this node-ID. A device that has none keeps them ready, and does not feed them."""
+        self.node = node
+        place = check_node(NODE_MAX if node is None else node)
+        self.errors.renumber(place)
+        self.nmt = NmtSlave(place)
+        self.sdo = SdoServer(place, self.objects, self.dialect)
+        self.pdo = PdoEngine(place, self.objects, self._pdos, self.errors)
+        self.control = ErrorControl(place, self.objects)
 
     @property
     def state(self) -> NmtState:
@@ -78,55 +113,137 @@ class Device:
         return self.nmt.state
 
     @property
+    def heartbeat(self) -> HeartbeatProducer:
+        """What says that this device is alive."""
+        return self.control.heartbeat
+
+    @property
     def deadline(self) -> float | None:
         """When the device has something to say by itself."""
-        dues = [due for due in (self.heartbeat.deadline, self.pdo.deadline) if due is not None]
-        return min(dues, default=None)
+        if not self._on or self.node is None:
+            return None
+        dues = [self.control.deadline]
+        if self._may_speak:
+            dues += [self.sdo.deadline, self.pdo.deadline, self.errors.deadline, self.sync.deadline]
+        first = min((due for due in dues if due is not None), default=None)
+        return None if first is None else max(first, self._silent_until)
+
+    @property
+    def _may_speak(self) -> bool:
+        """SDO, EMCY, SYNC and TIME are allowed in the same states."""
+        return self.nmt.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
 
     def start(self, now: float) -> list[CanFrame]:
-        """Power on: initialise, say the boot-up message, be PRE-OPERATIONAL."""
+        """Power on: initialise, say the boot-up message, be PRE-OPERATIONAL. Without a node-ID: wait for LSS."""
+        self._on = True
         self.nmt.state = NmtState.INITIALISING
         self.pdo.stop()
         self.sdo.reset()
-        self._follow_heartbeat_time(now)
-        boot_up = self.heartbeat.boot_up(now)
+        self.sync.stop()
+        if self.node is None:
+            return []
+        boot_up = self.control.boot(now)
         self.nmt.booted()
-        self.heartbeat.state = self.nmt.state
+        self._be(self.nmt.state, now)
+        self._follow(now)
         return [boot_up]
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """What the frame and the time make the device say. Before `start` it says nothing."""
-        if self.nmt.state is NmtState.INITIALISING:
+        if not self._on or now < self._silent_until:
             return []
-        said: list[CanFrame] = []
+        said = [] if self.lss is None else self.lss.feed(frame, now)
+        if self.lss is not None and self.lss.wants_to_boot:
+            self._settle(self.lss.take_over())
+            return said + self.start(now)
+        if self.node is None:
+            return said
         for change in self.nmt.feed(frame, now):
             if change.after is NmtState.INITIALISING:
-                return self._reset(change.command, now)
-            self.heartbeat.state = change.after
+                return said + self._reset(change.command, now)
             if change.before is not change.after:
-                self.pdo.stop()
-                if change.after is NmtState.OPERATIONAL:
-                    self.pdo.start()
-        if self.nmt.may("SDO request"):
+                self._be(change.after, now)
+        if self._may_speak:
             said += self.sdo.feed(frame, now)
-            self._follow_heartbeat_time(now)
-        said += self.pdo.feed(frame, now)
-        said += self.heartbeat.feed(None, now)
+        else:
+            self.sdo.forget()
+        self._follow(now)
+        frames, missed = self.control.feed(frame, now)
+        said += frames
+        for node, gone in missed:
+            said += self._missed(node, gone, now)
+        if self._may_speak:
+            said += self._sync_and_pdo(frame, now)
+            self.time.feed(frame, now)
+            said += self.errors.feed(None, now)
         return said
 
-    def emergency(self, code: int, info: bytes = b"") -> list[CanFrame]:
-        """An emergency message with the present error register; nothing in a state that does not allow it."""
-        if not self.nmt.may("EMCY"):
+    def error(
+        self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
+    ) -> list[CanFrame]:
+        """An error has come: it is in the register and the history, and said where the state allows it."""
+        return self.errors.come(code, now, source=source, info=info, register=register)
+
+    def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
+        """That error is gone; said with 0000h and the register that is left."""
+        return self.errors.gone(code, now, source=source, info=info)
+
+    def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
+        """A TIME message, if 1012h bit 30 lets this device produce it and the state allows it."""
+        entry = CobEntry.unpack(number(self.objects, TIME_OBJECT))
+        if not (entry.bit30 and self._may_speak and self.node is not None):
             return []
-        register = int(self.objects.get(ERROR_REGISTER)) if (ERROR_REGISTER, 0) in self.objects else 0
-        return [Emergency(self.node, code, register, info).encode()]
+        return [stamp.encode((entry.identifier, entry.extended))]
+
+    def _sync_and_pdo(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        """SYNC moves PDOs, whoever says it."""
+        said, beat, wrong = self.sync.feed(frame, now)
+        if wrong is not None and frame is not None:
+            length = bytes([len(frame.data)])
+            said += self.errors.come(WRONG_LENGTH, now, info=length) if wrong else self.errors.gone(WRONG_LENGTH, now)
+        self.pdo.sync_key, self.pdo.window = self.sync.key, self.sync.window
+        return said + self.pdo.feed(beat if wrong is not None or beat is not None else frame, now)
+
+    def _missed(self, node: int, gone: bool, now: float) -> list[CanFrame]:
+        """Somebody is silent who must not be, or is heard again."""
+        source, info = ("missed", node), bytes([node])
+        if gone:
+            return self.errors.gone(HEARTBEAT_ERROR, now, source=source, info=info)
+        said = self.errors.come(HEARTBEAT_ERROR, now, source=source, info=info)
+        after = self.control.after_error(self.nmt.state)
+        if after is not self.nmt.state:
+            self.nmt.state = after
+            self._be(after, now)
+        return said
+
+    def _be(self, state: NmtState, now: float) -> None:
+        """Another state: whoever has to know."""
+        self.control.be(state)
+        self.errors.allowed = self._may_speak
+        self.pdo.stop()
+        if state is NmtState.OPERATIONAL:
+            self.pdo.start()
+        if state is NmtState.STOPPED:
+            self.sync.stop()
 
     def _reset(self, command: NmtCommand, now: float) -> list[CanFrame]:
-        self.objects.restore(0x1000, 0x9FFF if command is NmtCommand.RESET_NODE else 0x1FFF)
+        everything = command is NmtCommand.RESET_NODE
+        self.stored.restore(0x1000, 0x9FFF if everything else 0x1FFF)
+        self.errors.reset(communication_only=not everything)
         if self.on_reset is not None:
             self.on_reset(command)
+        if self.lss is not None and self.lss.take_over() != self.node:
+            self._settle(self.lss.node)
         return self.start(now)
 
-    def _follow_heartbeat_time(self, now: float) -> None:
-        if (HEARTBEAT_TIME, 0) in self.objects:
-            self.heartbeat.set_period(int(self.objects.get(HEARTBEAT_TIME)) / 1000, now)
+    def _follow(self, now: float) -> None:
+        """What the communication objects say now."""
+        self.control.follow(now)
+        if self._may_speak:
+            self.sync.follow(now)
+        entry = CobEntry.unpack(number(self.objects, TIME_OBJECT, default=0x8000_0100))
+        self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
+
+    def _be_silent(self, until: float) -> None:
+        """The bit rate changes: nothing is said and nothing heard until then."""
+        self._silent_until = until

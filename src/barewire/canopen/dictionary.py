@@ -35,7 +35,8 @@ class Entry:
 
     `minimum` and `maximum` are limits of the value; of strings and domains, `maximum` is the longest length.
     `on_read` gives the value in place of the stored one. `on_write` sees a value that has passed every check, before it
-    is stored, and may refuse it by raising SdoAbort.
+    is stored, and may refuse it by raising SdoAbort. `object_name` is the name of the whole record or array that the
+    entry belongs to; `mappable` says in which PDOs it may stand.
     """
 
     index: int
@@ -48,6 +49,8 @@ class Entry:
     maximum: float | None = None
     on_read: Callable[[], Value] | None = None
     on_write: Callable[[Value], None] | None = None
+    object_name: str = ""
+    mappable: tuple[Literal["RPDO", "TPDO"], ...] = ("RPDO", "TPDO")
 
     @property
     def codec(self) -> ObjectCodec:
@@ -112,6 +115,22 @@ class ObjectDictionary:
         if found is None:
             raise SdoAbort(AbortCode.NO_SUB if index in self._subs else AbortCode.NO_OBJECT, index, sub)
         return found
+
+    def find(self, name: str) -> Entry:
+        """The entry of that name, whatever its case and blanks; "object.entry" where the entry's name is not enough.
+
+        >>> objects = ObjectDictionary([Entry(0x1018, 1, "Vendor-ID", "u32", object_name="Identity")])
+        >>> objects.find("identity.vendor-id").sub
+        1
+
+        EncodeError if there is none, or if several have it: the text tells their places.
+        """
+        wanted = _fold(name)
+        found = [entry for entry in self if wanted in (_fold(entry.name), _fold(f"{entry.object_name}.{entry.name}"))]
+        if len(found) == 1:
+            return found[0]
+        places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in found[:5])
+        raise EncodeError(f"{name!r} is in several places: {places}" if found else f"no object is called {name!r}")
 
     def subs(self, index: int) -> tuple[int, ...]:
         """The sub-indices of an object, none if it does not exist."""
@@ -182,5 +201,9 @@ class ObjectDictionary:
     def _default(entry: Entry) -> Value:
         """0 stands for "nothing given", and of a string nothing is an empty one."""
         if entry.default == 0 and entry.codec.size is None:
-            return "" if entry.type == "string" else b""
+            return "" if entry.type in ("string", "unicode") else b""
         return entry.default
+
+
+def _fold(name: str) -> str:
+    return " ".join(name.casefold().split())

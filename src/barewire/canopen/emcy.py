@@ -85,6 +85,22 @@ def register_names(register: int) -> tuple[str, ...]:
     return tuple(name or "reserved" for bit, name in enumerate(REGISTER_BITS) if register >> bit & 1)
 
 
+_CLASS_BITS = {2: 1, 3: 2, 4: 3, 8: 4}
+"""First digit of a code -> bit of the register; every other class has the generic bit alone."""
+
+
+def register_of(code: int) -> int:
+    """The bits of the error register that an error of this code sets: its own, and the generic one.
+
+    >>> register_names(register_of(0x3210)), register_names(register_of(0xFF01)), register_names(register_of(0x6100))
+    (('generic', 'voltage'), ('generic', 'manufacturer'), ('generic',))
+    """
+    if code >> 8 == 0xFF:
+        return 0x81
+    bit = _CLASS_BITS.get(code >> 12)
+    return 1 if bit is None or code >> 8 == 0x80 else 1 | 1 << bit
+
+
 @dataclass(frozen=True, slots=True)
 class Emergency:
     """One emergency message of one node.

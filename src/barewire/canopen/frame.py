@@ -11,6 +11,9 @@ So where Modbus needs three rooms of envelopes, CANopen needs one value:
 The base identifier 605h and the extended identifier 00000605h are two different things on the wire, although the
 numbers are equal. That is why `key`, the identity of a frame, is a pair. CANopen speaks with base identifiers;
 an extended frame usually belongs to somebody else on the same cable.
+
+What else a bus interface hands over is no `CanFrame` and never gets into a machine: a CAN FD frame (`FdFrame`), and an
+error frame (`ErrorFrame`), which nobody sent: the controller reports the state of the bus with it.
 """
 
 from __future__ import annotations
@@ -111,6 +114,54 @@ class CanFrame(NamedTuple):
         if digits:
             _hex_number(digits, seen)
         return cls(number, bytes.fromhex(digits), extended)
+
+
+class FdFrame(NamedTuple):
+    """A CAN FD frame: up to 64 bytes. Classical CANopen neither sends nor understands it.
+
+    >>> str(FdFrame(0x605, bytes.fromhex("40 00 10")))
+    '605##0400010'
+    """
+
+    id: int
+    data: bytes = b""
+    extended: bool = False
+    flags: int = 0  # bit 0: the data at a higher bit rate; bit 1: the sender is error passive
+
+    def __str__(self) -> str:
+        identifier = f"{self.id:08X}" if self.extended else f"{self.id:03X}"
+        return f"{identifier}##{self.flags:X}{self.data.hex().upper()}"
+
+
+ERROR_CLASSES = (
+    "send time-out",
+    "arbitration lost",
+    "controller problem",
+    "protocol violation",
+    "transceiver problem",
+    "no acknowledgement",
+    "bus off",
+    "bus error",
+    "controller restarted",
+)
+"""What the bits of an error frame's identifier mean on SocketCAN, bit 0 first."""
+
+
+class ErrorFrame(NamedTuple):
+    """A report of the controller about the bus.
+
+    >>> ErrorFrame(0x60).text
+    'no acknowledgement, bus off'
+    """
+
+    classes: int
+    data: bytes = b""
+
+    @property
+    def text(self) -> str:
+        """The classes in words."""
+        words = [name for bit, name in enumerate(ERROR_CLASSES) if self.classes >> bit & 1]
+        return ", ".join(words) or f"error class {self.classes:X}h"
 
 
 def _hex_number(digits: str, seen: bytes) -> int:

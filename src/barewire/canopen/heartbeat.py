@@ -178,12 +178,24 @@ class HeartbeatConsumer:
     __slots__ = ("_nodes", "times")
 
     def __init__(self, times: Mapping[int, float]) -> None:
+        self.times: dict[int, float] = {}
+        self._nodes: dict[int, _Watched] = {}  # at most 127
+        self.watch(times)
+
+    def watch(self, times: Mapping[int, float]) -> None:
+        """Care for these nodes from now on. What is known of a node stays known; one with a new time begins anew."""
         for node, seconds in times.items():
             check_node(node)
             if not seconds > 0:
                 raise EncodeError(f"heartbeat time {seconds} s of node {node}: expected more than 0")
+        for node, watched in self._nodes.items():
+            if times.get(node) != self.times.get(node):
+                watched.liveness, watched.deadline = "unknown", None
         self.times = dict(times)
-        self._nodes: dict[int, _Watched] = {}  # at most 127
+
+    def expect(self, node: int, until: float) -> None:
+        """Miss this node at `until` even if it was never heard: for a master that has just started it."""
+        self._nodes.setdefault(check_node(node), _Watched()).deadline = until
 
     @property
     def deadline(self) -> float | None:

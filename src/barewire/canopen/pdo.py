@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from barewire.canopen.datatypes import BY_NAME, object_codec
+from barewire.canopen.times import Time
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
 
@@ -76,7 +77,7 @@ class _Step(NamedTuple):
     offset: int
     mask: int
     sign: int  # the value of the sign bit, 0 for an unsigned object
-    codec: Number | None  # for floats; the rest is arithmetic
+    codec: Number | Time | None  # for floats and times; the rest is arithmetic
     is_bool: bool
     length: int  # bytes of a string, 0 for a number
 
@@ -182,6 +183,10 @@ def _step(entry: Mapped, offset: int) -> _Step:
     codec = object_codec(entry.type)
     if entry.type == "bool":
         return plain._replace(is_bool=True)
+    if isinstance(codec, Time):
+        if entry.bits != 8 * codec.size:
+            raise EncodeError(f"{entry.name} is a {entry.type} of {entry.bits} bits: expected {8 * codec.size}")
+        return plain._replace(codec=codec)
     if not isinstance(codec, Number):
         if entry.bits % 8:
             raise EncodeError(f"{entry.name} is a {entry.type} of {entry.bits} bits: expected whole bytes")

@@ -11,11 +11,14 @@
 
         type 0        acyclic with SYNC: TPDO at the next SYNC if something changed    RPDO takes effect
         type 1..240   cyclic with SYNC: TPDO at every n-th                             at the next SYNC
+        type 252      TPDO on request, with what it was at the last SYNC               -
+        type 253      TPDO on request, with what it is                                 -
         type 254/255  TPDO when something changes, at the latest with the event timer  RPDO at once
 
+The event timer of an RPDO is how long it may stay away.
+
 To change a mapping: switch the PDO off (bit 31 of 01), set 00 of the mapping to 0, write the entries, set 00 to their
-number, switch the PDO on. Out of this order the answer is 0601 0000h. Types 252 and 253, which wait for a remote
-request, are not offered: 0609 0030h.
+number, switch the PDO on. Out of this order the answer is 0601 0000h.
 """
 
 from __future__ import annotations
@@ -33,6 +36,9 @@ from barewire.errors import EncodeError
 
 Direction = Literal["RPDO", "TPDO"]
 
+LAST_CYCLIC, RTR_AT_SYNC, RTR_AT_ONCE = 240, 252, 253
+
+_DIRECTIONS: tuple[Direction, ...] = ("RPDO", "TPDO")
 _COMMUNICATION = {"RPDO": 0x1400, "TPDO": 0x1800}
 _MAPPING = {"RPDO": 0x1600, "TPDO": 0x1A00}
 _DEFAULT_SERVICE: dict[tuple[Direction, int], ServiceName] = {
@@ -86,6 +92,34 @@ class Pdo:
         return CobEntry(0, bit31=True) if service is None else CobEntry(cob_id(service, node))
 
 
+def pdos_of(objects: ObjectDictionary, node: int) -> list[Pdo]:
+    """The PDOs that a dictionary describes by itself, as one out of an EDS does: what `Device` wants to be given.
+
+    A COB-ID of the predefined connection set stays tied to the node-ID. Multiplexed PDOs (FEh and FFh) are left out.
+    """
+    found = []
+    for direction in _DIRECTIONS:
+        for number in range(1, 513):
+            pdo = Pdo(direction, number, ())
+            if (pdo.communication, 1) not in objects or (pdo.map, 0) not in objects:
+                continue
+            told = {sub: _number(objects, pdo.communication, sub) for sub in (1, 2, 3, 5, 6)}
+            count = _number(objects, pdo.map, 0)
+            if count > ENTRIES_MAX:
+                continue
+            words = tuple(_number(objects, pdo.map, sub) for sub in range(1, count + 1))
+            own = number <= 4 and told[1] == pdo.cob_entry(node).pack()
+            slots = max(objects.subs(pdo.map))
+            found.append(
+                Pdo(direction, number, words, told[2], None if own else told[1], told[3], told[5], told[6], slots)
+            )
+    return found
+
+
+def _number(objects: ObjectDictionary, index: int, sub: int) -> int:
+    return int(objects.get(index, sub)) if (index, sub) in objects else 0
+
+
 def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callable[[], object]) -> None:
     """Put the two records of a PDO into the dictionary, with the rules for changing them.
 
@@ -96,6 +130,8 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
     """
     if not 1 <= pdo.number <= 512:
         raise EncodeError(f"{pdo.direction}{pdo.number}: expected a number in 1..512")
+    if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
+        raise EncodeError(f"{pdo.direction}{pdo.number}: there is no transmission type {pdo.type} for it")
     resolve(objects, pdo.direction, pdo.mapping)
     rules = _Rules(objects, pdo, changed)
     at, name = pdo.communication, f"{pdo.direction}{pdo.number}"
@@ -119,6 +155,11 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
         put(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
 
 
+def has_type(direction: Direction, type: int) -> bool:
+    """Whether there is such a transmission type: 241 to 251 are reserved, and nobody asks for an RPDO."""
+    return not LAST_CYCLIC < type < RTR_AT_SYNC and not (direction == "RPDO" and type in (RTR_AT_SYNC, RTR_AT_ONCE))
+
+
 def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, ...]) -> PdoMapping:
     """The mapping behind the entries, with the types that the dictionary has for them. Raises EncodeError."""
     entries = []
@@ -131,6 +172,8 @@ def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, .
             entry = objects.entry(*place)
             if entry.access in (("ro", "const") if direction == "RPDO" else ("wo",)):
                 raise EncodeError(f"{mapped.name} is {entry.access} and cannot be mapped to an {direction}")
+            if direction not in entry.mappable:
+                raise EncodeError(f"{mapped.name} is not meant for an {direction}")
             mapped = Mapped.of_word(word, entry.type)
         entries.append(mapped)
     return PdoMapping(entries)
@@ -163,7 +206,7 @@ class _Rules:
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 1)
 
     def type(self, value: int) -> None:
-        if 241 <= value <= 253:
+        if not has_type(self.pdo.direction, value):
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 2)
 
     def switched_off(self, index: int, sub: int) -> Callable[[int], None]:

@@ -4,21 +4,42 @@
 
         | command | index 2 | sub 1 | 4 bytes |        8 bytes, always; numbers little-endian
 
+        1 to 4 bytes         expedited: the value travels in the question or in the answer itself
+        any length           segmented: 7 bytes in a frame, each confirmed
+        any length, fast     block: up to 127 frames in a row for one acknowledgement, and a CRC over the whole
+
 Files, from the bytes upwards:
 
-    messages    what one frame says          aborts      why somebody said no
-    dialect     how a device departs         channel     one question, one answer, and what else was heard
-    upload      read, as a client            download    write, as a client            serve    both, as a server
+    initiate_messages, segment_messages, block_messages      what one frame says
+    messages    all of them, and which of them it is, by the state of the transfer
+    aborts      why somebody said no
+    dialect     how a device departs
+    stream      the bytes of a value on their way
+    block       the sender and the receiver of blocks, which client and server share
+    channel     a client's two identifiers, and what is heard there        options     how it wants its blocks
+    transfer    one transfer of a client           upload      read            download    write
+    sessions    one transfer of a server           serve       the server
 
 I know: SDO frames and that there is an object dictionary.  I never know: PDOs, NMT, types and names of objects.
 Who may import me: canopen, devices, shells, cli.
 """
 
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort, abort_text
+from barewire.canopen.sdo.block_messages import (
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockSegment,
+    BlockUploadInitiated,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+    StartBlockUpload,
+)
 from barewire.canopen.sdo.channel import Channel, Hearing
 from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
 from barewire.canopen.sdo.download import download
-from barewire.canopen.sdo.messages import (
+from barewire.canopen.sdo.initiate_messages import (
     Abort,
     DownloadInitiated,
     ExpeditedDownload,
@@ -26,15 +47,18 @@ from barewire.canopen.sdo.messages import (
     InitiateDownload,
     InitiateUpload,
     UploadInitiated,
-    decode_answer,
-    decode_request,
 )
+from barewire.canopen.sdo.messages import decode_answer, decode_request
+from barewire.canopen.sdo.options import Block
+from barewire.canopen.sdo.segment_messages import NextSegment, Segment, SegmentTaken
 from barewire.canopen.sdo.serve import ObjectStore, SdoServer, ServerCounters
-from barewire.canopen.sdo.upload import upload
+from barewire.canopen.sdo.upload import upload, upload_to
 
 __all__ = [
     "upload",
+    "upload_to",
     "download",
+    "Block",
     "Channel",
     "Hearing",
     "SdoServer",
@@ -50,9 +74,21 @@ __all__ = [
     "InitiateUpload",
     "ExpeditedUpload",
     "UploadInitiated",
+    "NextSegment",
+    "Segment",
     "ExpeditedDownload",
     "InitiateDownload",
     "DownloadInitiated",
+    "SegmentTaken",
+    "InitiateBlockUpload",
+    "BlockUploadInitiated",
+    "StartBlockUpload",
+    "InitiateBlockDownload",
+    "BlockDownloadInitiated",
+    "BlockSegment",
+    "BlockAck",
+    "BlockEnd",
+    "BlockEnded",
     "Abort",
     "decode_request",
     "decode_answer",

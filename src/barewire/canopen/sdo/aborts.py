@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from barewire.errors import Refused
+from barewire.errors import BarewireError, Refused
 
 
 class AbortCode(IntEnum):
@@ -70,23 +70,40 @@ def abort_text(code: int) -> str:
     return f"{code >> 16:04X} {code & 0xFFFF:04X}h {_TEXTS.get(code, 'unknown abort code')}"
 
 
+class Breach(BarewireError):
+    """What came, or did not come, breaks the rules, and this transfer is over: `code` is how to say so.
+
+    Stays inside this room: the client turns it into SdoAbort or NoAnswer, the server into an abort message.
+    """
+
+    def __init__(self, code: AbortCode, why: str) -> None:
+        super().__init__(code, why)
+        self.code = code
+        self.why = why
+
+    def __str__(self) -> str:
+        return self.why
+
+
 class SdoAbort(Refused):
-    """The server (or our own dictionary) said no to an access.
+    """An access was refused: by the server, by our own dictionary, or by us because the server broke the rules.
 
     `index` and `sub` are what was asked for; `said` is the object that the abort message itself named, which some
-    servers get wrong, since an abort ends the transfer whatever object it names.
+    servers get wrong, since an abort ends the transfer whatever object it names. `why` is empty if they said no; if
+    we did, it is the reason.
 
     >>> raise SdoAbort(0x06020000, 0x6041, 0)
     Traceback (most recent call last):
     barewire.canopen.sdo.aborts.SdoAbort: 6041h:00: 0602 0000h object does not exist
     """
 
-    def __init__(self, code: int, index: int, sub: int, said: tuple[int, int] | None = None) -> None:
+    def __init__(self, code: int, index: int, sub: int, said: tuple[int, int] | None = None, *, why: str = "") -> None:
         super().__init__(code, index, sub, said)
         self.code = int(code)
         self.index = index
         self.sub = sub
         self.said = said or (index, sub)
+        self.why = why
 
     @property
     def text(self) -> str:
@@ -94,7 +111,9 @@ class SdoAbort(Refused):
         return abort_text(self.code)
 
     def __str__(self) -> str:
-        other = ""
+        more = ""
         if self.said != (self.index, self.sub):
-            other = f" (the abort names {self.said[0]:04X}h:{self.said[1]:02X})"
-        return f"{self.index:04X}h:{self.sub:02X}: {self.text}{other}"
+            more = f" (the abort names {self.said[0]:04X}h:{self.said[1]:02X})"
+        if self.why:
+            more = f", so we ended it: {self.why}"
+        return f"{self.index:04X}h:{self.sub:02X}: {self.text}{more}"

@@ -3,37 +3,32 @@
         client  -- 600h+n -->  server of node n        [CiA 301, default SDO]
                 <-- 580h+n --
 
-`ask` is the turn of talk under every transfer: one frame out, one answer to *this* question back. Everything else that
-comes meanwhile is not an error but weather, and is counted in `Hearing`:
+Everything that comes and is no answer to the question of the moment is not an error but weather, and is counted in
+`Hearing`:
 
     foreign    other identifiers, extended frames, remote frames: somebody else's talk
     late       an answer on our identifier to an earlier question (another object, another service)
     garbled    something on our identifier that cannot be read
 
-A write is never said twice on its own account: when the time is up nobody knows whether the first one arrived. The
-last word is an abort with the object of the transfer, and then the channel stays `quiet_until` one more time-out has
-passed, so that a late answer cannot become the answer to the next question.
+After a time-out the channel stays `quiet_until` one more time-out has passed, so that a late answer cannot become the
+answer to the next question.
 
-I know: one node, one question, one answer.  I never know: clocks, buses, what an object means.
+I know: one node, what is heard of it.  I never know: clocks, buses, what an object means, how a transfer goes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TypeVar
 
 from barewire.canopen.cob import classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.heartbeat import NodeState
 from barewire.canopen.nmt import NmtState
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
-from barewire.canopen.sdo.messages import Abort, Answer, ExpeditedUpload, InitiateUpload, Request, decode_answer
-from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError, EncodeError, NoAnswer
-
-Wanted = TypeVar("Wanted", bound=Answer)
-"""The answers that a question is waiting for."""
+from barewire.canopen.sdo.initiate_messages import ExpeditedUpload
+from barewire.canopen.sdo.messages import M, may_be_late, read
+from barewire.conversation import Conversation, Heard, Listen
+from barewire.errors import DecodeError, EncodeError
 
 
 @dataclass(slots=True)
@@ -68,6 +63,10 @@ class Hearing:
         return ", ".join(said)
 
 
+BACKLOG = 0.1
+"""Seconds that reading what waited may take at most, on a bus that never falls silent."""
+
+_PAST = float("-inf")
 _COUNTERS = tuple(field.name for field in fields(Hearing) if field.name != "state")
 
 
@@ -98,23 +97,31 @@ class Channel:
         self.heard = Hearing()
         self.total = Hearing()
 
-    def note(self, frame: CanFrame) -> Answer | None:
-        """Count a frame; an answer on this channel is returned, whatever it answers."""
+    def hear(self, frame: CanFrame) -> bytes | None:
+        """Count a frame; what is said on this channel is returned, whatever it says."""
         heard = self.heard
         heard.frames += 1
-        if frame.key != (self.answer_id, False) or frame.remote:
+        if frame.id != self.answer_id or frame.extended or frame.remote:
             self._note_foreign(frame)
             return None
         heard.from_node += 1
         heard.answers += 1
+        return frame.data
+
+    def understand(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
+        """The message, if it is of a wanted kind; otherwise it is counted as late or garbled."""
+        heard = self.heard
         try:
-            answer = decode_answer(frame.data)
+            message = read(data, wanted)
         except DecodeError:
-            heard.garbled += 1
+            if may_be_late(data):
+                heard.late += 1
+            else:
+                heard.garbled += 1
             return None
-        heard.short += len(frame.data) < 8
-        heard.unsized += isinstance(answer, ExpeditedUpload) and not answer.indicated
-        return answer
+        heard.short += len(data) < 8
+        heard.unsized += isinstance(message, ExpeditedUpload) and not message.indicated
+        return message
 
     def _note_foreign(self, frame: CanFrame) -> None:
         self.heard.extended += frame.extended and frame.id == self.answer_id
@@ -125,10 +132,9 @@ class Channel:
         if owner[0].name == "error control" and frame.data:
             self.heard.state = NodeState.decode(frame)
 
-    def _begin(self, request: Request) -> None:
+    def begin(self, what: str) -> None:
         """A new transfer: what the last one heard goes into the total. The heartbeat stays, it is still the last."""
         if self.busy:
-            what = f"{request.index:04X}h:{request.sub:02X}"
             raise EncodeError(f"{what} has to wait: the SDO channel to node {self.node} carries one transfer at a time")
         for name in _COUNTERS:
             setattr(self.total, name, getattr(self.total, name) + getattr(self.heard, name))
@@ -136,68 +142,19 @@ class Channel:
         self.heard = Hearing(state=self.heard.state)
         self.busy = True
 
-    def _abort(self, request: Request, code: int) -> Send[CanFrame]:
-        return Send(CanFrame(self.request_id, Abort(request.index, request.sub, code).encode()))
-
     def settle(self) -> Conversation[CanFrame, None]:
-        """After a time-out: listen until late answers have had their time, and count them."""
-        while self.quiet_until is not None:
-            heard: Heard[CanFrame] = yield Listen(self.quiet_until)
+        """Before a transfer: what is still waiting to be heard is the answer to nothing; after a time-out, so is what
+        comes until late answers have had their time."""
+        quiet = _PAST if self.quiet_until is None else self.quiet_until
+        end: float | None = None
+        while True:
+            heard: Heard[CanFrame] = yield Listen(quiet)
+            end = max(quiet, heard.now + BACKLOG) if end is None else end
             if heard.item is not None:
-                self.heard.late += self.note(heard.item) is not None
-            if heard.item is None or heard.now >= self.quiet_until:
-                self.quiet_until = None
-
-    def ask(self, request: Request, wanted: tuple[type[Wanted], ...], timeout: float) -> Conversation[CanFrame, Wanted]:
-        """Say one request and return the answer to it: one of the `wanted` types, about the same object.
-
-        Raises SdoAbort if the server aborts (whatever object the abort names) and NoAnswer when the time is up;
-        abandoned, it says an abort as its last word.
-        """
-        self._begin(request)
-        try:
-            yield from self.settle()
-            return (yield from self._turn(request, wanted, timeout))
-        finally:
-            self.busy = False
-
-    def _turn(
-        self, request: Request, wanted: tuple[type[Wanted], ...], timeout: float
-    ) -> Conversation[CanFrame, Wanted]:
-        until: float | None = None
-        try:
-            sent: Heard[CanFrame] = yield Send(CanFrame(self.request_id, request.encode()))
-            until = sent.now + timeout
-            while True:
-                heard: Heard[CanFrame] = yield Listen(until)
-                if heard.item is not None:
-                    answer = self.note(heard.item)
-                    if isinstance(answer, Abort):
-                        raise SdoAbort(answer.code, request.index, request.sub, (answer.index, answer.sub))
-                    if isinstance(answer, wanted) and (answer.index, answer.sub) == (request.index, request.sub):
-                        return answer
-                    self.heard.late += answer is not None
-                # A bus that never falls silent must not keep us past the time either.
-                if heard.item is None or heard.now >= until:
-                    break
-        except Abandoned:
-            # The server must not be left waiting, and its answer must not be taken for that of the next transfer.
-            self.quiet_until = until
-            yield self._abort(request, AbortCode.GENERAL)
-            raise
-        self.quiet_until = heard.now + timeout
-        yield self._abort(request, AbortCode.TIMED_OUT)
-        what = f"the {_verb(request)} of {request.index:04X}h:{request.sub:02X}"
-        evidence = self.heard.explain(self.node, self.answer_id)
-        raise NoAnswer(f"node {self.node} did not answer {what} within {timeout:g} s: {evidence}")
-
-    def refuse(self, request: Request, code: int) -> Conversation[CanFrame, None]:
-        """Tell the server that we do not go on with this transfer."""
-        yield self._abort(request, code)
-
-
-def _verb(request: Request) -> str:
-    return "upload" if isinstance(request, InitiateUpload) else "download"
+                self.heard.late += self.hear(heard.item) is not None
+            if (heard.item is None and heard.now >= quiet) or heard.now >= end:
+                break
+        self.quiet_until = None
 
 
 def channel_to(node: int | Channel, dialect: Dialect | None) -> Channel:

@@ -4,44 +4,127 @@ client                                         server
 2B | 6040h | 00 | 0F 00 00 00      ->
                                    <-          60 | 6040h | 00 | 00 00 00 00          done
                                    <-          80 | 6040h | 00 | 30 00 09 06          or no: SdoAbort
+
+21 | 2100h | 00 | 09 00 00 00      ->                                                 9 bytes, in segments
+                                   <-          60 | 2100h | 00 | 00 00 00 00
+00 | 30 31 32 33 34 35 36          ->
+                                   <-          20 | 00 ...                            and so on, toggling
+1B | 37 38 00 00 00 00 00          ->                                                 the last one, 2 bytes
+                                   <-          30 | 00 ...                            done
+
+C6 | 2100h | 00 | 09 00 00 00      ->          in blocks: see `block`
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.block import BlockSender
+from barewire.canopen.sdo.block_messages import BlockDownloadInitiated, InitiateBlockDownload
 from barewire.canopen.sdo.channel import Channel, channel_to
 from barewire.canopen.sdo.dialect import Dialect
-from barewire.canopen.sdo.messages import DownloadInitiated, ExpeditedDownload
-from barewire.conversation import Conversation
+from barewire.canopen.sdo.initiate_messages import DownloadInitiated, ExpeditedDownload, InitiateDownload
+from barewire.canopen.sdo.messages import SENDER_HEARS
+from barewire.canopen.sdo.options import Block, block_options
+from barewire.canopen.sdo.segment_messages import SEGMENT, Segment, SegmentTaken
+from barewire.canopen.sdo.stream import Outgoing, Progress
+from barewire.canopen.sdo.transfer import Transfer
+from barewire.conversation import Conversation, Heard, Listen
 
 
 def download(
     node: int | Channel,
     index: int,
     sub: int,
-    data: bytes,
+    data: bytes | Iterable[bytes],
     *,
     timeout: float = 1.0,
+    size: int | None = None,
     indicated: bool = True,
     dialect: Dialect | None = None,
+    block: bool | Block = False,
+    progress: Progress | None = None,
 ) -> Conversation[CanFrame, None]:
-    """Write `data`, 1 to 4 bytes little-endian, to object `index`:`sub`.
+    """Write `data`, little-endian, to object `index`:`sub`.
 
-    Said once and never repeated: after NoAnswer nobody knows whether the server has taken it. `indicated` false
-    sends all four bytes without saying how many count (22h); the server takes the low ones that its object needs.
+    1 to 4 bytes go in one frame, more (or none) in segments, or in blocks if `block` asks for that. `data` may also
+    be pieces of bytes, taken only as they are sent; then `size` is how many bytes they are together, if somebody
+    knows. `indicated` false says nothing about the size: of four bytes the server takes the low ones that its object
+    needs (22h), of segments as many as come.
+
+    Said once and never repeated: after NoAnswer nobody knows whether the server has taken it.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#6040600000000000"))]
     >>> play(download(5, 0x6040, 0, b"\\x0f\\x00"), server)
     (None, 0.001)
 
-    Raises EncodeError at once for what cannot be said; in the conversation SdoAbort and NoAnswer.
+    Raises EncodeError at once for what cannot be said; in the conversation SdoAbort and NoAnswer, and EncodeError if
+    the pieces are not as many bytes as `size`.
     """
     channel = channel_to(node, dialect)
-    request = ExpeditedDownload(index, sub, data, indicated)
-    request.encode()
-    return _download(channel, request, timeout)
+    transfer = Transfer(channel, "download", index, sub, timeout)
+    options = block_options(block)
+    if isinstance(data, (bytes, bytearray, memoryview)):
+        whole = bytes(data)
+        if options is None and 1 <= len(whole) <= 4 and (indicated or len(whole) == 4):
+            request = ExpeditedDownload(index, sub, whole, indicated)
+            request.encode()
+            return transfer.carry_out(_in_one_frame(transfer, request))
+        data, size = (whole,), len(whole)
+    announced = InitiateDownload(index, sub, size if indicated else None)
+    announced.encode()
+    value = Outgoing(data, size, progress)
+    if options is None:
+        return transfer.carry_out(_in_segments(transfer, announced, value))
+    return transfer.carry_out(_in_blocks(transfer, announced, options, value))
 
 
-def _download(channel: Channel, request: ExpeditedDownload, timeout: float) -> Conversation[CanFrame, None]:
-    yield from channel.ask(request, (DownloadInitiated,), timeout)
+def _in_one_frame(transfer: Transfer, request: ExpeditedDownload) -> Conversation[CanFrame, None]:
+    yield from transfer.ask(request, (DownloadInitiated,))
+
+
+def _in_segments(transfer: Transfer, request: InitiateDownload, value: Outgoing) -> Conversation[CanFrame, None]:
+    yield from transfer.ask(request, (DownloadInitiated,))
+    toggle, first, last = 0, True, False
+    while not last:
+        data = value.take(SEGMENT)
+        last = value.exhausted
+        taken = yield from transfer.ask(Segment(toggle, data, last), (SegmentTaken,))
+        if taken.toggle != toggle and not first:
+            # A bus may deliver a frame twice: this can be the answer before once more.
+            transfer.channel.heard.late += 1
+            taken = yield from transfer.answer((SegmentTaken,))
+        if taken.toggle != toggle:
+            raise Breach(AbortCode.TOGGLE, f"the answer has toggle bit {taken.toggle}, the segment has {toggle}")
+        toggle, first = toggle ^ 1, False
+
+
+def _in_blocks(
+    transfer: Transfer, request: InitiateDownload, options: Block, value: Outgoing
+) -> Conversation[CanFrame, None]:
+    asked = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
+    try:
+        answer = yield from transfer.ask(asked, (BlockDownloadInitiated,))
+    except SdoAbort as refusal:
+        if not options.falls_back or refusal.code != AbortCode.COMMAND:
+            raise
+        return (yield from _in_segments(transfer, request, value))
+    crc = options.crc and answer.crc
+    sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=1, now=transfer.now)
+    said = sender.feed(None, transfer.now)
+    while not sender.over:
+        for data in said:
+            yield from transfer.say(data)
+        # In the middle of a block the deadline is now: take what is there, and go on.
+        heard: Heard[CanFrame] = yield Listen(sender.deadline)
+        transfer.now = heard.now
+        try:
+            spoken = None if heard.item is None else transfer.hear(heard.item)
+        except SdoAbort:
+            # What else of the block is on its way finds a server that takes it for something else, and may say so.
+            transfer.channel.quiet_until = heard.now + transfer.timeout
+            raise
+        said = sender.feed(None if spoken is None else transfer.channel.understand(spoken, SENDER_HEARS), heard.now)

@@ -1,278 +1,156 @@
-"""What an SDO frame says: each message a value, each command byte in the standard's own drawing.   [CiA 301, SDO]
+"""All messages of SDO in one place, and which of them eight bytes are: that depends on the transfer.
 
-        byte   0         1   2      3      4   5   6   7
-             | command | index    | sub  | data, a size or a code |        8 bytes, always
-                         low high          little-endian
+        C1 34 12 ...      the end of a block transfer    if the last segment has been acknowledged
+                          segment 41h, the last          inside a block
+                          nothing that belongs here      before any transfer
 
-Four letters stand for fields of the command byte:
-
-        n  how many of the bytes 4 to 7 are *not* data          e  expedited: the value is in this very frame
-        s  the size is indicated (n, or the size in 4..7)       -  reserved: written 0, read as anything
-
-               client                                server                           byte 0
-        InitiateUpload    010- ----     ->                                            40
-                                        <-    ExpeditedUpload    010- nn1s            4F 4B 47 43, 42
-                                        <-    UploadInitiated    010- --0s            41, 40   segments follow
-        ExpeditedDownload 001- nn1s     ->                                            2F 2B 27 23, 22
-        InitiateDownload  001- --0s     ->                                            21, 20   segments follow
-                                        <-    DownloadInitiated  011- ----            60
-        Abort             100- ----    <->    Abort                                   80
-
-"Upload" and "download" are seen from the device: an upload brings a value from it to the client.
+So `read` is told which messages are possible now. Each tuple below is one such state, and its name says which; where a
+transfer waits for one kind of message only, the kind itself says it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Protocol, Self, TypeAlias, TypeVar
 
-from barewire.codecs import BitPattern, Layout
-from barewire.errors import DecodeError, EncodeError
+from barewire.canopen.sdo.block_messages import (
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockSegment,
+    BlockUploadInitiated,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+    StartBlockUpload,
+)
+from barewire.canopen.sdo.initiate_messages import (
+    Abort,
+    DownloadInitiated,
+    ExpeditedDownload,
+    ExpeditedUpload,
+    InitiateDownload,
+    InitiateUpload,
+    UploadInitiated,
+    has_reserved_bits,
+)
+from barewire.canopen.sdo.segment_messages import NextSegment, Segment, SegmentTaken
+from barewire.codecs import BitPattern
+from barewire.errors import DecodeError
 
-LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
-SIZE = Layout("<I", "size")
-CODE = Layout("<I", "code")
+__all__ = [
+    "InitiateUpload",
+    "ExpeditedUpload",
+    "UploadInitiated",
+    "NextSegment",
+    "Segment",
+    "ExpeditedDownload",
+    "InitiateDownload",
+    "DownloadInitiated",
+    "SegmentTaken",
+    "InitiateBlockUpload",
+    "BlockUploadInitiated",
+    "StartBlockUpload",
+    "InitiateBlockDownload",
+    "BlockDownloadInitiated",
+    "BlockSegment",
+    "BlockAck",
+    "BlockEnd",
+    "BlockEnded",
+    "Abort",
+    "Message",
+    "decode_request",
+    "decode_answer",
+    "has_reserved_bits",
+    "may_be_late",
+    "read",
+]
 
 
-def _frame(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
-    """The 8 bytes: what is not used is zero."""
-    return LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
+class Message(Protocol):
+    """What every SDO message has."""
+
+    pattern: ClassVar[BitPattern]
+
+    def encode(self) -> bytes: ...
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self: ...
 
 
-def _check_expedited(data: bytes, indicated: bool) -> None:
-    if not 1 <= len(data) <= 4:
-        raise EncodeError(f"{len(data)} bytes do not fit an expedited transfer: it carries 1 to 4")
-    if not indicated and len(data) != 4:
-        raise EncodeError("without an indicated size all 4 bytes travel: give 4")
+M = TypeVar("M", bound=Message)
+
+Request: TypeAlias = (
+    InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload | Abort
+)
+UploadAnswer: TypeAlias = ExpeditedUpload | UploadInitiated
+BlockUploadAnswer: TypeAlias = BlockUploadInitiated | ExpeditedUpload | UploadInitiated
+Answer: TypeAlias = BlockUploadAnswer | DownloadInitiated | BlockDownloadInitiated | Abort
+SenderHears: TypeAlias = BlockAck | BlockEnded
+
+REQUESTS: tuple[type[Request], ...] = (
+    InitiateUpload,
+    ExpeditedDownload,
+    InitiateDownload,
+    InitiateBlockUpload,
+    InitiateBlockDownload,
+    Abort,
+)
+UPLOAD_ANSWERS: tuple[type[UploadAnswer], ...] = (ExpeditedUpload, UploadInitiated)
+BLOCK_UPLOAD_ANSWERS: tuple[type[BlockUploadAnswer], ...] = (BlockUploadInitiated, *UPLOAD_ANSWERS)
+ANSWERS: tuple[type[Answer], ...] = (*BLOCK_UPLOAD_ANSWERS, DownloadInitiated, BlockDownloadInitiated, Abort)
+SENDER_HEARS: tuple[type[SenderHears], ...] = (BlockAck, BlockEnded)
+
+_LATE = (Segment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
 
 
-@dataclass(frozen=True, slots=True)
-class InitiateUpload:
-    """The client asks for an object.
+def read(data: bytes, kinds: tuple[type[M], ...]) -> M:
+    """The one of the possible messages that these bytes are.
 
-        010- ---- | index 2 | sub 1 | reserved 4
+    >>> read(bytes.fromhex("A2 02 7F 00 00 00 00 00"), SENDER_HEARS)
+    BlockAck(sequence=2, blksize=127)
 
-    >>> InitiateUpload(0x6041, 0).encode().hex(" ")
-    '40 41 60 00 00 00 00 00'
-
-    `command` is 40h; a device with a dialect of its own may want something else in the reserved bits.
+    Raises DecodeError("short") if bytes are missing and ("function") if it is none of them.
     """
-
-    index: int
-    sub: int
-    command: int = 0x40
-
-    pattern: ClassVar = BitPattern("010- ----")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the request."""
-        if not self.pattern.matches(self.command):
-            raise EncodeError(f"command {self.command:02X}h does not ask for an upload: that is {self.pattern.pattern}")
-        return _frame(self.command, self.index, self.sub)
-
-
-@dataclass(frozen=True, slots=True)
-class ExpeditedUpload:
-    """The server answers with the value itself, 1 to 4 bytes.
-
-        010- nn1s | index 2 | sub 1 | data 4
-
-    >>> ExpeditedUpload(0x6041, 0, bytes.fromhex("3706")).encode().hex(" ")
-    '4b 41 60 00 37 06 00 00'
-
-    With `indicated` false (42h) nobody says how many of the four bytes count.
-    """
-
-    index: int
-    sub: int
-    data: bytes
-    indicated: bool = True
-
-    pattern: ClassVar = BitPattern("010- nn1s")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
-        _check_expedited(self.data, self.indicated)
-        return _frame(self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data)
-
-
-@dataclass(frozen=True, slots=True)
-class UploadInitiated:
-    """The server answers that the value will come in segments, and usually how long it is.
-
-        010- --0s | index 2 | sub 1 | size 4
-
-    >>> UploadInitiated(0x1008, 0, 16).encode().hex(" ")
-    '41 08 10 00 10 00 00 00'
-    """
-
-    index: int
-    sub: int
-    size: int | None = None
-
-    pattern: ClassVar = BitPattern("010- --0s")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
-        size = b"" if self.size is None else SIZE.pack(self.size)
-        return _frame(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
-
-
-@dataclass(frozen=True, slots=True)
-class ExpeditedDownload:
-    """The client writes a value of 1 to 4 bytes.
-
-        001- nn1s | index 2 | sub 1 | data 4
-
-    >>> ExpeditedDownload(0x6040, 0, bytes.fromhex("0F00")).encode().hex(" ")
-    '2b 40 60 00 0f 00 00 00'
-    """
-
-    index: int
-    sub: int
-    data: bytes
-    indicated: bool = True
-
-    pattern: ClassVar = BitPattern("001- nn1s")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the request."""
-        _check_expedited(self.data, self.indicated)
-        return _frame(self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data)
-
-
-@dataclass(frozen=True, slots=True)
-class InitiateDownload:
-    """The client says that it will write a value in segments, and usually how long it is.
-
-        001- --0s | index 2 | sub 1 | size 4
-
-    >>> InitiateDownload(0x1008, 0, 16).encode().hex(" ")
-    '21 08 10 00 10 00 00 00'
-    """
-
-    index: int
-    sub: int
-    size: int | None = None
-
-    pattern: ClassVar = BitPattern("001- --0s")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the request."""
-        size = b"" if self.size is None else SIZE.pack(self.size)
-        return _frame(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
-
-
-@dataclass(frozen=True, slots=True)
-class DownloadInitiated:
-    """The server has taken the value (or is ready for its segments).
-
-        011- ---- | index 2 | sub 1 | reserved 4
-
-    >>> DownloadInitiated(0x6040, 0).encode().hex(" ")
-    '60 40 60 00 00 00 00 00'
-    """
-
-    index: int
-    sub: int
-
-    pattern: ClassVar = BitPattern("011- ----")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
-        return _frame(self.pattern.encode(), self.index, self.sub)
-
-
-@dataclass(frozen=True, slots=True)
-class Abort:
-    """Either side ends the transfer; nobody answers it.
-
-        100- ---- | index 2 | sub 1 | abort code 4
-
-    >>> Abort(0x6041, 0, 0x06020000).encode().hex(" ")
-    '80 41 60 00 00 00 02 06'
-    """
-
-    index: int
-    sub: int
-    code: int
-
-    pattern: ClassVar = BitPattern("100- ----")
-
-    def encode(self) -> bytes:
-        """The 8 bytes of the message."""
-        return _frame(self.pattern.encode(), self.index, self.sub, CODE.pack(self.code))
-
-
-Request: TypeAlias = InitiateUpload | ExpeditedDownload | InitiateDownload | Abort
-Answer: TypeAlias = ExpeditedUpload | UploadInitiated | DownloadInitiated | Abort
-
-
-def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
-    """Whether a command byte has something in the bits that are drawn as '-'.
-
-    >>> has_reserved_bits(InitiateUpload.pattern, 0x40), has_reserved_bits(InitiateUpload.pattern, 0x43)
-    (False, True)
-    """
-    return pattern.encode(**pattern.decode(command)) != command
+    if not data:
+        raise DecodeError("short", data, 0, "the command is byte 0, but there are none")
+    for kind in kinds:
+        if kind.pattern.matches(data[0]):
+            return kind.decode(data)
+    raise DecodeError("function", data, 0, f"command {data[0]:02X}h is nothing that belongs here")
 
 
 def decode_request(data: bytes) -> Request:
-    """What a client said. Reserved bits may be anything, so 43h is read as the upload request that it is.
+    """What a client said to a server that had no transfer going.
 
     >>> decode_request(bytes.fromhex("2B40 6000 0F00 0000"))
     ExpeditedDownload(index=24640, sub=0, data=b'\\x0f\\x00', indicated=True)
 
-    Raises DecodeError("short") if bytes are missing and ("function") for a command that is none of the above.
+    Raises DecodeError as `read` does.
     """
-    command, index, sub, _ = LAYOUT.unpack(data)
-    if InitiateUpload.pattern.matches(command):
-        return InitiateUpload(index, sub, command)
-    if ExpeditedDownload.pattern.matches(command):
-        return ExpeditedDownload(index, sub, *_expedited(ExpeditedDownload.pattern, data))
-    if InitiateDownload.pattern.matches(command):
-        return InitiateDownload(index, sub, _size(InitiateDownload.pattern, data))
-    if Abort.pattern.matches(command):
-        return Abort(index, sub, _number(data))
-    raise DecodeError("function", data, 0, f"command {command:02X}h starts no transfer that is known here")
+    return read(data, REQUESTS)
 
 
 def decode_answer(data: bytes) -> Answer:
-    """What a server said. Trailing bytes that the message does not need may be missing: some devices trim them.
+    """What a server said to a request. Trailing bytes that the message does not need may be missing: some trim them.
 
     >>> decode_answer(bytes.fromhex("4B41 6000 3706"))
     ExpeditedUpload(index=24641, sub=0, data=b'7\\x06', indicated=True)
 
-    Raises DecodeError("short") if needed bytes are missing and ("function") for a command that is none of the above.
+    Raises DecodeError as `read` does.
     """
-    command, index, sub, _ = LAYOUT.unpack(data)
-    if ExpeditedUpload.pattern.matches(command):
-        return ExpeditedUpload(index, sub, *_expedited(ExpeditedUpload.pattern, data))
-    if UploadInitiated.pattern.matches(command):
-        return UploadInitiated(index, sub, _size(UploadInitiated.pattern, data))
-    if DownloadInitiated.pattern.matches(command):
-        return DownloadInitiated(index, sub)
-    if Abort.pattern.matches(command):
-        return Abort(index, sub, _number(data))
-    raise DecodeError("function", data, 0, f"command {command:02X}h answers no transfer that is known here")
+    return read(data, ANSWERS)
 
 
-def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
-    """(value, indicated) of an expedited message. n counts only if s says so; without s all four bytes are kept."""
-    fields = pattern.decode(data[0])
-    size = 4 - fields["n"] if fields["s"] else 4
-    if len(data) < 4 + size:
-        raise DecodeError("short", data, len(data), f"{size} bytes of data announced, here are {len(data) - 4}")
-    return data[4 : 4 + size], bool(fields["s"])
+def may_be_late(data: bytes) -> bool:
+    """Whether these bytes could be an answer at all, in whatever state of a transfer: then they came late.
 
-
-def _size(pattern: BitPattern, data: bytes) -> int | None:
-    """The announced size, None if there is none."""
-    return _number(data) if pattern.decode(data[0])["s"] else None
-
-
-def _number(data: bytes) -> int:
-    """Bytes 4 to 7 as one number."""
-    if len(data) < 8:
-        raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")
-    return int.from_bytes(data[4:8], "little")
+    >>> may_be_late(bytes.fromhex("A1 00 00 00 00 00 00 00")), may_be_late(bytes.fromhex("E0 00 00 00 00 00 00 00"))
+    (True, False)
+    """
+    for kinds in (ANSWERS, _LATE):
+        try:
+            read(data, kinds)
+        except DecodeError:
+            continue
+        return True
+    return False

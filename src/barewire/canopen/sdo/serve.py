@@ -3,40 +3,60 @@
         heard on 600h+n                               said on 580h+n
         ---------------                               --------------
         40  upload                                    4F 4B 47 43   the value, 1 to 4 bytes
+                                                      41            more (or none): it comes in segments
         2F 2B 27 23  download, size told              60            taken
         22           download, size not told          60            taken: the low bytes that the object needs
+        21 20        download in segments             60            go on
+        A4 A0        upload in blocks                 C6            say start
+        C6 C4 C2 C0  download in blocks               A4            go on
         80  abort                                     nothing: an abort is never answered
         any other command                             80  0504 0001h, with the object of the very same frame
         no 8 bytes, remote, another identifier        nothing: counted
+
+There is one transfer at a time (`sessions`). A request in the middle of one ends it with 0504 0001h, and the next is
+served; a client that falls silent ends it with 0504 0000h after `timeout` seconds.
 
 What the dictionary refuses, it refuses by raising SdoAbort; the server carries the code out. Reserved bits in a
 command are read over, as the standard wants it, and counted as a deviation: that is how the read requests of the
 AZ3's guide (4F, 4B, 43) are served.
 
-I know: one node's frames and that there is a dictionary.  I never know: what is in it, NMT states, time.
+I know: one node's frames and that there is a dictionary.  I never know: what is in it, NMT states, clocks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 from barewire.canopen.cob import cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.block import check_blksize
+from barewire.canopen.sdo.block_messages import (
+    BLOCK_MAX,
+    LAST,
+    BlockDownloadInitiated,
+    BlockUploadInitiated,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+)
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
-from barewire.canopen.sdo.messages import (
+from barewire.canopen.sdo.initiate_messages import (
     LAYOUT,
     Abort,
     DownloadInitiated,
     ExpeditedDownload,
     ExpeditedUpload,
+    InitiateDownload,
     InitiateUpload,
-    Request,
-    decode_request,
+    UploadInitiated,
     has_reserved_bits,
 )
-from barewire.errors import BarewireError, DecodeError
+from barewire.canopen.sdo.messages import Request, decode_request
+from barewire.canopen.sdo.sessions import BlockDownload, BlockUpload, SegmentedDownload, SegmentedUpload, Session
+from barewire.canopen.sdo.stream import LIMIT
+from barewire.errors import BarewireError, DecodeError, EncodeError
 
 
 class ObjectStore(Protocol):
@@ -56,12 +76,14 @@ class ObjectStore(Protocol):
 class ServerCounters:
     """What a server has seen."""
 
-    requests: int = 0
+    requests: int = 0  # frames of 8 bytes from the client
     wrong_length: int = 0  # frames with a DLC other than 8, not answered
     unknown_command: int = 0
     reserved_bits: int = 0  # served, although something stood in reserved bits
     aborts_heard: int = 0
     aborts_said: int = 0
+    timed_out: int = 0  # of these: because the client fell silent
+    strays: int = 0  # segments that still came after a block download was ended, passed over
 
 
 class SdoServer:
@@ -71,70 +93,174 @@ class SdoServer:
     >>> server = SdoServer(5, ObjectDictionary([Entry(0x6041, 0, "STATUS WORD", "u16", "ro", 0x0637)]))
     >>> str(server.feed(CanFrame.parse("605#4041600000000000"), 0.0)[0])
     '585#4B41600037060000'
+
+    `timeout` is how long a client may be silent in a transfer, `limit` the longest value that it may write, `blksize`
+    how many segments we want in a row; 0 is a server without block transfers.
     """
 
-    __slots__ = ("answer_id", "counters", "dialect", "objects", "request_id")
+    __slots__ = (
+        *("answer_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize"),
+        *("_place", "_session", "_stray", "_stray_until"),
+    )
 
-    def __init__(self, node: int, objects: ObjectStore, dialect: Dialect = STANDARD) -> None:
+    def __init__(
+        self,
+        node: int,
+        objects: ObjectStore,
+        dialect: Dialect = STANDARD,
+        *,
+        timeout: float = 1.0,
+        limit: int = LIMIT,
+        blksize: int = BLOCK_MAX,
+    ) -> None:
+        if not 0 <= blksize <= BLOCK_MAX:
+            raise EncodeError(f"{blksize} segments in a block: expected 1..{BLOCK_MAX}, or 0 for no blocks")
         self.request_id = cob_id("SDO request", node)
         self.answer_id = cob_id("SDO answer", node)
         self.objects = objects
         self.dialect = dialect
-        self.counters = ServerCounters()
+        self.timeout = timeout
+        self.limit = limit
+        self.blksize = blksize
+        self.reset()
 
     @property
     def deadline(self) -> float | None:
-        """None: an expedited transfer is over when it has been answered."""
-        return None
+        """When the present transfer wants to go on, or has waited too long."""
+        return None if self._session is None else self._session.deadline
 
     def reset(self) -> None:
-        """A reset of the node or of its communication: counters begin again."""
+        """A reset of the node or of its communication: no transfer, counters begin again."""
         self.counters = ServerCounters()
+        self.forget()
+
+    def forget(self) -> None:
+        """End the present transfer without a word: the node may not speak any more."""
+        self._session: Session | None = None
+        self._place = 0, 0
+        self._stray = 0
+        self._stray_until = 0.0
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The answer to a frame, if it asks for one."""
-        if frame is None or frame.key != (self.request_id, False) or frame.remote:
+        """What the server says to a frame, or to time passing."""
+        data = None if frame is None else self._ours(frame)
+        session = self._session
+        if data is not None:
+            said = self._hear(data, now)
+        elif session is not None and now >= session.deadline:
+            said = self._go_on(session, None, now)
+        else:
             return []
+        return [CanFrame(self.answer_id, answer) for answer in said]
+
+    def _ours(self, frame: CanFrame) -> bytes | None:
+        if frame.id != self.request_id or frame.extended or frame.remote:
+            return None
         if len(frame.data) != 8:
             self.counters.wrong_length += 1
-            return []
+            return None
         self.counters.requests += 1
-        answer = self._answer(frame.data)
-        return [] if answer is None else [CanFrame(self.answer_id, answer)]
+        return frame.data
 
-    def _answer(self, data: bytes) -> bytes | None:
+    def _hear(self, data: bytes, now: float) -> list[bytes]:
+        if self._stray and self._is_stray(data, now):
+            return []
+        if data[0] == Abort.pattern.value:
+            self.counters.aborts_heard += 1
+            self._session = None
+            return []
+        session = self._session
+        if session is not None and session.gives_way and _begins(data):
+            session = self._session = None
+        return self._begin(data, now) if session is None else self._go_on(session, data, now)
+
+    def _is_stray(self, data: bytes, now: float) -> bool:
+        """The rest of a block that we ended: its numbers run on, and read as commands they would do harm."""
+        if data[0] & ~LAST != self._stray or now >= self._stray_until:
+            self._stray = 0
+            return False
+        self._stray = _following(data)
+        self.counters.strays += 1
+        return True
+
+    def _begin(self, data: bytes, now: float) -> list[bytes]:
         _, index, sub, _ = LAYOUT.unpack(data)
+        self._place = index, sub
         try:
             request = decode_request(data)
         except DecodeError:
             self.counters.unknown_command += 1
-            self.counters.aborts_said += 1
-            return Abort(index, sub, AbortCode.COMMAND).encode()
-        if isinstance(request, Abort):
-            self.counters.aborts_heard += 1
-            return None
+            return self._refuse(AbortCode.COMMAND)
         self.counters.reserved_bits += has_reserved_bits(request.pattern, data[0])
-        code: int = AbortCode.GENERAL
         try:
-            return self._carry_out(request)
-        except SdoAbort as refusal:
+            return [self._carry_out(request, now)]
+        except (SdoAbort, Breach) as refusal:
+            return self._refuse(refusal.code)
+        except BarewireError:
+            return self._refuse(AbortCode.GENERAL)  # a hook of the application said no in other words
+
+    def _go_on(self, session: Session, data: bytes | None, now: float) -> list[bytes]:
+        expected = session.next_segment
+        try:
+            said = session.feed(data, now)
+        except (SdoAbort, Breach) as refusal:
             code = refusal.code
         except BarewireError:
-            pass  # a hook of the application said no in other words
-        self.counters.aborts_said += 1
-        return Abort(index, sub, code).encode()
+            code = AbortCode.GENERAL
+        else:
+            if session.over:
+                self._session = None
+            return said
+        self._session = None
+        self.counters.timed_out += code == AbortCode.TIMED_OUT
+        if expected:
+            self._stray = expected if data is None else _following(data)
+            self._stray_until = now + self.timeout
+        elif data is not None and code == AbortCode.COMMAND and _begins(data):
+            _, index, sub, _ = LAYOUT.unpack(data)
+            self._place = index, sub
+        return self._refuse(code)
 
-    def _carry_out(self, request: Request) -> bytes:
+    def _refuse(self, code: int) -> list[bytes]:
+        self.counters.aborts_said += 1
+        return [Abort(*self._place, code).encode()]
+
+    def _carry_out(self, request: Request, now: float) -> bytes:
         index, sub = request.index, request.sub
         if isinstance(request, InitiateUpload):
-            data = self.objects.read(index, sub)
-            if not 1 <= len(data) <= 4:
-                raise SdoAbort(AbortCode.COMMAND, index, sub)
-            return ExpeditedUpload(index, sub, self._widened(request, data)).encode()
+            return self._upload(request, self.objects.read(index, sub), now)
         if isinstance(request, ExpeditedDownload):
             self.objects.write(index, sub, self._trimmed(request))
             return DownloadInitiated(index, sub).encode()
+        if isinstance(request, InitiateDownload):
+            self.objects.size(index, sub)
+            write = partial(self.objects.write, index, sub)
+            self._session = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
+            return DownloadInitiated(index, sub).encode()
+        if isinstance(request, InitiateBlockUpload) and self.blksize:
+            return self._block_upload(request, now)
+        if isinstance(request, InitiateBlockDownload) and self.blksize:
+            self.objects.size(index, sub)
+            write = partial(self.objects.write, index, sub)
+            limits = request.size, self.limit, self.blksize
+            self._session = BlockDownload(write, *limits, request.crc, self.timeout, now)
+            return BlockDownloadInitiated(index, sub, self.blksize).encode()
         raise SdoAbort(AbortCode.COMMAND, index, sub)
+
+    def _upload(self, request: InitiateUpload, value: bytes, now: float) -> bytes:
+        if 1 <= len(value) <= 4:
+            return ExpeditedUpload(request.index, request.sub, self._widened(request, value)).encode()
+        self._session = SegmentedUpload(value, self.timeout, now)
+        return UploadInitiated(request.index, request.sub, len(value)).encode()
+
+    def _block_upload(self, request: InitiateBlockUpload, now: float) -> bytes:
+        index, sub = request.index, request.sub
+        check_blksize(request.blksize)
+        value = self.objects.read(index, sub)
+        if request.switch and len(value) <= request.switch:
+            return self._upload(InitiateUpload(index, sub), value, now)
+        self._session = BlockUpload(value, request.blksize, request.crc, self.timeout, now)
+        return BlockUploadInitiated(index, sub, len(value)).encode()
 
     def _trimmed(self, request: ExpeditedDownload) -> bytes:
         """The bytes of a download that count.
@@ -156,3 +282,17 @@ class SdoServer:
             return data
         asked = {command: size for size, command in self.dialect.read_commands}.get(request.command, 0)
         return data.ljust(asked, b"\0")
+
+
+def _following(segment: bytes) -> int:
+    """The number of the segment that a client sends after this one; 0 if none follows in this block."""
+    return segment[0] + 1 if segment[0] < BLOCK_MAX else 0
+
+
+def _begins(data: bytes) -> bool:
+    """Whether a client that says this begins a transfer."""
+    try:
+        decode_request(data)
+    except DecodeError:
+        return False
+    return True

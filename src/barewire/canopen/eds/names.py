@@ -1,0 +1,173 @@
+"""The names of an EDS: which sections there are, which keys they have, and what is meant by another spelling.
+
+        [FileInfo] [DeviceInfo] [DummyUsage] [Comments]               heads
+        [MandatoryObjects] [OptionalObjects] [ManufacturerObjects]    lists      1=0x1000
+        [1018]        an object                                       [1018sub1]  one sub-index of it, in hexadecimal
+        [1003Name] [1003Value] [1003Denotation]                       of sub-indices made by CompactSubObj
+        [M1ModuleInfo] [M1Fixed6000] ...                              modules: kept, not read
+
+Nobody agrees on capitals, so names are compared without them. `SectionName.key` is what is compared.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal, NamedTuple
+
+SectionKind = Literal["head", "list", "object", "sub", "compact", "module", "unknown"]
+
+FILE_INFO = [
+    *("FileName", "FileVersion", "FileRevision", "EDSVersion", "Description"),
+    *("CreationTime", "CreationDate", "CreatedBy", "ModificationTime", "ModificationDate", "ModifiedBy"),
+]
+BAUD_RATES = [f"BaudRate_{rate}" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)]
+DEVICE_INFO = [
+    *("VendorName", "VendorNumber", "ProductName", "ProductNumber", "RevisionNumber", "OrderCode"),
+    *BAUD_RATES,
+    *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
+    *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported"),
+]
+COMMISSIONING = ["NodeID", "NodeName", "Baudrate", "NetNumber", "NetworkName", "CANopenManager", "LSS_SerialNumber"]
+LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
+OBJECT = [
+    *("ParameterName", "ObjectType", "DataType", "AccessType", "LowLimit", "HighLimit", "DefaultValue", "PDOMapping"),
+    *("SubNumber", "ObjFlags", "CompactSubObj", "ParameterValue", "Denotation", "UploadFile", "DownloadFile"),
+    *("ParamRefd", "SRDOMapping", "InvertedSRAD"),
+]
+
+HEADS: dict[str, list[str]] = {
+    "FileInfo": [*FILE_INFO, "LastEDS"],
+    "DeviceInfo": [*DEVICE_INFO, "CompactPDO"],
+    "DeviceComissioning": [*COMMISSIONING, "NodeRefd", "NetRefd"],
+    "DummyUsage": [f"Dummy{index:04X}" for index in range(1, 0x20)],
+    "Comments": ["Lines"],
+    "SupportedModules": ["NrOfEntries"],
+    "ConnectedModules": ["NrOfEntries"],
+    "DynamicChannels": ["NrOfSeg"],
+    "Tools": ["Items"],
+}
+"""Every head with the keys it may have; numbered keys are not listed."""
+
+TEXTS = frozenset({"vendorname", "productname", "ordercode", "nodename", "networkname", "noderefd", "netrefd"})
+"""Keys of [DeviceInfo] and [DeviceComissioning] that hold text; the others hold numbers."""
+
+_COMPACT = {"name": "Name", "value": "Value", "denotation": "Denotation", "objectlinks": "ObjectLinks"}
+_OBJECT = re.compile(
+    r"(0x)?([0-9a-f]{1,8})(h?)\s*(?:(sub)\s*(0x)?([0-9a-f]{1,8})|(name|value|denotation|objectlinks))?", re.I
+)
+_MODULE = re.compile(r"m[0-9]+(moduleinfo|comments|fixed|subext).*|tool[0-9]+", re.I)
+_NUMBERED = re.compile(r"([a-z]*)0*([0-9]{1,5})", re.I)
+_FREE_HEADS = ("DynamicChannels", "Tools")
+_HEAD_OF = {name.casefold(): name for name in HEADS} | {"devicecommissioning": "DeviceComissioning"}
+_LIST_OF = {name.casefold(): name for name in LISTS}
+_OWN_SPELLINGS = {"nrofrxpdo": "NrOfRxPDO", "nroftxpdo": "NrOfTxPDO", "edsversion": "EdsVersion"}
+
+
+class SectionName(NamedTuple):
+    """What a section's name means. `proper` is how CiA 306 spells it, `rule` the one that another spelling breaks."""
+
+    kind: SectionKind
+    proper: str
+    rule: str = ""
+    object: int = 0
+    sub: int = 0
+    part: str = ""
+
+    @property
+    def key(self) -> str:
+        """What is compared."""
+        return self.proper.casefold()
+
+
+def section_name(name: str) -> SectionName:
+    """What is meant by the name between the brackets.
+
+    >>> section_name("1018Sub1")
+    SectionName(kind='sub', proper='1018sub1', rule='wrong-case', object=4120, sub=1, part='')
+    >>> section_name("DeviceCommissioning").proper
+    'DeviceComissioning'
+    """
+    folded = name.casefold()
+    head, listed = _HEAD_OF.get(folded), _LIST_OF.get(folded)
+    if head:
+        spelled = "" if name == head else "wrong-case" if folded == head.casefold() else "section-form"
+        return SectionName("head", head, spelled)
+    if listed:
+        return SectionName("list", listed, "" if name == listed else "wrong-case")
+    match = _OBJECT.fullmatch(name)
+    # A short one must have a digit, or [Add] would be an object.
+    if match and (len(match[2]) >= 4 or any(letter.isdigit() for letter in match[2])):
+        return _object(name, match)
+    return SectionName("module" if _MODULE.fullmatch(name) else "unknown", name)
+
+
+def _object(name: str, match: re.Match[str]) -> SectionName:
+    index, sub = int(match[2], 16), int(match[6] or "0", 16)
+    if index > 0xFFFF or sub > 0xFF:
+        return SectionName("unknown", name, "sub-range")
+    part = _COMPACT.get((match[7] or "").casefold(), "")
+    kind: SectionKind = "sub" if match[4] else "compact" if part else "object"
+    proper = f"{index:04X}" + (f"sub{sub:X}" if match[4] else part)
+    rule = "" if name == proper else "wrong-case" if name.casefold() == proper.casefold() else "section-form"
+    return SectionName(kind, proper, rule, index, sub, part)
+
+
+class KeyName(NamedTuple):
+    """What a key means: how it is spelled, whether its section has it, and the rule that another spelling breaks."""
+
+    proper: str
+    known: bool
+    rule: str = ""
+
+    @property
+    def key(self) -> str:
+        """What is compared."""
+        return self.proper.casefold()
+
+
+def key_name(section: SectionName, key: str) -> KeyName:
+    """What is meant by a key of that section.
+
+    >>> key_name(section_name("1018"), "subnumber"), key_name(section_name("OptionalObjects"), "01")
+    (KeyName(proper='SubNumber', known=True, rule='wrong-case'), KeyName(proper='1', known=True, rule='key-form'))
+    """
+    folded = key.casefold()
+    proper = _known(section).get(folded)
+    if proper:
+        fine = key == proper or key == _OWN_SPELLINGS.get(folded)
+        return KeyName(proper, True, "" if fine else "wrong-case")
+    wanted = "Line" if section.proper == "Comments" else ""
+    number = _NUMBERED.fullmatch(key)
+    if number and number[1].casefold() == wanted.casefold() and section.kind in ("head", "list", "compact"):
+        proper = f"{wanted}{int(number[2])}"
+        rule = "" if key == proper else "wrong-case" if folded == proper.casefold() else "key-form"
+        return KeyName(proper, True, rule)
+    return KeyName(key, section.kind == "module" or section.proper in _FREE_HEADS)
+
+
+def number_of(key: str) -> int | None:
+    """The number that a folded key is, None if it is a name.
+
+    >>> number_of("12"), number_of("lines"), number_of("²")
+    (12, None, None)
+    """
+    return int(key) if len(key) < 6 and key.isascii() and key.isdigit() else None
+
+
+_OBJECT_KEYS = {key.casefold(): key for key in OBJECT}
+_HEAD_KEYS = {name: {key.casefold(): key for key in keys} for name, keys in HEADS.items()}
+_LIST_KEYS = {"supportedobjects": "SupportedObjects"}
+_COMPACT_KEYS = {"nrofentries": "NrOfEntries"}
+_LINK_KEYS = {"objectlinks": "ObjectLinks"}
+
+
+def _known(section: SectionName) -> dict[str, str]:
+    if section.kind in ("object", "sub"):
+        return _OBJECT_KEYS
+    if section.kind == "head":
+        return _HEAD_KEYS[section.proper]
+    if section.kind == "list":
+        return _LIST_KEYS
+    if section.kind == "compact":
+        return _LINK_KEYS if section.part == "ObjectLinks" else _COMPACT_KEYS
+    return {}

@@ -1,0 +1,279 @@
+"""What begins and ends an SDO transfer: each message a value, each command byte in its drawing.   [CiA 301, SDO]
+
+        byte   0         1   2      3      4   5   6   7
+             | command | index    | sub  | data, a size or a code |        8 bytes, always
+                         low high          little-endian
+
+Four letters stand for fields of the command byte:
+
+        n  how many of the bytes 4 to 7 are *not* data          e  expedited: the value is in this very frame
+        s  the size is indicated (n, or the size in 4..7)       -  reserved: written 0, read as anything
+
+               client                                server                           byte 0
+        InitiateUpload    010- ----     ->                                            40
+                                        <-    ExpeditedUpload    010- nn1s            4F 4B 47 43, 42
+                                        <-    UploadInitiated    010- --0s            41, 40   segments follow
+        ExpeditedDownload 001- nn1s     ->                                            2F 2B 27 23, 22
+        InitiateDownload  001- --0s     ->                                            21, 20   segments follow
+                                        <-    DownloadInitiated  011- ----            60
+        Abort             1000 0000    <->    Abort                                   80
+
+"Upload" and "download" are seen from the device: an upload brings a value from it to the client. What follows a
+beginning stands in `segment_messages` and `block_messages`; `messages` reads all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from barewire.codecs import BitPattern, Layout
+from barewire.errors import DecodeError, EncodeError
+
+LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
+SIZE = Layout("<I", "size")
+CODE = Layout("<I", "code")
+
+
+def about(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
+    """The 8 bytes of a message about an object: what is not used is zero."""
+    return LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
+
+
+def _check_expedited(data: bytes, indicated: bool) -> None:
+    if not 1 <= len(data) <= 4:
+        raise EncodeError(f"{len(data)} bytes do not fit an expedited transfer: it carries 1 to 4")
+    if not indicated and len(data) != 4:
+        raise EncodeError("without an indicated size all 4 bytes travel: give 4")
+
+
+@dataclass(frozen=True, slots=True)
+class InitiateUpload:
+    """The client asks for an object.
+
+        010- ---- | index 2 | sub 1 | reserved 4
+
+    >>> InitiateUpload(0x6041, 0).encode().hex(" ")
+    '40 41 60 00 00 00 00 00'
+
+    `command` is 40h; a device with a dialect of its own may want something else in the reserved bits.
+    """
+
+    index: int
+    sub: int
+    command: int = 0x40
+
+    pattern: ClassVar = BitPattern("010- ----")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the request."""
+        if not self.pattern.matches(self.command):
+            raise EncodeError(f"command {self.command:02X}h does not ask for an upload: that is {self.pattern.pattern}")
+        return about(self.command, self.index, self.sub)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """Reserved bits may be anything, so 43h is read as the upload request that it is."""
+        command, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub, command)
+
+
+@dataclass(frozen=True, slots=True)
+class ExpeditedUpload:
+    """The server answers with the value itself, 1 to 4 bytes.
+
+        010- nn1s | index 2 | sub 1 | data 4
+
+    >>> ExpeditedUpload(0x6041, 0, bytes.fromhex("3706")).encode().hex(" ")
+    '4b 41 60 00 37 06 00 00'
+
+    With `indicated` false (42h) nobody says how many of the four bytes count.
+    """
+
+    index: int
+    sub: int
+    data: bytes
+    indicated: bool = True
+
+    pattern: ClassVar = BitPattern("010- nn1s")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the answer."""
+        _check_expedited(self.data, self.indicated)
+        return about(self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the bytes of the answer, of which those that carry nothing may be missing."""
+        _, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub, *_expedited(cls.pattern, data))
+
+
+@dataclass(frozen=True, slots=True)
+class UploadInitiated:
+    """The server answers that the value will come in segments, and usually how long it is.
+
+        010- --0s | index 2 | sub 1 | size 4
+
+    >>> UploadInitiated(0x1008, 0, 16).encode().hex(" ")
+    '41 08 10 00 10 00 00 00'
+    """
+
+    index: int
+    sub: int
+    size: int | None = None
+
+    pattern: ClassVar = BitPattern("010- --0s")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the answer."""
+        size = b"" if self.size is None else SIZE.pack(self.size)
+        return about(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the bytes of the answer, of which those that carry nothing may be missing."""
+        _, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub, indicated_size(cls.pattern, data))
+
+
+@dataclass(frozen=True, slots=True)
+class ExpeditedDownload:
+    """The client writes a value of 1 to 4 bytes.
+
+        001- nn1s | index 2 | sub 1 | data 4
+
+    >>> ExpeditedDownload(0x6040, 0, bytes.fromhex("0F00")).encode().hex(" ")
+    '2b 40 60 00 0f 00 00 00'
+    """
+
+    index: int
+    sub: int
+    data: bytes
+    indicated: bool = True
+
+    pattern: ClassVar = BitPattern("001- nn1s")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the request."""
+        _check_expedited(self.data, self.indicated)
+        return about(self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the bytes of the request, of which those that carry nothing may be missing."""
+        _, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub, *_expedited(cls.pattern, data))
+
+
+@dataclass(frozen=True, slots=True)
+class InitiateDownload:
+    """The client says that it will write a value in segments, and usually how long it is.
+
+        001- --0s | index 2 | sub 1 | size 4
+
+    >>> InitiateDownload(0x1008, 0, 16).encode().hex(" ")
+    '21 08 10 00 10 00 00 00'
+    """
+
+    index: int
+    sub: int
+    size: int | None = None
+
+    pattern: ClassVar = BitPattern("001- --0s")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the request."""
+        size = b"" if self.size is None else SIZE.pack(self.size)
+        return about(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the bytes of the request, of which those that carry nothing may be missing."""
+        _, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub, indicated_size(cls.pattern, data))
+
+
+@dataclass(frozen=True, slots=True)
+class DownloadInitiated:
+    """The server has taken the value (or is ready for its segments).
+
+        011- ---- | index 2 | sub 1 | reserved 4
+
+    >>> DownloadInitiated(0x6040, 0).encode().hex(" ")
+    '60 40 60 00 00 00 00 00'
+    """
+
+    index: int
+    sub: int
+
+    pattern: ClassVar = BitPattern("011- ----")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the answer."""
+        return about(self.pattern.encode(), self.index, self.sub)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the bytes of the answer, of which the last four carry nothing and may be missing."""
+        _, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub)
+
+
+@dataclass(frozen=True, slots=True)
+class Abort:
+    """Either side ends the transfer; nobody answers it.
+
+        1000 0000 | index 2 | sub 1 | abort code 4
+
+    >>> Abort(0x6041, 0, 0x06020000).encode().hex(" ")
+    '80 41 60 00 00 00 02 06'
+
+    The only message whose reserved bits are not read over: 81h to 9Fh are last segments of a block, perhaps late.
+    """
+
+    index: int
+    sub: int
+    code: int
+
+    pattern: ClassVar = BitPattern("1000 0000")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the message."""
+        return about(self.pattern.encode(), self.index, self.sub, CODE.pack(self.code))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the bytes of the message; DecodeError("short") without a whole code."""
+        _, index, sub, _ = LAYOUT.unpack(data)
+        return cls(index, sub, number(data))
+
+
+def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
+    """Whether a command byte has something in the bits that are drawn as '-'.
+
+    >>> has_reserved_bits(InitiateUpload.pattern, 0x40), has_reserved_bits(InitiateUpload.pattern, 0x43)
+    (False, True)
+    """
+    return pattern.encode(**pattern.decode(command)) != command
+
+
+def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
+    """(value, indicated) of an expedited message. n counts only if s says so; without s all four bytes are kept."""
+    fields = pattern.decode(data[0])
+    size = 4 - fields["n"] if fields["s"] else 4
+    if len(data) < 4 + size:
+        raise DecodeError("short", data, len(data), f"{size} bytes of data announced, here are {len(data) - 4}")
+    return data[4 : 4 + size], bool(fields["s"])
+
+
+def indicated_size(pattern: BitPattern, data: bytes) -> int | None:
+    """The announced size, None if there is none."""
+    return number(data) if pattern.decode(data[0])["s"] else None
+
+
+def number(data: bytes) -> int:
+    """Bytes 4 to 7 as one number."""
+    if len(data) < 8:
+        raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")
+    return int.from_bytes(data[4:8], "little")

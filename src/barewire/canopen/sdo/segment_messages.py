@@ -1,0 +1,110 @@
+"""A value that does not fit one frame: segments of seven bytes, each of them confirmed.   [CiA 301, SDO]
+
+        byte   0         1 ... 7
+             | command | data, or nothing |        no index: the transfer knows its object
+
+        t  toggle: 0 in the first segment, then 1, 0, 1; the answer has that of the question
+        n  how many of the bytes 1 to 7 are *not* data          c  complete: this is the last segment
+
+               client                                server                           byte 0
+        NextSegment       011t ----     ->                                            60 70
+                                        <-    Segment            000t nnnc            00 10, last: 01 ... 1F
+        Segment           000t nnnc     ->                                            00 10, last: 01 ... 1F
+                                        <-    SegmentTaken       001t ----            20 30
+
+A value of no bytes travels too, as one segment 0Fh with seven unused bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from barewire.codecs import BitPattern
+from barewire.errors import DecodeError, EncodeError
+
+SEGMENT = 7
+"""Bytes of data in a segment."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Up to seven bytes of the value, in either direction.
+
+        000t nnnc | data 7
+
+    >>> Segment(0, b"CANopen").encode().hex(" ")
+    '00 43 41 4e 6f 70 65 6e'
+    >>> Segment(0, b"32", last=True).encode().hex(" ")
+    '0b 33 32 00 00 00 00 00'
+    """
+
+    toggle: int
+    data: bytes
+    last: bool = False
+
+    pattern: ClassVar = BitPattern("000t nnnc")
+
+    def encode(self) -> bytes:
+        """The 8 bytes."""
+        if len(self.data) > SEGMENT:
+            raise EncodeError(f"{len(self.data)} bytes of data: a segment carries at most {SEGMENT}")
+        command = self.pattern.encode(t=self.toggle, n=SEGMENT - len(self.data), c=self.last)
+        return bytes([command]) + self.data.ljust(SEGMENT, b"\0")
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the 8 bytes, of which those that carry nothing may be missing."""
+        fields = cls.pattern.decode(data[0])
+        end = 1 + SEGMENT - fields["n"]
+        if len(data) < end:
+            raise DecodeError("short", data, len(data), f"{end - 1} bytes of data announced, here are {len(data) - 1}")
+        return cls(fields["t"], data[1:end], bool(fields["c"]))
+
+
+@dataclass(frozen=True, slots=True)
+class NextSegment:
+    """The client asks for the next segment of an upload.
+
+        011t ---- | reserved 7
+
+    >>> NextSegment(1).encode().hex(" ")
+    '70 00 00 00 00 00 00 00'
+    """
+
+    toggle: int
+
+    pattern: ClassVar = BitPattern("011t ----")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the request."""
+        return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the command byte."""
+        return cls(cls.pattern.decode(data[0])["t"])
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentTaken:
+    """The server has taken a segment of a download; after the last one, the whole value.
+
+        001t ---- | reserved 7
+
+    >>> SegmentTaken(0).encode().hex(" ")
+    '20 00 00 00 00 00 00 00'
+    """
+
+    toggle: int
+
+    pattern: ClassVar = BitPattern("001t ----")
+
+    def encode(self) -> bytes:
+        """The 8 bytes of the answer."""
+        return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """From the command byte."""
+        return cls(cls.pattern.decode(data[0])["t"])

@@ -1,0 +1,124 @@
+"""One transfer as a client has it: it asks, it waits, and however it ends, the other side is told.
+
+        asked     request -> ... -> the answer of a wanted kind, about the same object        `ask`
+        refused   an abort came, whatever object it names                                     SdoAbort
+        broken    the server broke the rules: our abort, with the code that says how          SdoAbort, with `why`
+        silent    the time was up: our abort 0504 0000h                                       NoAnswer
+        left      abandoned, or our own data or sink failed: our abort 0800 0000h             as it was raised
+
+A request is never said twice on its own account: when the time is up nobody knows whether the first one arrived.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.initiate_messages import Abort
+from barewire.canopen.sdo.messages import M, Message
+from barewire.conversation import Conversation, Heard, Listen, Send
+from barewire.errors import DecodeError, NoAnswer
+
+Result = TypeVar("Result")
+
+ABORT = 0x80
+
+
+class Transfer:
+    """One transfer on a channel. `until` is when the present wait ends, None before anything was asked; `now` is the
+    time of whatever was sent or heard last."""
+
+    __slots__ = ("channel", "index", "now", "sub", "timeout", "until", "verb")
+
+    def __init__(self, channel: Channel, verb: str, index: int, sub: int, timeout: float) -> None:
+        self.channel = channel
+        self.verb = verb
+        self.index = index
+        self.sub = sub
+        self.timeout = timeout
+        self.now = 0.0
+        self.until: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.index:04X}h:{self.sub:02X}"
+
+    def carry_out(self, body: Conversation[CanFrame, Result]) -> Conversation[CanFrame, Result]:
+        """The whole transfer around its body: one at a time, quiet first, and an end that both sides know of."""
+        channel = self.channel
+        channel.begin(str(self))
+        try:
+            yield from channel.settle()
+            return (yield from body)
+        except SdoAbort:
+            raise
+        except Breach as breach:
+            yield from self._end(breach.code)
+            if breach.code == AbortCode.TIMED_OUT:
+                raise NoAnswer(self._explain()) from None
+            raise SdoAbort(breach.code, self.index, self.sub, why=breach.why) from None
+        except Exception:
+            # Abandoned, or the caller's own data or sink. The server must not be left waiting.
+            yield from self._end(AbortCode.GENERAL)
+            raise
+        finally:
+            channel.busy = False
+
+    def _end(self, code: AbortCode) -> Conversation[CanFrame, None]:
+        """Our abort is the last word, and what is still on its way is not taken for an answer to what comes next."""
+        if self.until is not None:
+            self.channel.quiet_until = self.now + self.timeout
+            yield self.send(Abort(self.index, self.sub, code).encode())
+
+    def _explain(self) -> str:
+        what = f"node {self.channel.node} did not answer the {self.verb} of {self} within {self.timeout:g} s"
+        return f"{what}: {self.channel.heard.explain(self.channel.node, self.channel.answer_id)}"
+
+    def send(self, data: bytes) -> Send[CanFrame]:
+        """Eight bytes to the server."""
+        return Send(CanFrame(self.channel.request_id, data))
+
+    def say(self, data: bytes) -> Conversation[CanFrame, None]:
+        """Send; from then on the time to answer runs."""
+        sent: Heard[CanFrame] = yield self.send(data)
+        self.now = sent.now
+        self.until = sent.now + self.timeout
+
+    def ask(self, request: Message, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
+        """Say a request and return the answer to it: a message of a wanted kind, about the same object."""
+        yield from self.say(request.encode())
+        return (yield from self.answer(wanted))
+
+    def answer(self, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
+        """Wait for a message of a wanted kind. Raises SdoAbort, and Breach when the time is up."""
+        channel, until = self.channel, self.until or 0.0
+        while True:
+            heard: Heard[CanFrame] = yield Listen(until)
+            self.now = heard.now
+            if heard.item is not None:
+                data = self.hear(heard.item)
+                answer = None if data is None else channel.understand(data, wanted)
+                if answer is not None:
+                    if self._is_about_us(answer):
+                        return answer
+                    channel.heard.late += 1
+            # A bus that never falls silent must not keep us past the time either.
+            if heard.now >= until:
+                raise Breach(AbortCode.TIMED_OUT, "no answer")
+
+    def _is_about_us(self, answer: object) -> bool:
+        """Messages without an object belong to the transfer that is going on."""
+        return (getattr(answer, "index", self.index), getattr(answer, "sub", self.sub)) == (self.index, self.sub)
+
+    def hear(self, frame: CanFrame) -> bytes | None:
+        """What was said on our channel, None if it was elsewhere. Raises SdoAbort if it was an abort."""
+        data = self.channel.hear(frame)
+        if data and data[0] == ABORT:
+            try:
+                abort = Abort.decode(data)
+            except DecodeError:
+                self.channel.heard.garbled += 1
+                return None
+            raise SdoAbort(abort.code, self.index, self.sub, (abort.index, abort.sub))
+        return data

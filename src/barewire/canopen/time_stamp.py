@@ -1,0 +1,143 @@
+"""TIME: what time it is, said to everybody.   [CiA 301, TIME; TIME_OF_DAY]
+
+        100h | milliseconds since midnight, 28 bits + 4 reserved | days since 1 January 1984, 16 bits |      6 bytes
+
+        95 2C B3 02 4D 39        29 February 2024, 12:34:56.789
+
+The standard knows no time zone: whether it is UTC is agreed upon beforehand, and here it is. The days end in
+June 2163. In 1012h bit 31 means that a device *takes* the time, bit 30 that it *says* it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+from barewire.canopen.cob import cob_id
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.times import Time, TimeOfDay
+from barewire.errors import DecodeError, EncodeError
+
+TIME_KEY = (cob_id("TIME"), False)
+EPOCH = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
+"""1 January 1984 in seconds of Unix."""
+
+_CODEC = Time("time_of_day")
+
+
+@dataclass(frozen=True, slots=True)
+class TimeStamp:
+    """One moment: milliseconds since 1 January 1984.
+
+    >>> stamp = TimeStamp.of_unix(1709210096.789)
+    >>> str(stamp.encode()), stamp.unix
+    ('100#952CB3024D39', 1709210096.789)
+    """
+
+    moment: TimeOfDay
+
+    @classmethod
+    def of_unix(cls, seconds: float) -> TimeStamp:
+        """The time so many seconds after 1 January 1970, to the nearest millisecond. Raises EncodeError."""
+        moment = TimeOfDay(round((seconds - EPOCH) * 1000))
+        _CODEC.encode(moment)
+        return cls(moment)
+
+    @property
+    def unix(self) -> float:
+        """Seconds since 1 January 1970."""
+        return EPOCH + int(self.moment) / 1000
+
+    def encode(self, key: tuple[int, bool] = TIME_KEY) -> CanFrame:
+        """The frame, with COB-ID 100h if no other was agreed upon. EncodeError for a day that it does not reach."""
+        return CanFrame(key[0], _CODEC.encode(self.moment), key[1])
+
+    @classmethod
+    def decode(cls, frame: CanFrame, key: tuple[int, bool] = TIME_KEY) -> TimeStamp:
+        """Raises DecodeError for another identifier, another length, a day of more than 24 hours.
+
+        The four reserved bits are read over.
+        """
+        if frame.key != key or frame.remote:
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no TIME: that has COB-ID {key[0]:03X}h")
+        return cls(TimeOfDay(_CODEC.decode(frame.data)))
+
+
+class TimeProducer:
+    """Says the time every `period` seconds. A machine.
+
+    It has no clock but `now`: `unix_at_zero` is what time it was when `now` was 0.
+
+    >>> producer = TimeProducer(60.0, unix_at_zero=EPOCH)
+    >>> [str(frame) for frame in producer.feed(None, 0.0)], producer.deadline
+    (['100#000000000000'], 60.0)
+    """
+
+    __slots__ = ("_next", "key", "period", "unix_at_zero")
+
+    def __init__(self, period: float, unix_at_zero: float, *, key: tuple[int, bool] = TIME_KEY) -> None:
+        if not period > 0:
+            raise EncodeError(f"TIME every {period} s: expected more than 0")
+        self.period = period
+        self.unix_at_zero = unix_at_zero
+        self.key = key
+        self._next: float | None = None
+
+    @property
+    def deadline(self) -> float | None:
+        """When the time is said next; None before the first `feed`, which says it."""
+        return self._next
+
+    def feed(self, item: None, now: float) -> list[CanFrame]:
+        """The time, if it is due."""
+        if self._next is not None and now < self._next:
+            return []
+        self._next = now + self.period
+        return [TimeStamp.of_unix(self.unix_at_zero + now).encode(self.key)]
+
+
+class TimeHeard(NamedTuple):
+    """A TIME message: `unix_at_zero` is what a clock that shows `now` lacks to the time told."""
+
+    stamp: TimeStamp
+    at: float
+    unix_at_zero: float
+
+
+class TimeConsumer:
+    """Keeps the time that others say. A machine.
+
+    >>> consumer = TimeConsumer()
+    >>> heard = consumer.feed(TimeStamp.of_unix(EPOCH + 1.5).encode(), 10.0)
+    >>> consumer.unix(12.0) == EPOCH + 1.5 + 2.0
+    True
+    """
+
+    __slots__ = ("key", "last", "unreadable")
+
+    def __init__(self, key: tuple[int, bool] = TIME_KEY) -> None:
+        self.key = key
+        self.last: TimeHeard | None = None
+        self.unreadable = 0
+
+    @property
+    def deadline(self) -> float | None:
+        """None: it waits for nothing but messages."""
+        return None
+
+    def unix(self, now: float) -> float | None:
+        """What time it is now, None before anybody told."""
+        return None if self.last is None else self.last.unix_at_zero + now
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[TimeHeard]:
+        """The time that the frame tells, if it tells one."""
+        if frame is None or frame.key != self.key or frame.remote:
+            return []
+        try:
+            stamp = TimeStamp.decode(frame, self.key)
+        except DecodeError:
+            self.unreadable += 1
+            return []
+        self.last = TimeHeard(stamp, now, stamp.unix - now)
+        return [self.last]

@@ -1,0 +1,162 @@
+"""The PDOs of another device: read and written over SDO, in the safe order, against our own device."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import (
+    CanFrame,
+    Device,
+    Entry,
+    ObjectDictionary,
+    Pdo,
+    PdoManner,
+    SdoAbort,
+    mapping_of,
+    pdos_of,
+    read_pdo,
+    write_pdo,
+)
+from barewire.canopen.sdo import SdoServer
+from barewire.errors import DecodeError, EncodeError
+from tests.canopen.virtual_bus import VirtualBus
+
+TPDO1 = Pdo("TPDO", 1, (0x60410010, 0x60640020), type=1, inhibit=10, event_timer=500, sync_start=3)
+
+
+def bus_with(*pdos: Pdo) -> tuple[VirtualBus, Device]:
+    objects = [
+        Entry(0x6040, 0, "controlword", "u16", "rw", 0),
+        Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
+        Entry(0x6064, 0, "position", "i32", "ro", -2),
+    ]
+    bus, device = VirtualBus(), Device(5, ObjectDictionary(objects), pdos)
+    bus.add(device, said=device.start(0.0))
+    bus.pass_time(0.01)
+    return bus, device
+
+
+def writes(bus: VirtualBus) -> list[str]:
+    """The objects written, in order, as `1800:1=80000185`."""
+    found = []
+    for _, text in bus.log:
+        frame = CanFrame.parse(text)
+        if frame.id == 0x605 and frame.data[0] in (0x23, 0x2B, 0x2F):
+            index, value = int.from_bytes(frame.data[1:3], "little"), int.from_bytes(frame.data[4:], "little")
+            found.append(f"{index:X}:{frame.data[3]}={value:X}")
+    return found
+
+
+def test_what_was_written_is_read() -> None:
+    bus, _ = bus_with(Pdo("TPDO", 1, ()), Pdo("RPDO", 1, (0x60400010,)))
+    bus.run(write_pdo(5, TPDO1))
+    read = bus.run(read_pdo(5, "TPDO", 1))
+    assert read == Pdo("TPDO", 1, TPDO1.mapping, type=1, cob_id=0x185, inhibit=10, event_timer=500, sync_start=3)
+    assert bus.run(read_pdo(5, "RPDO", 1)).cob_id == 0x205
+    bus.inject("000#0105", bus.now)
+    bus.inject("080#03", bus.now)
+    assert "185#3706FEFFFFFF" in bus.pass_time(0.1)
+
+
+def test_the_order_is_the_safe_one() -> None:
+    bus, _ = bus_with(Pdo("TPDO", 1, (0x60410010,), cob_id=0x195))
+    bus.run(write_pdo(5, TPDO1))
+    mapping = ["1A00:0=0", "1A00:1=60410010", "1A00:2=60640020", "1A00:0=2"]
+    parameters = ["1800:2=1", "1800:3=A", "1800:5=1F4", "1800:6=3"]
+    assert writes(bus) == ["1800:1=80000195", *mapping, *parameters, "1800:1=185"]
+    bus.log.clear()
+    bus.run(write_pdo(5, TPDO1, manner=PdoManner(order="first")))
+    assert writes(bus) == ["1800:1=80000185", *parameters, *mapping, "1800:1=185"]
+
+
+def test_what_is_equal_is_left_out_where_the_device_wants_it_so() -> None:
+    bus, _ = bus_with(TPDO1)
+    bus.run(write_pdo(5, TPDO1, manner=PdoManner(skip_equal=True)))
+    assert writes(bus) == ["1800:1=80000185", "1800:1=185"]
+
+
+class Locked:
+    """A device whose mapping is constant and whose record ends at the transmission type."""
+
+    deadline = None
+
+    def __init__(self) -> None:
+        self.objects = ObjectDictionary(
+            [
+                Entry(0x1800, 1, "COB-ID", "u32", "rw", 0x185),
+                Entry(0x1800, 2, "type", "u8", "rw", 255),
+                Entry(0x1A00, 0, "entries", "u8", "const", 1),
+                Entry(0x1A00, 1, "entry", "u32", "const", 0x60410010),
+                Entry(0x1A01, 0, "entries", "u8", "const", 255),
+                Entry(0x1801, 1, "COB-ID", "u32", "rw", 0x285),
+                Entry(0x1801, 2, "type", "u8", "rw", 255),
+            ]
+        )
+        self.server = SdoServer(5, self.objects)
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        return self.server.feed(frame, now)
+
+
+@pytest.mark.parametrize("manner", [PdoManner(), PdoManner(mapping="fixed"), PdoManner(skip_equal=True)])
+def test_a_constant_mapping_is_compared(manner: PdoManner) -> None:
+    bus, device = VirtualBus(), Locked()
+    bus.add(device)
+    bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,), type=1), manner=manner))
+    assert (device.objects.get(0x1800, 1), device.objects.get(0x1800, 2)) == (0x185, 1)
+    assert bus.run(read_pdo(5, "TPDO", 1)).event_timer == 0
+    with pytest.raises(EncodeError, match="TPDO1 maps 60410010 and cannot be changed; wanted is nothing") as caught:
+        bus.run(write_pdo(5, Pdo("TPDO", 1, ()), manner=manner))
+    assert caught.value.__notes__ == ["TPDO1 of node 5 is left switched off"]
+    assert device.objects.get(0x1800, 1) == 0x80000185
+
+
+def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
+    bus, device = VirtualBus(), Locked()
+    bus.add(device)
+    with pytest.raises(SdoAbort, match="1800h:05: 0609 0011h"):
+        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,), event_timer=100)))
+    with pytest.raises(SdoAbort, match="0601 0002h"):
+        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,)), manner=PdoManner(mapping="variable")))
+    with pytest.raises(SdoAbort):
+        bus.run(read_pdo(5, "RPDO", 1))
+    with pytest.raises(DecodeError, match="a multiplexed PDO"):
+        bus.run(read_pdo(5, "TPDO", 2))
+
+
+def test_what_cannot_be_mapped_is_known_before_anything_is_said() -> None:
+    bus, _ = bus_with(TPDO1)
+    with pytest.raises(EncodeError, match="80 bits"):
+        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010, 0x60640020, 0x60640020))))
+    assert writes(bus) == []
+
+
+def test_names_and_placeholders() -> None:
+    objects = ObjectDictionary([Entry(0x6041, 0, "statusword", "u16"), Entry(0x6064, 0, "position", "i32")])
+    words = (0x60410010, 0x00050008, 0x2FFF0004, 0x60640014, 0x60640008, 0x60410008)
+    mapping = mapping_of(Pdo("TPDO", 1, words), objects)
+    assert mapping.unpack(bytes.fromhex("3706 AA F5FFFF FF 12")) == {
+        "statusword": 0x0637,
+        "2FFFh:00": 5,
+        "position": -1,
+        "6064h:00": -1,
+        "6041h:00": 0x12,
+    }
+
+
+def test_pdos_out_of_a_dictionary() -> None:
+    pdos = [
+        Pdo("RPDO", 1, (0x60400010,), event_timer=7),
+        Pdo("TPDO", 2, (0x60410010,), type=1, cob_id=0x1A0),
+        Pdo("TPDO", 5, ()),
+    ]
+    _, device = bus_with(*pdos)
+    device.objects.replace(Entry(0x1A01, 0, "entries", "u8", "rw", 1))
+    found = pdos_of(device.objects, 5)
+    assert [(pdo.direction, pdo.number, pdo.mapping, pdo.type, pdo.cob_id) for pdo in found] == [
+        ("RPDO", 1, (0x60400010,), 255, None),  # its own identifier, whatever the node-ID will be
+        ("TPDO", 2, (0x60410010,), 1, 0x1A0),
+        ("TPDO", 5, (), 255, 0x80000000),
+    ]
+    device.objects.replace(Entry(0x1A01, 0, "entries", "u8", "rw", 0xFE))
+    assert [pdo.number for pdo in pdos_of(device.objects, 5)] == [1, 5]
