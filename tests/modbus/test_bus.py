@@ -18,9 +18,10 @@ from barewire.modbus import (
     ReadInputRegisters,
     Server,
     Table,
+    WriteOutcomeUnknown,
     WriteSingleRegister,
 )
-from barewire.modbus.bus import Bus, WriteOutcomeUnknown
+from barewire.modbus.bus import Bus
 from barewire.rtu import RtuLine, Timing
 from tests.helpers import modest
 

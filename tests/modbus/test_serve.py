@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from barewire.ascii import AsciiLine
 from barewire.modbus import (
     Adu,
+    EchoLine,
     ModbusException,
     ReadHoldingRegistersResponse,
     ReportServerIdResponse,
     Response,
+    SdoAborted,
     Server,
     Table,
     Unit,
@@ -69,8 +71,10 @@ def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
         pytest.param("41 00", "C101", id="unknown function"),
         pytest.param("00", "8001", id="function 0"),
         pytest.param("2B 0D 00 1F 1005 00 0000 0004", "AB01", id="unknown MEI type"),
-        pytest.param("07", "8701", id="known function that the unit does not do"),
-        pytest.param("08 0000 A537", "8801", id="another one"),
+        pytest.param("08 0000 A537", "8801", id="known function that the unit does not do"),
+        pytest.param("0B", "8B01", id="another one"),
+        pytest.param("08 00", "8801", id="known, not done, and malformed"),
+        pytest.param("2B 0D 00", "AB01", id="another one of these"),
         # 03: quantities, values, lengths
         pytest.param("03 0000 0000", "8303", id="quantity 0"),
         pytest.param("03 0000 007E", "8303", id="quantity 126"),
@@ -83,6 +87,9 @@ def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
         pytest.param("03", "8303", id="nothing but the function"),
         pytest.param("03 0000 0001 00", "8303", id="a byte too many"),
         pytest.param("2B 0E 05 00", "AB03", id="unknown read code"),
+        pytest.param("14 06 06 0001 0000 00", "9403", id="no whole group of records"),
+        pytest.param("17 0000 007E 0000 0001 02 0000", "9703", id="read 126, written 1"),
+        pytest.param("17 0000 0001 0000 0002 02 0000", "9703", id="byte count of what is written"),
         # 03 wins over 02
         pytest.param("03 FFFF 0000", "8303", id="bad address and quantity 0"),
         pytest.param("05 FFFF 1234", "8503", id="bad address and bad value"),
@@ -94,6 +101,13 @@ def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
         pytest.param("05 0064 FF00", "8502", id="no such coil"),
         pytest.param("0F 0060 0005 01 1F", "8F02", id="coils over the end"),
         pytest.param("10 0063 0002 04 0001 0002", "9002", id="registers over the end"),
+        pytest.param("16 0064 00F2 0025", "9602", id="no register to mask"),
+        pytest.param("17 0063 0002 0000 0001 02 0001", "9702", id="read over the end"),
+        pytest.param("17 0000 0001 0064 0001 02 0001", "9702", id="written over the end"),
+        pytest.param("18 0000", "9802", id="no queue"),
+        pytest.param("14 07 06 0001 0000 0001", "9402", id="no file"),
+        pytest.param("14 07 05 0001 0000 0001", "9402", id="a reference type that is not 6, by figure 24"),
+        pytest.param("15 09 06 0000 0000 0001 0000", "9502", id="file 0, by figure 25"),
         # and what is right
         pytest.param("03 0063 0001", "03020000", id="the last register"),
         pytest.param("05 0063 FF00", "050063FF00", id="the last coil"),
@@ -274,11 +288,11 @@ def test_a_unit_may_stay_silent() -> None:
 # Whatever comes --------------------------------------------------------------------------------------------------
 
 PDUS = st.one_of(st.binary(min_size=1, max_size=30), st.builds(lambda code, rest: bytes([code]) + rest,
-    st.sampled_from([1, 2, 3, 4, 5, 6, 7, 15, 16, 17, 43]), st.binary(max_size=12)))  # fmt: skip
+    st.sampled_from([*range(1, 9), 11, 12, *range(15, 25), 43]), st.binary(max_size=12)))  # fmt: skip
 
 
 @modest
-@given(st.lists(PDUS, max_size=5))
+@given(st.lists(PDUS.filter(lambda pdu: pdu[0] < 0x80), max_size=5))
 def test_any_request_is_answered_with_its_own_function_code(pdus: list[bytes]) -> None:
     server = tcp_server()
     for number, pdu in enumerate(pdus):
@@ -312,3 +326,135 @@ def test_no_bytes_make_a_server_stumble(chunks: list[Chunk]) -> None:
         for data, now in chunks:
             server.feed(data, now)
             assert server.deadline is None or server.deadline >= now or data is None
+
+
+# Too late --------------------------------------------------------------------------------------------------------
+
+READ_0, WRITE_7 = rtu_frame(1, unhex("03 0000 0001")), rtu_frame(1, unhex("06 0000 0007"))
+READ_OTHER, TELL_ALL = rtu_frame(2, unhex("03 0000 0001")), rtu_frame(0, unhex("06 0000 0009"))
+
+
+def heard(server: Server, data: bytes, now: float = 1.0) -> list[bytes]:
+    """What is answered to these bytes in one read, and to the silence behind them."""
+    replies = server.feed(data, now)
+    while server.deadline is not None:
+        replies += server.feed(None, server.deadline)
+    return [reply.data for reply in replies]
+
+
+def test_of_several_requests_in_one_read_only_the_latest_is_answered() -> None:
+    server = rtu_server()
+    assert heard(server, READ_0 + READ_0 + READ_0) == [rtu_frame(1, unhex("03 02 0000"))]
+    assert (server.tally.stale, server.tally.replies, server.tally.requests) == (2, 1, 1)
+
+
+def test_a_write_that_came_too_late_to_be_answered_is_carried_out() -> None:
+    server = rtu_server()
+    assert heard(server, WRITE_7 + READ_0) == [rtu_frame(1, unhex("03 02 0007"))]
+    assert server.tally.stale == 1
+
+
+def test_writes_are_carried_out_in_their_order_whoever_is_answered() -> None:
+    table = Table(10)
+    server = rtu_server({1: table})
+    assert heard(server, WRITE_7 + TELL_ALL + READ_0) == [rtu_frame(1, unhex("03 02 0009"))]
+    assert heard(server, TELL_ALL + WRITE_7, now=2.0) == [WRITE_7]
+    assert table.holding_registers[0] == 7
+
+
+@pytest.mark.parametrize("behind", [READ_OTHER, TELL_ALL, b"\x55" * 4, READ_0[:5]])
+def test_what_is_followed_by_other_traffic_is_not_answered(behind: bytes) -> None:
+    server = rtu_server()
+    assert heard(server, READ_0 + behind) == []
+    assert server.tally.stale == 1
+
+
+@pytest.mark.parametrize("behind", [b"\x00", b"\xff\xff", b"\x00\x00\x00"])
+def test_a_glitch_behind_a_request_only_delays_its_answer(behind: bytes) -> None:
+    server = rtu_server()
+    assert server.feed(READ_0 + behind, 1.0) == []
+    assert server.deadline is not None
+    (reply,) = server.feed(None, server.deadline)
+    assert reply.data == rtu_frame(1, unhex("03 02 0000"))
+    assert server.tally.stale == 0
+
+
+def test_a_glitch_that_becomes_a_frame_was_none() -> None:
+    server = rtu_server()
+    assert server.feed(READ_0 + READ_OTHER[:2], 1.0) == []
+    assert heard(server, READ_OTHER[2:], 1.005) == []
+    assert server.tally.stale == 1
+
+
+def test_an_ascii_line_does_not_wait_a_second_for_a_glitch() -> None:
+    server = Server(AsciiLine(), {1: Table(10)}, serial=True)
+    (reply,) = server.feed(b":010300000001FB\r\n\xff", 1.0)
+    assert reply.data == b":0103020000FA\r\n"
+    assert server.feed(b":010300000001FB\r\n:0203", 2.0) == []
+
+
+# What is no request ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pdu", ["83 02", "80", "FF 01"])
+def test_a_function_with_bit_7_is_no_request(pdu: str) -> None:
+    for server in (rtu_server(), tcp_server()):
+        assert answer(server, pdu) is None
+        assert (server.tally.not_requests, server.tally.requests, server.tally.exceptions) == (1, 0, 0)
+
+
+@pytest.mark.parametrize("pdu", ["06 0000 0007", "08 0000 A537"])
+def test_our_own_answer_heard_at_once_is_no_request(pdu: str) -> None:
+    """Its bytes are those of its request: taken for one, it would be answered for ever."""
+    frame = rtu_frame(1, unhex(pdu))
+    server = rtu_server()
+    (reply,) = server.feed(frame, 1.0)
+    assert reply.data == frame
+    out = reply.at + TIMING.duration(len(frame))
+    server.line.sent(out)
+    assert server.feed(frame, out + 0.0005) == []
+    assert server.tally.echoes == 1
+    assert server.feed(frame, out + 0.1) != [], "the same once more, when everybody may speak again"
+
+
+def test_a_line_that_echoes_is_served_once() -> None:
+    line = EchoLine(RtuLine(TIMING, role="server", units={1}))
+    server = Server(line, {1: Table(10)}, serial=True)
+    now = 1.0
+    for _ in range(3):
+        (reply,) = server.feed(WRITE_7, now)
+        line.sent(reply.at)
+        assert server.feed(reply.data, reply.at + 0.03) == [], "an adapter that hands it over late"
+        now += 1.0
+    assert server.tally.requests == 3
+
+
+# More than it can do ---------------------------------------------------------------------------------------------
+
+
+def test_more_transactions_than_agreed_are_answered_busy() -> None:
+    server = Server(TcpLine(), {1: Table(10)}, serial=False, transactions=2)
+    request = unhex("03 0000 0001")
+    data = b"".join(tcp_frame(1, request, number) for number in range(4))
+    answers = [tcp_decode(reply.data) for reply in server.feed(data, 1.0)]
+    assert [adu.pdu.hex() for adu in answers] == ["03020000", "03020000", "8306", "8306"]
+    assert [adu.transaction for adu in answers] == [0, 1, 2, 3]
+    assert len(server.feed(data[:12], 2.0)) == 1
+
+
+def test_sixteen_transactions_are_agreed() -> None:
+    data = b"".join(tcp_frame(1, unhex("03 0000 0001"), number) for number in range(18))
+    answers = [tcp_decode(reply.data).pdu.hex() for reply in tcp_server().feed(data, 1.0)]
+    assert answers == ["03020000"] * 16 + ["8306"] * 2
+
+
+def test_what_is_not_permitted_is_01() -> None:
+    server = Server(TcpLine(), {1: Table(10)}, serial=False, permits=lambda unit, request: not request.writes)
+    assert answer(server, "03 0000 0001") == "03020000"
+    assert answer(server, "06 0000 0001") == "8601"
+    assert answer(server, "06 0000") == "8603", "what cannot be read cannot be permitted"
+
+
+def test_an_object_dictionary_that_refuses_is_an_extended_exception() -> None:
+    server = tcp_server(Broken(SdoAborted(0x06020000)))
+    assert answer(server, "2B 0D 00 1F 1005 00 0000 0008") == "ABFF00060DEC06020000"

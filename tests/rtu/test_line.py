@@ -332,7 +332,7 @@ def test_a_function_that_nobody_knows_is_ended_by_silence(role: Role) -> None:
 
 
 def test_an_unknown_mei_type_is_ended_by_silence() -> None:
-    line, frame = line_of("server"), encode(1, unhex("2B 0D 00 1F 1005 00 0000 0008"))
+    line, frame = line_of("server"), encode(1, unhex("2B 0C 00 1F 1005 00 0000 0008"))
     assert feed_all(line, spaced([frame[:2], frame[2:]], 0.002)) == []
     assert silence(line) == [decode(frame)]
 

@@ -26,6 +26,7 @@ class AsciiLine:
     """
 
     numbered = False
+    broken = None
 
     def __init__(self, *, character_timeout: float = 1.0, data_bits: int = 8) -> None:
         if data_bits not in (7, 8):

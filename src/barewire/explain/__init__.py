@@ -15,6 +15,9 @@ Every byte is in exactly one field, in order, however broken the frame is; and n
     pdu          the letter: request or response?      can     whose identifier is it?
     modbus       the three envelopes around it         sdo, lss  the two services with tables of their own
 
+    replay       a recording of a line, decoded        overheard  what was heard there, in words
+    pcapng, packets  captures, and Modbus in them      bytelog    logs and dumps
+
 I know: the shape of every message.  I never know: devices, ports, files, clocks, colours.
 Who may import me: shells, cli, bench, tests.
 """

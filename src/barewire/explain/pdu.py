@@ -17,6 +17,7 @@ from barewire.codecs import Field
 from barewire.errors import DecodeError
 from barewire.explain.explanation import LEFT_OVER, Role, counted, cover
 from barewire.explain.words import code_title, title, with_meanings
+from barewire.modbus.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.exceptions import exception_name
 from barewire.modbus.functions import ENCAPSULATED, request_class, response_class
 from barewire.modbus.message import EXCEPTION_BIT, Message
@@ -120,6 +121,8 @@ def _summary(fields: list[Field], pdu: bytes) -> str:
     """The message in one line, for the verdict."""
     if pdu[0] & EXCEPTION_BIT:
         said = f"exception {pdu[1]:02X} ({exception_name(pdu[1])})" if len(pdu) > 1 else "exception"
+        if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
+            said = "extended exception"
         return f"{said} to {code_title(pdu[0] & ~EXCEPTION_BIT)}"
     held = {field.name: field.value for field in fields}
     address, quantity, value = held.get("address"), held.get("quantity"), held.get("value")

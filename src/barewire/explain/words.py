@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from barewire.codecs import Field
 from barewire.explain.explanation import Role
+from barewire.modbus.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.exceptions import EXCEPTIONS, exception_name
 from barewire.modbus.functions import ENCAPSULATED, request_class
 from barewire.modbus.identification import MORE, NO_MORE, OBJECT_NAMES, READ_CODES
@@ -105,15 +106,17 @@ def _words(field: Field, pdu: bytes) -> str:
             return f"bit 7: exception to {code_title(value & ~EXCEPTION_BIT)}"
         case "function_code":
             return code_title(value) if value else "there is no function 00"
+        case "exception_code" if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
+            return ""
         case "exception_code":
             known = EXCEPTIONS.get(value)
             return f"{known.name}: {known.hint}" if known else exception_name(value)
-        case "address":
+        case "address" | "read_address" | "write_address":
             return f"0-based; number {value + 1} in 1-based tables"
         case "quantity":
             return _QUANTITY_OF.get(pdu[0], "")
         case "byte_count":
-            there = len(pdu) - field.offset - 1
+            there = len(pdu) - field.offset - field.length
             return "so many bytes follow" if there == value else f"{value} bytes announced, {there} follow"
         case "mei_type":
             return f"{value:02X} {MEI_TYPES.get(value, 'reserved')}"

@@ -4,11 +4,16 @@
     response:  unit | function code | data          -> ReadHoldingRegistersResponse(registers=(555, 0, 100))
     or:        unit | function code + 80h | code    -> ModbusException
 
-    message     what a message is                    bits, registers, diagnostics, identification    the messages
+    messages    bits, registers, combined, files, fifo, diagnostics, events, identification, canopen_reference
+    message     what a message is
     functions   which class for which function code  adu         what an envelope delivers
-    talk        the client's turn of talk            serve       the server, as a machine
-    line        what an envelope must offer          table       a ready unit: four tables in memory
-    exceptions  how a server declines                bus         what is remembered between two questions
+    line        what an envelope must offer          exceptions  how a server declines
+    a client    talk (a turn of talk), bus and lost (what is remembered between two questions), turns (who may ask
+                next), inquiry (all that a device says about itself)
+    a server    serve (the machine), counters (what it has seen), identity (who it is), authorise (who may do what)
+    its units   table (all in memory), handlers (plain functions)
+    both        echo (a line that hears itself), conform (what every server must do, as data)
+    neither     sniff, sniff_numbered (listening in: requests and responses put together)
 
 I know: function codes, their fields and limits, turns of talk.  I never know: checksums, delimiters, ports, clocks;
 what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
@@ -19,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
+    from barewire.modbus.authorise import Authorisation, Permission
     from barewire.modbus.bits import (
         ReadCoils,
         ReadCoilsResponse,
@@ -29,22 +35,56 @@ if TYPE_CHECKING:
         WriteSingleCoil,
         WriteSingleCoilResponse,
     )
-    from barewire.modbus.bus import Bus, LateReply, WriteOutcomeUnknown
+    from barewire.modbus.bus import Bus
+    from barewire.modbus.canopen_reference import (
+        CanopenReference,
+        CanopenReferenceResponse,
+        ExtendedExceptionResponse,
+        SdoAborted,
+    )
+    from barewire.modbus.combined import (
+        MaskWriteRegister,
+        MaskWriteRegisterResponse,
+        ReadWriteMultipleRegisters,
+        ReadWriteMultipleRegistersResponse,
+    )
+    from barewire.modbus.counters import Counters
     from barewire.modbus.diagnostics import (
         Diagnostics,
         DiagnosticsResponse,
         ReadExceptionStatus,
         ReadExceptionStatusResponse,
     )
+    from barewire.modbus.echo import EchoLine
+    from barewire.modbus.events import (
+        GetCommEventCounter,
+        GetCommEventCounterResponse,
+        GetCommEventLog,
+        GetCommEventLogResponse,
+        event_text,
+    )
     from barewire.modbus.exceptions import EXCEPTIONS, ModbusException, exception_name
+    from barewire.modbus.fifo import ReadFifoQueue, ReadFifoQueueResponse
+    from barewire.modbus.files import (
+        FileRecord,
+        ReadFileRecord,
+        ReadFileRecordResponse,
+        RecordPlace,
+        WriteFileRecord,
+        WriteFileRecordResponse,
+    )
     from barewire.modbus.functions import decode_request, decode_response, register
+    from barewire.modbus.handlers import Functions
     from barewire.modbus.identification import (
         ReadDeviceIdentification,
         ReadDeviceIdentificationResponse,
         ReportServerId,
         ReportServerIdResponse,
     )
+    from barewire.modbus.identity import Identity
+    from barewire.modbus.inquiry import Identification, identify
     from barewire.modbus.line import Line
+    from barewire.modbus.lost import LateReply, WriteOutcomeUnknown
     from barewire.modbus.message import ExceptionResponse, Message, Request, Response
     from barewire.modbus.registers import (
         ReadHoldingRegisters,
@@ -59,6 +99,7 @@ if TYPE_CHECKING:
     from barewire.modbus.serve import Reply, Server, Tally, Unit
     from barewire.modbus.table import Table
     from barewire.modbus.talk import ask, tell
+    from barewire.modbus.turns import Turns
 
 __all__ = [
     "BROADCAST",
@@ -77,9 +118,34 @@ __all__ = [
     "WriteSingleCoilResponse",
     "Diagnostics",
     "DiagnosticsResponse",
+    "GetCommEventCounter",
+    "GetCommEventCounterResponse",
+    "GetCommEventLog",
+    "GetCommEventLogResponse",
+    "event_text",
+    "MaskWriteRegister",
+    "MaskWriteRegisterResponse",
+    "ReadWriteMultipleRegisters",
+    "ReadWriteMultipleRegistersResponse",
+    "ReadFifoQueue",
+    "ReadFifoQueueResponse",
+    "FileRecord",
+    "RecordPlace",
+    "ReadFileRecord",
+    "ReadFileRecordResponse",
+    "WriteFileRecord",
+    "WriteFileRecordResponse",
+    "CanopenReference",
+    "CanopenReferenceResponse",
+    "ExtendedExceptionResponse",
+    "SdoAborted",
     "Bus",
     "LateReply",
     "WriteOutcomeUnknown",
+    "EchoLine",
+    "Turns",
+    "Authorisation",
+    "Permission",
     "ReadExceptionStatus",
     "ReadExceptionStatusResponse",
     "EXCEPTIONS",
@@ -92,6 +158,9 @@ __all__ = [
     "ReadDeviceIdentificationResponse",
     "ReportServerId",
     "ReportServerIdResponse",
+    "Identification",
+    "Identity",
+    "identify",
     "Line",
     "ExceptionResponse",
     "Message",
@@ -109,6 +178,8 @@ __all__ = [
     "Server",
     "Tally",
     "Unit",
+    "Counters",
+    "Functions",
     "Table",
 ]
 
@@ -120,13 +191,26 @@ _FILES = (
     "message",
     "bits",
     "registers",
+    "combined",
+    "files",
+    "fifo",
     "diagnostics",
+    "events",
     "identification",
+    "canopen_reference",
     "functions",
+    "lost",
     "bus",
     "talk",
+    "inquiry",
+    "echo",
+    "turns",
+    "authorise",
+    "counters",
     "serve",
+    "identity",
     "table",
+    "handlers",
 )
 
 

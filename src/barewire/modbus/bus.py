@@ -13,7 +13,8 @@ proven gone:
     B  ------------------->
        <--- the answer to B
 
-    recovery = "probe"    as drawn; a unit that leaves the probe unanswered is given `late_window` of silence instead
+    recovery = "probe"    as drawn. The probe may be late too, so both are given `late_window`; if nothing comes, B is
+                          not sent (NoAnswer). A unit that left two probes unanswered is asked again after the window
     recovery = "wait"     no probe: silence for `late_window`, then B
 
 A line whose answers are numbered (TCP) is never suspect. The good case costs nothing. What is assumed: a unit answers
@@ -27,8 +28,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, TypeVar
+from copy import copy
+from typing import Any, Literal, TypeVar
 
 from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
@@ -36,65 +37,22 @@ from barewire.modbus.adu import BROADCAST, Adu
 from barewire.modbus.diagnostics import RETURN_QUERY_DATA, Diagnostics
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.line import Event, Line
+from barewire.modbus.lost import KEPT, BusCounters, Known, LateReply, Lost, WriteOutcomeUnknown, describe, note
 from barewire.modbus.message import Request, Response
 
 R = TypeVar("R", bound=Response)
 Recovery = Literal["probe", "wait"]
-
-_KEPT = 16
-"""Late replies kept to be looked at, and lost questions remembered: a line in trouble must not fill the memory."""
-
-
-class WriteOutcomeUnknown(NoAnswer):
-    """A write was sent and nobody answered: it may have been carried out, or not. Read back before writing again."""
-
-
-class LateReply(NamedTuple):
-    """An answer that came when nobody waited for it any more. It was not delivered to anybody."""
-
-    unit: int
-    request: Request[Any]
-    pdu: bytes
-    at: float
-
-
-class _Lost(NamedTuple):
-    """A question that went out and got no answer, and when it was given up."""
-
-    unit: int
-    request: Request[Any]
-    at: float
-
-
-@dataclass(slots=True)
-class _Known:
-    """What is known of one unit."""
-
-    free_at: float = float("-inf")  # not to be spoken to before: its gap
-    silent: int = 0  # questions in a row without an answer
-    dead_until: float = float("-inf")
-    deaf: bool = False  # leaves probes unanswered
-
-
-@dataclass(slots=True)
-class BusCounters:
-    """How the line is."""
-
-    asked: int = 0
-    answered: int = 0
-    lost: int = 0
-    late: int = 0
-    probes: int = 0
-    strays: int = 0
-    replies: deque[LateReply] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
 
 class Bus:
     """The owner of a line. One conversation at a time; whoever runs several sees to the turns.
 
     `late_window` is the silence, in seconds, after which a lost answer is taken for gone; three time-outs if not given.
-    `gaps` are pauses, in seconds, that units need between two exchanges. After `dead_after` questions in a row without
-    an answer a unit is left alone for a while, longer each time, up to `dead_longest` seconds: None never gives up.
+    `gaps` are pauses, in seconds, that units need between two exchanges; `gap` is that of all others. After
+    `dead_after` questions in a row without an answer a unit is left alone for a while, longer each time, up to
+    `dead_longest` seconds: None never gives up.
+
+    `line` may be replaced between two questions, when a connection was made anew: what was lost may still come.
     """
 
     def __init__(
@@ -103,6 +61,7 @@ class Bus:
         *,
         recovery: Recovery = "probe",
         late_window: float | None = None,
+        gap: float = 0.0,
         gaps: Mapping[int, float] | None = None,
         dead_after: int | None = None,
         dead_longest: float = 30.0,
@@ -111,17 +70,28 @@ class Bus:
         self.recovery: Recovery = recovery
         self.late_window = late_window
         self.counters = BusCounters()
+        self._gap = gap
         self._gaps = gaps or {}
         self._dead_after = dead_after
         self._dead_longest = dead_longest
-        self._lost: deque[_Lost] = deque(maxlen=_KEPT)
-        self._units: dict[int, _Known] = {}
+        self._lost: deque[Lost] = deque(maxlen=KEPT)
+        self._units: dict[int, Known] = {}
         self._nonce = 0
 
     @property
     def suspect(self) -> list[tuple[int, Request[Any]]]:
         """The questions whose answers may still come."""
         return [(lost.unit, lost.request) for lost in self._lost]
+
+    def beside(self, line: Line) -> Bus:
+        """A bus for another line to the same units: several questions under way on one connection.
+
+        What is known of the units and the counters are shared.
+        """
+        other = copy(self)
+        other.line = line
+        other._lost = deque(maxlen=KEPT)
+        return other
 
     def ask(
         self, unit: int, request: Request[R], *, timeout: float = 1.0, retries: int = 0, repeat_writes: bool = False
@@ -140,12 +110,35 @@ class Bus:
             try:
                 return (yield from self._once(unit, request, timeout))
             except NoAnswer:
-                if not retries:
+                if not retries or self.line.broken is not None:
                     raise
                 retries -= 1
 
+    def tell(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
+        """Broadcast to every unit on a serial line. Nobody answers; `turnaround` is their time to act, in seconds.
+
+        [MB-SERIAL 2.4.1]. Raises EncodeError for a request that only reads: nobody would see the answer.
+        """
+        if not request.writes:
+            text = f"{request.name} as a broadcast: nobody answers those, so only writing makes sense"
+            raise EncodeError(text, "unit")
+        return self._tell(request, turnaround)
+
+    def _tell(self, request: Request[R], turnaround: float) -> Conversation[bytes, None]:
+        yield from self.hush(turnaround + 1.0)
+        heard = yield Send(self.line.request(BROADCAST, request.encode()))
+        self.line.sent(heard.now)
+        until = heard.now + turnaround
+        while heard.now < until:
+            heard = yield Listen(until)
+            self._pass_over(heard)
+
+    def overhear(self, data: bytes | None, now: float) -> None:
+        """Bytes that came when nobody was asking."""
+        self._pass_over(Heard(data, now))
+
     def _once(self, unit: int, request: Request[R], timeout: float) -> Conversation[bytes, R]:
-        known = self._units.setdefault(unit, _Known())
+        known = self._units.setdefault(unit, Known())
         now = yield from self.hush(timeout)
         if now < known.dead_until:
             left = known.dead_until - now
@@ -157,7 +150,7 @@ class Bus:
         return (yield from self._exchange(unit, request, timeout, known, now))
 
     def _exchange(
-        self, unit: int, request: Request[R], timeout: float, known: _Known, now: float
+        self, unit: int, request: Request[R], timeout: float, known: Known, now: float
     ) -> Conversation[bytes, R]:
         """Send it and wait for its answer. It is `now`: from here on an answer may come, however this ends."""
         line = self.line
@@ -186,19 +179,24 @@ class Bus:
                             self._answered(known, unit, now)
                             return response
                     self._stray(event, now)
-                    _note(passed_over, why)
-        except (Abandoned, GeneratorExit):
-            self._lose(unit, request, now)
+                    note(passed_over, why)
+                if line.broken is not None:
+                    break
+        except (Abandoned, GeneratorExit) as gone:
+            self._lose(unit, request, now, timeout)
+            if request.writes and isinstance(gone, Abandoned):
+                raise _unknown(f"unit {unit}, {request.name}: {gone}") from gone
             raise
-        self._lose(unit, request, now)
-        self._unanswered(known, now)
-        if line.held:
-            _note(passed_over, f"{len(line.held)} bytes without an end")
-        instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
-        text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
-        raise (
-            WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown") if request.writes else NoAnswer(text)
-        )
+        self._lose(unit, request, now, timeout)
+        if line.broken is not None:
+            text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing behind it can be trusted"
+        else:
+            self._unanswered(known, now)
+            if line.held:
+                note(passed_over, f"{len(line.held)} bytes without an end")
+            instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
+            text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
+        raise _unknown(text) if request.writes else NoAnswer(text)
 
     def hush(self, patience: float) -> Conversation[bytes, float]:
         """Hear the line out until it may be spoken on; returns the time. What comes now answers nothing of ours.
@@ -220,7 +218,7 @@ class Bus:
     # A lost answer
 
     def _prove_gone(
-        self, unit: int, request: Request[Any], timeout: float, known: _Known, now: float
+        self, unit: int, request: Request[Any], timeout: float, known: Known, now: float
     ) -> Conversation[bytes, float]:
         """Before a question that a lost answer could pass for: make sure that the lost answer cannot come any more.
 
@@ -228,53 +226,64 @@ class Bus:
         """
         if not self._confusable(unit, request):
             return now
-        probing = self.recovery == "probe" and not known.deaf
-        if probing and not any(isinstance(lost.request, Diagnostics) for lost in self._lost if lost.unit == unit):
-            self._nonce = self._nonce + 0x9E37 & 0xFFFF  # a different number each time: its echo cannot be an older one
+        # A probe proves nothing to a question that is one itself; and who left two unanswered has no ear for them.
+        proof = self.recovery == "probe" and request.function_code != Diagnostics.function_code
+        if proof and known.unproven < 2:
+            self._nonce = self._nonce + 0x9E37 & 0xFFFF  # another number each time: its echo cannot be an older one
             self.counters.probes += 1
+            probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
+            known.unproven += 1
             try:
-                yield from self._exchange(
-                    unit, Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big")), timeout, known, now
-                )
+                yield from self._exchange(unit, probe, timeout, known, now)
             except ModbusException:
                 pass  # "I do not know function 08" is an answer too, and it came after everything before
             except NoAnswer:
-                known.deaf = not known.silent > 1  # the unit is there, but not for probes
-            else:
-                known.deaf = False
-        window = self.late_window if self.late_window is not None else 3 * timeout
-        while confusable := self._confusable(unit, request):
-            until = max(lost.at for lost in confusable) + window
+                pass  # it may be late like the others: the window is for both
+        while self._confusable(unit, request):
+            until = max(lost.until for lost in self._lost if lost.unit == unit)
             heard = yield Listen(until)
             now = self._pass_over(heard)
+            if now >= until and proof and known.unproven < 2:
+                text = f"unit {unit} owes an answer that may still come, and left a probe unanswered"
+                raise NoAnswer(f"{text}: {request.name} was not sent")
             if now >= until:
                 self._forget(unit)
         return (yield from self.hush(timeout))
 
-    def _confusable(self, unit: int, request: Request[Any]) -> list[_Lost]:
+    def settle(self) -> Conversation[bytes, None]:
+        """Stay on the line until no lost answer can come any more: for whoever leaves it to others."""
+        while self._lost:
+            until = max(lost.until for lost in self._lost)
+            heard = yield Listen(until)
+            if self._pass_over(heard) >= until:
+                self._lost.clear()
+
+    def _confusable(self, unit: int, request: Request[Any]) -> list[Lost]:
         """The lost questions whose answers could pass for this one's: the same function is enough, for an exception
         response says no more than that."""
         code = request.function_code
         return [lost for lost in self._lost if lost.unit == unit and lost.request.function_code == code]
 
-    def _lose(self, unit: int, request: Request[Any], now: float) -> None:
+    def _lose(self, unit: int, request: Request[Any], now: float, timeout: float) -> None:
         self.counters.lost += 1
         if not self.line.numbered:
-            self._lost.append(_Lost(unit, request, now))
+            window = 3 * timeout if self.late_window is None else self.late_window
+            self._lost.append(Lost(unit, request, now + window))
 
     def _forget(self, unit: int) -> None:
-        self._lost = deque((lost for lost in self._lost if lost.unit != unit), maxlen=_KEPT)
+        self._lost = deque((lost for lost in self._lost if lost.unit != unit), maxlen=KEPT)
 
-    def _answered(self, known: _Known, unit: int, now: float) -> None:
+    def _answered(self, known: Known, unit: int, now: float) -> None:
         """The unit answered: everything it was asked before is settled."""
         self.counters.answered += 1
         known.silent = 0
+        known.unproven = 0
         known.dead_until = float("-inf")
-        known.free_at = now + self._gaps.get(unit, 0.0)
+        known.free_at = now + self._gaps.get(unit, self._gap)
         if self._lost:
             self._forget(unit)
 
-    def _unanswered(self, known: _Known, now: float) -> None:
+    def _unanswered(self, known: Known, now: float) -> None:
         known.silent += 1
         if self._dead_after is not None and known.silent >= self._dead_after:
             known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), self._dead_longest)
@@ -289,35 +298,16 @@ class Bus:
         self.counters.strays += 1
         if not isinstance(event, Adu):
             return
-        for lost in self._lost:
-            if lost.unit == event.unit and _fits(lost.request, event.pdu):
-                self._lost.remove(lost)
+        for place, lost in enumerate(self._lost):
+            if lost.could_be(event):
+                # It answers in the order in which it was asked: what was lost before this will not come any more.
+                kept = (other for at, other in enumerate(self._lost) if at > place or other.unit != lost.unit)
+                self._lost = deque(kept, maxlen=KEPT)
+                self._units[lost.unit].unproven = 0
                 self.counters.late += 1
                 self.counters.replies.append(LateReply(lost.unit, lost.request, event.pdu, now))
                 return
 
 
-def _fits(request: Request[Any], pdu: bytes) -> bool:
-    try:
-        request.read_response(pdu)
-    except ModbusException:
-        return True
-    except DecodeError:
-        return False
-    return True
-
-
-def describe(event: Event) -> str:
-    """One event in words, for the text of an error."""
-    if isinstance(event, Adu):
-        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}"
-    shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
-    return f"{len(event.data)} bytes {shown}: {event.text or event.reason}"
-
-
-def _note(passed_over: list[str], text: str) -> None:
-    """Keep the first few: an error is one line, and a babbling line must not fill the memory."""
-    if len(passed_over) < 3:
-        passed_over.append(text)
-    elif len(passed_over) == 3:
-        passed_over.append("...")
+def _unknown(text: str) -> WriteOutcomeUnknown:
+    return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown")

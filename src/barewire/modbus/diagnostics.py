@@ -89,11 +89,30 @@ ECHOED = frozenset({0x00, 0x01, 0x03, 0x0A, 0x14})
 """Sub-functions whose response is the request once more."""
 
 
+RESTART_AND_CLEAR_LOG = b"\xff\x00"
+"""The data of Restart Communications that clears the event log too; zeros keep it."""
+
+
 def _check_diagnostics(sub_function: int, data: bytes) -> None:
     check_range("sub_function", sub_function, 0, 0xFFFF)
-    if sub_function != RETURN_QUERY_DATA and len(data) != 2:
-        raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, here are {len(data)}", "data")
     check_range("data length", len(data), 0, 250)
+    # What a reserved sub-function has for data is nobody's business: a server declines it whatever it is.
+    if sub_function in SUB_FUNCTIONS and sub_function != RETURN_QUERY_DATA and len(data) != 2:
+        raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, here are {len(data)}", "data")
+
+
+def _check_asked(sub_function: int, data: bytes) -> None:
+    """The data of a request: zeros, but for what is echoed, to restart (0000 or FF00), and the delimiter (CHAR 00)."""
+    if sub_function == RESTART_COMMUNICATIONS:
+        allowed = data in (b"\0\0", RESTART_AND_CLEAR_LOG)
+    elif sub_function == CHANGE_ASCII_DELIMITER:
+        allowed = data[1:] == b"\0"
+    else:
+        allowed = sub_function == RETURN_QUERY_DATA or sub_function not in SUB_FUNCTIONS or data == b"\0\0"
+    if not allowed:
+        expected = {RESTART_COMMUNICATIONS: "00 00 or FF 00", CHANGE_ASCII_DELIMITER: "a character and 00"}
+        shown, right = data.hex(" ").upper(), expected.get(sub_function, "00 00")
+        raise EncodeError(f"data {shown} for sub-function {sub_function:02X}: expected {right}", "data")
 
 
 def _diagnostics_fields(found: list[Field]) -> list[Field]:
@@ -169,6 +188,7 @@ class Diagnostics(Request[DiagnosticsResponse]):
 
     def __post_init__(self) -> None:
         _check_diagnostics(self.sub_function, self.data)
+        _check_asked(self.sub_function, self.data)
 
     def encode(self) -> bytes:
         """The PDU."""

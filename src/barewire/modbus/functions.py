@@ -1,9 +1,11 @@
 """The table of contents: which message class belongs to which function code.
 
     01 Read Coils                05 Write Single Coil          0F Write Multiple Coils        07 Read Exception Status
-    02 Read Discrete Inputs      06 Write Single Register      10 Write Multiple Registers    11 Report Server ID
-    03 Read Holding Registers    04 Read Input Registers       2B/0E Read Device Identification
-    08 Diagnostics
+    02 Read Discrete Inputs      06 Write Single Register      10 Write Multiple Registers    08 Diagnostics
+    03 Read Holding Registers    16 Mask Write Register        17 Read/Write Multiple         0B Get Comm Event Counter
+    04 Read Input Registers      18 Read FIFO Queue            14 Read File Record            0C Get Comm Event Log
+    11 Report Server ID          2B/0E Read Device             15 Write File Record           2B/0D CANopen General
+                                       Identification                                               Reference
 
 A function code of your own: write a request and a response class, then `register(YourRequest)`. From then on servers,
 clients, `explain` and the byte count of RTU know it.
@@ -15,7 +17,12 @@ from typing import Any, TypeAlias
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.bits import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
+from barewire.modbus.canopen_reference import CanopenReference, ExtendedExceptionResponse
+from barewire.modbus.combined import MaskWriteRegister, ReadWriteMultipleRegisters
 from barewire.modbus.diagnostics import Diagnostics, ReadExceptionStatus
+from barewire.modbus.events import GetCommEventCounter, GetCommEventLog
+from barewire.modbus.fifo import ReadFifoQueue
+from barewire.modbus.files import ReadFileRecord, WriteFileRecord
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.message import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
 from barewire.modbus.registers import (
@@ -51,6 +58,13 @@ def register(request: type[AnyRequest], mei_type: int | None = None) -> type[Any
     return request
 
 
+def forget(request: type[AnyRequest]) -> None:
+    """Undo `register`: its function code is unknown again. For tests; what was replaced does not come back."""
+    for known_by in (_requests, _encapsulated):
+        for number in [number for number, known in known_by.items() if known is request]:
+            del known_by[number]
+
+
 for _request in (
     ReadCoils,
     ReadDiscreteInputs,
@@ -60,11 +74,19 @@ for _request in (
     WriteSingleRegister,
     ReadExceptionStatus,
     Diagnostics,
+    GetCommEventCounter,
+    GetCommEventLog,
     WriteMultipleCoils,
     WriteMultipleRegisters,
     ReportServerId,
+    ReadFileRecord,
+    WriteFileRecord,
+    MaskWriteRegister,
+    ReadWriteMultipleRegisters,
+    ReadFifoQueue,
 ):
     register(_request)
+register(CanopenReference, mei_type=0x0D)
 register(ReadDeviceIdentification, mei_type=0x0E)
 
 
@@ -86,7 +108,7 @@ def request_class(pdu: bytes) -> type[AnyRequest] | None:
 def response_class(pdu: bytes) -> type[Response] | None:
     """The class of a response PDU, exception responses included; None for an unknown function."""
     if pdu and pdu[0] & EXCEPTION_BIT:
-        return ExceptionResponse
+        return ExtendedExceptionResponse if pdu[:2] == ExtendedExceptionResponse.BEGINNING else ExceptionResponse
     request = request_class(pdu)
     return request.response if request else None
 

@@ -8,12 +8,14 @@ A *line* is the framing state of one connection. Nobody inherits from this; a cl
     response(to, pdu)  -> bytes on the wire          deadline: feed None at this time if nothing came
     quiet_at: not before this time                   answers(adu): does it answer the last request?
     sent(now): what was given is out now             held: bytes that are not decided yet
+                                                     broken: why nothing that comes can be trusted any more
 """
 
 from __future__ import annotations
 
 from typing import Protocol, TypeAlias
 
+from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
 
 Event: TypeAlias = Adu | Noise
@@ -37,6 +39,10 @@ class Line(Protocol):
     @property
     def held(self) -> bytes:
         """The bytes that are neither frame nor noise yet."""
+
+    @property
+    def broken(self) -> DecodeError | None:
+        """Why nothing that comes can be trusted any more: the connection is to be closed. Only TCP lines can break."""
 
     def request(self, unit: int, pdu: bytes) -> bytes:
         """The bytes that carry a request. From here on `answers` means this one."""

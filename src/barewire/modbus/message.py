@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, cast
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.adu import check_pdu
-from barewire.modbus.exceptions import ModbusException, exception_name
+from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
 
 R = TypeVar("R", bound="Response")
 
@@ -101,6 +101,11 @@ class Request(Message, Generic[R]):
             if hasattr(response, field.name) and getattr(response, field.name) != getattr(self, field.name, None):
                 self.refuse(pdu, field.name, getattr(self, field.name, None), getattr(response, field.name))
         return cast(Response, response)
+
+    @classmethod
+    def declines(cls, error: DecodeError) -> int:
+        """The exception code for a request of this function that cannot be read: 03, where no figure says otherwise."""
+        return ILLEGAL_DATA_VALUE
 
     def refuse(self, pdu: bytes, field: str, asked: object, answered: object) -> None:
         """Raise DecodeError("mismatch") for a field of the answer that does not fit what was asked."""

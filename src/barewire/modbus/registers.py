@@ -18,7 +18,7 @@ READ_LIMIT = 125
 WRITE_LIMIT = 123
 
 
-def _register_fields(found: list[Field]) -> list[Field]:
+def register_fields(found: list[Field]) -> list[Field]:
     """A tail of registers opened up: one line for each."""
     tail = found[-1] if found and isinstance(found[-1].value, str) else None
     if tail is None:
@@ -69,7 +69,7 @@ class ReadHoldingRegistersResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Register by register."""
-        return _register_fields(cls.layout.fields(pdu))
+        return register_fields(cls.layout.fields(pdu))
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,4 +242,4 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Register by register."""
-        return _register_fields(cls.layout.fields(pdu))
+        return register_fields(cls.layout.fields(pdu))

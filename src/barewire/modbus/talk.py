@@ -16,9 +16,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from barewire.conversation import Conversation, Listen, Send
-from barewire.errors import EncodeError
-from barewire.modbus.adu import BROADCAST
+from barewire.conversation import Conversation
 from barewire.modbus.bus import Bus
 from barewire.modbus.line import Line
 from barewire.modbus.message import Request, Response
@@ -37,20 +35,5 @@ def ask(line: Line, unit: int, request: Request[R], *, timeout: float = 1.0) -> 
 
 
 def tell(line: Line, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
-    """Broadcast to every unit on a serial line. Nobody answers; `turnaround` is their time to act [MB-SERIAL 2.4.1].
-
-    Raises EncodeError for a request that only reads: nobody would see the answer.
-    """
-    if not request.writes:
-        raise EncodeError(f"{request.name} as a broadcast: nobody answers those, so only writing makes sense", "unit")
-    return _tell(line, request, turnaround)
-
-
-def _tell(line: Line, request: Request[R], turnaround: float) -> Conversation[bytes, None]:
-    yield from Bus(line).hush(turnaround + 1.0)
-    heard = yield Send(line.request(BROADCAST, request.encode()))
-    line.sent(heard.now)
-    until = heard.now + turnaround
-    while heard.now < until:
-        heard = yield Listen(until)
-        line.feed(heard.item, heard.now)
+    """Broadcast to every unit on a serial line, and give them `turnaround` seconds to act."""
+    return Bus(line).tell(request, turnaround=turnaround)

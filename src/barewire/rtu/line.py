@@ -55,6 +55,7 @@ class RtuLine:
     """
 
     numbered = False
+    broken = None
 
     def __init__(
         self,

@@ -7,9 +7,11 @@ and no later byte can be trusted: the line is *broken*, says so once with the by
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.tcp.frame import HEADER, PREFIX, check_header, encode
+from barewire.tcp.frame import HEADER, PREFIX, check_header, decode, encode
 
 
 class TcpLine:
@@ -22,14 +24,21 @@ class TcpLine:
     [Adu(unit=1, pdu=b'\\x07m', transaction=1)]
     >>> line.held
     b'\\x00'
+
+    Two quirks of servers and gateways are tolerated when said, never without. `any_unit`: an answer may bear another
+    unit than its question. `any_transaction`: it may bear another transaction; then nothing tells a late answer from
+    the right one, and the line counts as not `numbered`: one question at a time, and the care of a serial line.
     """
 
-    numbered = True
-
-    def __init__(self) -> None:
+    def __init__(
+        self, *, any_unit: bool = False, any_transaction: bool = False, number: Callable[[], int] | None = None
+    ) -> None:
+        self.numbered = not any_transaction
+        self._any_unit = any_unit
         self._held = bytearray()
         self._transaction = 0
         self._unit = 0
+        self._number = number or self._count
         self.broken: DecodeError | None = None
         """Why nothing that comes can be trusted any more; None while all is well."""
 
@@ -50,9 +59,12 @@ class TcpLine:
 
     def request(self, unit: int, pdu: bytes) -> bytes:
         """The frame of a request, under the next transaction number."""
-        self._transaction = self._transaction + 1 & 0xFFFF
+        self._transaction = self._number()
         self._unit = unit
         return encode(unit, pdu, self._transaction)
+
+    def _count(self) -> int:
+        return self._transaction + 1 & 0xFFFF
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """The frame of an answer: the request's unit and transaction come back unchanged [MB-TCP 4.4.2.3]."""
@@ -63,7 +75,8 @@ class TcpLine:
 
     def answers(self, adu: Adu) -> bool:
         """The transaction and the unit of the last request."""
-        return adu.transaction == self._transaction and adu.unit == self._unit
+        this = not self.numbered or adu.transaction == self._transaction
+        return this and (self._any_unit or adu.unit == self._unit)
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
         """As many frames as are whole. After a header that cannot be right everything is Noise."""
@@ -89,3 +102,20 @@ class TcpLine:
             at = len(held)
         del self._held[:at]
         return events
+
+
+class DatagramLine(TcpLine):
+    """The same frames over UDP: one datagram is one frame, whole or not at all, so nothing is held and nothing breaks.
+
+    >>> DatagramLine().feed(bytes.fromhex("00 01 00 00 00 03 01"), now=0.0)
+    [Noise(data=b'\\x00\\x01\\x00\\x00\\x00\\x03\\x01', reason='short', text='length 3 promises 9 bytes, here are 7')]
+    """
+
+    def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
+        """One datagram: a frame, or noise that says why it is none."""
+        if not data:
+            return []
+        try:
+            return [decode(data)]
+        except DecodeError as error:
+            return [Noise(data, error.reason, error.text)]

@@ -1,0 +1,74 @@
+"""Who may do what: nothing is permitted that the table does not say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from barewire.errors import EncodeError
+from barewire.modbus import (
+    Authorisation,
+    MaskWriteRegister,
+    ReadHoldingRegisters,
+    ReadWriteMultipleRegisters,
+    ReportServerId,
+    Request,
+    WriteMultipleCoils,
+    WriteMultipleRegisters,
+    WriteSingleRegister,
+)
+from tests.helpers import refused
+
+TABLE = Authorisation.parse(
+    """{"Viewer": [{"functions": [3, 4, 17]}],
+        "Operator": [{"functions": [3]}, {"functions": [6, 15, 16, 22, 23], "units": "1-3,7", "addresses": "10-19,30"}],
+        "Engineer": [{}],
+        "": [{"functions": [17]}]}"""
+)
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "request_", "allowed"),
+    [
+        ("Viewer", 1, ReadHoldingRegisters(0, 125), True),
+        ("Viewer", 1, WriteSingleRegister(0, 0), False),
+        ("Viewer", 1, ReportServerId(), True),
+        ("Operator", 1, WriteSingleRegister(10, 0), True),
+        ("Operator", 1, WriteSingleRegister(30, 0), True),
+        ("Operator", 1, WriteSingleRegister(20, 0), False),
+        ("Operator", 7, WriteSingleRegister(10, 0), True),
+        ("Operator", 4, WriteSingleRegister(10, 0), False),
+        ("Operator", 1, WriteMultipleRegisters(18, (1, 2)), True),
+        ("Operator", 1, WriteMultipleRegisters(18, (1, 2, 3)), False),
+        ("Operator", 1, WriteMultipleCoils(18, (True, True, True)), False),
+        ("Operator", 1, MaskWriteRegister(20, 0, 0), False),
+        ("Operator", 1, ReadWriteMultipleRegisters(10, 2, 18, (1, 2)), True),
+        ("Operator", 1, ReadWriteMultipleRegisters(9, 2, 18, (1, 2)), False),
+        ("Operator", 1, ReadWriteMultipleRegisters(10, 2, 18, (1, 2, 3)), False),
+        ("Engineer", 200, WriteSingleRegister(9999, 0), True),
+        (None, 1, ReportServerId(), True),
+        (None, 1, ReadHoldingRegisters(0, 1), False),
+        ("viewer", 1, ReadHoldingRegisters(0, 1), False),
+        ("Nobody", 1, ReadHoldingRegisters(0, 1), False),
+    ],
+)
+def test_what_is_permitted(role: str | None, unit: int, request_: Request[Any], allowed: bool) -> None:
+    assert TABLE.allows(role, unit, request_) is allowed
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "a table of roles is JSON"),
+        ("[]", "a table of roles is JSON"),
+        ('{"Viewer": [1]}', "a table of roles is JSON"),
+        ('{"Viewer": [{"function": [3]}]}', "role 'Viewer': unknown 'function', expected functions, units, addresses"),
+        ('{"Viewer": [{"functions": [300]}]}', "expected a list of 1..127"),
+        ('{"Viewer": [{"units": "1-300"}]}', "expected numbers and ranges, such as 0-99,200, up to 255"),
+        ('{"Viewer": [{"addresses": "1-"}]}', "expected numbers and ranges"),
+    ],
+)
+def test_a_table_that_is_none(text: str, said: str) -> None:
+    with refused(EncodeError, said):
+        Authorisation.parse(text)

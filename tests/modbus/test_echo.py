@@ -1,0 +1,112 @@
+"""A line that hears itself: the echo is taken off by comparing, and a damaged one is a collision."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import AsciiLine
+from barewire.conversation import play
+from barewire.errors import NoAnswer
+from barewire.modbus import Adu, EchoLine, Line, Noise, ReadHoldingRegisters, Server, Table, WriteSingleRegister, ask
+from barewire.rtu import RtuLine, Timing, encode
+from tests.helpers import answering, bytes_of, modest
+
+TIMING = Timing.of(19200)
+REQUEST = encode(1, ReadHoldingRegisters(107, 1).encode())
+ANSWER = encode(1, b"\x03\x02\x00\x2a")
+
+
+def line_of(inside: Line | None = None) -> EchoLine:
+    return EchoLine(inside or RtuLine(TIMING))
+
+
+@pytest.mark.parametrize("cut", range(1, len(REQUEST) + len(ANSWER)))
+def test_the_echo_is_taken_off_however_it_arrives(cut: int) -> None:
+    line = line_of()
+    assert line.request(1, ReadHoldingRegisters(107, 1).encode()) == REQUEST
+    line.sent(0.0)
+    heard = REQUEST + ANSWER
+    events = line.feed(heard[:cut], 0.001) + line.feed(heard[cut:], 0.02)
+    assert events == [Adu(1, b"\x03\x02\x00\x2a")]
+    assert (line.echoed, line.collisions, line.held) == (len(REQUEST), 0, b"")
+
+
+def test_a_client_on_an_echoing_line() -> None:
+    line = line_of()
+    answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, REQUEST), (0.02, ANSWER)))
+    assert answer.registers == (42,)
+    write = encode(1, WriteSingleRegister(1, 2).encode())
+    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, write), (0.02, write)))
+
+
+def test_an_echo_is_not_taken_for_the_answer_that_looks_like_it() -> None:
+    write = encode(1, WriteSingleRegister(1, 2).encode())
+    with pytest.raises(NoAnswer):
+        play(ask(line_of(), 1, WriteSingleRegister(1, 2)), answering((0.001, write)))
+
+
+def test_a_damaged_echo_is_a_collision_and_says_what_was_heard() -> None:
+    line = line_of()
+    damaged = REQUEST[:4] + b"\xff" + REQUEST[5:]
+    with pytest.raises(NoAnswer, match="collision: sent 01 03 00 6B 00 01 F5 D6, heard 01 03 00 6B FF 01 F5 D6"):
+        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged)))
+    assert line.collisions == 1
+
+
+def test_a_good_answer_after_a_damaged_echo_is_found() -> None:
+    line = line_of()
+    damaged = b"\x00" + REQUEST[1:]
+    answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged), (0.1, ANSWER)))
+    assert answer.registers == (42,)
+    assert line.collisions == 1
+
+
+def test_where_there_is_no_echo_the_answer_is_found_all_the_same() -> None:
+    line = line_of()
+    for _ in range(3):
+        answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))
+        assert answer.registers == (42,)
+
+
+def test_an_echo_that_ends_early() -> None:
+    line = line_of()
+    line.request(1, ReadHoldingRegisters(107, 1).encode())
+    line.sent(0.0)
+    assert line.feed(REQUEST[:5], 0.01) == []
+    assert line.deadline == pytest.approx(0.11)
+    assert line.held == REQUEST[:5]
+    (collision, *rest) = line.feed(None, 0.11)
+    assert isinstance(collision, Noise)
+    assert collision.text == "collision: the echo ended after 5 bytes of 8"
+    assert line.feed(None, 1.0) + rest == [Noise(REQUEST[:5], "checksum", "CRC is 6B 00, should be 20 F0")]
+
+
+def test_a_server_hears_its_own_answers() -> None:
+    line = EchoLine(RtuLine(TIMING, role="server", units=(1,)))
+    server = Server(line, {1: Table()}, serial=True)
+    for now in (1.0, 2.0):
+        (reply,) = server.feed(REQUEST, now)
+        line.sent(now + 0.01)
+        assert server.feed(reply.data, now + 0.02) == []
+    assert line.collisions == 0
+
+
+@modest
+@given(
+    said=st.booleans(),
+    chunks=st.lists(st.one_of(st.none(), st.binary(max_size=20), st.just(REQUEST), st.just(ANSWER[:5])), max_size=8),
+    ascii_inside=st.booleans(),
+)
+def test_no_byte_vanishes(said: bool, chunks: list[bytes | None], ascii_inside: bool) -> None:
+    line = line_of(AsciiLine() if ascii_inside else None)
+    if said:
+        line.request(1, ReadHoldingRegisters(107, 1).encode())
+    fed = told = 0
+    for step, chunk in enumerate(chunks):
+        events = line.feed(chunk, 0.05 * step)
+        fed += len(chunk or b"")
+        told += len(bytes_of(events, lambda adu: encode(adu.unit, adu.pdu)))
+        if not ascii_inside:
+            assert told + len(line.held) + line.echoed == fed

@@ -1,0 +1,132 @@
+"""Who a device is: the objects of a server at all levels, and the conversation that walks them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+
+from barewire.conversation import play
+from barewire.errors import DecodeError, EncodeError
+from barewire.modbus import (
+    Bus,
+    Identification,
+    Identity,
+    ModbusException,
+    ReadDeviceIdentification,
+    ReadDeviceIdentificationResponse,
+    Server,
+    Table,
+    identify,
+)
+from barewire.tcp import TcpLine
+from barewire.tcp import decode as tcp_decode
+from barewire.tcp import encode as tcp_frame
+from tests.helpers import refused, serving
+
+BASIC = {0: b"ACME", 1: b"bench", 2: b"1.0"}
+REGULAR = BASIC | {3: b"https://example.org", 5: b"model"}
+EXTENDED = REGULAR | {0x80: bytes(100), 0x90: bytes(range(244)), 0xFF: b"last"}
+
+
+def asked(objects: dict[int, bytes], read_code: int) -> Identification:
+    table = Table(vendor="", product="")
+    table.identity = Identity(objects)
+    server = Server(TcpLine(), {1: table}, serial=False)
+    return play(identify(Bus(TcpLine()), 1, read_code), serving(server))[0]
+
+
+@pytest.mark.parametrize(
+    ("objects", "conformity"), [(BASIC, 0x81), (REGULAR, 0x82), (EXTENDED, 0x83)], ids=["basic", "regular", "extended"]
+)
+@pytest.mark.parametrize(("read_code", "last"), [(1, 2), (2, 6), (3, 0xFF)])
+def test_every_level_of_every_device_arrives_whole(
+    objects: dict[int, bytes], conformity: int, read_code: int, last: int
+) -> None:
+    wanted = {number: value for number, value in objects.items() if number <= last}
+    assert asked(objects, read_code) == Identification(conformity, wanted)
+
+
+def test_an_object_of_244_bytes_goes_alone() -> None:
+    identity = Identity(EXTENDED)
+    parts = []
+    request = ReadDeviceIdentification(3, 0)
+    while True:
+        answer = identity.answer(request)
+        assert len(answer.encode()) <= 253
+        parts.append([number for number, _ in answer.objects])
+        if not answer.more_follows:
+            break
+        request = ReadDeviceIdentification(3, answer.next_object)
+    assert parts == [[0, 1, 2, 3, 5, 0x80], [0x90], [0xFF]]
+
+
+@pytest.mark.parametrize("read_code", [1, 2])
+def test_a_stream_does_not_begin_at_an_object_of_a_higher_level(read_code: int) -> None:
+    answer = Identity(EXTENDED).answer(ReadDeviceIdentification(read_code, 0x80))
+    assert answer.objects[0] == (0, b"ACME")
+
+
+def test_single_objects_of_any_level() -> None:
+    identity = Identity(EXTENDED)
+    assert identity.answer(ReadDeviceIdentification(4, 0xFF)).objects == ((0xFF, b"last"),)
+    with pytest.raises(ModbusException) as caught:
+        identity.answer(ReadDeviceIdentification(4, 0x81))
+    assert caught.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("objects", "text"),
+    [
+        (BASIC | {0x80: bytes(245)}, "object 80h has 245 bytes: more than 244 never fit a PDU"),
+        (BASIC | {7: b""}, "object 07h is reserved"),
+        (BASIC | {0x100: b""}, "object 100h is reserved"),
+        ({0: b"", 1: b""}, "objects 00h, 01h and 02h (vendor, product, revision) are not optional"),
+    ],
+)
+def test_what_could_not_be_sent_is_refused_when_it_is_configured(objects: dict[int, bytes], text: str) -> None:
+    with refused(EncodeError, text):
+        Identity(objects)
+
+
+def test_texts() -> None:
+    assert Identification(1, {0: b"ACME", 6: b"x", 0x81: b"\xe9"}).texts() == {
+        "VendorName": "ACME",
+        "UserApplicationName": "x",
+        "object 81h": "é",
+    }
+
+
+# A device that never ends ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("objects", "following"), [(((0, b"x"),), 0), (((0, b"x"), (3, b"y")), 2), ((), 0)])
+def test_a_device_that_goes_round_and_round_is_found_out(
+    objects: tuple[tuple[int, bytes], ...], following: int
+) -> None:
+    def peer(item: bytes, now: float) -> Iterable[tuple[float, bytes]]:
+        answer = ReadDeviceIdentificationResponse(1, 1, objects, True, following)
+        return [(now, tcp_frame(1, answer.encode(), tcp_decode(item).transaction or 0))]
+
+    with refused(DecodeError, f"it says that {following:02X}h follows: that would never end"):
+        play(identify(Bus(TcpLine()), 1), peer)
+
+
+def test_a_device_that_gives_nothing_but_goes_on_ends_all_the_same() -> None:
+    asked: list[int] = []
+
+    def peer(item: bytes, now: float) -> Iterable[tuple[float, bytes]]:
+        adu = tcp_decode(item)
+        asked.append(adu.pdu[3])
+        more = asked[-1] < 0xFF
+        answer = ReadDeviceIdentificationResponse(3, 3, (), more, asked[-1] + 1 if more else 0)
+        return [(now, tcp_frame(1, answer.encode(), adu.transaction or 0))]
+
+    found, _ = play(identify(Bus(TcpLine()), 1, 3), peer)
+    assert found == Identification(3, {})
+    assert asked == list(range(256))
+
+
+def test_a_single_object_is_no_stream() -> None:
+    with refused(EncodeError, "read_code = 4: expected 1..3"):
+        identify(Bus(TcpLine()), 1, 4)
