@@ -1,10 +1,16 @@
 """THE ONLY ROOM WITH CLOCKS AND SOCKETS. Here conversations are carried out on real ports.
 
-    blocking   the engine that waits                 aio        the same engine with await; TCP client and server
-    client     clients by URL, blocking              host       servers, devices and simulators by URL
-    endpoint   URLs taken apart                      taps       watching what passes
+    blocking       the engine that waits                 aio            the same engine with await
+    modbus_client  the blocking client, by URL           aio_client     the asyncio client, the same words
+    verbs          read_holding_registers and the like, for both
+    client         CANopen, and any client by URL        drive          a drive behind a client
+    host           servers, devices, simulators by URL   aio_server, aio_port_servers   asyncio servers, limits
+    endpoint       URLs taken apart                      carriers       what carries Modbus: line and port for a URL
+    back_off       when to connect again                 taps           watching what passes
+    tls            certificates, roles                   tls_session    TLS of a server's connection, as a machine
 
-    tcp_socket, serial_port, pseudo_terminal, can_bus        the ports; pyserial and python-can stand here only
+    tcp_socket, serial_port, pseudo_terminal, can_bus, aio_serial, aio_dial     the ports; pyserial and python-can stand
+                                                                                here only
 
         open_modbus("rtu:///dev/ttyUSB0?unit=1")     open_canopen("can://socketcan/can0?node=1")
         open_host("tcp://127.0.0.1:1502", units={1: Table()})
@@ -17,11 +23,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from barewire.shells.aio import AsyncModbusClient, open_tcp, serve_tcp
+    from barewire.shells.aio_client import AsyncModbusClient, open_async, open_tcp
+    from barewire.shells.aio_server import serve, serve_tcp
     from barewire.shells.blocking import Port, run
-    from barewire.shells.client import CanopenClient, ModbusClient, connect, open_canopen, open_modbus
+    from barewire.shells.client import CanopenClient, connect, open_canopen
     from barewire.shells.endpoint import Endpoint
     from barewire.shells.host import Host, open_host
+    from barewire.shells.modbus_client import ModbusClient, open_modbus
 
 __all__ = [
     "Endpoint",
@@ -33,14 +41,16 @@ __all__ = [
     "open_modbus",
     "open_canopen",
     "AsyncModbusClient",
+    "open_async",
     "open_tcp",
+    "serve",
     "serve_tcp",
     "Host",
     "open_host",
 ]
 
 # Loaded when asked for, the light ones first: a blocking client needs no asyncio.
-_FILES = ("endpoint", "blocking", "client", "aio", "host")
+_FILES = ("endpoint", "blocking", "modbus_client", "client", "aio_client", "aio_server", "host")
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from barewire.conversation import Conversation, Heard, Send, last_words
-from barewire.errors import BarewireError
+from barewire.errors import BarewireError, PortError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -48,9 +48,23 @@ def run(conversation: Conversation[Item, Result], port: Port[Item], clock: Clock
     except StopIteration as stop:
         result: Result = stop.value
         return result
-    except BaseException:
+    except BaseException as gone:
         # A conversation that raised is over and has nothing to say; one that was cut off may have.
-        for item in last_words(conversation):
+        for item in farewell(conversation, gone):
             with contextlib.suppress(BarewireError):
                 port.send(item)
         raise
+
+
+def farewell(conversation: Conversation[Item, Result], gone: BaseException) -> list[Item]:
+    """The last words of a conversation that was cut off by `gone`.
+
+    Where the port failed and the conversation knows better what that means (a write whose outcome nobody knows), its
+    error is raised instead.
+    """
+    try:
+        return last_words(conversation, str(gone) if isinstance(gone, PortError) else "the conversation was abandoned")
+    except BarewireError as better:
+        if isinstance(gone, PortError):
+            raise better from gone
+        return []

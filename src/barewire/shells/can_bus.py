@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import socket
+import time
+from collections import deque
 from typing import Any
 
-from barewire.canopen.frame import CanFrame
+from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
 from barewire.shells.endpoint import Endpoint, socketcand_address
+from barewire.shells.tcp_socket import reason
 
 try:
     import can
@@ -22,12 +26,16 @@ _OURS = ("node", "timeout", "bitrate")
 
 
 class CanPort:
-    """An open bus. Error frames and CAN FD frames are not CANopen's and are passed over, counted in `others`."""
+    """An open bus.
+
+    Error frames and CAN FD frames are not CANopen's: `others` counts them, `strange` keeps the last of them.
+    """
 
     def __init__(self, endpoint: Endpoint) -> None:
         interface, _, channel = endpoint.place.partition("/")
         self.name = f"{interface}/{channel}"
         self.others = 0
+        self.strange: deque[ErrorFrame | FdFrame] = deque(maxlen=64)
         extra: dict[str, Any] = {key: _plain(value) for key, value in endpoint.options.items() if key not in _OURS}
         if interface == "socketcand" and "host" not in extra:
             host, port = socketcand_address(channel)
@@ -38,6 +46,8 @@ class CanPort:
             extra.setdefault("sleep_after_open", 0.0)
             channel = channel if channel.startswith("/") else f"/{channel}"
         try:
+            if interface == "socketcand":
+                _greeted(extra["host"], extra["port"])
             self._bus = can.Bus(
                 channel=channel, interface=interface, bitrate=endpoint.integer("bitrate", 125_000), **extra
             )
@@ -61,15 +71,18 @@ class CanPort:
 
     def receive(self, timeout: float) -> CanFrame | None:
         """The next frame within `timeout` seconds, or None."""
-        try:
-            message = self._bus.recv(min(timeout, 3600.0))
-        except (can.CanError, OSError, ValueError) as error:
-            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
-        if message is None:
-            return None
-        if message.is_error_frame or message.is_fd:
+        until = time.monotonic() + min(timeout, 3600.0)
+        while True:
+            try:
+                message = self._bus.recv(max(0.0, until - time.monotonic()))
+            except (can.CanError, OSError, ValueError) as error:
+                raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+            if message is None:
+                return None
+            if not (message.is_error_frame or message.is_fd):
+                break
             self.others += 1
-            return None
+            self.strange.append(_strange(message))
         if message.is_remote_frame:
             return CanFrame(message.arbitration_id, b"", message.is_extended_id, True, message.dlc)
         return CanFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
@@ -78,6 +91,21 @@ class CanPort:
         """Leave the bus."""
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
+
+
+def _greeted(host: str, port: int) -> None:
+    """Whether a socketcand server is there: python-can would try for ten seconds, or wait for ever for the greeting."""
+    with socket.create_connection((host, port), timeout=3.0) as probe:
+        if b"< hi >" not in probe.recv(64):
+            raise PortError(f"can://socketcand/{host}:{port}: that is no socketcand server")
+
+
+def _strange(message: Any) -> ErrorFrame | FdFrame:
+    """What is no classical frame, as the kind that it is."""
+    if message.is_error_frame:
+        return ErrorFrame(message.arbitration_id & EXTENDED_MAX, bytes(message.data))
+    flags = bool(message.bitrate_switch) | bool(message.error_state_indicator) << 1
+    return FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, flags)
 
 
 def _plain(text: str) -> Any:
@@ -89,5 +117,7 @@ def _plain(text: str) -> Any:
 
 
 def _first_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return reason(error)
     text = (str(error) or type(error).__name__).splitlines()[0]
     return text[:1].lower() + text[1:]

@@ -1,17 +1,26 @@
 """Where something is, written as a URL: one way to name a port for every command and every client.
 
-tcp://127.0.0.1:1502?unit=1
+tcp://127.0.0.1:1502?unit=1               Modbus TCP
+tls://10.0.0.5?cert=me.crt&key=me.key&ca=ca.crt        the same inside TLS; port 802
+udp://10.0.0.5:502                        the same frames, one a datagram
 rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
 ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E
+rtu+tcp://10.0.0.5:4001                   a serial line behind a transparent serial server; ascii+tcp:// too
 rtu://pty                                 a new pseudo-terminal (where a simulator is to be started)
 can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can names it: socketcan, slcan, ...
 can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
 
-scheme   options, and what they are without being said
-tcp      unit (the device's own, or 1), timeout (1)
-rtu      unit, timeout (1), baudrate (19200), parity (E), stopbits (1), bytesize (8), patience (0.03, or "strict"), pace
-ascii    unit, timeout (1), baudrate (19200), parity (E), stopbits (1), bytesize (8), patience (1), pace
-can      node (the device's own, or 1), timeout (1), bitrate (125000), and whatever the python-can interface takes
+scheme     options, and what they are without being said
+all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after questions
+           without an answer a unit is left alone for a while (never), late_window (three time-outs), recovery (probe)
+tcp        any_unit, any_transaction (0): quirks tolerated; server: connections (1024), idle seconds (0: no limit)
+tls        as tcp, and cert, key, ca (files), server_name (the host); server: roles (a file, or "any")
+udp        any_unit, any_transaction (0)
+rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (usb: see LATENCIES), patience (that of the
+           latency, in seconds, or "strict"), echo (0), rs485 (off, kernel or rts), pace
+ascii      as rtu, but patience (1) and no latency
+rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
+can        node (the device's own, or 1), timeout (1), bitrate (125000), and whatever the python-can interface takes
 """
 
 from __future__ import annotations
@@ -22,12 +31,27 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from barewire.errors import EncodeError
 
-SCHEMES = ("tcp", "rtu", "ascii", "can")
 PSEUDO_TERMINAL = "pty"
+LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
+"""The longest pause, in seconds, that is forgiven inside an RTU frame, by what carries the bytes. A UART's FIFO and the
+scheduler hold them back for milliseconds, USB adapters for up to 16 ms twice, a network for as long as it likes."""
 
-_SERIAL = frozenset({"unit", "timeout", "baudrate", "parity", "stopbits", "bytesize", "patience", "pace"})
-_KNOWN = {"tcp": frozenset({"unit", "timeout"}), "rtu": _SERIAL, "ascii": _SERIAL}
-
+_ALL = frozenset({"unit", "timeout", "gap", "dead_after", "late_window", "recovery"})
+_TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
+_WIRE = {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
+_TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
+_KNOWN = {
+    "tcp": _TCP,
+    "tls": _TCP | {"cert", "key", "ca", "server_name", "roles"},
+    "udp": _ALL | {"any_unit", "any_transaction"},
+    "rtu": _ALL | _WIRE | {"latency"},
+    "ascii": _ALL | _WIRE,
+    "rtu+tcp": _TUNNEL | {"latency"},
+    "ascii+tcp": _TUNNEL,
+}
+MODBUS = tuple(_KNOWN)
+SCHEMES = (*MODBUS, "can")
+_PORTS = {"tls": 802}
 
 SOCKETCAND_PORT = 29536
 
@@ -59,7 +83,8 @@ class Endpoint(NamedTuple):
         """The URL taken apart; EncodeError says what is wrong with it and what was expected."""
         parts = urlsplit(url)
         if parts.scheme not in SCHEMES or "://" not in url:
-            forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/... or can://INTERFACE/CHANNEL"
+            forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
+            forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             raise EncodeError(f"endpoint {url!r}: expected {forms}")
         options = dict(parse_qsl(parts.query, keep_blank_values=True))
         known = _KNOWN.get(parts.scheme)
@@ -82,11 +107,21 @@ class Endpoint(NamedTuple):
         return f"{self.scheme}://{self.place}" + (f"?{query}" if query else "")
 
     @property
+    def envelope(self) -> str:
+        """What is around a PDU: rtu, ascii or tcp; can for a bus."""
+        return "tcp" if self.scheme in ("tls", "udp") else self.scheme.partition("+")[0]
+
+    @property
+    def is_serial_port(self) -> bool:
+        """Whether `place` is a serial device, not a host."""
+        return self.scheme in ("rtu", "ascii")
+
+    @property
     def host_and_port(self) -> tuple[str, int]:
-        """For tcp: 502 is the port that nobody has to say. An IPv6 address stands in brackets."""
+        """Where a host is: 502 is the port that nobody has to say, 802 for TLS. An IPv6 address stands in brackets."""
         host, colon, port = self.place.rpartition(":")
         if not colon or port.endswith("]"):
-            host, port = self.place, "502"
+            host, port = self.place, str(_PORTS.get(self.scheme, 502))
         if not port.isdecimal() or int(port) > 0xFFFF:
             raise EncodeError(f"endpoint {str(self)!r}: port {port!r} is not a number in 0..65535")
         return host.strip("[]"), int(port)
@@ -101,6 +136,10 @@ class Endpoint(NamedTuple):
         except ValueError:
             raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a whole number") from None
 
+    def flag(self, key: str) -> bool:
+        """An option that is 0 or 1; 0 if it is not said."""
+        return self.choice(key, "0", ("0", "1")) == "1"
+
     def seconds(self, key: str, default: float) -> float:
         """An option that is a time in seconds, not negative."""
         text = self.options.get(key)
@@ -114,7 +153,8 @@ class Endpoint(NamedTuple):
 
     def choice(self, key: str, default: str, choices: tuple[str, ...]) -> str:
         """An option that is one of a few words."""
-        text = self.options.get(key, default).upper()
-        if text not in choices:
-            raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(choices)}")
-        return text
+        text = self.options.get(key, default)
+        for one in choices:
+            if text.lower() == one.lower():
+                return one
+        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(choices)}")

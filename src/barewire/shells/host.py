@@ -4,7 +4,7 @@
     host.url            the URL that clients use: the port number, the pseudo-terminal that was made
     host.run(stop)      serves until the event is set; or host.start() / host.close() in a thread of its own
 
-One class for each kind of port: a server on TCP (asyncio inside), a server on a serial line, a node on a CAN bus.
+One class for each kind of port: a server on TCP or UDP (asyncio inside), one on a serial line, a node on a CAN bus.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from typing import Protocol, Self
 from barewire.canopen import CanFrame
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.modbus import Server, Unit
-from barewire.shells.aio import serve_tcp
+from barewire.shells.aio_server import server_at
 from barewire.shells.blocking import Port
-from barewire.shells.client import open_serial, serial_line
+from barewire.shells.carriers import modbus_line, open_serial
 from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint, socketcand_address
 from barewire.shells.pseudo_terminal import PseudoTerminal
 from barewire.shells.socketcand_hub import SocketcandHub
@@ -83,16 +83,20 @@ class Host(ABC):
             self._thread.join(timeout=5.0)
 
 
-class TcpHost(Host):
-    """A Modbus TCP server. Port 0 takes a free one."""
+class NetworkHost(Host):
+    """A server on a TCP or UDP port: tcp, tls, udp, rtu+tcp, ascii+tcp. Port 0 takes a free one."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
         super().__init__()
-        self._units = units
+        self.server = server_at(endpoint, units)
         host, port = endpoint.host_and_port
         try:
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
-            self._listener = socket.create_server((host, port), family=family)
+            if endpoint.scheme == "udp":
+                self._listener = socket.socket(family, socket.SOCK_DGRAM)
+                self._listener.bind((host, port))
+            else:
+                self._listener = socket.create_server((host, port), family=family)
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
         shown = f"[{host}]" if ":" in host else host
@@ -103,7 +107,8 @@ class TcpHost(Host):
         asyncio.run(self._serve(stop))
 
     async def _serve(self, stop: threading.Event) -> None:
-        async with await serve_tcp(self._units, listener=self._listener):
+        await self.server.listen(self._listener)
+        async with self.server:
             while not stop.is_set():
                 await asyncio.sleep(_LOOK)
 
@@ -113,7 +118,7 @@ class SerialHost(Host):
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
         super().__init__()
-        self._line = serial_line(endpoint, "server", tuple(units))
+        self._line = modbus_line(endpoint, "server", tuple(units))
         self._server = Server(self._line, units, serial=True)
         self.port: Port[bytes]
         if endpoint.place == PSEUDO_TERMINAL or not Path(endpoint.place).exists():
@@ -194,7 +199,7 @@ def _hub(endpoint: Endpoint) -> SocketcandHub | None:
 
 
 def open_host(url: str, *, units: Mapping[int, Unit] | None = None, node: CanopenNode | None = None) -> Host:
-    """The host for a URL: `units` for tcp, rtu and ascii, `node` for can. The port is taken at once.
+    """The host for a URL: `units` for Modbus, `node` for can. The port is taken at once.
 
     Raises EncodeError for a URL that does not fit what is to be hosted, PortError for a port that cannot be had.
     """
@@ -205,4 +210,4 @@ def open_host(url: str, *, units: Mapping[int, Unit] | None = None, node: Canope
         return CanHost(endpoint, node)
     if units is None:
         raise EncodeError(f"endpoint {url!r}: there is nothing here that speaks Modbus")
-    return TcpHost(endpoint, units) if endpoint.scheme == "tcp" else SerialHost(endpoint, units)
+    return SerialHost(endpoint, units) if endpoint.is_serial_port else NetworkHost(endpoint, units)

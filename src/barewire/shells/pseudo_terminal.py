@@ -35,6 +35,8 @@ class PseudoTerminal:
         self.path = os.ttyname(self._kept)
         if self._link is not None:
             try:
+                if self._link.is_symlink() and not self._link.exists():
+                    self._link.unlink()  # left over from somebody who had no time to take it away
                 self._link.symlink_to(self.path)
             except OSError as error:
                 self._link = None
@@ -63,6 +65,10 @@ class PseudoTerminal:
             return os.read(self._ours, CHUNK) if ready else None
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def fileno(self) -> int:
+        """The descriptor of our end, for whoever waits with others."""
+        return self._ours
 
     def close(self) -> None:
         """Close both ends and take the link away."""

@@ -16,6 +16,7 @@ from barewire.shells.tcp_socket import CHUNK, reason
 
 try:
     import serial
+    from serial.rs485 import RS485Settings
 except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
     raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from missing
 
@@ -45,22 +46,64 @@ class SerialSettings(NamedTuple):
 
 
 class SerialPort:
-    """An open serial port. `pace` makes a port without a real line (a pseudo-terminal) take its time to send."""
+    """An open serial port. `pace` makes a port without a real line (a pseudo-terminal) take its time to send.
 
-    def __init__(self, path: str, settings: SerialSettings, *, pace: bool = False) -> None:
+    `rs485` is who turns the direction of a two-wire line: the adapter by itself (off), the driver (kernel), or we by
+    RTS: on while we send, off when the last bit is out.
+    """
+
+    def __init__(self, path: str, settings: SerialSettings, *, pace: bool = False, rs485: str = "off") -> None:
         self.name = path
+        self._timed = pace or not is_pseudo_terminal(path)
         self._pace = settings.timing if pace else None
+        self._character = settings.timing.character
+        self._rts = rs485 == "rts"
         self._serial = _open(path, settings)
+        try:
+            if rs485 == "kernel":
+                self._serial.rs485_mode = RS485Settings()
+            elif self._rts:
+                self._serial.rts = False
+        except (OSError, ValueError, serial.SerialException) as error:
+            self.close()
+            raise PortError(f"{path}: rs485={rs485} is not possible here: {_say(error)}") from None
+
+    @classmethod
+    def of(cls, endpoint: Endpoint) -> SerialPort:
+        """The port of a URL."""
+        turned = endpoint.choice("rs485", "off", ("off", "kernel", "rts"))
+        return cls(endpoint.place, SerialSettings.of(endpoint), pace=endpoint.flag("pace"), rs485=turned)
+
+    def fileno(self) -> int:
+        """The descriptor, for whoever waits with others (POSIX)."""
+        return int(self._serial.fileno())
 
     def send(self, item: bytes) -> None:
         """Send the bytes; returns when the last one has left, as far as the system knows."""
         ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
         try:
-            self._serial.write(item)
-            self._serial.flush()
-        except (OSError, serial.SerialException) as error:
+            self.turn(sending=True)
+            try:
+                self._serial.write(item)
+                self._serial.flush()
+            finally:
+                self.turn(sending=False)
+        except (OSError, TypeError, serial.SerialException) as error:
             raise PortError(f"{self.name}: {_say(error)}") from None
         time.sleep(max(0.0, ends - time.monotonic()))
+
+    def turn(self, *, sending: bool) -> None:
+        """The direction of the line, where RTS turns it."""
+        if self._rts:
+            self._serial.rts = sending
+
+    def takes(self, length: int) -> float:
+        """How long so many bytes are on the wire."""
+        return length * self._character if self._timed else 0.0
+
+    def waiting(self) -> int:
+        """How many bytes the system has still to send."""
+        return int(self._serial.out_waiting)
 
     def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds, or None."""
@@ -76,8 +119,8 @@ class SerialPort:
             self._serial.timeout = min(timeout, 3600.0)
             data = self._serial.read(1)
             return bytes(data + self._serial.read(self._serial.in_waiting)) if data else None
-        except (OSError, TypeError, serial.SerialException) as error:
-            # TypeError: what pyserial raises when another thread closed the port meanwhile.
+        except (OSError, TypeError, ValueError, serial.SerialException) as error:
+            # TypeError, ValueError: what comes of it when another thread closed the port meanwhile.
             if isinstance(error, PortError):
                 raise
             raise PortError(f"{self.name}: {_say(error)}") from None
@@ -101,6 +144,8 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
 
 def _say(error: Exception) -> str:
     """pyserial wraps the system's words in its own: unwrap them."""
+    if isinstance(error, TypeError):
+        return "the port was closed"
     if isinstance(error, OSError) and error.errno is not None:
         return reason(OSError(error.errno, os.strerror(error.errno)))
     text = str(error)

@@ -17,14 +17,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
 import threading
 import time
 
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX
 from barewire.errors import PortError
 from barewire.shells.tcp_socket import reason
 
-_MESSAGE = re.compile(r"\s*<\s*([^<>]*?)\s*>")
+_BACKLOG = 0x10000
+"""Bytes that may wait for one client."""
+
 _LONGEST = 4096
 """Characters without a complete message after which a client is not speaking this protocol."""
 
@@ -64,9 +66,9 @@ class SocketcandHub:
         try:
             while (data := await reader.read(_LONGEST)) and len(text) < _LONGEST:
                 text += data.decode("latin-1")
-                while found := _MESSAGE.match(text):
-                    text = text[found.end() :]
-                    words = found[1].split()
+                while ">" in text:
+                    message, _, text = text.partition(">")
+                    words = message.partition("<")[2].split()
                     if words[:1] == ["open"] and len(words) == 2:
                         bus = self._buses.setdefault(words[1], set())
                         writer.write(b"< ok >")
@@ -75,9 +77,7 @@ class SocketcandHub:
                         writer.write(b"< ok >")
                     elif words == ["echo"]:
                         writer.write(b"< echo >")
-                    elif words[:1] == ["send"] and len(words) >= 3:
-                        self._pass_on(words, bus - {writer})
-                    else:
+                    elif words[:1] != ["send"] or not self._pass_on(words[1:], bus - {writer}):
                         writer.write(b"< error unknown command >")
         except (ConnectionError, asyncio.CancelledError):
             pass
@@ -87,8 +87,21 @@ class SocketcandHub:
             with contextlib.suppress(ConnectionError, asyncio.CancelledError):
                 await writer.wait_closed()
 
-    def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> None:
-        data = "".join(word.zfill(2) for word in words[3:]).upper()
-        frame = f"< frame {words[1]} {time.time():.6f} {data} >".encode()
+    def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> bool:
+        """IDENTIFIER LENGTH BYTE...: to all others, if it is a frame; python-can would fall over what is none."""
+        try:
+            identifier, length, *data = (int(word, 16) for word in words)
+            frame = bytes(data)
+        except ValueError:
+            return False
+        base = len(words[0]) == 3  # three digits are a base identifier, whatever the number
+        limit = BASE_MAX if base else EXTENDED_MAX
+        if not 0 <= identifier <= limit or length != len(frame) or length > DATA_MAX:
+            return False
+        written = f"{identifier:03X}" if base else f"{identifier:08X}"
+        said = f"< frame {written} {time.time():.6f} {frame.hex().upper()} >".encode()
         for other in others:
-            other.write(frame)
+            # Who does not listen is dropped, as a full controller drops: the others must not wait, nor the memory fill.
+            if other.transport.get_write_buffer_size() < _BACKLOG:
+                other.write(said)
+        return True

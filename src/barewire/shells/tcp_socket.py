@@ -1,28 +1,37 @@
-"""A TCP connection as a blocking port. Connecting, refusing and hanging up become one-line errors."""
+"""TCP connections and UDP as blocking ports. Connecting, refusing and hanging up become one-line errors."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import select
 import socket
 
 from barewire.errors import PortError
 
 CHUNK = 4096
+CONNECT = 5.0
+"""Seconds until a connection that does not come about is given up."""
+UNHEARD = 10_000
+"""Milliseconds that bytes may go unacknowledged before the system calls the connection dead, where it can be told."""
 
 
 class TcpPort:
     """A connection to a server. Small frames leave at once (TCP_NODELAY), dead peers are found (SO_KEEPALIVE)."""
 
-    def __init__(self, host: str, port: int, *, timeout: float = 5.0) -> None:
+    def __init__(self, host: str, port: int, *, timeout: float = CONNECT) -> None:
         self.name = f"{host}:{port}"
+        self._socket = self._connect(host, port, timeout)
+
+    def _connect(self, host: str, port: int, timeout: float) -> socket.socket:
         try:
-            self._socket = socket.create_connection((host, port), timeout)
+            connection = socket.create_connection((host, port), timeout)
         except TimeoutError:
             raise PortError(f"{self.name}: no connection within {timeout:g} s") from None
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        attend(connection)
+        return connection
 
     def send(self, item: bytes) -> None:
         """Hand the bytes to the system."""
@@ -38,7 +47,7 @@ class TcpPort:
             if not ready:
                 return None
             data = self._socket.recv(CHUNK)
-        except OSError as error:
+        except (OSError, ValueError) as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
         if not data:
             raise PortError(f"{self.name}: the other side closed the connection")
@@ -49,7 +58,52 @@ class TcpPort:
         self._socket.close()
 
 
-def reason(error: OSError) -> str:
+class UdpPort:
+    """Datagrams to one server and from nobody else."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"{host}:{port}"
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            self._socket = socket.socket(family, kind, protocol)
+            self._socket.connect(address)
+        except OSError as error:
+            raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def send(self, item: bytes) -> None:
+        """One datagram."""
+        try:
+            self._socket.send(item)
+        except OSError as error:
+            raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def receive(self, timeout: float) -> bytes | None:
+        """The next datagram within `timeout` seconds; PortError when the other machine says that nobody is there."""
+        try:
+            ready, _, _ = select.select([self._socket], [], [], min(timeout, 3600.0))
+            return self._socket.recv(CHUNK) if ready else None
+        except (OSError, ValueError) as error:
+            raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._socket.close()
+
+
+def attend(connection: socket.socket) -> None:
+    """Small frames leave at once; a peer that is gone without a word is noticed."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        with contextlib.suppress(OSError):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNHEARD)
+
+
+def reason(error: Exception) -> str:
     """What the system says, in lower case and without its number: 'connection refused'."""
-    text = error.strerror or str(error) or type(error).__name__
+    if isinstance(error, ValueError):
+        return "the port was closed"  # a descriptor of -1: another thread closed it meanwhile
+    if isinstance(error, ConnectionError) and error.errno:
+        error = OSError(error.errno, os.strerror(error.errno))  # asyncio has words of its own
+    text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
     return text[:1].lower() + text[1:]

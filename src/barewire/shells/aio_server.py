@@ -1,0 +1,295 @@
+"""Asyncio servers for every carrier: give `serve` a URL and units.
+
+    async with await serve("tcp://0.0.0.0:502", {1: Table()}) as server:
+        ...
+
+Limits hold for connections (TCP, TLS, RTU and ASCII over TCP). Over `connections` the one that was silent longest is
+closed; with `idle` whoever is silent for so many seconds. A client that asks and does not read is not listened to until
+it does; it takes no more memory than one read and the system's buffers. Nobody waits for anybody else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import ssl
+from collections import OrderedDict, deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.modbus import Authorisation, Request, Server, Unit
+from barewire.shells.aio_port_servers import DatagramServer, SerialServer
+from barewire.shells.carriers import modbus_endpoint, modbus_line
+from barewire.shells.endpoint import Endpoint
+from barewire.shells.tcp_socket import CHUNK, attend, reason
+from barewire.shells.tls import server_context, tls_reason
+from barewire.shells.tls_session import TlsSession
+
+CONNECTIONS = 1024
+HANDSHAKE = 10.0
+"""Seconds that TLS may take to come about."""
+
+
+class StreamServer:
+    """A server on a TCP port and its connections. Leaving its `async with`, or `close`, ends all of them."""
+
+    def __init__(
+        self, endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorisation | None = None
+    ) -> None:
+        self.endpoint = endpoint
+        self.units = units
+        self.connections: OrderedDict[_Connection, float] = OrderedDict()
+        """Each with the time it was last heard, the longest silent first."""
+        self.turned_away: deque[str] = deque(maxlen=16)
+        """Why connections were closed by us, the latest: one line each."""
+        self.context: ssl.SSLContext | None = None
+        self.authorisation = authorisation
+        self.most = endpoint.integer("connections", CONNECTIONS)
+        if self.most < 1:
+            raise EncodeError(f"endpoint {str(endpoint)!r}: connections={self.most}: at least one", "connections")
+        self.idle = endpoint.seconds("idle", 0.0)
+        self._server: asyncio.Server | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        if endpoint.scheme == "tls":
+            self.context = server_context(endpoint)
+            self.authorisation = authorisation or _roles(endpoint)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    @property
+    def port(self) -> int:
+        """The port it listens on: of interest when it was asked for port 0."""
+        assert self._server is not None
+        return int(self._server.sockets[0].getsockname()[1])
+
+    @property
+    def unsent(self) -> int:
+        """The bytes of answers that clients have not taken yet."""
+        return sum(connection.unsent for connection in self.connections)
+
+    async def listen(self, listener: socket.socket | None = None) -> None:
+        """Begin to listen; on a socket that is bound already, if there is one."""
+        loop = asyncio.get_running_loop()
+        host, port = self.endpoint.host_and_port
+        try:
+            if listener is not None:
+                self._server = await loop.create_server(lambda: _Connection(self), sock=listener, backlog=CONNECTIONS)
+            else:
+                self._server = await loop.create_server(lambda: _Connection(self), host, port, backlog=CONNECTIONS)
+        except OSError as error:
+            raise PortError(f"{host}:{port}: {reason(error)}") from None
+
+    async def close(self) -> None:
+        """Hang up on everybody and give the port back."""
+        assert self._server is not None
+        self._server.close()
+        if self._timer is not None:
+            self._timer.cancel()
+        for connection in list(self.connections):
+            connection.abort()
+        await self._server.wait_closed()
+
+    def arrived(self, connection: _Connection) -> None:
+        """A new connection; if it is one too many, the one that was silent longest has to go."""
+        while len(self.connections) >= self.most:
+            oldest = next(iter(self.connections))
+            self.turn_away(oldest, f"unused longest of {self.most} connections")
+        self.heard(connection)
+        if self.idle and self._timer is None:
+            self._watch()
+
+    def heard(self, connection: _Connection) -> None:
+        """A connection is in use."""
+        self.connections[connection] = asyncio.get_running_loop().time()
+        self.connections.move_to_end(connection)
+
+    def turn_away(self, connection: _Connection, why: str) -> None:
+        """Close a connection and keep the reason to be seen."""
+        self.connections.pop(connection, None)
+        self.turned_away.append(f"{connection.peer}: {why}")
+        connection.abort()
+
+    def _watch(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._timer = None
+        while self.connections:
+            connection, heard = next(iter(self.connections.items()))
+            if heard + self.idle > loop.time():
+                self._timer = loop.call_at(heard + self.idle, self._watch)
+                return
+            self.turn_away(connection, f"silent for {self.idle:g} s")
+
+
+class _Connection(asyncio.BufferedProtocol):
+    """One client of a server: its own line, the units of all. One read is never more than the buffer."""
+
+    def __init__(self, server: StreamServer) -> None:
+        self.peer = "?"
+        self._all = server
+        self._loop = asyncio.get_running_loop()
+        self._line = modbus_line(server.endpoint, "server", tuple(server.units))
+        self._server = Server(self._line, server.units, serial=not self._line.numbered, permits=self._permits)
+        self._tls = TlsSession(server.context) if server.context is not None else None
+        self._buffer = bytearray(CHUNK)
+        self._timer: asyncio.TimerHandle | None = None
+        self._transport: asyncio.Transport | None = None
+
+    def _permits(self, unit: int, request: Request[Any]) -> bool:
+        table, role = self._all.authorisation, self._tls.role if self._tls is not None else None
+        return table is None or table.allows(role, unit, request)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
+        self.peer = f"{host}:{port}"
+        raw = transport.get_extra_info("socket")
+        if raw is not None:
+            attend(raw)
+        self._all.arrived(self)
+        if self._tls is not None:
+            self._timer = self._loop.call_later(HANDSHAKE, self._impatient)
+
+    def _impatient(self) -> None:
+        if self._tls is not None and not self._tls.stands:
+            self._all.turn_away(self, f"TLS did not come about within {HANDSHAKE:g} s")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._all.connections.pop(self, None)
+        if self._timer is not None:
+            self._timer.cancel()
+
+    @property
+    def unsent(self) -> int:
+        """The bytes that the client has not taken yet."""
+        return 0 if self._transport is None else self._transport.get_write_buffer_size()
+
+    def abort(self) -> None:
+        """Hang up at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self._all.heard(self)
+        data = bytes(self._buffer[:nbytes])
+        if self._tls is None:
+            self._feed(data)
+        else:
+            self._decrypt(self._tls, data)
+
+    def _decrypt(self, tls: TlsSession, data: bytes) -> None:
+        assert self._transport is not None
+        why, said = "", []
+        try:
+            said = tls.feed(data)
+        except DecodeError as error:
+            why = error.text
+        except ssl.SSLError as error:
+            why = tls_reason(error)
+        self._transport.write(tls.outgoing())  # the alert too, so that the client knows why
+        for part in said:
+            self._feed(part)
+        if why or tls.ended:
+            self._hang_up(why)
+
+    def _feed(self, data: bytes | None) -> None:
+        assert self._transport is not None
+        if self._transport.is_closing():
+            return
+        for reply in self._server.feed(data, self._loop.time()):
+            self._write(reply.data)
+            self._line.sent(self._loop.time())
+        if self._line.broken is not None:
+            # Nobody knows any more where a frame begins: the only honest answer is to hang up.
+            self._hang_up(str(self._line.broken))
+        if self._timer is not None:
+            self._timer.cancel()
+        deadline = self._server.deadline
+        self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None)
+
+    def _write(self, data: bytes) -> None:
+        assert self._transport is not None
+        if self._tls is not None:
+            self._tls.say(data)
+            data = self._tls.outgoing()
+        self._transport.write(data)
+
+    def _hang_up(self, why: str) -> None:
+        """Close, after what is still to be sent."""
+        assert self._transport is not None
+        if why:
+            self._all.turned_away.append(f"{self.peer}: {why}")
+        self._transport.close()
+
+    def pause_writing(self) -> None:
+        """A client that asks and does not read: stop listening to it until it does."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.resume_reading()
+
+
+def _roles(endpoint: Endpoint) -> Authorisation | None:
+    """The table that a URL names; None if it says that whoever has a certificate may do all."""
+    name = endpoint.options.get("roles")
+    if name is None:
+        text = "roles=FILE says who may do what; roles=any permits all to whoever has a certificate"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
+    if name == "any":
+        return None
+    try:
+        return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EncodeError(f"endpoint {str(endpoint)!r}: roles {name}: {reason(error)}", "roles") from None
+
+
+AsyncServer = StreamServer | DatagramServer | SerialServer
+
+
+async def serve(
+    url: str,
+    units: Mapping[int, Unit],
+    *,
+    listener: socket.socket | None = None,
+    authorisation: Authorisation | None = None,
+) -> AsyncServer:
+    """Start a server for these units at a URL. A `listener` is a socket that is bound already.
+
+    Raises EncodeError for a URL that says nothing sensible, PortError for a port that cannot be had.
+    """
+    endpoint = modbus_endpoint(url)
+    if endpoint.is_serial_port:
+        return SerialServer(endpoint, units)
+    server = server_at(endpoint, units, authorisation)
+    await server.listen(listener)
+    return server
+
+
+def server_at(
+    endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorisation | None = None
+) -> StreamServer | DatagramServer:
+    """The server of a host and port, not listening yet: what is wrong with the URL is told here."""
+    if endpoint.scheme == "udp":
+        return DatagramServer(endpoint, units)
+    return StreamServer(endpoint, units, authorisation)
+
+
+async def serve_tcp(
+    units: Mapping[int, Unit], host: str = "127.0.0.1", port: int = 502, *, listener: socket.socket | None = None
+) -> StreamServer:
+    """Start a Modbus TCP server for these units."""
+    shown = f"[{host}]" if ":" in host else host
+    server = await serve(f"tcp://{shown}:{port}", units, listener=listener)
+    assert isinstance(server, StreamServer)
+    return server

@@ -1,0 +1,127 @@
+"""The battery of `modbus.conform` held against a server on a real port.
+
+    for result in conform(Endpoint.parse("tcp://127.0.0.1:502?unit=1")): ...
+
+Every case has a connection of its own on TCP; the line of RTU is the same for all. What is said is written as it is and
+what comes back is collected until the server has been silent for a while: no client of ours stands between.
+The server's registers and coils 0 to 9 are written to.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from barewire.errors import EncodeError, PortError
+from barewire.modbus.adu import Adu, Noise
+from barewire.modbus.conform import CASES_RTU, CASES_TCP, SILENCE, Case, Heard, Say, Turn, wrong
+from barewire.rtu import encode as rtu_frame
+from barewire.shells.blocking import Port
+from barewire.shells.carriers import dialer, modbus_line
+from barewire.shells.endpoint import Endpoint
+from barewire.tcp import encode as tcp_frame
+
+PATIENCE = 1.0
+"""Seconds after which a server that has not spoken will not: the time-out of an endpoint that names none. libmodbus
+takes half a second for an exception."""
+
+
+class Result(NamedTuple):
+    """How a case went: `failure` is None, or the difference as a sentence."""
+
+    case: Case
+    heard: tuple[Heard, ...]
+    failure: str | None
+
+
+def battery(endpoint: Endpoint) -> tuple[Case, ...]:
+    """The cases for what the endpoint is."""
+    if endpoint.scheme in ("tcp", "tls"):
+        return CASES_TCP
+    if endpoint.envelope == "rtu":
+        return CASES_RTU
+    raise EncodeError(f"endpoint {str(endpoint)!r}: there are cases for tcp://, tls://, rtu:// and rtu+tcp://")
+
+
+def conform(endpoint: Endpoint) -> Iterator[Result]:
+    """Run every case. EncodeError for an endpoint without cases, PortError where nobody is."""
+    cases = battery(endpoint)
+    unit, patience = endpoint.integer("unit", 1), endpoint.seconds("timeout", PATIENCE)
+    tester = _Tester(endpoint, unit, patience)
+    try:
+        for case in cases:
+            heard = tester.run(case)
+            yield Result(case, tuple(heard), wrong(case, heard, unit))
+    finally:
+        tester.close()
+
+
+class _Tester:
+    def __init__(self, endpoint: Endpoint, unit: int, patience: float) -> None:
+        self._endpoint = endpoint
+        self._unit = unit
+        self._patience = patience
+        self._dial = dialer(endpoint)
+        self._is_tcp = endpoint.envelope == "tcp"
+        self._number = 0
+        self._last = float("-inf")  # when the last byte was on the wire, ours or theirs
+        self._port: Port[bytes] | None = None
+        self._line = modbus_line(endpoint, "client")
+
+    def close(self) -> None:
+        """Give the port back."""
+        if self._port is not None:
+            self._port.close()
+        self._port = None
+
+    def run(self, case: Case) -> Sequence[Heard]:
+        """Say every turn; what came back in each."""
+        if self._is_tcp:
+            self.close()
+        heard = []
+        for place, turn in enumerate(case.turns):
+            following = case.turns[place + 1].after if place + 1 < len(case.turns) else 0.0
+            is_silent = all(way[place] == SILENCE for way in case.ways)
+            # Where the next thing is to be said soon, nobody waits longer for an answer that must not come.
+            heard.append(self._turn(turn, following if following and is_silent else self._patience))
+        return heard
+
+    def _turn(self, turn: Turn, patience: float) -> Heard:
+        if self._port is None:
+            self._port, self._line = self._dial(), modbus_line(self._endpoint, "client")
+        quiet_at = max(self._last + turn.after, self._line.quiet_at)
+        time.sleep(max(0.0, quiet_at - time.monotonic()))
+        heard: list[Adu] = []
+        try:
+            self._port.send(b"".join(map(self._bytes, turn.says)))
+            self._last = time.monotonic()
+            self._line.sent(self._last)
+            until = self._last + patience
+            while (now := time.monotonic()) < until:
+                wake = until if self._line.deadline is None else min(until, self._line.deadline)
+                data = self._port.receive(max(0.0, wake - now))
+                if data:
+                    self._last = time.monotonic()
+                    until = self._last + patience
+                heard += self._frames(data)
+                if len(heard) >= len(turn.says) and self._is_tcp and not self._line.held:
+                    # Nobody answers twice; a last look is enough.
+                    until = min(until, time.monotonic() + patience / 10)
+        except PortError:
+            self.close()
+            return heard or None
+        return heard
+
+    def _frames(self, data: bytes | None) -> Iterator[Adu]:
+        """Noise is told as an answer that fits no case."""
+        for event in self._line.feed(data, time.monotonic()):
+            yield Adu(self._unit, event.data) if isinstance(event, Noise) else event
+
+    def _bytes(self, say: Say) -> bytes:
+        unit = self._unit if say.unit is None else say.unit
+        if say.raw:
+            return say.raw
+        self._number = self._number + 1 & 0xFFFF
+        frame = tcp_frame(unit, say.pdu, self._number) if self._is_tcp else rtu_frame(unit, say.pdu)
+        return frame[: say.first]

@@ -1,0 +1,64 @@
+"""Peers that misbehave on purpose, on real sockets, each in a thread of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def peer(*talks: Callable[[socket.socket], None]) -> Iterator[int]:
+    """A server on loopback: each connection that comes is given to the next of `talks`, the last of them to all that
+    follow. Gives its port."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    open_now: list[socket.socket] = []
+
+    def serve() -> None:
+        count = 0
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = listener.accept()
+                open_now.append(connection)
+                talk = talks[min(count, len(talks) - 1)]
+                count += 1
+                threading.Thread(target=converse, args=(talk, connection), daemon=True).start()
+
+    def converse(talk: Callable[[socket.socket], None], connection: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            connection.settimeout(10)
+            talk(connection)
+        connection.close()
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield listener.getsockname()[1]
+    finally:
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+        thread.join(5)
+        for connection in open_now:
+            connection.close()
+
+
+def read_exactly(connection: socket.socket, count: int) -> bytes:
+    """So many bytes, or OSError."""
+    data = b""
+    while len(data) < count:
+        data += (got := connection.recv(count - len(data)))
+        if not got:
+            raise ConnectionError("closed")
+    return data
+
+
+def answer(request: bytes) -> bytes:
+    """The answer to a Modbus TCP read of one register: its own address."""
+    return request[:5] + bytes([5, request[6], request[7], 2]) + request[8:10]
+
+
+def honest(connection: socket.socket) -> None:
+    """Answers reads of one register with the register's address."""
+    while True:
+        connection.sendall(answer(read_exactly(connection, 12)))

@@ -1,0 +1,28 @@
+"""What is no classical frame does not get in, and is not lost either."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.shells.endpoint import Endpoint
+
+can = pytest.importorskip("can")
+
+
+def test_error_and_fd_frames_are_kinds_of_their_own() -> None:
+    from barewire.shells.can_bus import CanPort
+
+    port = CanPort(Endpoint.parse("can://virtual/kinds"))
+    other = can.Bus(interface="virtual", channel="kinds")
+    for message in (
+        can.Message(arbitration_id=0x60, is_error_frame=True, is_extended_id=False, data=bytes(8)),
+        can.Message(arbitration_id=0x585, is_fd=True, is_extended_id=False, data=bytes(12), bitrate_switch=True),
+        can.Message(arbitration_id=0x585, is_extended_id=True, data=b"\1"),
+    ):
+        other.send(message)
+    assert port.receive(1.0) == CanFrame(0x585, b"\1", extended=True)
+    assert list(port.strange) == [ErrorFrame(0x60, bytes(8)), FdFrame(0x585, bytes(12), False, 1)]
+    assert port.others == 2
+    port.close()
+    other.shutdown()

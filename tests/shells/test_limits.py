@@ -1,0 +1,167 @@
+"""A server's limits: connections, idle time, memory; and nobody waits for a peer that is slow or means harm."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import resource
+import socket
+from collections.abc import AsyncIterator, Iterator
+
+import pytest
+
+from barewire.errors import EncodeError
+from barewire.modbus import Table
+from barewire.shells import open_async, serve
+from barewire.shells.aio_server import StreamServer
+from tests.helpers import refused
+
+READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+ANSWER = bytes.fromhex("0001 0000 0005 01 03 02 0000")
+MOST = bytes.fromhex("0001 0000 0006 01 03 0000 007D")
+"""A question of 12 bytes with an answer of 259."""
+
+
+@pytest.fixture
+def many_files() -> Iterator[None]:
+    """Both ends of a thousand connections are more files than most systems allow without being asked."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, 4096)), hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@contextlib.asynccontextmanager
+async def serving(**options: object) -> AsyncIterator[StreamServer]:
+    said = "&".join(f"{key}={value}" for key, value in options.items())
+    async with await serve(f"tcp://127.0.0.1:0?{said}", {1: Table()}) as server:
+        assert isinstance(server, StreamServer)
+        yield server
+
+
+class Client:
+    """A raw connection."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader, self.writer = reader, writer
+
+    @classmethod
+    async def of(cls, server: StreamServer) -> Client:
+        return cls(*await asyncio.open_connection("127.0.0.1", server.port))
+
+    async def ask(self) -> bytes:
+        self.writer.write(READ)
+        return await asyncio.wait_for(self.reader.readexactly(len(ANSWER)), 10)
+
+    async def is_gone(self) -> bool:
+        try:
+            return await asyncio.wait_for(self.reader.read(), 5) == b""
+        except ConnectionError:
+            return True
+
+    async def close(self) -> None:
+        self.writer.transport.abort()
+        with contextlib.suppress(OSError):
+            await self.writer.wait_closed()
+
+
+@pytest.mark.usefixtures("many_files")
+def test_a_thousand_connections_at_once_each_served() -> None:
+    async def talk() -> None:
+        async with serving() as server:
+            clients = await asyncio.gather(*(Client.of(server) for _ in range(1000)))
+            for _ in range(3):
+                assert set(await asyncio.gather(*(client.ask() for client in clients))) == {ANSWER}
+            assert len(server.connections) == 1000
+            await asyncio.gather(*(client.close() for client in clients))
+
+    asyncio.run(talk())
+
+
+def test_over_the_limit_the_one_that_was_silent_longest_goes() -> None:
+    async def talk() -> None:
+        async with serving(connections=3) as server:
+            clients = [await Client.of(server) for _ in range(3)]
+            for client in clients:
+                await client.ask()
+            await clients[0].ask()  # so the second is now the one that was silent longest
+            clients.append(await Client.of(server))
+            assert await clients[3].ask() == ANSWER
+            assert await clients[1].is_gone()
+            assert [await clients[at].ask() for at in (0, 2, 3)] == [ANSWER] * 3
+            assert "unused longest of 3 connections" in server.turned_away[-1]
+            await asyncio.gather(*(client.close() for client in clients))
+
+    asyncio.run(talk())
+
+
+def test_whoever_is_silent_too_long_goes_and_half_a_request_is_silence_too() -> None:
+    async def talk() -> None:
+        async with serving(idle=0.3) as server:
+            silent, half, busy = [await Client.of(server) for _ in range(3)]
+            half.writer.write(READ[:5])
+            for _ in range(6):
+                await asyncio.sleep(0.1)
+                assert await busy.ask() == ANSWER
+            assert await silent.is_gone()
+            assert await half.is_gone()
+            assert len(server.connections) == 1
+            assert "silent for 0.3 s" in server.turned_away[-1]
+            await asyncio.gather(*(client.close() for client in (silent, half, busy)))
+
+    asyncio.run(talk())
+
+
+def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up() -> None:
+    async def talk() -> None:
+        async with serving() as server:
+            greedy = socket.socket()
+            greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            greedy.connect(("127.0.0.1", server.port))
+            greedy.setblocking(False)
+            async with await open_async(f"tcp://127.0.0.1:{server.port}") as client:
+                sent = stalled = most = 0
+                while stalled < 50:
+                    try:
+                        sent += greedy.send(MOST * 300)
+                    except BlockingIOError:
+                        stalled += 1
+                    assert await client.read_holding_registers(0, 1) == (0,)  # meanwhile
+                    most = max(most, server.unsent)
+            assert sent > 1_000_000
+            assert 0 < most < 200_000
+            greedy.close()
+
+    asyncio.run(talk())
+
+
+def test_one_byte_at_a_time_from_many_holds_nobody_up() -> None:
+    async def talk() -> None:
+        async with serving() as server, await open_async(f"tcp://127.0.0.1:{server.port}") as client:
+            slow = [await Client.of(server) for _ in range(50)]
+            for byte in READ:
+                for each in slow:
+                    each.writer.write(bytes([byte]))
+                assert await client.at(timeout=0.5).read_holding_registers(0, 1) == (0,)
+            got = [await each.reader.readexactly(len(ANSWER)) for each in slow]
+            assert got == [ANSWER] * 50
+            await asyncio.gather(*(each.close() for each in slow))
+
+    asyncio.run(talk())
+
+
+def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept() -> None:
+    async def talk() -> None:
+        async with serving() as server:
+            stranger = await Client.of(server)
+            stranger.writer.write(b"GET / HTTP/1.1\r\n\r\n")
+            assert await stranger.is_gone()
+            assert "protocol identifier is 54 20, Modbus has 00 00" in server.turned_away[-1]
+            await stranger.close()
+
+    asyncio.run(talk())
+
+
+def test_a_limit_that_is_none() -> None:
+    with refused(EncodeError, "connections=0: at least one"):
+        asyncio.run(serve("tcp://127.0.0.1:0?connections=0", {1: Table()}))
