@@ -58,9 +58,8 @@ def failing(*arguments: str, status: int = 1) -> str:
     done = barewire(*arguments)
     assert done.returncode == status, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
-    if status == 1:
-        assert done.stderr.count("\n") == 1, done.stderr
-        assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stdout == ""
     return done.stderr
 
 
@@ -163,6 +162,51 @@ def test_a_value_out_of_range_names_the_range() -> None:
 )
 def test_what_cannot_be_understood_is_usage(arguments: tuple[str, ...]) -> None:
     assert failing(*arguments, status=2)
+
+
+def test_nothing_is_written_when_a_later_value_is_wrong() -> None:
+    with simulated("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        before = out("read", endpoint, "csd-mt", "Profile Velocity")
+        failing("write", endpoint, "csd-mt", "Profile Velocity=1234", "Homing Method=99")
+        assert out("read", endpoint, "csd-mt", "Profile Velocity") == before
+
+
+def test_a_value_without_a_name_is_remarked_on() -> None:
+    with simulated("az3", "rtu://pty") as endpoint:
+        done = barewire("write", endpoint, "az3", "MODES OF OPERATION=77")
+    assert done.returncode == 0
+    assert "77 has no name in the description" in done.stderr
+
+
+def test_a_link_that_was_left_over_is_replaced(tmp_path: Path) -> None:
+    line = tmp_path / "line"
+    line.symlink_to("/dev/pts/999999")
+    with simulated("adxl", f"rtu://{line}") as endpoint:
+        assert "Status" in out("read", endpoint, "adxl", "Status")
+
+
+def test_a_bus_that_nobody_serves_is_refused_at_once() -> None:
+    began = time.monotonic()
+    said = failing("read", f"can://socketcand/127.0.0.1:{free_port()}/can0", "az3", "STATUS WORD")
+    assert "connection refused" in said
+    assert time.monotonic() - began < 5
+
+
+def test_an_exception_tells_what_was_being_read() -> None:
+    with simulated("adxl", "tcp://127.0.0.1:0") as endpoint:
+        assert "while reading Status Word" in failing("read", endpoint, "csd-mt", "Status Word")
+
+
+def test_a_terminal_without_a_degree_sign() -> None:
+    environment = ENVIRONMENT | {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*COMMAND, "devices", "adxl"], capture_output=True, env=environment, check=False)
+    assert done.returncode == 0
+    assert b"Thyristors temperature" in done.stdout
+
+
+def test_a_frame_that_is_not_valid_can_be_a_failure() -> None:
+    assert barewire("explain", "rtu", "01 04", "--check").returncode == 1
+    assert barewire("explain", "rtu", "01 04").returncode == 0
 
 
 def test_hex_that_is_none_is_told() -> None:

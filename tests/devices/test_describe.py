@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from barewire.canopen import AZ3, STANDARD
-from barewire.devices import DescriptionError, describe, load, names
+from barewire.devices import DescriptionError, describe, load, names, parts
 from barewire.devices.load import CATALOG
 from barewire.devices.rows import REQUIRED, RULES
 from tests.devices.test_descriptions import HEAD, HEAD_MISTAKES, row, write
@@ -57,6 +57,9 @@ def test_the_schema_is_a_schema_of_the_same_keys_and_words() -> None:
     assert definitions["parameter"]["required"] == list(REQUIRED)
     canopen = definitions["device"]["properties"]["canopen"]["properties"]
     assert canopen["dialect"]["enum"] == [STANDARD.name, AZ3.name]
+    drive = definitions["device"]["properties"]["drive"]
+    assert list(drive["properties"]) == list(parts.RULES)
+    assert drive["required"] == list(parts.REQUIRED)
 
 
 @pytest.mark.parametrize(
@@ -83,8 +86,8 @@ def test_schema_and_loader_refuse_the_same_rows(changes: dict[str, str | None], 
         load(write(tmp_path, rows))
 
 
-# What is no TOML has no schema, and a schema cannot add up the bits of a PDO.
-BEYOND = ("no TOML", "nested", "room for 64")
+# What is no TOML has no schema, and a schema cannot add up the bits of a PDO or look for a parameter in another file.
+BEYOND = ("no TOML", "nested", "room for 64", "is no parameter")
 
 
 @pytest.mark.parametrize("head", [head for head, said in HEAD_MISTAKES if not any(word in said for word in BEYOND)])

@@ -70,7 +70,7 @@ KEY_MISTAKES: list[tuple[str, str, int, dict[str, str | None]]] = [
     ("type", "'u17': expected one of bool, u8, u16", 2, {"type": '"u17"'}),
     ("type", "16: expected one of", 2, {"type": "16"}),
     ("type", "'u16' in table 'coil'; expected bool", 2, {"holding": None, "coil": "8"}),
-    ("holding", "'8': expected a whole number, 0..65536", 3, {"holding": '"8"'}),
+    ("holding", "'8': expected a whole number, 0..531071", 3, {"holding": '"8"'}),
     ("holding", "8.0: expected a whole number", 3, {"holding": "8.0"}),
     ("holding", "True: expected a whole number", 3, {"holding": "true"}),
     ("holding", "0 is address -1 on the wire; expected 0..65535", 3, {"holding": "0"}),
@@ -172,6 +172,9 @@ def test_a_limit_that_is_no_binary_fraction_is_taken_for_what_is_meant(tmp_path:
     assert load(write(tmp_path, rows)).parameters[0].maximum == 655.35
 
 
+DRIVE = HEAD + "[drive]\nstatus_word = 'second'\n"
+BOTH_WORDS = DRIVE + "control_word = 'second'\n"
+
 HEAD_MISTAKES: list[tuple[str, str]] = [
     # device.toml, what is said behind its name
     ('title = "t"\n', "1: key 'name': missing; expected it in every device.toml"),
@@ -200,6 +203,13 @@ HEAD_MISTAKES: list[tuple[str, str]] = [
      "12: pdo 'P': key 'map': 65 bits; a PDO has room for 64"),
     (HEAD.replace("[canopen]\n", "[[pdo]]\nname = 'P'\n"), "7: key 'pdo': the device has no CANopen"),
     ('name = "n"\ntitle = "t"\nmodbus = 5\n', "3: key 'modbus': expected a table [modbus]"),
+    (DRIVE, "8: [drive]: key 'control_word': missing; expected it in every [drive]"),
+    (DRIVE + "control_word = 'secnd'\n", "10: [drive]: key 'control_word': 'secnd' is no parameter of this device"),
+    (DRIVE + "control_word = ''\n", "10: [drive]: key 'control_word': '': expected text, not empty"),
+    (DRIVE + "controlword = 'second'\n", "10: [drive]: key 'controlword': unknown; did you mean 'control_word'?"),
+    (BOTH_WORDS + "modes = { position = 1 }\n", "11: [drive]: key 'modes': nothing to write them to; expected mode"),
+    (BOTH_WORDS + "modes = { flying = 1 }\n", "11: [drive]: key 'modes': {'flying': 1}: 'flying' is unknown"),
+    (BOTH_WORDS + "settle = -1\n", "11: [drive]: key 'settle': -1: expected seconds, 0..60"),
     ('name = "n"\ntitle = "t"\nparameter = 5\n', "3: key 'parameter': expected [[parameter]] tables"),
     ('name = "n"\ntitle = "t\n', "2: no TOML: Illegal character '\\n'"),
     ('name = "n"\ntitle = """t\n', "3: no TOML: Unterminated string"),
@@ -226,6 +236,24 @@ def test_a_mistake_in_device_toml(head: str, said: str, tmp_path: Path) -> None:
 )  # fmt: skip
 def test_a_mistake_between_the_files(head: str, rows: str, said: str, tmp_path: Path) -> None:
     assert said in mistake(write(tmp_path, rows, head))
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "said"),
+    [
+        ("status_word", {"access": '"wo"'}, "'second' is write only; expected one that can be read"),
+        ("control_word", {"access": '"ro"'}, "'second' is read only; expected one that can be written"),
+        ("status_word", {"type": '"i16"'}, "'second' is of type 'i16'; expected u16"),
+        ("position", {"type": '"bool"', "bit": "3"}, "'second' is of type 'bool'; expected a number"),
+    ],
+)
+def test_a_parameter_that_cannot_play_its_part(
+    part: str, changes: dict[str, str | None], said: str, tmp_path: Path
+) -> None:
+    parts = {"status_word": "'first'", "control_word": "'first'", part: "'second'"}
+    head = HEAD + "[drive]\n" + "".join(f"{key} = {name}\n" for key, name in parts.items())
+    text = mistake(write(tmp_path, BEFORE + row(**changes), head))
+    assert f"[drive]: key '{part}': {said}" in text, text
 
 
 def test_bytes_that_are_no_text(tmp_path: Path) -> None:

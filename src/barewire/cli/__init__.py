@@ -1,7 +1,8 @@
 """The command `barewire`: one file for each of its words.
 
 demo       watch it work               devices    the machines and their parameters      simulate   be one of them
-read       named values                write      named values                           explain    any frame, in words
+read       named values                write      named values                           watch      them, periodically
+drive      enable, move, stop          explain    any frame, in words
 
 I know: words on a command line, tables on a terminal, exit statuses (0 done, 1 it went wrong, 2 that is no command).
 I never know: anything that a program could not do without me. Nobody imports me.
@@ -20,6 +21,6 @@ def main() -> None:
     except ModuleNotFoundError:
         print("barewire: the command needs the extra 'cli': pip install 'barewire[cli]'", file=sys.stderr)
         sys.exit(1)
-    from barewire.cli.app import barewire
+    from barewire.cli.app import run
 
-    barewire()
+    sys.exit(run(sys.argv[1:]))

@@ -1,7 +1,9 @@
-"""What several commands take: an endpoint, a device. A wrong one is a usage error: status 2."""
+"""What several commands take and give: an endpoint, a device; one JSON object a line."""
 
 from __future__ import annotations
 
+import json
+import math
 from typing import Any
 
 import click
@@ -27,3 +29,17 @@ class EndpointArgument(click.ParamType[str]):
 endpoint_argument = click.argument("endpoint", type=EndpointArgument())
 device_argument = click.argument("device")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+
+
+def print_json(fields: Any) -> None:
+    """One object on one line, at once."""
+    print(json.dumps(_plain(fields), ensure_ascii=False, allow_nan=False), flush=True)
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no numbers for NaN and the infinities: they are told as text."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

@@ -6,7 +6,6 @@ shown is what travelled; nothing is prepared.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -19,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from barewire.canopen import CanFrame
-from barewire.cli.arguments import json_option
+from barewire.cli.arguments import json_option, print_json
 from barewire.cli.simulate import host_device
 from barewire.codecs import Value
 from barewire.devices import Device, Reading, load
@@ -50,9 +49,14 @@ class Wire(NamedTuple):
     steps: tuple[Step, ...]
 
 
+INTRODUCTION = """\
+Three simulated machines on real ports. Each line in bold is one value, read or written by its name; under it are the
+frames that travelled: offset, bytes, name, value and meaning of every field. What is smaller than a register (half of
+one, a bit) is written as: read, change, write back."""
+
 WIRES = (
     Wire(
-        "AZ3 servo drive over Modbus RTU",
+        "AZ3 servo drive, Modbus RTU",
         "az3",
         f"rtu://pty?{LINE}",
         (
@@ -65,7 +69,7 @@ WIRES = (
         ),
     ),
     Wire(
-        "the same AZ3 over CANopen: the same names, the same values",
+        "the same AZ3, CANopen",
         "az3",
         "can://virtual/barewire-demo?node=1&bitrate=125000",
         (
@@ -78,25 +82,25 @@ WIRES = (
         ),
     ),
     Wire(
-        "ADXL soft starter over Modbus RTU",
+        "ADXL soft starter, Modbus RTU",
         "adxl",
         f"rtu://pty?{LINE}",
         (Step("Thyristors temperature"), Step("Status"), Step("Motor start command", 1), Step("Status")),
     ),
     Wire(
-        "the same ADXL over Modbus ASCII",
+        "the same ADXL, Modbus ASCII",
         "adxl",
         f"ascii://pty?{LINE}",
         (Step("Thyristors temperature"), Step("L1 current"), Step("Motor stop command", 1)),
     ),
     Wire(
-        "the same ADXL over Modbus TCP",
+        "the same ADXL, Modbus TCP",
         "adxl",
         "tcp://127.0.0.1:0",
         (Step("Thyristors temperature"), Step("Status"), Step("Start counter")),
     ),
     Wire(
-        "CSD MT stepper drive over Modbus TCP: from switch on disabled to operation enabled",
+        "CSD MT stepper drive, Modbus TCP",
         "csd-mt",
         "tcp://127.0.0.1:0",
         (
@@ -153,8 +157,10 @@ def demo(as_json: bool) -> None:
     """Watch the three machines being read and written by name over RTU, ASCII, TCP and CANopen."""
     console = Console(highlight=False)
     table = Table(title="What was done", title_justify="left", header_style="bold")
-    for title in ("wire", "endpoint", "read", "written", "frames", "seconds"):
+    for title in ("machine and wire", "endpoint", "read", "written", "frames", "seconds"):
         table.add_column(title, overflow="fold")
+    if not as_json:
+        console.print(INTRODUCTION)
     machines = {wire.device: simulator(wire.device, time.monotonic()) for wire in WIRES}
     for wire in WIRES:
         if not as_json:
@@ -164,13 +170,15 @@ def demo(as_json: bool) -> None:
         for exchange in play_wire(wire, machines[wire.device]):
             done.append(exchange)
             if as_json:
-                print(json.dumps(_fields(wire, exchange), ensure_ascii=False), flush=True)
+                print_json(_fields(wire, exchange))
             else:
                 _print(console, exchange)
         actions = [exchange.action for exchange in done]
         frames = sum(len(exchange.frames) for exchange in done)
         counts = (actions.count("read"), actions.count("write"), frames)
-        table.add_row(wire.title, done[0].endpoint, *map(str, counts), f"{time.monotonic() - began:.2f}")
+        table.add_row(
+            wire.title, done[0].endpoint.partition("?")[0], *map(str, counts), f"{time.monotonic() - began:.2f}"
+        )
     if not as_json:
         console.print()
         console.print(table)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import textwrap
+from collections.abc import Iterator
 
 import click
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
-from barewire.cli.arguments import json_option
+from barewire.cli.arguments import json_option, print_json
 from barewire.devices import Device, Parameter, describe, load, names
 from barewire.devices.parameter import show
 
@@ -23,7 +23,7 @@ def devices(name: str | None, as_json: bool) -> None:
         _list(as_json)
     elif as_json:
         for parameter in load(name).parameters:
-            print(json.dumps(describe(parameter), ensure_ascii=False))
+            print_json(describe(parameter))
     else:
         _show(load(name))
 
@@ -37,7 +37,7 @@ def _list(as_json: bool) -> None:
         speaks = [word for word, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
         if as_json:
             fields = {"name": name, "title": device.title, "parameters": len(device.parameters), "speaks": speaks}
-            print(json.dumps(fields, ensure_ascii=False))
+            print_json(fields)
         row = (name, device.title, str(len(device.parameters)), ", ".join(speaks), "; ".join(device.documents))
         table.add_row(*row)
     if not as_json:
@@ -45,45 +45,34 @@ def _list(as_json: bool) -> None:
 
 
 def _show(device: Device) -> None:
-    title = f"{device.title}: {len(device.parameters)} parameters"
-    table = Table(header_style="bold", title=title, title_justify="left")
-    for title in ("name", "type", "unit", "range", "default", "access", "Modbus", "object", "firmware"):
-        table.add_column(title, overflow="fold")
+    """A line for each parameter, its name first, and under it whatever else there is to say. Plain, to be grepped."""
+    print(f"{device.title}: {len(device.parameters)} parameters")
+    width = max(len(parameter.name) for parameter in device.parameters)
     for parameter in device.parameters:
-        table.add_row(*(Text(cell) for cell in _cells(parameter)))
-    console = Console()
-    console.print(table)
-    notes = [parameter for parameter in device.parameters if parameter.note or parameter.values or parameter.bits]
-    if notes:
-        console.print("\nNotes, names of values and bits", style="bold")
-    for parameter in notes:
-        console.print(Text(parameter.name, style="bold"))
-        for number, meaning in parameter.values.items():
-            console.print(Text(f"    {number}: {meaning}"))
-        for bit, meaning in parameter.bits.items():
-            console.print(Text(f"    bit {bit}: {meaning}"))
-        if parameter.note:
-            console.print(Text(f"    {parameter.note}"))
-        for key, printed in parameter.printed.items():
-            console.print(Text(f"    the manual prints for {key}: {printed}"))
+        print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _facts(parameter)))}")
+        for line in _details(parameter):
+            print(textwrap.fill(line, 110, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False))
 
 
-def _cells(parameter: Parameter) -> tuple[str, ...]:
+def _facts(parameter: Parameter) -> Iterator[str]:
+    yield f"{parameter.access} {parameter.type}" + ("" if parameter.scale == 1 else f" x {parameter.scale}")
+    yield parameter.unit
     low = "" if parameter.minimum is None else show(parameter.minimum)
     high = "" if parameter.maximum is None else show(parameter.maximum)
-    kind = parameter.type + ("" if parameter.scale == 1 else f" x {parameter.scale}")
-    default = "" if parameter.default is None else show(parameter.default)
-    return (
-        parameter.name,
-        kind,
-        parameter.unit,
-        f"{low}..{high}" if low or high else "",
-        default,
-        parameter.access,
-        modbus_place(parameter),
-        object_place(parameter),
-        parameter.firmware,
-    )
+    yield f"{low}..{high}" if low or high else ""
+    yield "" if parameter.default is None else f"default {show(parameter.default)}"
+    yield modbus_place(parameter)
+    yield object_place(parameter)
+    yield f"firmware {parameter.firmware}" if parameter.firmware else ""
+    yield "storable" if parameter.storable else ""
+
+
+def _details(parameter: Parameter) -> Iterator[str]:
+    yield from (f"{number}: {meaning}" for number, meaning in parameter.values.items())
+    yield from (f"bit {bit}: {meaning}" for bit, meaning in parameter.bits.items())
+    if parameter.note:
+        yield parameter.note
+    yield from (f"the manual prints for {key}: {printed}" for key, printed in parameter.printed.items())
 
 
 def modbus_place(parameter: Parameter) -> str:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import sys
 
 import click
 
-from barewire.cli.arguments import device_argument, endpoint_argument, json_option
+from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.codecs import Value
-from barewire.devices import Device, Reading, load
+from barewire.devices import Device, Parameter, Reading, load
+from barewire.devices.asked import to_write
+from barewire.devices.parameter import show
 from barewire.shells import connect
 
 
@@ -28,7 +30,7 @@ def read(endpoint: str, device: str, names: tuple[str, ...], as_json: bool) -> N
         machine.find(name)  # a wrong name is told before a port is opened
     with connect(endpoint) as client:
         for reading in client.read(machine, *names):
-            print(_json(reading) if as_json else str(reading))
+            _print(reading, as_json)
 
 
 @click.command()
@@ -47,12 +49,16 @@ def write(endpoint: str, device: str, assignments: tuple[str, ...], force: bool,
     """
     machine = load(device)
     wanted = [_assignment(machine, text) for text in assignments]
+    for name, value in wanted:
+        # All of them before the first is sent: half a command may start a motor.
+        to_write(machine, {name: value}, force)
+        _remark(machine.find(name), value)
     with connect(endpoint) as client:
         # One at a time, because order matters and a name may come twice: "Control Word=6" "Control Word=7".
         for name, value in wanted:
             client.write(machine, {name: value}, force=force)
             reading = Reading(machine.find(name), value)
-            print(_json(reading) if as_json else f"{reading}, written", flush=True)
+            _print(reading, as_json, ", written")
 
 
 def _assignment(machine: Device, text: str) -> tuple[str, Value]:
@@ -63,11 +69,17 @@ def _assignment(machine: Device, text: str) -> tuple[str, Value]:
     return parameter.name, parameter.parse(value)
 
 
-def _json(reading: Reading) -> str:
-    fields = {
-        "name": reading.name,
-        "value": reading.value,
-        "unit": reading.unit,
-        "text": reading.parameter.text(reading.value),
-    }
-    return json.dumps(fields, ensure_ascii=False)
+def _remark(parameter: Parameter, value: Value) -> None:
+    """A number that none of the names of a parameter stands for may be right: it is sent, and remarked on."""
+    if parameter.values and value not in parameter.values:
+        names = "; ".join(f"{number}: {name}" for number, name in parameter.values.items())
+        told = f"{parameter.name} = {show(value)} has no name in the description: {names}"
+        print(f"barewire: note: {told}", file=sys.stderr)
+
+
+def _print(reading: Reading, as_json: bool, done: str = "") -> None:
+    if not as_json:
+        print(f"{reading}{done}", flush=True)
+        return
+    text = reading.parameter.text(reading.value)
+    print_json({"name": reading.name, "value": reading.value, "unit": reading.unit, "text": text})

@@ -10,7 +10,8 @@
     parameter   one named value, its unit and its places     device    all of them, and what the machine says of itself
     load        TOML -> Device                               check, lines, rows    what is wrong with it, and where
     plan        names -> the fewest requests                 access, asked    read and write by name, over either bus
-    cia402      the states of a drive                        describe  a parameter as JSON
+    cia402      the states of a drive                        drive, drive_*    one code that moves any of them
+    parts       the table [drive] of a description           describe  a parameter as JSON
     catalog/    three machines as data                       sim/      the same three, behaving
 
 I know: names, units, ranges, places, states of a drive.  I never know: envelopes, ports, clocks.  Shells and cli import
@@ -22,13 +23,16 @@ from typing import TYPE_CHECKING, Any
 
 from barewire.devices.check import DescriptionError
 from barewire.devices.describe import describe
-from barewire.devices.device import CanopenSide, Device, ModbusSide, Pdo, UnknownName
+from barewire.devices.device import CanopenSide, Device, DriveSide, ModbusSide, Pdo, UnknownName
 from barewire.devices.load import load, names
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
 
 if TYPE_CHECKING:
     from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
     from barewire.devices.cia402 import State, next_control_word, state_of
+    from barewire.devices.drive import Drive
+    from barewire.devices.drive_access import CanopenAccess, ModbusAccess
+    from barewire.devices.drive_report import DriveStuck
     from barewire.devices.plan import plan_reads, plan_writes
 
 __all__ = [
@@ -37,6 +41,7 @@ __all__ = [
     "Device",
     "ModbusSide",
     "CanopenSide",
+    "DriveSide",
     "Pdo",
     "Parameter",
     "ModbusAt",
@@ -54,10 +59,14 @@ __all__ = [
     "State",
     "state_of",
     "next_control_word",
+    "Drive",
+    "DriveStuck",
+    "ModbusAccess",
+    "CanopenAccess",
 ]
 
 # Loaded when asked for: whoever looks a parameter up need not load the buses.
-_FILES = ("cia402", "plan", "access")
+_FILES = ("cia402", "plan", "access", "drive_report", "drive_access", "drive")
 
 
 def __getattr__(name: str) -> Any:

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Sequence
 from barewire.canopen import STANDARD, CanFrame, Channel, Dialect, download, fit, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.asked import Name, Values, naming, telling, to_read, to_write
+from barewire.devices.asked import Name, Values, naming, reading, telling, to_read, to_write
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter, Reading
 from barewire.devices.plan import Block, Writing, plan_reads, plan_writes
@@ -58,7 +58,8 @@ def _read_modbus(
 ) -> Conversation[bytes, list[Reading]]:
     values: dict[str, Value] = {}
     for block in blocks:
-        content = yield from _read_entries(bus, unit, block.function, block.address, block.quantity, timeout)
+        with reading(parameter for parameter, _ in block.members):
+            content = yield from _read_entries(bus, unit, block.function, block.address, block.quantity, timeout)
         for parameter, offset in block.members:
             if block.table in ("coil", "discrete"):
                 values[parameter.name] = bool(content[offset])

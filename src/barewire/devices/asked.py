@@ -58,6 +58,17 @@ def naming(parameter: Parameter, value: Value) -> Iterator[None]:
 
 
 @contextmanager
+def reading(parameters: Iterable[Parameter]) -> Iterator[None]:
+    """When one request of several fails, the error notes which parameters it was for."""
+    try:
+        yield
+    except BarewireError as error:
+        names = [parameter.name for parameter in parameters]
+        error.add_note(f"while reading {', '.join(names[:3])}" + (f" and {len(names) - 3} more" if names[3:] else ""))
+        raise
+
+
+@contextmanager
 def telling(done: Sequence[str]) -> Iterator[None]:
     """When one write of several fails, the others before it have happened: the error notes which."""
     try:

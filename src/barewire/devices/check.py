@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from barewire.devices.device import suggest
 from barewire.devices.lines import Lines, Path
-from barewire.errors import BarewireError
+from barewire.errors import BarewireError, shown
 
 
 class DescriptionError(BarewireError, ValueError):
@@ -59,14 +59,8 @@ class Block(NamedTuple):
             try:
                 values[key] = rules[key](value)
             except Unfit as unfit:
-                raise self.error(key, f"{shorten(value)}: {unfit}") from None
+                raise self.error(key, f"{shown(value)}: {unfit}") from None
         return values
-
-
-def shorten(value: Any) -> str:
-    """A value as an error shows it: one line, not endless."""
-    shown = repr(value)
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
 # The rules
@@ -154,7 +148,7 @@ def numbered(value: Any) -> dict[int, str]:
         if str(key) != str(_decimal(key)):
             raise Unfit(f"{key!r} is no whole number in decimal")
         if not isinstance(title, str) or not title.strip():
-            raise Unfit(f"{shorten(title)} for {key}: expected text, not empty")
+            raise Unfit(f"{shown(title)} for {key}: expected text, not empty")
         found[int(key)] = title
     return found
 
@@ -179,8 +173,23 @@ def table_of(rules: Mapping[str, Rule]) -> Rule:
             try:
                 found[key] = rules[key](item)
             except Unfit as unfit:
-                raise Unfit(f"{key} = {shorten(item)}: {unfit}") from None
+                raise Unfit(f"{key} = {shown(item)}: {unfit}") from None
         return found
+
+    return rule
+
+
+PRINTED_MAX = 465_536
+"""The largest number that manuals print for a place: 400001 is the first holding register of some of them."""
+
+
+def each_of(*names: str) -> Rule:
+    """One whole number for all of these names, or a table with a number for some of them."""
+    number = whole(0, PRINTED_MAX)
+    numbers = table_of(dict.fromkeys(names, number))
+
+    def rule(value: Any) -> Any:
+        return numbers(value) if isinstance(value, dict) else dict.fromkeys(names, number(value))
 
     return rule
 

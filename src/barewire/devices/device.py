@@ -45,6 +45,30 @@ class CanopenSide(NamedTuple):
     pdos: tuple[Pdo, ...] = ()
 
 
+class DriveSide(NamedTuple):
+    """What a drive of CiA 402 says of itself: which parameter plays which part, and where it departs from the profile.
+
+    Every part but the two words may be missing (""): what needs it is then refused, and nothing else.
+    """
+
+    status_word: str
+    control_word: str
+    mode: str = ""
+    mode_display: str = ""
+    error_code: str = ""
+    position: str = ""
+    velocity: str = ""
+    target_position: str = ""
+    target_velocity: str = ""
+    profile_velocity: str = ""
+    acceleration: str = ""
+    deceleration: str = ""
+    homing_method: str = ""
+    modes: Mapping[str, int] = {}
+    stays_in_quick_stop: bool = False
+    settle: float = 0.0
+
+
 @dataclass(frozen=True)
 class Device:
     """A machine by its description. `extra` holds the tables of its description that are no parameters."""
@@ -55,6 +79,7 @@ class Device:
     documents: tuple[str, ...] = ()
     modbus: ModbusSide | None = None
     canopen: CanopenSide | None = None
+    drive: DriveSide | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property

@@ -1,7 +1,7 @@
 """A directory of TOML -> a Device. The format is told in `catalog/README.md`; whatever departs from it is refused.
 
-    catalog/az3/device.toml      name, title, [modbus], [canopen], [[pdo]], and tables of its own -> Device.extra
-    catalog/az3/coils.toml       [[parameter]] rows                                               -> Device.parameters
+    catalog/az3/device.toml      name, title, [modbus], [canopen], [[pdo]], [drive], its own tables -> Device.extra
+    catalog/az3/coils.toml       [[parameter]] rows                                                 -> Device.parameters
     catalog/az3/holding.toml     ...  in the order of the file names
 
     bad.toml:12: parameter 'TEMPERATURE': key 'half': half a register with type 'u16'; expected u8 or i8
@@ -24,6 +24,7 @@ from barewire.devices.check import (
     DescriptionError,
     Rule,
     Unfit,
+    each_of,
     list_of,
     one_of,
     table_of,
@@ -34,6 +35,7 @@ from barewire.devices.check import (
 from barewire.devices.device import CanopenSide, Device, ModbusSide, Pdo, UnknownName, fold, suggest
 from barewire.devices.lines import Lines
 from barewire.devices.parameter import Parameter
+from barewire.devices.parts import read_drive
 from barewire.devices.rows import Counting, read_row
 
 CATALOG = Path(__file__).with_name("catalog")
@@ -95,6 +97,7 @@ def read_directory(directory: Path) -> Device:
                 raise block.error("name", f"a second one of this name; expected one, the first is {stands_at[key]}")
             parameters[key] = parameter
             stands_at[key] = f"{file.file}:{block.lines.of((*block.path, 'name'))}"
+    drive = _table(head, "drive")
     return Device(
         name=values["name"],
         title=values["title"],
@@ -102,6 +105,7 @@ def read_directory(directory: Path) -> Device:
         documents=values.get("documents", ()),
         modbus=modbus,
         canopen=canopen,
+        drive=None if drive is None else read_drive(drive, parameters),
         extra=MappingProxyType({key: value for key, value in head.items.items() if key not in own}),
     )
 
@@ -167,14 +171,14 @@ def _as_it_is(value: Any) -> Any:
     return value
 
 
-_OWN = ("modbus", "canopen", "pdo", "parameter")
+_OWN = ("modbus", "canopen", "pdo", "drive", "parameter")
 _DEVICE: dict[str, Rule] = {"name": text, "title": text, "documents": texts, **dict.fromkeys(_OWN, _as_it_is)}
 
 _MODBUS: dict[str, Rule] = {
     "unit": whole(0, 255),
     "port": whole(1, 0xFFFF),
-    "first_register": whole(0, 0xFFFF),
-    "first_coil": whole(0, 0xFFFF),
+    "first_register": each_of("holding", "input"),
+    "first_coil": each_of("coil", "discrete"),
     "order": one_of(*ORDERS),
     "read_limit": whole(1, 125),
     "write_limit": whole(1, 123),
@@ -190,7 +194,8 @@ def _modbus(file: Block) -> tuple[ModbusSide | None, Counting]:
     if block is None:
         return None, Counting()
     values = block.read(_MODBUS)
-    counting = Counting(**{key: values.pop(key) for key in Counting._fields if key in values})
+    first = values.pop("first_register", {}) | values.pop("first_coil", {})
+    counting = Counting(first, values.pop("order", "ABCD"))
     for key in ("read_functions", "write_functions"):
         if key in values:
             values[key] = MappingProxyType(values[key])

@@ -15,6 +15,7 @@ told in the unit, after scaling, because that is how people think of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -23,7 +24,7 @@ from typing import Literal, NamedTuple
 from barewire.codecs import Codec, Text, Value, codec, from_registers, to_registers
 from barewire.codecs.bits import Half, get_bit, get_half, set_bit, set_half
 from barewire.codecs.order import Order
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 
 TableName = Literal["holding", "input", "coil", "discrete"]
 Access = Literal["ro", "rw", "wo"]
@@ -99,37 +100,44 @@ class Parameter:
         """The value, if the range of the parameter has it; EncodeError names the range otherwise."""
         if self.type == "bool":
             if value not in (0, 1):
-                raise EncodeError(f"{self.name} = {value!r}: expected 0 or 1 (off or on)", self.name)
+                raise EncodeError(f"{self.name} = {shown(value)}: expected 0 or 1 (off or on)", self.name)
             return bool(value)
         if self.type == "text":
             if not isinstance(value, str):
-                raise EncodeError(f"{self.name} = {value!r}: expected text", self.name)
+                raise EncodeError(f"{self.name} = {shown(value)}: expected text", self.name)
             return value
         if not isinstance(value, (int, float)):
-            raise EncodeError(f"{self.name} = {value!r}: expected a number", self.name)
-        # Asked this way round, not-a-number is outside of every range.
-        reaches = self.minimum is None or value >= self.minimum
-        if not (reaches and (self.maximum is None or value <= self.maximum)):
+            raise EncodeError(f"{self.name} = {shown(value)}: expected a number", self.name)
+        # Asked this way round, not-a-number is outside of every range; and a limit is what the type makes of it.
+        reaches = self.minimum is None or value >= self._limit(self.minimum, -1)
+        if not (reaches and (self.maximum is None or value <= self._limit(self.maximum, 1))):
             low = "" if self.minimum is None else show(self.minimum)
             high = "" if self.maximum is None else show(self.maximum)
             raise EncodeError(f"{self.name} = {show(value)}: expected {low}..{high} {self.unit}".rstrip(), self.name)
         return value
 
+    def _limit(self, limit: int | float, side: int) -> int | float:
+        """A limit of a 32-bit float that no such float is exactly: the nearest one may lie just beyond."""
+        return limit + side * abs(limit) * 6e-8 if self.type == "f32" else limit
+
     def parse(self, text: str) -> Value:
         """What a person typed, as a value: a number (0x for hexadecimal), on/off, or the name of one of its values."""
         plain = text.strip()
-        for number, title in self.values.items():
+        for named, title in self.values.items():
             if plain.casefold() == title.casefold():
-                return number
+                return named
         if self.type == "text":
             return text
         if self.type == "bool" and plain.lower() in ("on", "off", "true", "false"):
             return plain.lower() in ("on", "true")
         try:
-            return int(plain, 0) if _looks_whole(plain) else float(plain)
+            number: int | float = int(plain, 0) if _looks_whole(plain) else float(plain)
+            if isinstance(number, float) and math.isinf(number) and "inf" not in plain.lower():
+                raise ValueError(f"{plain} is more than a float can hold")
         except ValueError:
             names = f", or one of: {', '.join(self.values.values())}" if self.values else ""
-            raise EncodeError(f"{self.name} = {text!r}: expected a number{names}", self.name) from None
+            raise EncodeError(f"{self.name} = {shown(text)}: expected a number{names}", self.name) from None
+        return number
 
     def text(self, value: Value) -> str:
         """The value with its unit, and in words where its values or bits have names.
@@ -137,14 +145,14 @@ class Parameter:
         >>> Parameter("State", "u8", values={2: "Starter ready"}).text(2)
         '2 (Starter ready)'
         """
-        shown = show(value) + (f" {self.unit}" if self.unit else "")
+        told = show(value) + (f" {self.unit}" if self.unit else "")
         if isinstance(value, int) and self.type != "text":
             if int(value) in self.values:
-                return f"{shown} ({self.values[int(value)]})"
+                return f"{told} ({self.values[int(value)]})"
             if self.bits and self.type != "bool":
                 names = [name for bit, name in sorted(self.bits.items()) if int(value) >> bit & 1]
-                return f"{shown} ({', '.join(names) or 'no bit set'})"
-        return shown
+                return f"{told} ({', '.join(names) or 'no bit set'})"
+        return told
 
     # Raw numbers, as the wire has them
 
@@ -154,9 +162,11 @@ class Parameter:
         if self.scale == 1 or isinstance(value, (str, bytes)):
             return value
         if self.type.startswith("f"):
+            if abs(value) > 1e308:
+                raise EncodeError(f"{self.name} = {shown(value)}: more than a float can hold", self.name)
             return float(value) / float(self.scale)
         if value - value != 0:
-            raise EncodeError(f"{self.name} = {value!r}: expected a number with an end", self.name)
+            raise EncodeError(f"{self.name} = {shown(value)}: expected a number with an end", self.name)
         exact = Fraction(value) / self.scale
         raw = round(exact)
         # A decimal like 27.2 is not quite a binary number: what is nearer than a thousandth of a step is meant.
@@ -290,7 +300,7 @@ def show(value: Value) -> str:
     if isinstance(value, float):
         short = f"{value:.7g}"
         return short if abs(float(short) - value) <= abs(value) * 6e-8 else repr(value)
-    return str(value)
+    return str(value) if isinstance(value, str) else shown(value)
 
 
 def _looks_whole(text: str) -> bool:

@@ -10,6 +10,7 @@ device have a function that reads this table.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, NamedTuple, cast
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple, cast
 from barewire.codecs import ORDERS, codec
 from barewire.codecs.order import Order
 from barewire.devices.check import (
+    PRINTED_MAX,
     Block,
     Rule,
     Unfit,
@@ -26,13 +28,13 @@ from barewire.devices.check import (
     numbered,
     one_of,
     scalar,
-    shorten,
     text,
     truth,
     whole,
 )
 from barewire.devices.device import ModbusSide
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, TableName, show
+from barewire.errors import shown
 
 TABLES: tuple[TableName, ...] = ("holding", "input", "coil", "discrete")
 INTEGERS = ("u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64")
@@ -47,14 +49,14 @@ def printed(value: Any) -> dict[str, str]:
         if key.removeprefix("canopen_").removeprefix("modbus_") not in (*RULES, "range"):
             raise Unfit(f"{key!r} is no field; expected a key of the row, or range, maybe behind canopen_ or modbus_")
         if not isinstance(says, str):
-            raise Unfit(f"{key} = {shorten(says)}: expected text, as it is printed")
+            raise Unfit(f"{key} = {shown(says)}: expected text, as it is printed")
     return value
 
 
 RULES: dict[str, Rule] = {
     "name": text,
     "type": one_of(*TYPES),
-    **{table: whole(0, 0x10000) for table in TABLES},
+    **{table: whole(0, PRINTED_MAX + 0xFFFF) for table in TABLES},
     "half": one_of("L", "H"),
     "bit": whole(0, 15),
     "order": one_of(*ORDERS),
@@ -81,8 +83,9 @@ REQUIRED = ("name", "type", "access")
 class Counting(NamedTuple):
     """How the device counts and orders: what the rows leave out because it is the same for all."""
 
-    first_register: int = 0
-    first_coil: int = 0
+    first: Mapping[str, int] = MappingProxyType({})
+    """For each table the printed number that is address 0 on the wire; 0 if it is not said."""
+
     order: Order = "ABCD"
 
 
@@ -132,8 +135,7 @@ def _modbus_place(block: Block, row: dict[str, Any], side: ModbusSide | None, co
     if row["access"] != "ro" and table not in side.write_functions and "object" not in row:
         raise block.error("access", f"nothing writes table {table!r}; expected ro, or {table!r} in write_functions")
     words = _words(block, row, table)
-    first = counting.first_register if table in ("holding", "input") else counting.first_coil
-    address = row[table] - first
+    address = row[table] - counting.first.get(table, 0)
     if not 0 <= address <= 0x10000 - words:
         raise block.error(table, f"{row[table]} is address {address} on the wire; expected 0..{0x10000 - words}")
     if kind == "text" or table in ("coil", "discrete"):

@@ -142,7 +142,7 @@ class Az3(Simulator):
         self.axis = self._new_axis()
         self.torque = Trajectory()
         if self.canopen is not None:
-            self.canopen.error_register = 0
+            self.canopen.node.errors.reset(communication_only=False)
 
     def fault(self, code: int, now: float) -> None:
         """Let a protection act: the shaft is braked (FAULT REACTION ACTIVE), then FAULT, and an emergency on CAN."""
@@ -150,7 +150,7 @@ class Az3(Simulator):
         self.axis.fault(code, self.now, reaction=True)
         self.errors = [code, *self.errors][:8]
         if self.canopen is not None:
-            self.canopen.emergency(code, GENERIC_ERROR)
+            self.canopen.error(code, GENERIC_ERROR)
 
     def solve(self, now: float) -> None:
         """The cause is gone; the state stays FAULT until a master resets it."""
@@ -167,7 +167,7 @@ class Az3(Simulator):
         was_fault = self.axis.state in FAULTED
         self.axis.control(int(value), self.now)
         if was_fault and self.axis.state not in FAULTED and self.canopen is not None:
-            self.canopen.emergency(0, 0)  # "no error" [CiA 301, EMCY]
+            self.canopen.no_error()
         self._follow_torque()
 
     def _follow_torque(self) -> None:

@@ -50,8 +50,7 @@ class CanopenFace:
     def __init__(self, machine: Simulator, side: CanopenSide) -> None:
         self.machine = machine
         entries = [*_entries(machine), Entry(DEVICE_TYPE, 0, "device type", "u32", "const", SERVO_402)]
-        entries.append(Entry(ERROR_REGISTER, 0, "error register", "u8", "ro", on_read=lambda: self.error_register))
-        self.error_register = 0
+        entries.append(Entry(ERROR_REGISTER, 0, "error register", "u8", "ro"))
         self.objects = ObjectDictionary({(entry.index, entry.sub): entry for entry in entries}.values())
         pdos = [_pdo(pdo, side.node) for pdo in side.pdos]
         self.node = Node(
@@ -106,10 +105,14 @@ class CanopenFace:
         pending, self._pending = self._pending, []
         return said + pending + self.node.feed(frame, self.machine.now)
 
-    def emergency(self, code: int, register: int) -> None:
-        """Say an emergency at the next `feed`."""
-        self.error_register = register
-        self._pending += self.node.emergency(code)
+    def error(self, code: int, register: int) -> None:
+        """The machine has this error: an emergency at the next `feed`."""
+        self._pending += self.node.error(code, self.machine.now, source="machine", register=register)
+
+    def no_error(self) -> None:
+        """The machine has none of its errors any more: emergency 0000h at the next `feed`."""
+        for code in self.node.errors.active:
+            self._pending += self.node.error_gone(code, self.machine.now, source="machine")
 
     def _on_reset(self, command: NmtCommand) -> None:
         # The dictionary has brought the PDO records back; what lives in the store is brought back here [CiA 301, NMT].

@@ -39,6 +39,8 @@ CODES: dict[Why, int] = {
 class ModbusFace:
     """Answers requests out of a store. `reads` and `writes` are the images by function code."""
 
+    diagnostics = False  # a machine without function 08 says so, also on a serial line
+
     def __init__(self, machine: Simulator, side: ModbusSide) -> None:
         self.machine = machine
         self.side = side

@@ -1,0 +1,44 @@
+"""`barewire eds` as a person types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from barewire.canopen import eds
+from tests.cli.test_command import barewire, failing, out
+
+
+def test_export_to_a_file_and_lint_it(tmp_path: Path) -> None:
+    file = tmp_path / "drive.eds"
+    assert out("eds", "export", "az3", str(file)) == f"{file}: 171 objects\n"
+    assert eds.parse(file.read_bytes(), strict=True).get("FileInfo", "FileName") == "drive.eds"
+    assert out("eds", "lint", str(file)) == f"{file}: nothing to say against it\n"
+    assert json.loads(out("eds", "lint", str(file), "--json")) == {"file": str(file), "fine": True}
+    assert out("eds", "export", "az3").startswith("[FileInfo]\nFileName=az3.eds\n")
+
+
+def test_lint_says_line_rule_and_sentence(tmp_path: Path) -> None:
+    file = tmp_path / "odd.eds"
+    file.write_bytes(b"[1000]\nDataType=0007\n")
+    done = barewire("eds", "lint", str(file))
+    assert done.returncode == 1
+    assert f"{file}:2: leading-zeros: [1000] DataType = 0007: leading zeros; read as decimal\n" in done.stdout
+    assert done.stderr == ""
+    rows = [json.loads(line) for line in barewire("eds", "lint", "--json", str(file)).stdout.splitlines()]
+    assert {"file", "line", "rule", "text"} == set(rows[0])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("lint", "nowhere.eds"), "nowhere.eds: No such file or directory"),
+        (("export", "az3", "nowhere/az3.eds"), "nowhere/az3.eds: No such file or directory"),
+        (("export", "adxl"), "adxl has no CANopen in its description"),
+        (("export", "az33"), "no device 'az33' in the catalogue"),
+    ],
+)
+def test_errors_are_one_line(words: tuple[str, ...], says: str) -> None:
+    assert says in failing("eds", *words)

@@ -1,0 +1,23 @@
+"""Every parameter of the catalogue is where the manuals have it: `places.txt` keeps what was held against the pages."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+HOME = Path(__file__).parents[2]
+WRITTEN = (HOME / "tests" / "devices" / "places.txt").read_text(encoding="utf-8").splitlines()
+NOW = runpy.run_path(str(HOME / "tools" / "places.py"))["places"]().splitlines()
+
+
+@pytest.mark.parametrize("device", ["az3", "adxl", "csd-mt"])
+def test_no_parameter_has_moved(device: str) -> None:
+    now = [line for line in NOW if line.startswith(f"{device} |")]
+    written = [line for line in WRITTEN if line.startswith(f"{device} |")]
+    assert now == written, "if this is meant: python tools/places.py"
+
+
+def test_there_is_no_other_device() -> None:
+    assert len(NOW) == len(WRITTEN)

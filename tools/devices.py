@@ -1,0 +1,179 @@
+"""Keeps docs/devices.md: `python tools/devices.py` after every change of the catalogue.
+
+    counts        each table of the manuals: how many rows the page has, how many stand in the catalogue
+    corrections   every `printed`: what the page says, and what stands here instead
+
+The numbers of the manuals are written down here, once, as they were counted on the pages; the others are counted. The
+tests call the same functions and fail when the two differ, or when the page is not as this tool would leave it.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).parent.parent
+CATALOG = ROOT / "src" / "barewire" / "devices" / "catalog"
+PAGE = ROOT / "docs" / "devices.md"
+
+Row = dict[str, Any]
+
+
+class Count(NamedTuple):
+    """One table of a manual: how many rows it has, and how they are counted here."""
+
+    device: str
+    table: str
+    manual: int
+    here: Callable[[], int]
+    remark: str = ""
+
+
+def rows(device: str, *files: str) -> list[Row]:
+    """The [[parameter]] rows of some files of a device, of all if none is named."""
+    found: list[Row] = []
+    for file in sorted((CATALOG / device).glob("*.toml")):
+        if not files or file.stem in files:
+            found += tomllib.loads(file.read_text(encoding="utf-8")).get("parameter", [])
+    return found
+
+
+def head(device: str) -> Row:
+    """The device.toml of a device."""
+    return tomllib.loads((CATALOG / device / "device.toml").read_text(encoding="utf-8"))
+
+
+def guide_objects() -> list[Row]:
+    """The rows of chapter 5 of the CANopen guide: those with an object, and those whose printed index is another's."""
+    return [
+        row for row in rows("az3", "holding", "input", "coils") if "object" in row or "object" in row.get("printed", {})
+    ]
+
+
+def addresses(device: str) -> int:
+    """How many register addresses the parameters take."""
+    wide = {"u32": 2, "i32": 2, "f32": 2}
+    return len({row["holding"] + word for row in rows(device) for word in range(wide.get(row["type"], 1))})
+
+
+def commands(number: str) -> int:
+    """The rows of table 3 of the ADXL; Save and reboot stands in the table of the parameter setting."""
+    return sum((row["name"] == "Save and reboot") == (number == "setting") for row in rows("adxl", "commands"))
+
+
+COUNTS = (
+    Count("az3", "holding registers (Modbus guide 7.1)", 167, lambda: len(rows("az3", "holding"))),
+    Count("az3", "input registers (7.2)", 57, lambda: len(rows("az3", "input"))),
+    Count("az3", "coils (7.3)", 40, lambda: len(rows("az3", "coils"))),
+    Count("az3", "monitor variables and their selectors (6.4.1)", 8, lambda: len(rows("az3", "monitor"))),
+    Count("az3", "objects (CANopen guide 5.1 to 5.3)", 255, lambda: len(guide_objects()), "see below"),
+    Count("az3", "default PDOs (CANopen guide 4.5)", 8, lambda: len(head("az3")["pdo"])),
+    Count("adxl", "measures (table 2)", 36, lambda: len(rows("adxl", "measures"))),
+    Count("adxl", "commands (table 3)", 14, lambda: commands("table")),
+    Count("adxl", "event log (table 4)", 4, lambda: len(rows("adxl", "events"))),
+    Count("adxl", "parameter setting", 5, lambda: len(rows("adxl", "settings")) + commands("setting")),
+    Count("adxl", "error codes", 5, lambda: len(head("adxl")["errors"])),
+    Count("csd_mt", "parameters (tables 13, 14, 18, 25, 26)", 114, lambda: len(rows("csd_mt"))),
+    Count("csd_mt", "addresses that they take", 138, lambda: addresses("csd_mt")),
+    Count("csd_mt", "alarms (ch. 14)", 5, lambda: len(head("csd_mt")["alarm"]), "one of them from register 1007 only"),
+    Count("csd_mt", "motors (table 24)", 16, lambda: len(head("csd_mt")["motor"])),
+)
+
+DEVICES = ("az3", "adxl", "csd_mt")
+
+
+def page() -> str:
+    """The whole of docs/devices.md."""
+    lines = ["# The three machines, counted and corrected", "", "Made by `tools/devices.py`; do not edit.", ""]
+    lines += [*_counts(), "", *_placed(), "", "## Corrections", "", *_CORRECTIONS]
+    for device in DEVICES:
+        lines += ["", f"### {head(device)['title']}", "", *_corrections(device)]
+    return "\n".join(lines) + "\n"
+
+
+def _counts() -> Iterator[str]:
+    yield "## Every table of the manuals"
+    yield ""
+    yield "| device | table | in the manual | here | |"
+    yield "|---|---|--:|--:|---|"
+    for count in COUNTS:
+        yield f"| {_name(count.device)} | {count.table} | {count.manual} | {count.here()} | {count.remark} |"
+
+
+def _placed() -> Iterator[str]:
+    found = guide_objects()
+    placed = [row for row in found if "object" in row]
+    lost = ", ".join(f"{row['name']} ({row['printed']['object']})" for row in found if "object" not in row)
+    pdo, others = rows("az3", "pdo"), rows("az3", "canopen_only")
+    yield f"Of the {len(found)} rows of the CANopen guide {len(placed)} have their object here, each as one parameter"
+    yield "with the register or coil of the same value. One has none, because its printed index is that of another"
+    yield f"object: {lost}. Besides them stand {len(pdo)} rows of the PDO records (4.5) and {len(others)} objects that"
+    yield f"the guide uses but does not list: {', '.join(row['name'] for row in others)}."
+
+
+_CORRECTIONS = (
+    "What a manual prints wrongly, or one guide otherwise than the other, is kept in `printed`; `barewire devices NAME",
+    "--json` shows it with every parameter, and the note beside it says how the right value is known. `canopen_` or",
+    "`modbus_` before a field tells which of two guides prints it.",
+)
+
+
+def _corrections(device: str) -> Iterator[str]:
+    corrected = [*_own_tables(device), *(row for row in rows(device) if "printed" in row)]
+    yield f"{sum(len(row['printed']) for row in corrected)} in {len(corrected)} rows."
+    yield ""
+    yield "| parameter | field | printed | here | how it is known |"
+    yield "|---|---|---|---|---|"
+    for row in corrected:
+        for place, (field, says) in enumerate(row["printed"].items()):
+            note = row.get("note", "") if place == 0 else ""
+            cells = (row["name"], field, says, _here(row, field), note)
+            yield f"| {' | '.join(map(_cell, cells))} |"
+
+
+def _own_tables(device: str) -> Iterator[Row]:
+    """The corrected tables of device.toml that are no parameters, such as [serial] or [[motor]]."""
+    for name, table in head(device).items():
+        for one in table if isinstance(table, list) else [table]:
+            if isinstance(one, dict) and "printed" in one:
+                yield {"name": f"{name} {one.get('model', '')}".strip(), **one}
+
+
+def _here(row: Row, field: str) -> str:
+    """What the row holds in place of what is printed."""
+    key = field.removeprefix("canopen_").removeprefix("modbus_")
+    if key == "range":
+        return f"{row.get('min', '')}..{row.get('max', '')}" if "min" in row or "max" in row else ""
+    if key in ("holding", "input"):
+        return f"{row.get(key, '')} {row.get('half', '')}".strip()
+    value = row.get(key, "")
+    if key == "object":
+        return f"{value:04X}h" if value else "not known"
+    if isinstance(value, dict):
+        return "; ".join(f"{number}: {text}" for number, text in value.items())
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _name(device: str) -> str:
+    return device.replace("_", "-")
+
+
+def main() -> None:
+    """Bring the page up to date; say so if it was not."""
+    after = page()
+    if not PAGE.exists() or PAGE.read_text(encoding="utf-8") != after:
+        PAGE.write_text(after, encoding="utf-8")
+        sys.stdout.write("docs/devices.md\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""Write down where every parameter of the catalogue is: tests/devices/places.txt, a line each.
+
+Descriptions were held against the pages of the manuals once, row by row. This list keeps them there: a changed address,
+type, scale or unit shows as a changed line, and somebody has to mean it.
+
+    python tools/places.py          after a change that is meant
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from barewire.devices import Parameter, load, names
+
+FILE = Path(__file__).parents[1] / "tests" / "devices" / "places.txt"
+
+
+def place(device: str, parameter: Parameter) -> str:
+    """One line: device, name, type, scale, unit, access, place on Modbus, place in the object dictionary."""
+    at, item = parameter.modbus, parameter.object
+    modbus = (
+        f"{at.table} {at.address} +{at.words} {at.half or '-'} {at.bit if at.bit is not None else '-'} {at.order}"
+        if at
+        else "-"
+    )
+    index = f"{item.index:04X}:{item.sub:02X} {item.bit if item.bit is not None else '-'}" if item else "-"
+    kind = f"{parameter.type} x {parameter.scale} [{parameter.unit}] {parameter.access}"
+    return f"{device} | {parameter.name} | {kind} | {modbus} | {index}"
+
+
+def places() -> str:
+    """The whole list."""
+    return "".join(f"{place(device, parameter)}\n" for device in names() for parameter in load(device).parameters)
+
+
+if __name__ == "__main__":
+    FILE.write_text(places(), encoding="utf-8")
