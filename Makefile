@@ -28,7 +28,7 @@ suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, inter
 	$(BIN)/pytest -rs $(ARGS)
 
 bench: $(VENV)/installed-bench ## the hot loops, and the same work done by peers
-	$(BIN)/pytest bench $(ARGS)
+	$(BIN)/pytest bench --benchmark-columns=median,iqr,ops --benchmark-sort=name --benchmark-disable-gc $(ARGS)
 
 format: $(VENV)/installed-dev ## put the code in its form
 	$(BIN)/ruff format .

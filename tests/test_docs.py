@@ -97,7 +97,7 @@ def run_python(block: Block, page: str, names: dict[str, Any]) -> str:
         return "".join(said)
     try:
         # Empty lines before it, so that a traceback counts lines as the page does.
-        exec(compile("\n" * (block.line - 1) + block.text, page, "exec"), names)
+        exec(compile("\n" * (block.line - 1) + block.text, page, "exec", dont_inherit=True), names)
     except Exception as error:
         lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if entry.filename == page]
         if isinstance(error, SyntaxError) and error.filename == page:

@@ -51,7 +51,13 @@ CLOCKS_AND_SOCKETS = {
 }
 
 # The only third-party names, and the files that may say them.
-DOORS = {"serial": "shells/*serial*.py", "can": "shells/*.py", "click": "cli/*.py", "rich": "cli/*.py"}
+DOORS = {
+    "serial": "shells/*serial*.py",
+    "can": "shells/*.py",
+    "click": "cli/*.py",
+    "rich": "cli/*.py",
+    "matplotlib": "cli/plot.py",
+}
 
 # Whatever does our work for us. In tests and bench they are peers and referees; in src they would be a crutch.
 CRUTCHES = {

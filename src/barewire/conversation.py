@@ -77,11 +77,14 @@ class Abandoned(BarewireError):
     """
 
 
-def last_words(conversation: Conversation[Item, Result]) -> list[Item]:
-    """Tell a conversation that it is abandoned and collect what it still wants to say."""
+def last_words(conversation: Conversation[Item, Result], why: str = "the conversation was abandoned") -> list[Item]:
+    """Tell a conversation that it is abandoned and collect what it still wants to say.
+
+    What it raises comes out, if it has something to tell: that nobody knows what became of a write.
+    """
     said: list[Item] = []
     try:
-        step = conversation.throw(Abandoned("the conversation was abandoned"))
+        step = conversation.throw(Abandoned(why))
         while isinstance(step, Send):
             said.append(step.item)
             step = conversation.send(Heard(None, float("inf")))

@@ -34,6 +34,18 @@ Reason = Literal[
 REASONS: tuple[str, ...] = get_args(Reason)
 
 
+def shown(value: object) -> str:
+    """A value as an error shows it: one line, and not endless, whatever it is.
+
+    >>> shown("x" * 100), shown(1 << 5000)
+    ("'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...", 'a number of 5001 bits')
+    """
+    if isinstance(value, int) and value.bit_length() > 256:
+        return f"a number of {value.bit_length()} bits"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 class BarewireError(Exception):
     """Whatever barewire raises on purpose."""
 

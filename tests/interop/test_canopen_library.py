@@ -85,6 +85,9 @@ def dictionary_of_theirs() -> Any:
         variable = canopen.objectdictionary.ODVariable(name, index, 0)
         variable.data_type, variable.access_type, variable.value = data_type, "rw", value
         objects.add_object(variable)
+    domain = canopen.objectdictionary.ODVariable("anything", 0x2100, 0)
+    domain.data_type, domain.access_type = canopen.objectdictionary.DOMAIN, "rw"
+    objects.add_object(domain)
     return objects
 
 
@@ -131,6 +134,25 @@ def test_their_node_refuses_and_we_understand(network: Any, port: Port) -> None:
         run(download(NODE, 0x2001, 0, b"\1\2"), port)
 
 
+LENGTHS = (5, 7, 8, 14, 100, 889, 890, 4000)
+
+
+def counting(length: int) -> bytes:
+    return bytes(place % 256 for place in range(length))
+
+
+def test_our_client_moves_long_values_to_and_from_their_node(network: Any, port: Port) -> None:
+    """Their node has no blocks: it refuses them for a download and answers an upload with segments; we go along."""
+    network.create_node(NODE, dictionary_of_theirs())
+    channel = Channel(NODE)
+    for length in LENGTHS:
+        for block in (False, True):
+            value = counting(length)[:: -1 if block else 1]
+            run(download(channel, 0x2100, 0, value, block=block), port)
+            assert run(upload(channel, 0x2100, block=block), port) == value
+    assert (channel.total.late, channel.total.garbled, channel.total.short) == (0, 0, 0)
+
+
 @pytest.fixture
 def device(port: Port) -> Iterator[Device]:
     """Our device, living in a thread on its side of the bus."""
@@ -140,6 +162,7 @@ def device(port: Port) -> Iterator[Device]:
             Entry(0x2000, 0, "three bytes", "u24", "rw", 0x332211),
             Entry(0x2001, 0, "percent", "u8", "rw", 50, maximum=100),
             Entry(0x2002, 0, "constant", "u32", "const", 7),
+            Entry(0x2100, 0, "anything", "domain", "rw", b""),
             Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
             Entry(0x60FF, 0, "target velocity", "i32", "rw", -25000),
             Entry(0x206A, 0, "vref", "f32", "rw", 1.5),
@@ -153,7 +176,8 @@ def device(port: Port) -> Iterator[Device]:
         while not stopped.is_set():
             for frame in said:
                 port.send(frame)
-            said = device.feed(port.receive(0.01), time.monotonic())
+            wait = 0.01 if device.deadline is None else min(0.01, device.deadline - time.monotonic())
+            said = device.feed(port.receive(wait), time.monotonic())
 
     thread = threading.Thread(target=live)
     thread.start()
@@ -182,6 +206,19 @@ def test_their_client_reads_and_writes_our_device(network: Any) -> None:
         assert node.sdo.upload(index, 0) == bytes.fromhex(value)
         node.sdo.download(index, 0, bytes.fromhex(other))
         assert node.sdo.upload(index, 0) == bytes.fromhex(other)
+
+
+@pytest.mark.parametrize("block", [False, True])
+def test_their_client_moves_long_values_to_and_from_our_device(network: Any, device: Device, block: bool) -> None:
+    node = remote(network)
+    for length in LENGTHS:
+        value = counting(length)
+        with node.sdo.open(0x2100, 0, "wb", size=length, block_transfer=block, buffering=7) as stream:
+            stream.write(value)
+        assert device.objects.read(0x2100, 0) == value
+        with node.sdo.open(0x2100, 0, "rb", block_transfer=block) as stream:
+            assert stream.read() == value
+    assert device.sdo.counters.aborts_said == 0
 
 
 @pytest.mark.usefixtures("device")

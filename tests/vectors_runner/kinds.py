@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tests.vectors_runner import canopen, codecs, devices, lines, modbus
+from tests.vectors_runner import canopen, codecs, devices, lines, modbus, services
 from tests.vectors_runner.common import Case
 
 RUNNERS: dict[str, Callable[[Case], None]] = {
@@ -34,6 +34,9 @@ RUNNERS: dict[str, Callable[[Case], None]] = {
     "pdo": canopen.pdo,
     "emcy": canopen.emcy,
     "sync": canopen.sync,
+    "time": services.time,
+    "lss": services.lss,
+    "node-talk": services.node_talk,
     "parameter": devices.parameter,
     "drive-state": devices.drive_state,
     "drive-command": devices.drive_command,

@@ -26,8 +26,17 @@ def from_json(name: str, value: Any) -> Any:
         return bits(value)
     if name == "registers":
         return words(value)
-    if name == "data":
+    if name in ("data", "events"):
         return octets(value)
+    if name in ("index", "abort_code"):
+        return int(value, 16)
+    if name == "places":
+        return tuple((one["file"], one["record"], one["length"]) for one in value)
+    if name == "records":
+        return tuple(
+            words(one) if isinstance(one, str) else (one["file"], one["record"], words(one["registers"]))
+            for one in value
+        )
     if name == "objects":
         return tuple((one["id"], octets(one["value"])) for one in value)
     return value
@@ -36,7 +45,7 @@ def from_json(name: str, value: Any) -> Any:
 def build(case: Case) -> Message:
     """The message that the case describes."""
     code = octets(case["function"]) if "function" in case else octets(case["pdu"])[:2]
-    code = b"\x2b\x0e" if code[:1] == b"\x2b" else code
+    code = b"\x2b\x0e" if code == b"\x2b" else code
     made = request_class(code) if case["side"] == "request" else response_class(code)
     assert made is not None, f"no message class for function {code.hex()}"
     fields = {name: from_json(name, value) for name, value in case["message"].items()}

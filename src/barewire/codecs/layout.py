@@ -83,7 +83,8 @@ class Layout:
             raise self._short(data)
         if self.tail is None:
             if len(data) > self.size:
-                text = f"{len(data) - self.size} bytes are left over behind {self.names[-1]}"
+                surplus = len(data) - self.size
+                text = f"{surplus} byte{'s are' if surplus > 1 else ' is'} left over behind {self.names[-1]}"
                 raise DecodeError("long", data, self.size, text)
             return self._struct.unpack(data)
         values = self._struct.unpack_from(data)

@@ -16,7 +16,7 @@ import struct
 from typing import Protocol, TypeAlias
 
 from barewire.codecs.order import ORDERS, Order, reorder
-from barewire.errors import DecodeError, EncodeError, Reason
+from barewire.errors import DecodeError, EncodeError, Reason, shown
 
 Value: TypeAlias = int | float | bool | str | bytes
 
@@ -85,7 +85,7 @@ class Number:
         """The value as this type has it, or an EncodeError that names the limits."""
         if not isinstance(value, (int, float)) or (value != value // 1 and not self.is_float):
             wanted = "a number" if self.is_float else "a whole number"
-            raise EncodeError(f"{value!r} is not {wanted} for {self.name}")
+            raise EncodeError(f"{shown(value)} is not {wanted} for {self.name}")
         if self.is_float:
             # Infinities and NaN are values of IEEE 754 and travel; what rounds beyond the largest float does not.
             try:
@@ -94,10 +94,10 @@ class Number:
                     return number
             except OverflowError:  # an int that no float can hold
                 pass
-            raise EncodeError(f"{value!r} does not fit {self.name}: at most ±{self.maximum:g}")
+            raise EncodeError(f"{shown(value)} does not fit {self.name}: at most ±{self.maximum:g}")
         whole = int(value)
         if not self.minimum <= whole <= self.maximum:
-            raise EncodeError(f"{value!r} does not fit {self.name}: expected {self.minimum}..{self.maximum}")
+            raise EncodeError(f"{shown(value)} does not fit {self.name}: expected {self.minimum}..{self.maximum}")
         return whole
 
     def encode(self, value: Value) -> bytes:

@@ -1,0 +1,46 @@
+/* A libmodbus server with a hundred of everything.
+ *
+ *     libmodbus_server tcp PORT       libmodbus_server rtu DEVICE
+ *
+ * Says "ready" and serves one client after the other until it is killed. Register 99 of the inputs holds 1234;
+ * holding register 50 is answered with "busy" (exception 06) by modbus_reply_exception. */
+#include <errno.h>
+#include <modbus/modbus.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+int main(int argc, char **argv)
+{
+    int tcp = argc == 3 && !strcmp(argv[1], "tcp"), listener = -1;
+    modbus_t *ctx = tcp ? modbus_new_tcp("127.0.0.1", atoi(argv[2])) : modbus_new_rtu(argv[2], 115200, 'N', 8, 1);
+    modbus_mapping_t *table = modbus_mapping_new(100, 100, 100, 100);
+    if (ctx == NULL || table == NULL || modbus_set_slave(ctx, 1) != 0)
+        return 1;
+    table->tab_input_registers[99] = 1234;
+    table->tab_input_bits[6] = 1;
+    if (tcp ? (listener = modbus_tcp_listen(ctx, 4)) == -1 : modbus_connect(ctx) == -1) {
+        fprintf(stderr, "%s\n", modbus_strerror(errno));
+        return 1;
+    }
+    puts("ready");
+    fflush(stdout);
+    for (;;) {
+        if (tcp && modbus_tcp_accept(ctx, &listener) == -1)
+            return 1;
+        for (;;) {
+            uint8_t request[MODBUS_MAX_ADU_LENGTH];
+            int length = modbus_receive(ctx, request), at = modbus_get_header_length(ctx);
+            if (length == -1 && tcp)
+                break; /* the client hung up: wait for the next */
+            if (length <= 0)
+                continue; /* damaged, or not for us */
+            if (request[at] == 0x03 && request[at + 2] == 50)
+                modbus_reply_exception(ctx, request, MODBUS_EXCEPTION_SLAVE_OR_SERVER_BUSY);
+            else
+                modbus_reply(ctx, request, length, table);
+        }
+        close(modbus_get_socket(ctx));
+    }
+}

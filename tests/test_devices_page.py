@@ -1,0 +1,45 @@
+"""docs/devices.md: as many rows as the manuals have, every correction, and as `tools/devices.py` would leave it."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from barewire.devices import load, names
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("devices_tool", ROOT / "tools" / "devices.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_as_many_rows_as_the_manuals_have(tool: ModuleType) -> None:
+    counted = {(count.device, count.table): count.here() for count in tool.COUNTS}
+    assert counted == {(count.device, count.table): count.manual for count in tool.COUNTS}
+
+
+def test_every_row_that_is_counted_is_a_parameter(tool: ModuleType) -> None:
+    for name in names():
+        assert len(tool.rows(name.replace("-", "_"))) == len(load(name).parameters)
+
+
+def test_every_correction_is_listed(tool: ModuleType) -> None:
+    lines = tool.page().splitlines()
+    for name in names():
+        for parameter in load(name).parameters:
+            for field in parameter.printed:
+                assert any(line.startswith(f"| {parameter.name} | {field} | ") for line in lines), parameter.name
+
+
+def test_the_page_is_up_to_date(tool: ModuleType) -> None:
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/devices.py"

@@ -1,0 +1,61 @@
+"""time, lss, node-talk: the services of CANopen that came after the first frames."""
+
+from __future__ import annotations
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.guarding import GuardedNode
+from barewire.canopen.lss import LssAddress, LssMessage
+from barewire.canopen.lss_slave import LssSlave
+from barewire.canopen.nmt import NmtState
+from barewire.canopen.time_stamp import TimeStamp
+from barewire.canopen.times import DAY, TimeOfDay
+from barewire.errors import EncodeError
+from tests.vectors_runner.canopen import frame_of, wire
+from tests.vectors_runner.common import Case, check, octets
+
+
+def time(case: Case) -> None:
+    """The time of day of one day."""
+
+    def told() -> TimeStamp:
+        if not 0 <= case["milliseconds"] < DAY:
+            raise EncodeError(f"a day has no {case['milliseconds']} ms")  # the value of barewire is one number
+        return TimeStamp(TimeOfDay(case["days"] * DAY + case["milliseconds"]))
+
+    check(
+        case,
+        encode=lambda: str(told().encode()),
+        wire=wire(case),
+        decode=lambda: TimeStamp.decode(frame_of(case)),
+        value=told() if case["result"] != "invalid" else None,
+    )
+
+
+def lss(case: Case) -> None:
+    """One message."""
+    told = None
+    if "service" in case:
+        told = LssMessage(int(case["service"], 16), octets(case["body"]), case["side"] == "answer")
+    check(
+        case,
+        encode=lambda: str(told.encode()) if told else None,
+        wire=wire(case),
+        decode=lambda: LssMessage.decode(frame_of(case)),
+        value=told,
+    )
+
+
+def node_talk(case: Case) -> None:
+    """A machine and what it says."""
+    node = case["node"]
+    machine: GuardedNode | LssSlave
+    if node["machine"] == "guarded-node":
+        machine = GuardedNode(node["id"])
+        machine.state = NmtState.PRE_OPERATIONAL
+        machine.life_time = node.get("life_time", 0) / 1e6
+    else:
+        machine = LssSlave(LssAddress(*(int(part, 16) for part in node["address"])), node["id"])
+    for step in case["talk"]:
+        frame = None if step["hear"] is None else CanFrame.parse(step["hear"])
+        said = machine.feed(frame, step["at"] / 1e6)
+        assert [str(item) if isinstance(item, CanFrame) else item.kind for item in said] == step["said"], step
