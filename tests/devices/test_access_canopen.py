@@ -172,16 +172,25 @@ def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
         write(machine, {"MODES OF OPERATION": 300}, force=True)
 
 
-def test_what_one_expedited_transfer_cannot_carry() -> None:
+def test_eight_bytes_go_in_segments() -> None:
+    device = Device("d", "d", (Parameter("wide", "u64", object=ObjectAt(0x2000)),), canopen=CanopenSide())
+    server = SdoServer(NODE, ObjectDictionary([Entry(0x2000, 0, "wide", "u64", "rw", 0)]))
+
+    def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        return [(now, said) for said in server.feed(frame, now)]
+
+    play(write_canopen(NODE, device, {"wide": 1 << 60}), peer)
+    (reading,), _ = play(read_canopen(NODE, device, ["wide"]), peer)
+    assert reading.value == 1 << 60
+
+
+def test_what_an_object_cannot_be() -> None:
     rows = (
-        Parameter("wide", "u64", object=ObjectAt(0x2000)),
         Parameter("text", "text", object=ObjectAt(0x2001)),
         Parameter("flag", "bool", access="wo", object=ObjectAt(0x2002, 0, 3)),
     )
     device = Device("d", "d", rows, canopen=CanopenSide())
-    with refused(EncodeError, "wide takes 8 bytes: an expedited transfer carries 4"):
-        read_canopen(NODE, device, ["wide"])
-    with refused(EncodeError, "text is text, which does not fit an expedited transfer"):
+    with refused(EncodeError, "text is text, and a description does not say how long an object of text is"):
         write_canopen(NODE, device, {"text": "x"})
     with refused(EncodeError, "flag is one bit of an object that cannot be read"):
         write_canopen(NODE, device, {"flag": True})

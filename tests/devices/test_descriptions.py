@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from barewire.devices import DescriptionError, load
 from barewire.devices.rows import RULES
 from barewire.errors import BarewireError
-from tests.helpers import modest
+from tests.helpers import modest, refused
 
 HEAD = """\
 name = "mine"
@@ -293,3 +293,9 @@ def test_whatever_stands_in_a_row_it_loads_or_is_told(changes: dict[str, str]) -
         except DescriptionError as error:
             text = str(error)
     assert not text or re.match(r".*rows\.toml:\d+: parameter .*: key '.*': ", text)
+
+
+def test_a_pdo_whose_identifier_is_none_with_the_node_id_added(tmp_path: Path) -> None:
+    head = HEAD + "[[pdo]]\nname = 'P'\ncob_id = 0x7FF\ntransmission = 0\nmap = []\n"
+    with refused(DescriptionError, "10: pdo 'P': key 'cob_id': with node 1 it is 800h; expected 7FFh at most"):
+        load(write(tmp_path, BEFORE, head))

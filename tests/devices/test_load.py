@@ -181,3 +181,37 @@ def test_an_unknown_device_is_told_with_the_nearest_names() -> None:
 def test_an_unknown_parameter_is_told_with_the_nearest_names() -> None:
     with refused(UnknownName, "az3 has no parameter 'STATUS WROD'; did you mean 'STATUS WORD'"):
         load("az3").find("STATUS WROD")
+
+
+def test_a_manual_that_counts_each_table_from_a_number_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text(
+        """
+name = "meter"
+title = "A meter"
+[modbus]
+first_register = { holding = 40001, input = 30001 }
+first_coil = { coil = 1, discrete = 10001 }
+[[parameter]]
+name = "setting"
+type = "u16"
+holding = 40008
+access = "rw"
+[[parameter]]
+name = "measure"
+type = "f32"
+input = 30011
+access = "ro"
+[[parameter]]
+name = "contact"
+type = "bool"
+discrete = 10003
+access = "ro"
+""",
+        encoding="utf-8",
+    )
+    places = [parameter.modbus for parameter in load(tmp_path).parameters]
+    assert [(place.table, place.address) for place in places if place] == [
+        ("holding", 7),
+        ("input", 10),
+        ("discrete", 2),
+    ]

@@ -126,6 +126,15 @@ def test_a_serial_port_that_is_not_there() -> None:
         open_modbus("rtu:///dev/tty-nowhere")
 
 
+def test_a_serial_port_is_opened_by_one_program_at_a_time() -> None:
+    terminal = PseudoTerminal()
+    try:
+        with open_modbus(f"rtu://{terminal.path}"), pytest.raises(PortError, match="another program has it open"):
+            open_modbus(f"rtu://{terminal.path}")
+    finally:
+        terminal.close()
+
+
 def test_a_port_that_is_unplugged_while_it_is_used() -> None:
     terminal = PseudoTerminal()
     with open_modbus(f"rtu://{terminal.path}?timeout=1") as client:

@@ -96,4 +96,6 @@ def host_device(device: str, endpoint: str, machine: Simulator | None = None) ->
 def units_at(at: Endpoint, unit: Unit, default: int) -> dict[int, Unit]:
     """The unit under its address; a directly connected TCP device is also unit 255 and 0 [MB-TCP 4.4.2]."""
     address = at.integer("unit", default)
+    if at.is_serial_port and not 1 <= address <= 247:
+        raise EncodeError(f"unit {address}: a unit on a serial line has an address in 1..247")
     return {address: unit, 255: unit, 0: unit} if at.envelope == "tcp" else {address: unit}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import click
 
@@ -11,7 +13,9 @@ from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading, load
 from barewire.devices.asked import to_write
 from barewire.devices.parameter import show
-from barewire.shells import connect
+from barewire.errors import BarewireError, NoAnswer
+from barewire.shells import ModbusClient, connect
+from barewire.shells.client import Client
 
 
 @click.command()
@@ -28,7 +32,7 @@ def read(endpoint: str, device: str, names: tuple[str, ...], as_json: bool) -> N
     machine = load(device)
     for name in names:
         machine.find(name)  # a wrong name is told before a port is opened
-    with connect(endpoint) as client:
+    with _client(endpoint) as client:
         for reading in client.read(machine, *names):
             _print(reading, as_json)
 
@@ -53,12 +57,25 @@ def write(endpoint: str, device: str, assignments: tuple[str, ...], force: bool,
         # All of them before the first is sent: half a command may start a motor.
         to_write(machine, {name: value}, force)
         _remark(machine.find(name), value)
-    with connect(endpoint) as client:
+    with _client(endpoint) as client:
         # One at a time, because order matters and a name may come twice: "Control Word=6" "Control Word=7".
         for name, value in wanted:
             client.write(machine, {name: value}, force=force)
             reading = Reading(machine.find(name), value)
             _print(reading, as_json, ", written")
+
+
+@contextmanager
+def _client(endpoint: str) -> Iterator[Client]:
+    """A client that does not leave a serial line to the next command while a lost answer may still come there."""
+    with connect(endpoint) as client:
+        try:
+            yield client
+        except NoAnswer:
+            if isinstance(client, ModbusClient):
+                with suppress(BarewireError):
+                    client.settle()
+            raise
 
 
 def _assignment(machine: Device, text: str) -> tuple[str, Value]:

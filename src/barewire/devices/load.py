@@ -11,6 +11,7 @@ I know: files and the format.  I never know: requests, buses.
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from functools import cache
@@ -37,6 +38,7 @@ from barewire.devices.lines import Lines
 from barewire.devices.parameter import Parameter
 from barewire.devices.parts import read_drive
 from barewire.devices.rows import Counting, read_row
+from barewire.errors import shown
 
 CATALOG = Path(__file__).with_name("catalog")
 DEVICE_FILE = "device.toml"
@@ -65,12 +67,15 @@ def load(name_or_path: str | Path) -> Device:
     if wanted in names():
         return _from_catalog(wanted)
     path = Path(name_or_path)
-    if path.is_file() and path.name == DEVICE_FILE:
+    # os.path answers no where a name is too long to be one, Path would raise.
+    if os.path.isfile(path) and path.name == DEVICE_FILE:
         path = path.parent
-    if not path.is_dir():
+    if not os.path.isdir(path) or not str(name_or_path):
         known = ", ".join(names())
         hint = suggest(wanted, dict.fromkeys(names()))
-        raise UnknownName(f"no device {str(name_or_path)!r} in the catalogue ({known}), and no such directory{hint}")
+        raise UnknownName(
+            f"no device {shown(str(name_or_path))} in the catalogue ({known}), and no such directory{hint}"
+        )
     return read_directory(path)
 
 
@@ -237,6 +242,9 @@ def _canopen(file: Block) -> CanopenSide | None:
     pdos = []
     for table in tables:
         pdo = Pdo(**table.read(_PDO, tuple(_PDO)))
+        node = values.get("node", 1)
+        if pdo.cob_id + node > 0x7FF:
+            raise table.error("cob_id", f"with node {node} it is {pdo.cob_id + node:X}h; expected 7FFh at most")
         if sum(bits for _, _, bits in pdo.map) > 64:
             raise table.error("map", f"{sum(bits for _, _, bits in pdo.map)} bits; a PDO has room for 64")
         pdos.append(pdo)

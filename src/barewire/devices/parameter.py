@@ -265,7 +265,9 @@ class Parameter:
 
     def _object_codec(self) -> Codec:
         if self.type == "text":
-            raise EncodeError(f"{self.name} is text, which does not fit an expedited transfer", self.name)
+            raise EncodeError(
+                f"{self.name} is text, and a description does not say how long an object of text is", self.name
+            )
         return codec("u8" if self.type == "bool" else self.type, "DCBA")
 
 

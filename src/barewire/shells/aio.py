@@ -57,6 +57,10 @@ async def run(conversation: Conversation[Item, Result], port: AsyncPort[Item]) -
         raise
 
 
+MAILBOX = 0x10000
+"""Bytes that may lie in a mailbox: 250 of the longest frames."""
+
+
 class Mailbox:
     """What came and nobody has taken yet. `write` is where the bytes of whoever has this mailbox go."""
 
@@ -66,10 +70,18 @@ class Mailbox:
         """Why nothing will come any more."""
         self._write = write
         self._chunks: deque[bytes] = deque()
+        self._waiting = 0
         self._waiter: asyncio.Future[None] | None = None
 
     def put(self, data: bytes) -> None:
-        """Bytes came."""
+        """Bytes came. Whoever sends more than anybody takes is hung up on: the memory is not theirs."""
+        if self.lost is not None:
+            return
+        self._waiting += len(data)
+        if self._waiting > MAILBOX:
+            self._chunks.clear()
+            self.fail(f"more than {MAILBOX} bytes came that nobody asked for")
+            return
         self._chunks.append(data)
         self._wake()
 
@@ -95,7 +107,9 @@ class Mailbox:
     def take(self) -> bytes | None:
         """What is here already; PortError if nothing is and nothing will come."""
         if self._chunks:
-            return self._chunks.popleft()
+            taken = self._chunks.popleft()
+            self._waiting -= len(taken)
+            return taken
         if self.lost is not None:
             raise PortError(f"{self.name}: {self.lost}")
         return None

@@ -29,7 +29,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 PSEUDO_TERMINAL = "pty"
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
@@ -63,7 +63,10 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     ('127.0.0.1', 29536)
     """
     host, _, port = channel.partition("/")[0].partition(":")
-    return host, int(port) if port.isdecimal() else SOCKETCAND_PORT
+    number = int(port) if port.isdecimal() else SOCKETCAND_PORT
+    if number > 0xFFFF:
+        raise EncodeError(f"{shown(channel)}: port {number} is not a number in 0..65535")
+    return host, number
 
 
 class Endpoint(NamedTuple):
@@ -81,12 +84,18 @@ class Endpoint(NamedTuple):
     @classmethod
     def parse(cls, url: str) -> Endpoint:
         """The URL taken apart; EncodeError says what is wrong with it and what was expected."""
-        parts = urlsplit(url)
+        try:
+            parts = urlsplit(url)
+        except ValueError as error:
+            raise EncodeError(f"endpoint {shown(url)}: {error}") from None
         if parts.scheme not in SCHEMES or "://" not in url:
             forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
             forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             raise EncodeError(f"endpoint {url!r}: expected {forms}")
-        options = dict(parse_qsl(parts.query, keep_blank_values=True))
+        pairs = parse_qsl(parts.query, keep_blank_values=True)
+        options = dict(pairs)
+        if len(options) < len(pairs):
+            raise EncodeError(f"endpoint {url!r}: an option is said twice")
         known = _KNOWN.get(parts.scheme)
         for key in options:
             if known is not None and key not in known:
@@ -98,9 +107,17 @@ class Endpoint(NamedTuple):
                 raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
         if parts.scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
             place = PSEUDO_TERMINAL
-        if not place:
+        if not place or "\0" in place:
             raise EncodeError(f"endpoint {url!r}: it names no port")
-        return cls(parts.scheme, place, options)
+        endpoint = cls(parts.scheme, place, options)
+        if parts.scheme == "can":
+            socketcand_address(place.partition("/")[2])
+        elif not endpoint.is_serial_port:
+            _ = endpoint.host_and_port  # a wrong one is told before anything is opened
+        unit = endpoint.integer("unit", 1)
+        if not 0 <= unit <= 255:
+            raise EncodeError(f"endpoint {url!r}: unit {unit}: expected 0..255")
+        return endpoint
 
     def __str__(self) -> str:
         query = "&".join(f"{key}={value}" for key, value in self.options.items())
@@ -123,7 +140,11 @@ class Endpoint(NamedTuple):
         if not colon or port.endswith("]"):
             host, port = self.place, str(_PORTS.get(self.scheme, 502))
         if not port.isdecimal() or int(port) > 0xFFFF:
-            raise EncodeError(f"endpoint {str(self)!r}: port {port!r} is not a number in 0..65535")
+            raise EncodeError(f"endpoint {shown(str(self))}: port {port!r} is not a number in 0..65535")
+        try:
+            host.encode("idna")
+        except UnicodeError:
+            raise EncodeError(f"endpoint {shown(str(self))}: {shown(host)} cannot be the name of a host") from None
         return host.strip("[]"), int(port)
 
     def integer(self, key: str, default: int) -> int:

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import socket
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Protocol, Self
 
 from barewire.canopen import CanFrame
@@ -121,7 +121,7 @@ class SerialHost(Host):
         self._line = modbus_line(endpoint, "server", tuple(units))
         self._server = Server(self._line, units, serial=True)
         self.port: Port[bytes]
-        if endpoint.place == PSEUDO_TERMINAL or not Path(endpoint.place).exists():
+        if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
             from barewire.shells.serial_port import SerialSettings
 
             link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place

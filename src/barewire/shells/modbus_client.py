@@ -130,6 +130,10 @@ class ModbusClient(Verbs):
         """What is remembered of the line: counters, late replies."""
         return self.connection.bus
 
+    def settle(self) -> None:
+        """Stay on a serial line until no lost answer can come any more: before leaving it to another program."""
+        self.run(self.bus.settle())
+
     def close(self) -> None:
         """Give the port back."""
         self.connection.close()

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import re
 import select
+import sys
 import time
 from typing import NamedTuple
 
@@ -19,6 +22,15 @@ try:
     from serial.rs485 import RS485Settings
 except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
     raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from missing
+
+
+# All that pyserial and what is below it raise: ValueError and OverflowError for settings that no port has, TypeError
+# for a port that another thread closed meanwhile.
+_FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError, TypeError, serial.SerialException)
+if sys.platform != "win32":
+    import termios
+
+    _FAILURES += (termios.error,)
 
 
 class SerialSettings(NamedTuple):
@@ -64,7 +76,7 @@ class SerialPort:
                 self._serial.rs485_mode = RS485Settings()
             elif self._rts:
                 self._serial.rts = False
-        except (OSError, ValueError, serial.SerialException) as error:
+        except _FAILURES as error:
             self.close()
             raise PortError(f"{path}: rs485={rs485} is not possible here: {_say(error)}") from None
 
@@ -88,7 +100,7 @@ class SerialPort:
                 self._serial.flush()
             finally:
                 self.turn(sending=False)
-        except (OSError, TypeError, serial.SerialException) as error:
+        except _FAILURES as error:
             raise PortError(f"{self.name}: {_say(error)}") from None
         time.sleep(max(0.0, ends - time.monotonic()))
 
@@ -119,15 +131,14 @@ class SerialPort:
             self._serial.timeout = min(timeout, 3600.0)
             data = self._serial.read(1)
             return bytes(data + self._serial.read(self._serial.in_waiting)) if data else None
-        except (OSError, TypeError, ValueError, serial.SerialException) as error:
-            # TypeError, ValueError: what comes of it when another thread closed the port meanwhile.
+        except _FAILURES as error:
             if isinstance(error, PortError):
                 raise
             raise PortError(f"{self.name}: {_say(error)}") from None
 
     def close(self) -> None:
         """Give the port back."""
-        with contextlib.suppress(OSError, serial.SerialException):
+        with contextlib.suppress(*_FAILURES):
             self._serial.close()
 
 
@@ -136,9 +147,13 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
     if is_pseudo_terminal(path):
         # It has neither parity nor 7 bits, and a second attempt to set them fails with "invalid argument".
         parity, bytesize = "N", 8
+    baudrate, stopbits = settings.baudrate, settings.stopbits
     try:
-        return serial.Serial(path, settings.baudrate, bytesize, parity, settings.stopbits, timeout=0, write_timeout=5)
-    except (OSError, ValueError, serial.SerialException) as error:
+        # Alone: two programs on one line would take each other's answers, and neither would know.
+        return serial.Serial(
+            path, baudrate, bytesize, parity, stopbits, timeout=0, write_timeout=5, exclusive=os.name == "posix" or None
+        )
+    except _FAILURES as error:
         raise PortError(f"{path}: {_say(error)}") from None
 
 
@@ -146,7 +161,13 @@ def _say(error: Exception) -> str:
     """pyserial wraps the system's words in its own: unwrap them."""
     if isinstance(error, TypeError):
         return "the port was closed"
+    if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
+        return "another program has it open"
     if isinstance(error, OSError) and error.errno is not None:
         return reason(OSError(error.errno, os.strerror(error.errno)))
     text = str(error)
-    return "the device is gone" if "readiness to read" in text else text
+    if "readiness to read" in text:
+        return "the device is gone"
+    # "Could not configure port: (25, 'Inappropriate ioctl for device')", or termios's own (5, 'Input/output error').
+    system = re.search(r"\(\d+, '([^']+)'\)", text)
+    return system[1][:1].lower() + system[1][1:] if system else text
