@@ -5,7 +5,7 @@
     1  04     function code  4             04 Read Input Registers
     2  0F B1  address        0FB1h (4017)  0-based; number 4018 in 1-based tables
     4  00 02  quantity       2             input registers
-    6  22 F8  CRC            F822h         CRC ok
+    6  22 F8  CRC                          CRC ok
     valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
 
 Every byte is in exactly one field, in order, however broken the frame is; and nothing that comes in can raise. Files:

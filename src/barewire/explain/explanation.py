@@ -5,7 +5,7 @@
        1    04      function code   4             04 Read Input Registers
        2    0F B1   address         0FB1h (4017)  0-based; number 4018 in 1-based tables
        4    00 02   quantity        2             input registers
-       6    22 F8   CRC             F822h         CRC ok
+       6    22 F8   CRC                           CRC ok
     valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
 
 The law of this room: **every byte is in exactly one field, in order, whatever is wrong with it.** What belongs to no
@@ -30,7 +30,7 @@ HEX_SHOWN = 8
 """So many bytes of a field are printed; `as_dict` has them all."""
 
 # What people never say in decimal. All other numbers are shown in both bases where they differ.
-_IN_HEX_ONLY = frozenset({"CRC", "LRC", "COB-ID", "command", "index", "abort code", "error code", "error register"})
+_IN_HEX_ONLY = frozenset({"LRC", "COB-ID", "command", "index", "abort code", "error code", "error register"})
 
 
 class ExplainedField(NamedTuple):
@@ -58,6 +58,8 @@ class ExplainedField(NamedTuple):
             return ""
         if isinstance(self.value, str):
             return repr(self.value) if self.name.endswith("value") else self.value
+        if self.name == "CRC":
+            return ""  # it is sent low byte first: as a number it would stand in another order than beside it
         digits = f"{self.value:0{len(self.hex.replace(' ', ''))}X}h"
         if self.name in _IN_HEX_ONLY:
             return digits

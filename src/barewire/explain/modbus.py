@@ -55,7 +55,7 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     2  04     byte count     4            so many bytes follow
     3  00 00  register 0     0
     5  01 10  register 1     0110h (272)
-    7  3B C3  CRC            C33Bh        CRC wrong, should be FB D8
+    7  3B C3  CRC                         CRC wrong, should be FB D8
     not valid: CRC is 3B C3, should be FB D8 (byte 7)
     """
     fault = _fault(rtu_frame.decode, data)
