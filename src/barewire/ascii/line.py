@@ -14,7 +14,7 @@ from barewire.ascii.frame import LONGEST, decode, encode
 from barewire.errors import DecodeError, EncodeError, Reason
 from barewire.modbus.adu import Adu, Noise
 
-COLON, CR, LF = 0x3A, 0x0D, 0x0A
+COLON, LF = 0x3A, 0x0A
 
 
 class AsciiLine:

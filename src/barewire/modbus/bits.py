@@ -103,12 +103,12 @@ class ReadCoils(Request[ReadCoilsResponse]):
         check_range("address", self.address, 0, 0xFFFF)
         check_range("quantity", self.quantity, 1, READ_LIMIT)
 
-    def fit(self, response: Any, pdu: bytes) -> Response:
+    def fit(self, response: Any, pdu: bytes) -> Any:
         """Exactly the bytes that the quantity fills, cut to the quantity."""
         asked = (self.quantity + 7) // 8
         if len(response.bits) != 8 * asked:
             self.refuse(pdu, "byte_count", asked, len(response.bits) // 8)
-        return self.response(response.bits[: self.quantity])  # type: ignore[call-arg]
+        return type(response)(response.bits[: self.quantity])
 
 
 @dataclass(frozen=True, slots=True)

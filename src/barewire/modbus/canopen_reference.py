@@ -288,11 +288,11 @@ class CanopenReference(Request[CanopenReferenceResponse]):
             raise SdoAborted(ExtendedExceptionResponse.decode(pdu).abort_code)
         return Request.read_response(self, pdu)
 
-    def fit(self, response: Any, pdu: bytes) -> Response:
+    def fit(self, response: Any, pdu: bytes) -> Any:
         """The same object of the same node, in the same dialect; and no more bytes than were asked for."""
         for name in ("write", "dialect", "node", "index", "sub_index", "start"):
             if getattr(response, name) != getattr(self, name):
                 self.refuse(pdu, name, getattr(self, name), getattr(response, name))
         if not self.write and response.count > self.count:
             self.refuse(pdu, "count", self.count, response.count)
-        return response  # type: ignore[no-any-return]
+        return response

@@ -158,11 +158,11 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
             raise DecodeError("length", pdu, 9, f"byte count {byte_count} for {write_quantity} registers")
         return cls(read_address, read_quantity, write_address, to_registers(data))
 
-    def fit(self, response: Any, pdu: bytes) -> Response:
+    def fit(self, response: Any, pdu: bytes) -> Any:
         """Exactly as many registers as were to be read."""
         if len(response.registers) != self.read_quantity:
             self.refuse(pdu, "byte_count", 2 * self.read_quantity, 2 * len(response.registers))
-        return response  # type: ignore[no-any-return]
+        return response
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:

@@ -210,10 +210,10 @@ class Diagnostics(Request[DiagnosticsResponse]):
         """The sub-function with its name."""
         return _diagnostics_fields(cls.layout.fields(pdu))
 
-    def fit(self, response: Any, pdu: bytes) -> Response:
+    def fit(self, response: Any, pdu: bytes) -> Any:
         """The same sub-function; and the same data, where the response is an echo."""
         if response.sub_function != self.sub_function:
             self.refuse(pdu, "sub_function", self.sub_function, response.sub_function)
         if self.sub_function in ECHOED and response.data != self.data:
             self.refuse(pdu, "data", self.data.hex(" ").upper(), response.data.hex(" ").upper())
-        return response  # type: ignore[no-any-return]
+        return response

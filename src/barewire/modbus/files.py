@@ -181,12 +181,12 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
             places.append(place)
         return cls.make(pdu, tuple(places))
 
-    def fit(self, response: Any, pdu: bytes) -> Response:
+    def fit(self, response: Any, pdu: bytes) -> Any:
         """As many groups as were asked, each as long as it was asked."""
         asked, answered = [length for _, _, length in self.places], list(map(len, response.records))
         if asked != answered:
             self.refuse(pdu, "byte_count", asked, answered)
-        return response  # type: ignore[no-any-return]
+        return response
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:

@@ -88,10 +88,10 @@ class Functions:
         match request:
             case bits.ReadCoils(address, quantity):
                 read = self.read_discrete_inputs if request.function_code == 0x02 else self.read_coils
-                return request.response(_row(read, address, quantity))  # type: ignore[call-arg]
+                return request.response(_row(read, address, quantity))  # type: ignore[call-arg]  # whichever response class it is
             case registers.ReadHoldingRegisters(address, quantity):
                 read = self.read_input_registers if request.function_code == 0x04 else self.read_holding_registers
-                return request.response(_row(read, address, quantity))  # type: ignore[call-arg]
+                return request.response(_row(read, address, quantity))  # type: ignore[call-arg]  # whichever response class it is
             case combined.ReadWriteMultipleRegisters(read_address, read_quantity, write_address, values):
                 _call(self.write_registers, write_address, values)
                 row = _row(self.read_holding_registers, read_address, read_quantity)
