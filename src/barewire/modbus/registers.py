@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from struct import Struct
 from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
@@ -16,6 +17,8 @@ from barewire.modbus.message import Request, Response, check_range
 
 READ_LIMIT = 125
 WRITE_LIMIT = 123
+_ROWS = tuple(Struct(f">{quantity}H") for quantity in range(READ_LIMIT + 1))
+"""For each quantity, what turns its bytes into registers."""
 
 
 def register_fields(found: list[Field]) -> list[Field]:
@@ -104,6 +107,15 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
         check_range("quantity", self.quantity, 1, READ_LIMIT)
+
+    def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
+        """As of every request. The answer that fits, and nearly all do, is known at one look and read by one call."""
+        size = 2 * self.quantity
+        if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size:
+            return Request.read_response(self, pdu)
+        response: ReadHoldingRegistersResponse = object.__new__(self.response)  # type: ignore[assignment]  # its class
+        object.__setattr__(response, "registers", _ROWS[self.quantity].unpack_from(pdu, 2))
+        return response
 
     def fit(self, response: Any, pdu: bytes) -> Any:
         """Exactly as many registers as were asked."""
