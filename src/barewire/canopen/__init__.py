@@ -27,8 +27,9 @@ I know: frames, nodes, objects.  I never know: Modbus, what an object means, por
 Who may import me: devices, shells, cli, bench, tests.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from barewire.door import lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.cob import CobEntry, Service, check_node, classify, cob_id, is_restricted
@@ -218,11 +219,4 @@ _FILES = (
     "device",
 )
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for file in _FILES:
-            module = import_module(f"{__name__}.{file}")
-            if name in vars(module):
-                return vars(module)[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy(__name__, __all__, _FILES)

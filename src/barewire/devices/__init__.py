@@ -18,14 +18,14 @@ I know: names, units, ranges, places, states of a drive.  I never know: envelope
 me; modbus and canopen do not.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barewire.devices.check import DescriptionError
 from barewire.devices.describe import describe
 from barewire.devices.device import CanopenSide, Device, DriveSide, ModbusSide, Pdo, UnknownName
 from barewire.devices.load import load, names
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
+from barewire.door import lazy
 
 if TYPE_CHECKING:
     from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
@@ -68,11 +68,4 @@ __all__ = [
 # Loaded when asked for: whoever looks a parameter up need not load the buses.
 _FILES = ("cia402", "plan", "access", "drive_report", "drive_access", "drive")
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for file in _FILES:
-            module = import_module(f"{__name__}.{file}")
-            if name in vars(module):
-                return vars(module)[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy(__name__, __all__, _FILES)

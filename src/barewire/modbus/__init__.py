@@ -19,8 +19,9 @@ I know: function codes, their fields and limits, turns of talk.  I never know: c
 what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from barewire.door import lazy
 
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
@@ -213,11 +214,4 @@ _FILES = (
     "handlers",
 )
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for file in _FILES:
-            module = import_module(f"{__name__}.{file}")
-            if name in vars(module):
-                return vars(module)[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy(__name__, __all__, _FILES)

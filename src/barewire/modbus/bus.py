@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from copy import copy
 from typing import Any, Literal, TypeVar
 
@@ -233,12 +234,10 @@ class Bus:
             self.counters.probes += 1
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
             known.unproven += 1
-            try:
+            # "I do not know function 08" is an answer too, and it came after everything before. No answer may be a late
+            # one, like those before: the window is for both.
+            with suppress(ModbusException, NoAnswer):
                 yield from self._exchange(unit, probe, timeout, known, now)
-            except ModbusException:
-                pass  # "I do not know function 08" is an answer too, and it came after everything before
-            except NoAnswer:
-                pass  # it may be late like the others: the window is for both
         while self._confusable(unit, request):
             until = max(lost.until for lost in self._lost if lost.unit == unit)
             heard = yield Listen(until)

@@ -19,8 +19,9 @@ I know: ports, clocks, threads, tasks, and how each of them fails.  I never know
 programs, tests and bench import me; nothing below does.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from barewire.door import lazy
 
 if TYPE_CHECKING:
     from barewire.shells.aio_client import AsyncModbusClient, open_async, open_tcp
@@ -52,11 +53,4 @@ __all__ = [
 # Loaded when asked for, the light ones first: a blocking client needs no asyncio.
 _FILES = ("endpoint", "blocking", "modbus_client", "client", "aio_client", "aio_server", "host")
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for file in _FILES:
-            module = import_module(f"{__name__}.{file}")
-            if name in vars(module):
-                return vars(module)[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy(__name__, __all__, _FILES)
