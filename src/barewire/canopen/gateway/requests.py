@@ -1,0 +1,129 @@
+"""What a line of the gateway can ask for: one frozen value for each command.   [CiA 309-3, commands]
+
+        [1] 5 read 0x6041 0 u16       Line(1, None, 5, Read(0x6041, 0, "u16"))
+
+Nothing here knows a node's state or a bus; `commands` makes these values, `session` carries them out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from barewire.canopen.nmt import NmtCommand
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """`r[ead] index sub [type]`: an SDO upload."""
+
+    index: int
+    sub: int
+    type: str = "hex"
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """`w[rite] index sub type value`: an SDO download."""
+
+    index: int
+    sub: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """`start`, `stop`, `preop[erational]`, `reset node`, `reset comm[unication]`: NMT."""
+
+    command: NmtCommand
+
+
+@dataclass(frozen=True, slots=True)
+class Set:
+    """`set network|node|sdo_timeout|sdo_block value`: what holds for the commands that follow."""
+
+    what: str
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class Guarding:
+    """`enable guarding time factor`, `disable guarding`: times in ms, 0 for not."""
+
+    time: int
+    factor: int
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """`enable heartbeat time`, `disable heartbeat`: ms until a node is missed, 0 for not."""
+
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class BootUpIndication:
+    """`boot_up_indication Enable|Disable`."""
+
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetPdo:
+    """`set rpdo|tpdo n cob type count (index sub type)*`; `tpdox` has inhibit time, event timer and SYNC start too.
+
+    The gateway receives its RPDOs and sends its TPDOs.
+    """
+
+    send: bool
+    number: int
+    cob_id: int
+    transmission: str
+    types: tuple[str, ...]
+    inhibit: int = 0
+    timer: int = 0
+    sync_start: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ReadPdo:
+    """`r[ead] p[do] n`: the last values of a received PDO."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class WritePdo:
+    """`w[rite] p[do] n count value*`: the words, to be read with the types of the PDO."""
+
+    number: int
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Lss:
+    """`lss_...`: the name of the service and its numbers."""
+
+    service: str
+    numbers: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Tell:
+    """`info version`, `help`: about the gateway itself."""
+
+    what: str
+
+
+Request = (
+    Read | Write | Command | Set | Guarding | Heartbeat | BootUpIndication | SetPdo | ReadPdo | WritePdo | Lss | Tell
+)
+
+
+class Line(NamedTuple):
+    """A line understood: its sequence number, net and node where they were given, and what is wanted."""
+
+    sequence: int
+    net: int | None
+    node: int | None
+    request: Request

@@ -1,0 +1,205 @@
+"""One connection to the gateway: its settings, and what becomes of each of its lines.   [CiA 309-3]
+
+        line                          conversation on the bus                   answer
+        [1] 5 r 0x6041 0 u16     ->   605h 40 41 60 00 ... 585h 4B ...     ->   [1] 1591
+        [2] 5 start              ->   000h 01 05                           ->   [2] OK
+        [3] 5 r 0x6999 0         ->   605h ...  585h 80 ... 06020000h      ->   [3] ERROR:0x06020000 #...
+
+`answer` is a conversation; whoever runs it gives `notices` every frame besides. Lines of one connection are carried
+out one after the other, in their order.
+
+I know: one net, the settings of one connection.  I never know: sockets, clocks, other connections.
+"""
+
+from __future__ import annotations
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.gateway.codes import GatewayCode, GatewayError, error_line
+from barewire.canopen.gateway.commands import parse
+from barewire.canopen.gateway.lss_commands import carry_out, code_of
+from barewire.canopen.gateway.notices import Notices
+from barewire.canopen.gateway.requests import (
+    BootUpIndication,
+    Command,
+    Guarding,
+    Heartbeat,
+    Line,
+    Lss,
+    Read,
+    ReadPdo,
+    Set,
+    SetPdo,
+    Tell,
+    Write,
+    WritePdo,
+)
+from barewire.canopen.gateway.values import is_wrong_length, to_text
+from barewire.canopen.gateway.words import sequence_of
+from barewire.canopen.lss import LssRefused
+from barewire.canopen.nmt import NmtMessage
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.dialect import STANDARD, Dialect
+from barewire.canopen.sdo.download import download
+from barewire.canopen.sdo.upload import upload
+from barewire.conversation import Conversation, Heard, Listen, Send
+from barewire.errors import DecodeError, EncodeError, NoAnswer
+
+SDO_TIMEOUT = 0.5
+MAX_LINE = 65_536
+"""Bytes of the longest line: room for a domain of some 48 KiB."""
+
+HELP = """\
+[seq] [[net] node] r[ead] index sub [type]            SDO upload
+[seq] [[net] node] w[rite] index sub type value       SDO download
+[seq] [[net] node] start | stop | preop[erational] | reset node | reset comm[unication]
+[seq] [[net] node] enable guarding time_ms factor | disable guarding | enable heartbeat time_ms | disable heartbeat
+[seq] [net] set node n | set sdo_timeout ms | set sdo_block 0|1 ; [seq] set network n
+[seq] [net] set rpdo|tpdo n cob event|rtr|sync0..240 count (index sub type)...
+[seq] [net] set tpdox n cob type inhibit timer sync_start count (index sub type)...
+[seq] [net] r[ead] p[do] n | w[rite] p[do] n count value...
+[seq] [net] boot_up_indication enable|disable
+[seq] [net] lss_switch_glob 0|1 | lss_switch_sel vendor product revision serial | lss_set_node n | lss_get_node
+[seq] [net] lss_conf_bitrate table index | lss_activate_bitrate delay_ms | lss_store | lss_inquire_addr [0..3]
+[seq] [net] lss_identity vendor product rev_low rev_high serial_low serial_high | lss_ident_nonconf
+[seq] [net] _lss_fastscan [timeout_ms] | lss_allnodes [timeout_ms [first_node [store]]]
+[seq] info version
+types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a comment"""
+
+
+class Session:
+    """The settings of one connection, and its lines carried out.
+
+    >>> from barewire.conversation import play
+    >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
+    >>> play(Session().answer("[1] 5 read 0x6041 0 x16"), node)[0]
+    ['[1] 0x0637']
+    """
+
+    def __init__(self, net: int = 1, *, version: str = "", dialect: Dialect = STANDARD) -> None:
+        self.net = net
+        self.notices = Notices(net)
+        self._version = version
+        self._dialect = dialect
+        self._default_net: int | None = net
+        self._default_node: int | None = None
+        self._timeout = SDO_TIMEOUT
+        self._block = False
+        self._channels: dict[int, Channel] = {}
+
+    def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
+        """Carry out one line; the lines of the answer, none for an empty line or a comment. Never raises."""
+        if not text.partition("#")[0].strip():
+            return []
+        sequence = 0
+        try:
+            if len(text) > MAX_LINE:
+                raise GatewayError(GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")
+            sequence = sequence_of(text)[0]
+            line = parse(text)
+            said = yield from self._carry_out(line)
+        except GatewayError as error:
+            return [error_line(sequence, error.code, str(error))]
+        except SdoAbort as error:
+            return [error_line(sequence, error.code, str(error))]
+        except LssRefused as error:
+            return [error_line(sequence, code_of(error), str(error))]
+        except NoAnswer as error:
+            code = AbortCode.TIMED_OUT if isinstance(line.request, (Read, Write)) else GatewayCode.TIME_OUT
+            return [error_line(sequence, code, str(error))]
+        except EncodeError as error:
+            return [error_line(sequence, GatewayCode.SYNTAX, str(error))]
+        if isinstance(line.request, Tell):
+            return [*said.splitlines(), f"[{sequence}] OK"] if line.request.what == "help" else [f"[{sequence}] {said}"]
+        return [f"[{sequence}] {said}"]
+
+    def _carry_out(self, line: Line) -> Conversation[CanFrame, str]:
+        request = line.request
+        if isinstance(request, Tell):
+            return HELP if request.what == "help" else self._version or "barewire"
+        if not (isinstance(request, Set) and request.what == "network"):
+            self._check_net(line.net)
+        if isinstance(request, Set):
+            return self._set(request)
+        if isinstance(request, (Read, Write)):
+            return (yield from self._transfer(self._node(line.node), request))
+        if isinstance(request, Command):
+            yield Send(NmtMessage(request.command, self._node(line.node, all_too=True)).encode())
+            return "OK"
+        if isinstance(request, Lss):
+            return (yield from carry_out(request))
+        return (yield from self._control(line, request))
+
+    def _check_net(self, net: int | None) -> None:
+        wanted = self._default_net if net is None else net
+        if wanted is None:
+            raise GatewayError(GatewayCode.NO_DEFAULT_NET, "no net given, and no default: set network n")
+        if wanted != self.net:
+            raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {wanted}: this gateway has net {self.net}")
+
+    def _node(self, node: int | None, *, all_too: bool = False) -> int:
+        wanted = self._default_node if node is None else node
+        if wanted is None:
+            raise GatewayError(GatewayCode.NO_DEFAULT_NODE, "no node given, and no default: set node n")
+        if not (0 if all_too else 1) <= wanted <= 127:
+            low = "0 for all, or " if all_too else ""
+            raise GatewayError(GatewayCode.UNSUPPORTED_NODE, f"node {wanted}: expected {low}1..127")
+        return wanted
+
+    def _set(self, request: Set) -> str:
+        value = request.value
+        if request.what == "network":
+            if value not in (0, self.net):
+                raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {value}: this gateway has net {self.net}")
+            self._default_net = value or None
+        elif request.what == "node":
+            self._default_node = value or None
+        elif request.what == "sdo_timeout":
+            if not value:
+                raise GatewayError(GatewayCode.SYNTAX, "sdo_timeout 0: expected 1..65535 ms")
+            self._timeout = value / 1000
+        else:
+            self._block = bool(value)
+        return "OK"
+
+    def _transfer(self, node: int, request: Read | Write) -> Conversation[CanFrame, str]:
+        channel = self._channels.setdefault(node, Channel(node, self._dialect))
+        if isinstance(request, Write):
+            block = self._block and len(request.data) > 4
+            yield from download(channel, request.index, request.sub, request.data, timeout=self._timeout, block=block)
+            return "OK"
+        data = yield from upload(channel, request.index, request.sub, timeout=self._timeout, block=self._block)
+        try:
+            return to_text(request.type, data)
+        except DecodeError as error:
+            code = AbortCode.LENGTH if is_wrong_length(error) else AbortCode.INVALID_VALUE
+            why = f"{request.type} does not fit what came: {error.text}"
+            raise SdoAbort(code, request.index, request.sub, why=why) from None
+
+    def _control(
+        self, line: Line, request: Guarding | Heartbeat | BootUpIndication | SetPdo | ReadPdo | WritePdo
+    ) -> Conversation[CanFrame, str]:
+        notices = self.notices
+        if isinstance(request, BootUpIndication):
+            notices.boot_ups = request.on
+        elif isinstance(request, Heartbeat):
+            notices.heartbeat(self._node(line.node), request.time / 1000)
+        elif isinstance(request, Guarding):
+            now = yield from _time()
+            notices.guard(self._node(line.node), request.time / 1000, request.factor, now)
+        elif isinstance(request, SetPdo):
+            notices.set_pdo(request)
+        elif isinstance(request, ReadPdo):
+            pdo = notices.pdo(False, request.number)
+            return f"{self.net} pdo {request.number} {pdo.told()}"
+        else:
+            notices.pdo(True, request.number).write(request.words)
+            for frame in notices.pdo(True, request.number).feed(None, (yield from _time())):
+                yield Send(frame)
+        return "OK"
+
+
+def _time() -> Conversation[CanFrame, float]:
+    """What time it is, without waiting. What was heard by the way is the notices' to tell."""
+    heard: Heard[CanFrame] = yield Listen(float("-inf"))
+    return heard.now

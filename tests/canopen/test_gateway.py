@@ -1,0 +1,382 @@
+"""The text gateway, line by line: a session as a person or a script has it, on a bus in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen.gateway import GatewayError, Session
+from barewire.canopen.gateway.commands import parse
+from barewire.canopen.gateway.values import TYPES, from_text, to_text
+from barewire.canopen.gateway.words import split_line
+from barewire.codecs import Value
+from barewire.conversation import play
+from tests.canopen.virtual_bus import VirtualBus
+
+ADDRESS = LssAddress(0x360, 0x10203, 0x20001, 0xDEADBEEF)
+VALUES = {
+    "bool": ("b", "1"),
+    "i8": ("i8", "-128"),
+    "i16": ("i16", "-32768"),
+    "i24": ("i24", "-8388608"),
+    "i32": ("i32", "-2147483648"),
+    "i40": ("i40", "-549755813888"),
+    "i64": ("i64", "-9223372036854775808"),
+    "u8": ("u8", "255"),
+    "u16": ("u16", "65535"),
+    "u24": ("u24", "16777215"),
+    "u32": ("u32", "4294967295"),
+    "u56": ("u56", "72057594037927935"),
+    "u64": ("u64", "18446744073709551615"),
+    "f32": ("r32", "1.5"),
+    "f64": ("r64", "3.141592653589793"),
+    "string": ("vs", '"say ""no"" now, and # is no comment"'),
+    "octets": ("os", "AAECAwQFBgc="),
+    "unicode": ("us", "YQBiAA=="),
+    "domain": ("d", "AAECAwQFBgcICQoL"),
+    "time_of_day": ("t", "15659 43200000"),
+    "time_difference": ("td", "0 1000"),
+}
+"""Our type, the gateway's, and a value as a line has it."""
+DEFAULTS: dict[str, Value] = {"string": "", "unicode": "", "octets": b"", "domain": b"", "bool": False}
+
+
+def objects() -> ObjectDictionary:
+    made = ObjectDictionary(standard_objects(ADDRESS))
+    made.add(Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637))
+    made.add(Entry(0x6040, 0, "controlword", "u16", "rw", 0))
+    for sub, type in enumerate(VALUES, 1):
+        default = DEFAULTS.get(type, 0)
+        made.add(Entry(0x2000, sub, type, type, "rw", default))
+    return made
+
+
+@pytest.fixture
+def bus() -> VirtualBus:
+    made = VirtualBus()
+    device = Device(5, objects(), [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("RPDO", 1, (0x60400010,), type=255)])
+    made.add(device, said=device.start(0.0))
+    made.pass_time(0.1)
+    return made
+
+
+def ask(bus: VirtualBus, session: Session, line: str) -> str:
+    """The one line of an answer."""
+    (said,) = bus.run(session.answer(line))
+    return said
+
+
+# Reading and writing ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("block", [0, 1])
+@pytest.mark.parametrize("type", VALUES)
+def test_every_type_is_written_and_read(bus: VirtualBus, type: str, block: int) -> None:
+    session, sub, (word, value) = Session(), list(VALUES).index(type) + 1, VALUES[type]
+    assert ask(bus, session, f"[1] set sdo_block {block}") == "[1] OK"
+    assert ask(bus, session, f"[2] 1 5 w 0x2000 {sub} {word} {value}  # both forms") == "[2] OK"
+    assert ask(bus, session, f"[3] 5 READ 0x2000 {sub} {word}") == f"[3] {value}"
+
+
+def test_without_a_type_it_tells_bytes_and_x_is_hexadecimal(bus: VirtualBus) -> None:
+    session = Session()
+    assert ask(bus, session, "[1] 5 r 0x6041 0") == "[1] 37 06"
+    assert ask(bus, session, "[2] 5 r 24641 0 u16") == "[2] 1591"
+    assert ask(bus, session, "[3] 5 r 0x6041 0 x16") == "[3] 0x0637"
+    assert ask(bus, session, "[4] 5 w 0x6040 0 hex 0F 00") == "[4] OK"
+    assert ask(bus, session, "[5] 5 r 0x6040 0 u16") == "[5] 15"
+
+
+def test_defaults_hold_until_they_are_taken_back(bus: VirtualBus) -> None:
+    session = Session()
+    assert ask(bus, session, "[1] r 0x6041 0 u16").startswith("[1] ERROR:105 #")
+    assert ask(bus, session, "[2] set node 5") == "[2] OK"
+    assert ask(bus, session, "[3] r 0x6041 0 u16") == "[3] 1591"
+    assert ask(bus, session, "[4] 1 set node 0") == "[4] OK"
+    assert ask(bus, session, "[5] r 0x6041 0 u16").startswith("[5] ERROR:105 #")
+    assert ask(bus, session, "[6] set network 0") == "[6] OK"
+    assert ask(bus, session, "[7] 5 r 0x6041 0 u16").startswith("[7] ERROR:104 #")
+    assert ask(bus, session, "[8] set network 1") == "[8] OK"
+    assert ask(bus, session, "[9] 5 r 0x6041 0 u16") == "[9] 1591"
+    assert ask(bus, session, "[10] 2 5 r 0x6041 0 u16").startswith("[10] ERROR:106 #")
+    assert ask(bus, session, "[11] set network 2").startswith("[11] ERROR:106 #")
+    assert ask(bus, session, "[12] 128 r 0x6041 0").startswith("[12] ERROR:107 #")
+    assert ask(bus, session, "[13] 0 r 0x6041 0").startswith("[13] ERROR:107 #")
+
+
+def test_what_the_node_refuses_has_its_abort_code(bus: VirtualBus) -> None:
+    session = Session()
+    assert ask(bus, session, "[1] 5 r 0x6999 0").startswith("[1] ERROR:0x06020000 #")
+    assert ask(bus, session, "[2] 5 w 0x6041 0 u16 1").startswith("[2] ERROR:0x06010002 #")
+    assert ask(bus, session, "[3] 5 r 0x6041 0 u32").startswith("[3] ERROR:0x06070010 #")
+    assert ask(bus, session, "[4] set sdo_timeout 100") == "[4] OK"
+    before = bus.now
+    assert ask(bus, session, "[5] 6 r 0x6041 0").startswith("[5] ERROR:0x05040000 #")
+    assert bus.now - before == pytest.approx(0.1, abs=0.01)
+
+
+# NMT, error control, PDO -----------------------------------------------------------------------------------------
+
+
+def test_nmt(bus: VirtualBus) -> None:
+    session = Session()
+    for sequence, (words, frame) in enumerate(
+        {
+            "5 start": "000#0105",
+            "0 stop": "000#0200",
+            "5 preop": "000#8005",
+            "1 5 preoperational": "000#8005",
+            "5 reset node": "000#8105",
+            "5 reset comm": "000#8205",
+            "5 reset communication": "000#8205",
+        }.items()
+    ):
+        assert ask(bus, session, f"[{sequence}] {words}") == f"[{sequence}] OK"
+        assert bus.log[-1][1] == frame or bus.log[-2][1] == frame
+
+
+def tell(session: Session, text: str | None, now: float) -> tuple[list[str], list[str]]:
+    frames, lines = session.notices.feed(None if text is None else CanFrame.parse(text), now)
+    return [str(frame) for frame in frames], lines
+
+
+def said(session: Session, line: str, now: float = 0.0) -> str:
+    """The answer of a line that needs no device."""
+    (answer,) = play(session.answer(line), lambda frame, at: [], start=now)[0]
+    return answer
+
+
+def test_boot_up_and_emergencies_are_told() -> None:
+    session = Session(net=3)
+    assert tell(session, "705#00", 0.0)[1] == ["3 5 BOOT_UP"]
+    assert tell(session, "085#3081110102030405", 0.1)[1] == ["3 5 EMCY 8130 11 1 2 3 4 5"]
+    assert said(session, "[1] boot_up_indication Disable") == "[1] OK"
+    assert tell(session, "705#00", 0.2)[1] == []
+
+
+def test_a_heartbeat_is_missed() -> None:
+    session = Session()
+    assert tell(session, "705#05", 0.0)[1] == []
+    assert said(session, "[1] 5 enable heartbeat 500") == "[1] OK"
+    assert tell(session, "705#05", 1.0)[1] == ["1 5 ERROR 202 #heartbeat started"]
+    assert tell(session, "705#7F", 1.2)[1] == ["1 5 ERROR 204 #its NMT state is now 7Fh"]
+    assert session.notices.deadline == pytest.approx(1.7)
+    assert tell(session, None, 1.7)[1] == ["1 5 ERROR 203 #heartbeat lost"]
+    assert said(session, "[2] 5 disable heartbeat") == "[2] OK"
+    assert tell(session, "705#7F", 2.0)[1] == []
+    assert session.notices.deadline is None
+
+
+def test_a_node_is_guarded() -> None:
+    session = Session()
+    assert said(session, "[1] 5 enable guarding 100 3", now=10.0) == "[1] OK"
+    assert tell(session, None, 10.0) == (["705#R1"], [])
+    assert tell(session, "705#05", 10.01)[1] == []
+    assert tell(session, None, 10.1) == (["705#R1"], [])
+    assert tell(session, "705#05", 10.11)[1] == ["1 5 ERROR 200 #the toggle bit did not alternate"]
+    assert tell(session, None, 10.4)[1] == ["1 5 ERROR 201 #no answer to guarding"]
+    assert said(session, "[2] 5 disable guarding") == "[2] OK"
+    assert session.notices.deadline is None
+
+
+def test_a_received_pdo_is_told_and_kept() -> None:
+    session = Session()
+    assert said(session, "[1] set rpdo 1 0x185 event 3 0x6041 0 u16 0x2005 0 i16 0x2006 0 b") == "[1] OK"
+    assert said(session, "[2] read pdo 1") == "[2] 1 pdo 1 3 0x0000 0x0000 0"
+    assert tell(session, "185#3706FEFF01", 0.0) == ([], ["1 pdo 1 3 0x0637 0xFFFE 1"])
+    assert tell(session, "185#3706FE", 0.1) == ([], [])
+    assert said(session, "[3] r p 1") == "[3] 1 pdo 1 3 0x0637 0xFFFE 1"
+    assert said(session, "[4] w p 1 3 1 2 1").startswith("[4] ERROR:102 #")
+    assert said(session, "[5] set rpdo 2 0x185 event 1 0x6041 0 u16").startswith("[5] ERROR:400 #")
+    assert said(session, "[6] set rpdo 1 0x185 event 0") == "[6] OK"
+    assert said(session, "[7] r p 1").startswith("[7] ERROR:102 #")
+    assert said(session, "[8] set rpdo 1 0x185 event 2 0x6041 0 u64 0x2000 0 u8").startswith("[8] ERROR:401 #")
+
+
+def test_a_pdo_is_sent_when_its_type_says_so() -> None:
+    def sends(session: Session, line: str) -> list[str]:
+        out: list[str] = []
+
+        def nobody(frame: CanFrame, at: float) -> list[tuple[float, CanFrame]]:
+            out.append(str(frame))
+            return []
+
+        assert play(session.answer(line), nobody)[0] == [line[: line.index("]") + 1] + " OK"]
+        return out
+
+    event = Session()
+    assert sends(event, "[1] set tpdo 1 0x205 event 1 0x6040 0 u16") == []
+    assert tell(event, None, 1.0) == ([], [])
+    assert sends(event, "[2] write pdo 1 1 0x000F") == ["205#0F00"]
+    assert sends(event, "[3] write pdo 1 1 15") == ["205#0F00"]
+    synced = Session()
+    assert sends(synced, "[1] set tpdo 1 0x205 sync2 1 0x6040 0 u16") == []
+    assert sends(synced, "[2] write pdo 1 1 15") == []
+    assert [tell(synced, "080#", now)[0] for now in (0.0, 0.1, 0.2, 0.3)] == [[], ["205#0F00"], [], ["205#0F00"]]
+    asked = Session()
+    assert sends(asked, "[1] set tpdox 1 0x205 rtr 0 0 0 1 0x6040 0 u16") == []
+    assert sends(asked, "[2] write pdo 1 1 15") == []
+    assert tell(asked, "205#R2", 0.0)[0] == ["205#0F00"]
+
+
+def test_with_a_real_device_a_pdo_makes_the_round(bus: VirtualBus) -> None:
+    session = Session()
+    for line in ("set rpdo 1 0x185 event 1 0x6041 0 u16", "set tpdo 1 0x205 event 1 0x6040 0 u16", "5 start"):
+        assert ask(bus, session, f"[1] {line}") == "[1] OK"
+    assert ask(bus, session, "[2] w p 1 1 7") == "[2] OK"
+    assert ask(bus, session, "[3] 5 r 0x6040 0 u16") == "[3] 7"
+    bus.inject("080#", bus.now)
+    heard = bus.pass_time(0.01)
+    assert [line for text in heard for line in tell(session, text, bus.now)[1]] == ["1 pdo 1 1 0x0637"]
+
+
+# LSS -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def unconfigured() -> VirtualBus:
+    made = VirtualBus()
+    slave = LssSlave(ADDRESS, store=lambda node, rate: True)
+    device = Device(None, ObjectDictionary(standard_objects(ADDRESS)), lss=slave)
+    made.add(device, said=device.start(0.0))
+    return made
+
+
+FOUND = "0x00000360 0x00010203 0x00020001 0xDEADBEEF"
+
+
+def test_lss_step_by_step(unconfigured: VirtualBus) -> None:
+    bus, session = unconfigured, Session()
+    assert ask(bus, session, "[1] lss_ident_nonconf") == "[1] OK"
+    assert ask(bus, session, "[2] lss_identity 0x360 0x10203 0 0xFFFFFFFF 0 0xFFFFFFFF") == "[2] OK"
+    assert ask(bus, session, "[3] lss_identity 0x361 0x10203 0 0xFFFFFFFF 0 0xFFFFFFFF").startswith("[3] ERROR:103 #")
+    assert ask(bus, session, "[4] lss_switch_sel 1 2 3 4").startswith("[4] ERROR:103 #")
+    assert ask(bus, session, f"[5] lss_switch_sel {FOUND}") == "[5] OK"
+    assert ask(bus, session, "[6] lss_inquire_addr") == f"[6] {FOUND}"
+    assert ask(bus, session, "[7] lss_inquire_addr 3") == "[7] 0xDEADBEEF"
+    assert ask(bus, session, "[8] lss_inquire_addr 0x5A") == "[8] 0x00000360"
+    assert ask(bus, session, "[9] lss_get_node") == "[9] 255"
+    assert ask(bus, session, "[10] lss_conf_bitrate 0 200").startswith("[10] ERROR:503 #")
+    assert ask(bus, session, "[11] lss_conf_bitrate 0 4") == "[11] OK"
+    assert ask(bus, session, "[12] 1 lss_set_node 7") == "[12] OK"
+    assert ask(bus, session, "[13] lss_store") == "[13] OK"
+    assert ask(bus, session, "[14] lss_get_node") == "[14] 255"  # the new one holds from the next boot on
+    assert ask(bus, session, "[15] lss_switch_glob 0") == "[15] OK"
+    assert "707#00" in bus.pass_time(1.0)
+    assert ask(bus, session, "[16] lss_store").startswith("[16] ERROR:103 #")
+
+
+def test_lss_scans(unconfigured: VirtualBus) -> None:
+    bus, session = unconfigured, Session()
+    assert ask(bus, session, "[1] _lss_fastscan") == f"[1] {FOUND}"
+    assert ask(bus, session, "[2] lss_switch_glob 0") == "[2] OK"
+    assert ask(bus, session, "[3] lss_allnodes 100 9 0") == f"[3] OK #1 found: node 9: {FOUND}"
+    assert ask(bus, session, "[4] _lss_fastscan 100").startswith("[4] ERROR:103 #")
+
+
+# What is no command ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("line", ["", "   ", "# a comment", "  # another"])
+def test_empty_lines_are_not_answered(line: str) -> None:
+    assert play(Session().answer(line), lambda frame, at: [])[0] == []
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("5 start", "[0] ERROR:101"),
+        ("[x] 5 start", "[0] ERROR:101"),
+        ("[-1] 5 start", "[0] ERROR:101"),
+        ("[4294967296] 5 start", "[0] ERROR:101"),
+        ("x[1] 5 start", "[0] ERROR:101"),
+        ("[1", "[0] ERROR:101"),
+        ("[1]", "[1] ERROR:101"),
+        ("[1] 5", "[1] ERROR:101"),
+        ("[1] 5 raed 0x6041 0", "[1] ERROR:101"),
+        ("[1] 5 read", "[1] ERROR:101"),
+        ("[1] 5 read 0x6041", "[1] ERROR:101"),
+        ("[1] 5 read 0x16041 0", "[1] ERROR:101"),
+        ("[1] 5 read 0x6041 256", "[1] ERROR:101"),
+        ("[1] 5 read 0x6041 0 u17", "[1] ERROR:101"),
+        ("[1] 5 read 0x6041 0 u16 7", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 u16", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 u16 65536", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 u16 1.5", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 b 2", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 t 1", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 t 1 86400000", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 hex 0", "[1] ERROR:101"),
+        ("[1] 5 write 0x6040 0 d !", "[1] ERROR:101"),
+        ('[1] 5 write 0x6040 0 vs "open', "[1] ERROR:101"),
+        ("[1] 5 reset", "[1] ERROR:101"),
+        ("[1] 5 reset everything", "[1] ERROR:101"),
+        ("[1] 1 5 set node 5", "[1] ERROR:101"),
+        ("[1] 1 5 7 start", "[1] ERROR:101"),
+        ("[1] set sdo_timeout 0", "[1] ERROR:101"),
+        ("[1] set sdo_timeout x", "[1] ERROR:101"),
+        ("[1] set speed 9", "[1] ERROR:101"),
+        ("[1] set id 9", "[1] ERROR:100"),
+        ("[1] init 4", "[1] ERROR:100"),
+        ("[1] lss_set_node 200", "[1] ERROR:101"),
+        ("[1] lss_switch_glob 2", "[1] ERROR:101"),
+        ("[1] lss_switch_sel 1 2 3", "[1] ERROR:101"),
+        ("[1] lss_inquire_addr 4", "[1] ERROR:101"),
+        ("[1] lss_activate_bitrate 70000", "[1] ERROR:101"),
+        ("[1] lss_allnodes 1 200", "[1] ERROR:101"),
+        ("[1] write pdo 1 2 3", "[1] ERROR:101"),
+        ("[1] read pdo 0", "[1] ERROR:101"),
+        ("[1] set rpdo 1 0x185 often 0", "[1] ERROR:101"),
+        ("[1] set rpdo 1 0x185 event 1 0x2000 0 vs", "[1] ERROR:101"),
+        ("[1] 5 enable", "[1] ERROR:101"),
+        ("[1] 5 enable heartbeat 0", "[1] ERROR:101"),
+    ],
+)
+def test_what_is_no_command(line: str, code: str) -> None:
+    answer = said(Session(), line)
+    assert answer.startswith(f"{code} #"), answer
+
+
+def test_a_line_without_end_is_refused() -> None:
+    assert said(Session(), f"[1] 5 w 0x2000 0 d {'A' * 70_000}").startswith("[0] ERROR:600 #")
+
+
+def test_help_and_version() -> None:
+    lines = play(Session().answer("[1] help lss"), lambda frame, at: [])[0]
+    assert lines[-1] == "[1] OK"
+    assert any("_lss_fastscan" in line for line in lines)
+    assert said(Session(version="barewire 1.2"), "[2] info version") == "[2] barewire 1.2"
+
+
+@given(st.text(max_size=60) | st.from_regex(r"\[1\] ([0-9x]{1,3} ){0,2}(r|w|set|lss_\w+|enable) [ -~]{0,30}"))
+def test_any_line_is_answered(line: str) -> None:
+    answers = play(Session().answer(line), lambda frame, at: [])[0]
+    assert all(answer.isprintable() for answer in answers), answers
+
+
+@given(st.text(max_size=40))
+def test_any_words_are_commands_or_not(line: str) -> None:
+    try:
+        sequence = parse(f"[1] {line}").sequence
+    except GatewayError as refused:
+        sequence = 1 if refused.code in (100, 101, 401) else 0
+    assert sequence == 1
+
+
+@given(st.lists(st.text(max_size=8).filter(lambda text: "\x00" not in text), max_size=4))
+def test_quotes_hold_any_word_together(words: list[str]) -> None:
+    line = " ".join('"' + word.replace('"', '""') + '"' for word in words)
+    assert split_line(line) == words
+
+
+@pytest.mark.parametrize("type", TYPES)
+def test_text_and_bytes_are_each_others(type: str) -> None:
+    if type in ("vs", "os", "us", "d", "hex"):
+        data = b"ab"
+    else:
+        words = ["1", "2"] if type in ("t", "td") else ["1"]
+        data = from_text(type, words)
+    words = split_line(to_text(type, data)) if type != "vs" else ["ab"]
+    assert from_text(type, words) == data
