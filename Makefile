@@ -27,8 +27,11 @@ types: $(VENV)/installed-dev ## strict types
 suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
 	$(BIN)/pytest -rs $(ARGS)
 
-bench: $(VENV)/installed-bench ## the hot loops, and the same work done by peers
-	$(BIN)/pytest bench --benchmark-columns=median,iqr,ops --benchmark-sort=name --benchmark-disable-gc $(ARGS)
+bench: $(VENV)/installed-bench ## the same work done by us, by hand and by peers, in turns; writes docs/speed.md
+	@mkdir -p build
+	$(BIN)/python -m pytest bench -W default -rs --benchmark-columns=median,iqr,ops --benchmark-sort=name \
+	  --benchmark-json=build/bench.json $(ARGS)
+	@$(BIN)/python tools/bench_page.py build/bench.json
 
 format: $(VENV)/installed-dev ## put the code in its form
 	$(BIN)/ruff format .

@@ -1,41 +1,101 @@
-"""A response of registers, from bytes on the wire to numbers, whole and through the line."""
+"""A response of 1 to 125 registers from bytes on the wire to numbers, and a request from values to bytes.
+
+Whole (one frame, `decode`), streamed (through the line, which does not know where a frame ends), and many frames in one
+chunk. The floor is what one would write by hand for this message alone, with our CRC.
+"""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from types import ModuleType
+from typing import Any
 
 import pytest
-from pymodbus.framer import FramerRTU
-from pymodbus.pdu import DecodePDU
-from pytest_benchmark.fixture import BenchmarkFixture
 
+import barewire.ascii
+import barewire.rtu
+import barewire.tcp
+from barewire.ascii import AsciiLine
 from barewire.modbus import ReadHoldingRegisters, ReadHoldingRegistersResponse
-from barewire.rtu import RtuLine, Timing, decode, encode
+from barewire.rtu import RtuLine, Timing
 from barewire.rtu.crc import crc16
+from barewire.tcp import TcpLine
+from bench.frame_peers import BUILDERS, READERS
+from bench.race import Factory, Race, Work, entries
 
-Read = Callable[[bytes], tuple[int, ...]]
+Reader = Callable[[bytes], Any]
+QUANTITIES = (1, 8, 62, 125)
+ENVELOPES: dict[str, ModuleType] = {"rtu": barewire.rtu, "ascii": barewire.ascii, "tcp": barewire.tcp}
 
 
-def by_hand(data: bytes) -> tuple[int, ...]:
-    """The floor: what one would write for this message alone."""
+def frame(envelope: str, quantity: int) -> bytes:
+    """An answer of unit 1: registers 0, 1, 2 ..."""
+    pdu = ReadHoldingRegistersResponse(tuple(range(quantity))).encode()
+    if envelope == "tcp":
+        return barewire.tcp.encode(1, pdu, 7)
+    return bytes(ENVELOPES[envelope].encode(1, pdu))
+
+
+# By hand
+
+
+def rtu_by_hand(data: bytes) -> tuple[int, ...]:
     if crc16(data[:-2]) != data[-2] | data[-1] << 8 or data[1] != 3 or data[2] != len(data) - 5:
         raise ValueError
     return struct.unpack(f">{data[2] // 2}H", data[3:-2])
 
 
-def ours(quantity: int) -> Read:
-    request = ReadHoldingRegisters(0, quantity)
-
-    def read(data: bytes) -> tuple[int, ...]:
-        return request.read_response(decode(data).pdu).registers
-
-    return read
+def ascii_by_hand(data: bytes) -> tuple[int, ...]:
+    body = bytes.fromhex(data[1:-2].decode())
+    if sum(body) & 0xFF or body[1] != 3 or body[2] != len(body) - 4:
+        raise ValueError
+    return struct.unpack(f">{body[2] // 2}H", body[3:-1])
 
 
-def ours_streamed(quantity: int) -> Read:
-    request = ReadHoldingRegisters(0, quantity)
-    line = RtuLine(Timing.of(115200))
+def tcp_by_hand(data: bytes) -> tuple[int, ...]:
+    _, protocol, length, _, code, count = struct.unpack_from(">HHHBBB", data)
+    if protocol or length != len(data) - 6 or code != 3 or count != length - 3:
+        raise ValueError
+    return struct.unpack_from(f">{count // 2}H", data, 9)
+
+
+HAND: dict[str, Reader] = {"rtu": rtu_by_hand, "ascii": ascii_by_hand, "tcp": tcp_by_hand}
+
+
+def rtu_request_by_hand() -> bytes:
+    body = struct.pack(">BBHH", 1, 3, 107, 10)
+    return body + crc16(body).to_bytes(2, "little")
+
+
+def ascii_request_by_hand() -> bytes:
+    body = struct.pack(">BBHH", 1, 3, 107, 10)
+    return b":%b%02X\r\n" % (body.hex().upper().encode(), -sum(body) & 0xFF)
+
+
+def tcp_request_by_hand() -> bytes:
+    return struct.pack(">HHHBBHH", 7, 0, 6, 1, 3, 107, 10)
+
+
+HAND_BUILT = {"rtu": rtu_request_by_hand, "ascii": ascii_request_by_hand, "tcp": tcp_request_by_hand}
+
+
+# Ours
+
+
+def ours(envelope: str, quantity: int) -> Reader:
+    request, decode = ReadHoldingRegisters(0, quantity), ENVELOPES[envelope].decode
+    return lambda data: request.read_response(decode(data).pdu).registers
+
+
+def _line(envelope: str) -> Any:
+    return {"rtu": lambda: RtuLine(Timing.of(115200)), "ascii": AsciiLine, "tcp": TcpLine}[envelope]()
+
+
+def ours_streamed(envelope: str, quantity: int) -> Reader:
+    request, line = ReadHoldingRegisters(0, quantity), _line(envelope)
 
     def read(data: bytes) -> tuple[int, ...]:
         (adu,) = line.feed(data, 0.0)
@@ -44,28 +104,73 @@ def ours_streamed(quantity: int) -> Read:
     return read
 
 
-def pymodbus(quantity: int) -> Read:
-    framer = FramerRTU(DecodePDU(is_server=False))
-
-    def read(data: bytes) -> tuple[int, ...]:
-        _, pdu = framer.handleFrame(data, 0, 0)
-        assert pdu is not None
-        return tuple(pdu.registers)
-
-    return read
+def ours_built(envelope: str) -> Callable[[], bytes]:
+    encode = ENVELOPES[envelope].encode
+    if envelope == "tcp":
+        return lambda: encode(1, ReadHoldingRegisters(107, 10).encode(), 7)
+    return lambda: encode(1, ReadHoldingRegisters(107, 10).encode())
 
 
-READERS: dict[str, Callable[[int], Read]] = {
-    "by hand": lambda quantity: by_hand,
-    "barewire": ours,
-    "barewire, through the line": ours_streamed,
-    "pymodbus": pymodbus,
-}
+# Races
 
 
-@pytest.mark.parametrize("quantity", [1, 8, 62, 125])
-@pytest.mark.parametrize("reader", READERS)
-def test_rtu_response(benchmark: BenchmarkFixture, reader: str, quantity: int) -> None:
-    benchmark.group = f"RTU response of {quantity} registers"
-    frame = encode(1, ReadHoldingRegistersResponse(tuple(range(quantity))).encode())
-    assert benchmark(READERS[reader](quantity), frame) == tuple(range(quantity))
+def _reading(make: Callable[[], Reader], data: bytes) -> Factory:
+    def factory(_: ExitStack) -> Work:
+        return partial(make(), data)
+
+    return factory
+
+
+def _response(envelope: str, quantity: int) -> Race:
+    data = frame(envelope, quantity)
+    contestants: dict[str, Factory] = {
+        "by hand": _reading(lambda: HAND[envelope], data),
+        "barewire": _reading(lambda: ours(envelope, quantity), data),
+        "barewire, through the line": _reading(lambda: ours_streamed(envelope, quantity), data),
+    }
+    for name, make in READERS[envelope].items():
+        contestants[name] = _reading(partial(make, envelope, quantity), data)
+    expect = tuple(range(quantity))
+    return Race(f"{envelope.upper()} response", "registers of one answer", quantity, contestants, expect)
+
+
+def _request(envelope: str) -> Race:
+    contestants: dict[str, Factory] = {
+        "by hand": lambda _: HAND_BUILT[envelope],
+        "barewire": lambda _: ours_built(envelope),
+    }
+    for name, make in BUILDERS[envelope].items():
+        contestants[name] = lambda _, make=make: make(envelope)  # type: ignore[misc]
+    return Race("Building a request", f"read 10 registers, {envelope.upper()}", 10, contestants)
+
+
+def _chunk(envelope: str, frames: int) -> Race:
+    """Frames of 10 registers, all in one read."""
+    data = frames * frame(envelope, 10)
+    size = len(data) // frames
+    request = ReadHoldingRegisters(0, 10)
+
+    def by_hand(_: ExitStack) -> Work:
+        return lambda: [HAND[envelope](data[at : at + size]) for at in range(0, len(data), size)]
+
+    def ours_in_chunk(_: ExitStack) -> Work:
+        line = _line(envelope)
+        return lambda: [request.read_response(adu.pdu).registers for adu in line.feed(data, 0.0)]
+
+    contestants: dict[str, Factory] = {"by hand": by_hand, "barewire": ours_in_chunk}
+    return Race(f"{envelope.upper()} chunk", "frames in one read", frames, contestants, frames * [tuple(range(10))])
+
+
+@pytest.mark.parametrize(("race", "who"), entries(*(_response(e, q) for e in ENVELOPES for q in QUANTITIES)))
+def test_response(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
+    enter(race, who)
+
+
+@pytest.mark.parametrize(("race", "who"), entries(*map(_request, ENVELOPES)))
+def test_request(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
+    enter(race, who)
+
+
+@pytest.mark.parametrize(("race", "who"), entries(*(_chunk(e, n) for e in ENVELOPES for n in (1, 4, 16, 64))))
+def test_chunk(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
+    enter(race, who)

@@ -20,7 +20,7 @@ SRC = Path(__file__).parent.parent / "src"
 HOME = SRC / "barewire"
 FILES = sorted(HOME.rglob("*.py"))
 
-BASE = {"errors", "conversation", "codecs", "door"}
+BASE = {"errors", "conversation", "codecs", "door", "record"}
 PROTOCOLS = {"modbus", "rtu", "ascii", "tcp", "canopen"}
 MEANING = BASE | PROTOCOLS | {"devices"}
 
@@ -28,8 +28,9 @@ MEANING = BASE | PROTOCOLS | {"devices"}
 PICTURE: dict[str, set[str]] = {
     "errors": set(),
     "door": set(),
+    "record": set(),
     "conversation": {"errors"},
-    "codecs": {"errors"},
+    "codecs": {"errors", "record"},
     "modbus": BASE,
     "canopen": BASE,
     "rtu": BASE | {"modbus.adu", "modbus.line", "modbus.functions"},

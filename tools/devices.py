@@ -64,6 +64,11 @@ def commands(number: str) -> int:
     return sum((row["name"] == "Save and reboot") == (number == "setting") for row in rows("adxl", "commands"))
 
 
+def _row(device: str, name: str) -> Row:
+    """The row of one parameter."""
+    return next(row for row in rows(device) if row["name"] == name)
+
+
 COUNTS = (
     Count("az3", "holding registers (Modbus guide 7.1)", 167, lambda: len(rows("az3", "holding"))),
     Count("az3", "input registers (7.2)", 57, lambda: len(rows("az3", "input"))),
@@ -72,12 +77,27 @@ COUNTS = (
     Count("az3", "objects (CANopen guide 5.1 to 5.3)", 255, lambda: len(guide_objects()), "see below"),
     Count("az3", "default PDOs (CANopen guide 4.5)", 8, lambda: len(head("az3")["pdo"])),
     Count("adxl", "measures (table 2)", 36, lambda: len(rows("adxl", "measures"))),
+    Count("adxl", "status values (table 2)", 15, lambda: len(_row("adxl", "Status")["values"])),
     Count("adxl", "commands (table 3)", 14, lambda: commands("table")),
-    Count("adxl", "event log (table 4)", 4, lambda: len(rows("adxl", "events"))),
+    Count(
+        "adxl",
+        "values of the event log (table 4)",
+        4,
+        lambda: len(rows("adxl", "events")),
+        "in two rows; 5030h is counter and pointer when it is read, and the index when it is written",
+    ),
     Count("adxl", "parameter setting", 5, lambda: len(rows("adxl", "settings")) + commands("setting")),
+    Count("adxl", "bits of function 07", 9, lambda: len(head("adxl")["exception_status"]["bits"])),
+    Count("adxl", "models of function 17", 11, lambda: len(head("adxl")["report_slave_id"]["type"])),
     Count("adxl", "error codes", 5, lambda: len(head("adxl")["errors"])),
     Count("csd_mt", "parameters (tables 13, 14, 18, 25, 26)", 114, lambda: len(rows("csd_mt"))),
-    Count("csd_mt", "addresses that they take", 138, lambda: addresses("csd_mt")),
+    Count(
+        "csd_mt",
+        "addresses that they take",
+        138,
+        lambda: addresses("csd_mt"),
+        "the row of 1124 is not legible, its text is",
+    ),
     Count("csd_mt", "alarms (ch. 14)", 5, lambda: len(head("csd_mt")["alarm"]), "one of them from register 1007 only"),
     Count("csd_mt", "motors (table 24)", 16, lambda: len(head("csd_mt")["motor"])),
 )

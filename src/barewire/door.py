@@ -11,8 +11,10 @@ I know: modules and names.  I never know: what is in them.  The doors of rooms i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from importlib import import_module
-from typing import Any
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any
 
 
 def lazy(room: str, names: Iterable[str], files: Iterable[str]) -> Callable[[str], Any]:
@@ -28,6 +30,8 @@ def lazy(room: str, names: Iterable[str], files: Iterable[str]) -> Callable[[str
 
     def find(name: str) -> Any:
         if name in known:
+            from importlib import import_module  # when something is asked for, and not before
+
             for file in searched:
                 found = vars(import_module(f"{room}.{file}"))
                 if name in found:

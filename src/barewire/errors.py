@@ -14,9 +14,27 @@ I know: nothing about any protocol.  I may be imported by: everybody.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Literal
 
-Reason = Literal[
+    Reason = Literal[
+        "short",
+        "long",
+        "checksum",
+        "character",
+        "delimiter",
+        "protocol",
+        "length",
+        "function",
+        "value",
+        "mismatch",
+        "silence",
+    ]
+else:
+    Reason = str
+
+REASONS: tuple[Reason, ...] = (
     "short",  # the bytes end before the value does
     "long",  # bytes are left over behind the value
     "checksum",  # CRC-16 or LRC does not fit the bytes before it
@@ -28,10 +46,8 @@ Reason = Literal[
     "value",  # a field holds what the standard does not allow in it
     "mismatch",  # a well-formed answer, but not to this question
     "silence",  # a gap inside a frame, or a frame that never came to its end
-]
+)
 """Why bytes could not be read. The same words stand in the vectors' `reason`."""
-
-REASONS: tuple[str, ...] = get_args(Reason)
 
 
 def shown(value: object) -> str:

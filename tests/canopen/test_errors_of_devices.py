@@ -169,3 +169,28 @@ def test_other_identifiers_boots_and_floods() -> None:
         consumer.feed(CanFrame(0x86, code.to_bytes(2, "little") + bytes(6)), 2.0)
     assert len(consumer.active(6)) == ERRORS_MAX
     assert consumer.active(6)[-1] == 0x13FF
+
+
+def test_1028h_says_whose_emergencies_are_taken() -> None:
+    objects = ObjectDictionary(standard_objects(heard=127))
+    device = Device(5, objects)
+    device.start(0.0)
+    hear = [CanFrame.parse(text) for text in ("089#3081110000000000", "1F0#1032150000000000")]
+    for frame in hear:
+        device.feed(frame, 0.1)
+    assert (device.emergencies.active(9), device.emergencies.active(16)) == ((), ())
+    objects.write(0x1028, 9, (0x89).to_bytes(4, "little"))
+    objects.write(0x1028, 16, (0x1F0).to_bytes(4, "little"))
+    for frame in [*hear, CanFrame.parse("08A#3081110000000000")]:
+        device.feed(frame, 0.2)
+        device.feed(frame, 0.2)
+    assert device.emergencies.active(9) == (0x8130,)
+    assert device.emergencies.active(16) == (0x3210,)
+    assert device.emergencies.active(10) == ()
+
+
+def test_a_controller_that_was_bus_off_and_is_back_is_told() -> None:
+    device = Device(5, ObjectDictionary(standard_objects()))
+    device.start(0.0)
+    assert [str(frame) for frame in device.recovered(1.0)] == ["085#4081110000000000", "085#0000000000000000"]
+    assert device.objects.get(0x1003, 1) == 0x8140

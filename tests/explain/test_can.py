@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame
+from barewire.canopen.lss import ANSWERS, REQUESTS
 from barewire.errors import EncodeError
-from barewire.explain import Explanation, Role, explain
+from barewire.explain import Explanation, Role, explain, explain_text
+from barewire.explain.can import explain_segment
 
 
 def of(frame: str) -> Explanation:
@@ -205,3 +207,49 @@ def test_bytes_are_no_frame_and_a_frame_is_no_bytes() -> None:
         explain("can", b"\x00")
     with pytest.raises(EncodeError, match="rtu: expected bytes"):
         explain("rtu", CanFrame(0))
+
+
+def test_an_abort_is_80h_and_nothing_else() -> None:
+    """81h to 9Fh are what the server takes them for: no abort, perhaps the last segment of a block that came late."""
+    assert of("585#8041600000000206").valid
+    for command in range(0x81, 0xA0):
+        said = of(f"585#{command:02X}41600000000206")
+        assert said.error is not None
+        assert said.error.reason == "function"
+    assert explain_segment(CanFrame.parse("585#8341600000000206")).verdict.endswith("segment 3 of a block, the last")
+
+
+@pytest.mark.parametrize("service", sorted(REQUESTS | ANSWERS))
+def test_every_service_of_lss_is_known_in_its_directions_only(service: int) -> None:
+    for identifier, known in ((0x7E5, REQUESTS), (0x7E4, ANSWERS)):
+        said = explain("can", CanFrame(identifier, bytes([service]) + bytes(7)))
+        assert said.valid == (service in known), said.lines()
+        assert (said.fields[1].meaning == "unknown") == (service not in known)
+
+
+def test_a_day_of_more_than_24_hours() -> None:
+    said = of("100#005C26054D39")
+    assert said.error is not None
+    assert said.error.reason == "value"
+    assert of("100#FF5B2605FFFF").verdict == "valid: TIME: 2163-06-06 23:59:59"
+    assert of("100#FF5B26F54D39").valid  # the four void bits
+
+
+FD = "CAN FD frame, which classical CANopen does not have"
+ERROR = "error frame, a report of the controller"
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict"),
+    [
+        ("123##1AABB", f"{FD}: 2 bytes"),
+        ("(1.0) can0 123##1AABB", f"{FD}: 2 bytes"),
+        ("can0  123  [12]  00 11 22 33 44 55 66 77 88 99 AA BB", f"{FD}: 12 bytes"),
+        ("20000040#0000000000000000", f"{ERROR}: bus off"),
+        ("can0 20000004 [8] 00 02 00 00 00 00 00 00", f"{ERROR}: controller problem: transmit buffer overrun"),
+    ],
+)
+def test_what_is_no_classical_frame(text: str, verdict: str) -> None:
+    said = explain_text("can", text)
+    assert said.verdict == f"valid: {verdict}"
+    assert said.lines()

@@ -277,3 +277,58 @@ def test_any_frame_has_words_and_a_dict(unit: int, pdu: bytes, answered: bool) -
         in_words(event)
         json.dumps(as_dict(event))
     assert not isinstance(events[0], Disturbance)
+
+
+# IPv6 --------------------------------------------------------------------------------------------------------------
+
+
+def over_ipv6(frame: bytes, from_client: bool, *extensions: tuple[int, bytes], version: int = 6) -> bytes:
+    """A packet of ours with another head: the segment of TCP or UDP stays as it is."""
+    segment = frame[34:]
+    kind, inner = frame[23], segment
+    for number, content in reversed(extensions):
+        size = len(content) // 8 if number == 44 else (len(content) + 2 - 8) // 8
+        inner = bytes([kind, 0 if number == 44 else size]) + content + inner
+        kind = number
+    client, server = unhex("FE80" + "00" * 13 + "01"), unhex("FE80" + "00" * 13 + "02")
+    source, target = (client, server) if from_client else (server, client)
+    head = bytes([version << 4, 0, 0, 0]) + len(inner).to_bytes(2, "big") + bytes([kind, 64]) + source + target
+    return bytes(12) + b"\x86\xdd" + head + inner
+
+
+def test_an_exchange_over_ipv6() -> None:
+    packer, data = Packer(), header()
+    for place, (pdu, from_client) in enumerate([(READ, True), (VALUES, False)]):
+        packet_data = packer.tcp(tcp_frame(1, pdu, 7), from_client=from_client)
+        data += packet(1.0 + place / 10, over_ipv6(packet_data, from_client))
+    asked, answered = replay(data)
+    assert isinstance(answered, Answered)
+    assert answered.to == asked
+    assert answered.pdu == VALUES
+
+
+@pytest.mark.parametrize("extension", [(0, bytes(6)), (60, bytes(14)), (43, bytes(6)), (44, bytes(6))])
+def test_headers_of_ipv6_before_the_one_that_counts(extension: tuple[int, bytes]) -> None:
+    whole = over_ipv6(Packer().rtu(b"frame", from_client=False), False, extension, (0, bytes(6)))
+    carried = unpack(Packet(1.0, whole))
+    assert carried is not None
+    assert (carried.protocol, carried.from_client, carried.data) == ("rtu", False, b"frame")
+    assert carried.connection[0] == unhex("FE80" + "00" * 13 + "01")
+    for link, before in ((101, 0), (0, 4), (113, 16), (276, 20)):
+        other = unpack(Packet(1.0, bytes(before) + whole[14:], link))
+        assert other is not None
+        assert other.data == b"frame"
+
+
+def test_ipv6_that_is_passed_over() -> None:
+    whole = Packer().tcp(b"frame", from_client=True)
+    fragment = over_ipv6(whole, True, (44, unhex("0001 0000 0001")))
+    for data in (fragment, over_ipv6(whole, True, version=4), over_ipv6(whole, True)[:50], over_ipv6(whole, True)[:20]):
+        assert unpack(Packet(1.0, data)) is None
+    assert unpack(Packet(1.0, over_ipv6(whole, True, (0, bytes(6)))[:58])) is None
+
+
+@modest
+@given(st.binary(max_size=90), st.sampled_from([0, 43, 44, 60, 6, 17]))
+def test_any_bytes_of_ipv6(data: bytes, kind: int) -> None:
+    unpack(Packet(0.0, bytes(12) + b"\x86\xdd\x60" + bytes(5) + bytes([kind]) + data))

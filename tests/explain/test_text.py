@@ -119,7 +119,7 @@ def test_remote_short_and_extended_frames(text: str, frame: str) -> None:
         ("605#00 11", "long", 7),
         ("0605 40", "length", 0),
         ("can0 8FF#", "value", 5),
-        ("605##1", "value", 4),
+        ("605##", "short", 5),
     ],
 )
 def test_a_line_that_is_no_frame(text: str, reason: str, at: int) -> None:

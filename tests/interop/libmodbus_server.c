@@ -1,9 +1,9 @@
 /* A libmodbus server with a hundred of everything.
  *
- *     libmodbus_server tcp PORT       libmodbus_server rtu DEVICE
+ *     libmodbus_server tcp PORT       libmodbus_server tcp_pi PORT       libmodbus_server rtu DEVICE
  *
- * Says "ready" and serves one client after the other until it is killed. Register 99 of the inputs holds 1234;
- * holding register 50 is answered with "busy" (exception 06) by modbus_reply_exception. */
+ * Says "ready" and its version, and serves one client after the other until it is killed. Input register 4 holds 1234,
+ * discrete input 6 is on; a read from holding register 50 on is answered with "busy" (exception 06) by modbus_reply_exception. */
 #include <errno.h>
 #include <modbus/modbus.h>
 #include <stdio.h>
@@ -13,21 +13,26 @@
 
 int main(int argc, char **argv)
 {
-    int tcp = argc == 3 && !strcmp(argv[1], "tcp"), listener = -1;
-    modbus_t *ctx = tcp ? modbus_new_tcp("127.0.0.1", atoi(argv[2])) : modbus_new_rtu(argv[2], 115200, 'N', 8, 1);
+    if (argc != 3)
+        return 2;
+    int tcp = !strncmp(argv[1], "tcp", 3), pi = !strcmp(argv[1], "tcp_pi"), listener = -1;
+    modbus_t *ctx = pi    ? modbus_new_tcp_pi("127.0.0.1", argv[2])
+                    : tcp ? modbus_new_tcp("127.0.0.1", atoi(argv[2]))
+                          : modbus_new_rtu(argv[2], 115200, 'N', 8, 1);
     modbus_mapping_t *table = modbus_mapping_new(100, 100, 100, 100);
     if (ctx == NULL || table == NULL || modbus_set_slave(ctx, 1) != 0)
         return 1;
-    table->tab_input_registers[99] = 1234;
+    table->tab_input_registers[4] = 1234;
     table->tab_input_bits[6] = 1;
-    if (tcp ? (listener = modbus_tcp_listen(ctx, 4)) == -1 : modbus_connect(ctx) == -1) {
+    listener = pi ? modbus_tcp_pi_listen(ctx, 4) : tcp ? modbus_tcp_listen(ctx, 4) : -1;
+    if (tcp ? listener == -1 : modbus_connect(ctx) == -1) {
         fprintf(stderr, "%s\n", modbus_strerror(errno));
         return 1;
     }
-    puts("ready");
+    puts("ready " LIBMODBUS_VERSION_STRING);
     fflush(stdout);
     for (;;) {
-        if (tcp && modbus_tcp_accept(ctx, &listener) == -1)
+        if (tcp && (pi ? modbus_tcp_pi_accept(ctx, &listener) : modbus_tcp_accept(ctx, &listener)) == -1)
             return 1;
         for (;;) {
             uint8_t request[MODBUS_MAX_ADU_LENGTH];

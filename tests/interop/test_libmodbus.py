@@ -1,24 +1,32 @@
 """libmodbus, the C library of most gateways, as a stranger: every call of its client against our servers, and its
-server under our client. The two programs stand beside this file and are compiled here."""
+server under our clients. The two programs stand beside this file and are compiled here.
+
+It speaks TCP and RTU. Through socat the same programs are behind TLS, and its RTU behind TCP. Function 07 it only
+knows as a raw request.
+"""
 
 from __future__ import annotations
 
 import socket
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
-from barewire.modbus import ModbusException, Table
-from barewire.shells import ModbusClient, open_host, open_modbus
+from barewire.modbus import ModbusException, WriteMultipleRegisters
+from barewire.shells import open_modbus
 from tests.helpers import refused
-from tests.interop.relay import relayed
+from tests.interop.exchanges import Answers, everything
+from tests.interop.ours import Asker, client_url, our_server, port_of, with_both
+from tests.interop.relay import relayed, serial_at, serial_server, tls_before, tls_from
+from tests.interop.services import BITS_AND_REGISTERS, proves
 
-pytestmark = pytest.mark.needs("libmodbus", "cc")
+pytestmark = pytest.mark.needs("libmodbus", "cc", "openssl", "socat")
 
 HERE = Path(__file__).parent
+SERVED = (*BITS_AND_REGISTERS, "11", "16", "17")
 
 
 @pytest.fixture(scope="session")
@@ -33,63 +41,79 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return made
 
 
-@pytest.mark.parametrize("kind", ["tcp", "tcp_pi", "rtu"])
-def test_every_call_of_their_client(programs: dict[str, Path], kind: str) -> None:
-    table = Table(10000)
-    table.input_registers[4] = 1234
-    table.discrete_inputs[6] = 1
-    table.exception_status = 0x5A
-    url = "rtu://pty?baudrate=115200&parity=N" if kind == "rtu" else "tcp://127.0.0.1:0"
-    with open_host(url, units={1: table}) as host:
-        place = host.url.partition("://")[2].partition("?")[0]
-        where = [place] if kind == "rtu" else place.split(":")
-        done = subprocess.run(
-            [str(programs["client"]), kind, *where], capture_output=True, text=True, timeout=30, check=False
-        )
+CARRIERS = ("tcp", "rtu", "rtu+tcp", "tls")
+ASKED = [proves("libmodbus", "server", carrier, *SERVED, "07") for carrier in CARRIERS]
+
+
+@pytest.mark.parametrize("carrier", [*ASKED, pytest.param("tcp_pi", marks=ASKED[0].marks)])
+def test_every_call_of_their_client(
+    programs: dict[str, Path], carrier: str, certificates: Path, witness: set[str]
+) -> None:
+    ours = "tcp" if carrier == "tcp_pi" else carrier
+    with ExitStack() as stack:
+        place, unit = stack.enter_context(our_server(ours, certificates, witness))
+        if carrier == "rtu+tcp":
+            place = stack.enter_context(serial_at(port_of(place)))
+        elif carrier == "tls":
+            place = f"127.0.0.1:{stack.enter_context(tls_from(port_of(place), certificates))}"
+        kind = carrier.partition("+")[0].replace("tls", "tcp")
+        command = [str(programs["client"]), kind, *([place] if kind == "rtu" else place.split(":"))]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert done.stderr == ""
     assert done.stdout.splitlines()[-1] == "all"
-    assert table.coils[20] == 1
+    assert unit.coils[20] == 1
+    assert list(unit.holding_registers[2000:2123]) == list(range(1000, 1123))
 
 
 @contextmanager
-def their_server(programs: dict[str, Path], kind: str) -> Iterator[str]:
-    """Their server in a process of its own; gives the endpoint."""
-    with relayed() as (theirs, ours), socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        taken.close()
-        where = str(port) if kind == "tcp" else theirs
-        with subprocess.Popen([str(programs["server"]), kind, where], stdout=subprocess.PIPE, text=True) as process:
-            try:
-                assert process.stdout is not None
-                assert process.stdout.readline() == "ready\n"
-                yield f"tcp://127.0.0.1:{port}" if kind == "tcp" else f"rtu://{ours}?baudrate=115200&parity=N"
-            finally:
-                process.kill()
+def their_server(programs: dict[str, Path], carrier: str, certificates: Path) -> Iterator[tuple[str, str]]:
+    """Their server in a process of its own; gives PATH or HOST:PORT as our client finds it, and its version."""
+    with ExitStack() as stack:
+        if carrier == "rtu":
+            theirs, place = stack.enter_context(relayed())
+        elif carrier == "rtu+tcp":
+            theirs, port = stack.enter_context(serial_server())
+        else:
+            with socket.create_server(("127.0.0.1", 0)) as taken:
+                port = taken.getsockname()[1]
+            theirs = str(port)
+        kind = carrier.partition("+")[0].replace("tls", "tcp")
+        command = [str(programs["server"]), kind, theirs]
+        process = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        ready, version = process.stdout.readline().split()
+        assert ready == "ready"
+        if carrier == "tls":
+            port = stack.enter_context(tls_before(port, certificates))
+        yield place if carrier == "rtu" else f"127.0.0.1:{port}", version
 
 
-@pytest.mark.parametrize("kind", ["tcp", "rtu"])
-def test_their_server_under_our_client(programs: dict[str, Path], kind: str) -> None:
-    with their_server(programs, kind) as endpoint:
-        for _ in range(2):
-            with open_modbus(f"{endpoint}{'&' if '?' in endpoint else '?'}unit=1&timeout=2") as client:
-                use(client)
+HEARD = [proves("libmodbus", "client", carrier, *SERVED) for carrier in CARRIERS]
 
 
-def use(client: ModbusClient) -> None:
-    client.write_multiple_registers(10, (1, 2, 3))
-    client.write_single_register(11, 20)
-    assert client.read_holding_registers(10, 3) == (1, 20, 3)
-    client.mask_write_register(12, 0x00F2, 0x0025)
-    assert client.read_holding_registers(12, 1) == (0x0007,)
-    assert client.read_write_multiple_registers(10, 2, 13, (9,)) == (1, 20)
-    assert client.read_input_registers(99, 1) == (1234,)
-    assert client.read_discrete_inputs(5, 3) == (False, True, False)
-    client.write_multiple_coils(0, (True, False, True, True))
-    client.write_single_coil(1, True)
-    assert client.read_coils(0, 4) == (True, True, True, True)
-    assert b"LMB" in client.report_server_id()
-    with refused(ModbusException, "illegal data address"):
-        client.read_holding_registers(99, 2)
-    with refused(ModbusException, "busy"):
-        client.read_holding_registers(50, 1)
-    assert client.read_holding_registers(10, 1) == (1,)
+@pytest.mark.parametrize("carrier", [*HEARD, pytest.param("tcp_pi", marks=HEARD[0].marks)])
+def test_our_clients_use_their_server(
+    programs: dict[str, Path], carrier: str, certificates: Path, witness: set[str]
+) -> None:
+    with their_server(programs, carrier, certificates) as (place, version):
+        answers = Answers(registers=100, coils=100, server_id=b"\xb4\xffLMB" + version.encode())
+
+        async def talk(asker: Asker) -> None:
+            await everything(asker, answers, SERVED)
+            with refused(ModbusException, "busy"):
+                await asker.read_holding_registers(50, 1)
+            assert await asker.read_holding_registers(10, 1) == (1,)
+
+        ours = "tcp" if carrier == "tcp_pi" else carrier
+        with_both(client_url(ours, place, certificates), witness, talk)
+
+
+@pytest.mark.parametrize("carrier", ["rtu", "rtu+tcp"])
+def test_their_server_hears_our_broadcast(programs: dict[str, Path], carrier: str, certificates: Path) -> None:
+    with (
+        their_server(programs, carrier, certificates) as (place, _),
+        open_modbus(client_url(carrier, place, certificates)) as client,
+    ):
+        client.tell(WriteMultipleRegisters(70, (7, 8)))
+        assert client.read_holding_registers(69, 3) == (0, 7, 8)

@@ -1,35 +1,63 @@
-"""minimalmodbus as a stranger: its client, RTU and ASCII, against our server on a pseudo-terminal."""
+"""minimalmodbus as a stranger: its client, RTU and ASCII, against our servers on a pseudo-terminal, and through socat
+on TCP. It knows the eight functions of bits and registers."""
 
 from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
 
 import minimalmodbus
 import pytest
 
 from barewire.codecs import codec, to_registers
-from barewire.modbus import Table
-from barewire.shells import open_host
+from tests.interop.ours import Known, our_asyncio_server, our_server, port_of
+from tests.interop.relay import serial_at
+from tests.interop.services import BITS_AND_REGISTERS, proves
+
+pytestmark = pytest.mark.needs("openssl", "socat")
+CARRIERS = ("rtu", "ascii", "rtu+tcp", "ascii+tcp")
+ASKED = [proves("minimalmodbus", "server", one, *BITS_AND_REGISTERS) for one in CARRIERS]
 
 
-@pytest.mark.parametrize("mode", ["rtu", "ascii"])
-def test_their_client_uses_our_server(mode: str) -> None:
-    table = Table()
-    table.holding_registers[20], table.holding_registers[21] = to_registers(codec("f32").encode(1.5))
-    with open_host(f"{mode}://pty?baudrate=115200&parity=N", units={7: table}) as host:
-        path = host.url.partition("://")[2].partition("?")[0]
-        client = minimalmodbus.Instrument(path, 7, mode=mode)
+@pytest.mark.parametrize("carrier", ASKED)
+def test_their_client_uses_our_server(carrier: str, certificates: Path, witness: set[str]) -> None:
+    with ExitStack() as stack:
+        place, unit = stack.enter_context(our_server(carrier, certificates, witness))
+        path = stack.enter_context(serial_at(port_of(place))) if "tcp" in carrier else place
+        use(path, carrier.partition("+")[0], unit)
+
+
+@pytest.mark.parametrize("carrier", ASKED[:2])
+def test_their_client_uses_our_asyncio_server(carrier: str, witness: set[str]) -> None:
+    with our_asyncio_server(carrier, witness) as (path, unit):
+        use(path, carrier, unit)
+
+
+def use(path: str, mode: str, unit: Known) -> None:
+    client = minimalmodbus.Instrument(path, 1, mode=mode)
+    try:
         client.serial.baudrate = 115200
-        client.serial.timeout = 2
-        try:
-            client.write_register(1, 4711)
-            assert client.read_register(1) == 4711
-            client.write_registers(2, [1, 2, 3])
-            assert client.read_registers(2, 3) == [1, 2, 3]
-            client.write_bit(9, 1)
-            assert client.read_bit(9, functioncode=1) == 1
-            assert client.read_float(20) == 1.5
-            client.write_long(30, -5, signed=True)
-            assert client.read_long(30, signed=True) == -5
-            with pytest.raises(minimalmodbus.IllegalRequestError):
-                client.read_registers(65535, 2)
-        finally:
-            client.serial.close()
+        client.serial.timeout = 0.5  # so long it waits for more when it was told an exception
+        client.write_register(1, 4711)
+        client.write_register(2, 0xBEEF, functioncode=6)
+        assert client.read_register(1) == 4711
+        assert client.read_register(2) == 0xBEEF
+        client.write_registers(3, list(range(123)))
+        assert client.read_registers(2, 125) == [0xBEEF, *range(123), 0]
+        assert client.read_register(4, functioncode=4) == 1234
+        client.write_bit(9, 1)
+        client.write_bits(10, [1, 0, 1] * 7)
+        assert client.read_bit(9, functioncode=1) == 1
+        assert client.read_bits(9, 22, functioncode=1) == [1, *[1, 0, 1] * 7]
+        assert client.read_bit(6) == 1
+        unit.holding_registers[20], unit.holding_registers[21] = to_registers(codec("f32").encode(1.5))
+        assert client.read_float(20) == 1.5
+        client.write_long(200, -5, signed=True)
+        assert client.read_long(200, signed=True) == -5
+        client.write_string(210, "barewire", 4)
+        assert client.read_string(210, 4) == "barewire"
+        with pytest.raises(minimalmodbus.IllegalRequestError):
+            client.read_registers(9999, 2)
+    finally:
+        client.serial.close()
+    assert list(unit.holding_registers[1:6]) == [4711, 0xBEEF, 0, 1, 2]

@@ -1,111 +1,251 @@
-"""pymodbus as a stranger: its clients against our servers, our clients against its server. TCP, RTU and ASCII."""
+"""pymodbus as a stranger, over all seven carriers: its clients against our servers, our clients against its servers.
+
+What of it does not work is asserted as what it is, so that we learn of it when it does:
+
+    18, client, RTU              it counts two bytes too few of the answer, and never reads one
+    08/04, server                an answer comes, and without the two bytes of data; the server listens on
+    07 08 0B 0C 14 18, server    the numbers are zero, the records and the queue are the same whatever is asked
+"""
 
 from __future__ import annotations
 
 import asyncio
-import threading
-from collections.abc import Iterator
+import contextlib
+import ssl
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
 
 import pytest
-from pymodbus import FramerType
-from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from pymodbus.server import ModbusTcpServer
+from pymodbus import FramerType, ModbusDeviceIdentification
+from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient, ModbusTcpClient, ModbusTlsClient, ModbusUdpClient
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.pdu.file_message import FileRecord
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer, ModbusUdpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from barewire.errors import BarewireError
-from barewire.modbus import (
-    ModbusException,
-    ReadCoils,
-    ReadHoldingRegisters,
-    Table,
-    WriteMultipleCoils,
-    WriteMultipleRegisters,
-    WriteSingleRegister,
-)
-from barewire.shells import open_host, open_modbus
+from barewire.modbus import Diagnostics, RecordPlace
+from barewire.modbus.diagnostics import Unanswered
+from barewire.shells import open_modbus
+from tests.interop.exchanges import Answers, everything
+from tests.interop.ours import LONG, Asker, client_url, our_server, port_of, until, with_both
+from tests.interop.relay import in_its_own_loop, relayed
+from tests.interop.services import CARRIERS, EVERY, proves, without
+
+pytestmark = pytest.mark.needs("openssl")
+
+FRAMERS = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII, "tls": FramerType.TLS}
 
 
-def _their_client(url: str) -> ModbusTcpClient | ModbusSerialClient:
-    scheme, _, place = url.partition("://")
-    if scheme == "tcp":
-        host, _, port = place.partition(":")
-        return ModbusTcpClient(host, port=int(port), timeout=2)
-    framer = FramerType.RTU if scheme == "rtu" else FramerType.ASCII
-    return ModbusSerialClient(place.partition("?")[0], framer=framer, baudrate=115200, parity="N", timeout=2)
+def framer(carrier: str) -> Any:
+    return FRAMERS.get(carrier.partition("+")[0], FramerType.SOCKET)
 
 
-@pytest.mark.parametrize(
-    "url", ["tcp://127.0.0.1:0", "rtu://pty?baudrate=115200&parity=N", "ascii://pty?baudrate=115200&parity=N"]
-)
-def test_their_client_uses_our_server(url: str) -> None:
-    table = Table()
-    table.input_registers[3] = 0x1234
-    table.discrete_inputs[2] = 1
-    with open_host(url, units={1: table}) as host:
-        client = _their_client(host.url)
+def their_context(side: Any, certificates: Path, name: str) -> ssl.SSLContext:
+    context = ssl.SSLContext(side)
+    context.check_hostname = False  # its blocking client gives TLS no name that could be checked
+    context.load_cert_chain(certificates / f"{name}.crt", certificates / f"{name}.key")
+    context.load_verify_locations(certificates / "ca.crt")
+    context.verify_mode = ssl.CERT_REQUIRED
+    return context
+
+
+def their_client(carrier: str, place: str, certificates: Path) -> Any:
+    if carrier in ("rtu", "ascii"):
+        return ModbusSerialClient(place, framer=framer(carrier), baudrate=115200, parity="N", timeout=2)
+    where: dict[str, Any] = {"port": port_of(place), "timeout": 2, "framer": framer(carrier)}
+    if carrier == "udp":
+        return ModbusUdpClient("127.0.0.1", **where)
+    if carrier == "tls":
+        where["sslctx"] = their_context(ssl.PROTOCOL_TLS_CLIENT, certificates, "operator")
+        return ModbusTlsClient("127.0.0.1", **where)
+    return ModbusTcpClient("127.0.0.1", **where)
+
+
+THEIRS = {carrier: without("18") if "rtu" in carrier else EVERY for carrier in CARRIERS}
+
+
+@pytest.mark.parametrize("carrier", [proves("pymodbus", "server", *pair[:1], *pair[1]) for pair in THEIRS.items()])
+def test_their_client_uses_our_server(carrier: str, certificates: Path, witness: set[str]) -> None:
+    with our_server(carrier, certificates, witness) as (place, unit):
+        client = their_client(carrier, place, certificates)
         assert client.connect()
         try:
-            assert not client.write_registers(10, [1, 2, 3], device_id=1).isError()
-            assert client.read_holding_registers(10, count=3, device_id=1).registers == [1, 2, 3]
-            assert not client.write_register(11, 65535, device_id=1).isError()
-            assert client.read_holding_registers(11, count=1, device_id=1).registers == [65535]
-            assert client.read_input_registers(3, count=1, device_id=1).registers == [0x1234]
-            assert client.read_discrete_inputs(0, count=3, device_id=1).bits[:3] == [False, False, True]
-            assert not client.write_coils(0, [True, False, True], device_id=1).isError()
-            assert not client.write_coil(1, True, device_id=1).isError()
-            assert client.read_coils(0, count=3, device_id=1).bits[:3] == [True, True, True]
-            assert b"barewire" in client.read_device_information(device_id=1).information.values()
-            declined = client.read_holding_registers(0xFFFF, count=2, device_id=1)
-            assert declined.isError()
-            assert declined.exception_code == 2
+            data(client)
+            about_itself(client)
+            files(client)
+            diagnosed(client, witness)
+            if "rtu" not in carrier:
+                assert client.read_fifo_queue(address=30).values == [7, 8, 0xFFFF]
+        finally:
+            client.close()
+    assert list(unit.holding_registers[:4]) == [0, 0xBEEF, 2, 3]
+    assert list(unit.files[4]) == [100, 101, 102, 0x1234, 0x5678, *range(105, 110)]
+
+
+def data(client: Any) -> None:
+    pattern = [place % 3 == 0 for place in range(1968)]
+    assert client.write_coils(100, pattern).count == 1968
+    assert not client.write_coil(20, True).isError()
+    assert client.read_coils(100, count=2000).bits == pattern + [False] * 32
+    assert client.read_coils(19, count=3).bits[:3] == [False, True, False]
+    assert client.read_discrete_inputs(5, count=3).bits[:3] == [False, True, False]
+    assert client.write_registers(0, list(range(123))).count == 123
+    assert client.write_register(1, 0xBEEF).registers == [0xBEEF]
+    assert client.read_holding_registers(0, count=125).registers == [0, 0xBEEF, *range(2, 123), 0, 0]
+    assert client.read_input_registers(3, count=2).registers == [0, 1234]
+    assert client.read_holding_registers(9999, count=2).exception_code == 2
+    assert client.mask_write_register(address=4, and_mask=0xF2, or_mask=0x25).or_mask == 0x25
+    both = client.readwrite_registers(read_address=3, read_count=3, write_address=5, values=list(range(1, 122)))
+    assert both.registers == [3, (4 & 0xF2) | (0x25 & ~0xF2), 1]
+
+
+def about_itself(client: Any) -> None:
+    assert client.read_exception_status().status == 0x5A
+    answer = client.report_device_id()
+    assert answer.identifier == b"\x01\xfftabl"  # it takes the last byte for the run indicator
+    basic = {0: b"barewire", 1: b"table", 2: b"1"}
+    assert client.read_device_information(read_code=1).information == basic
+    first = client.read_device_information(read_code=3)
+    assert (first.more_follows, first.next_object_id) == (0xFF, 0x81)
+    assert first.information == {**basic, 3: b"http://barewire.example", 0x80: b"serial 42"}
+    rest = client.read_device_information(read_code=3, object_id=0x81)
+    assert (rest.more_follows, rest.information) == (0, {0x81: LONG.encode()})
+
+
+def files(client: Any) -> None:
+    """The lengths of its records are bytes, also of those that are to be read."""
+    read = client.read_file_record([FileRecord(4, 0, record_length=4), FileRecord(4, 8, record_length=4)])
+    assert [record.record_data for record in read.records] == [bytes([0, 100, 0, 101]), bytes([0, 108, 0, 109])]
+    written = client.write_file_record([FileRecord(4, 3, b"\x12\x34\x56\x78")])
+    assert written.records == [FileRecord(4, 3, b"\x12\x34\x56\x78")]
+
+
+def diagnosed(client: Any, seen: set[str]) -> None:
+    assert client.diag_query_data(b"\xa5\x37").message == b"\xa5\x37"
+    assert not client.diag_clear_counters().isError()
+    assert client.diag_read_bus_message_count().message == 1
+    assert client.diag_read_device_message_count().message == 2
+    assert client.diag_read_bus_comm_error_count().message == 0
+    assert client.diag_read_bus_exception_error_count().message == 0
+    assert client.diag_read_device_no_response_count().message == 0
+    assert client.diag_read_device_nak_count().message == 0
+    assert client.diag_read_device_busy_count().message == 0
+    assert client.diag_read_bus_char_overrun_count().message == 0
+    assert not client.diag_clear_overrun_counter().isError()
+    assert client.diag_read_diagnostic_register().message == 0
+    # What it calls the delimiter is the delimiter and the zero behind it.
+    assert client.diag_change_ascii_input_delimeter(delimiter=0x0A00).message == 0x0A00
+    counter = client.diag_get_comm_event_counter()
+    assert counter.count == 11
+    log = client.diag_get_comm_event_log()
+    assert (log.event_count, log.message_count) == (11, 13)
+    assert log.events[0] & 0x80  # the newest: this request came in
+    # Neither is answered, so it is to be seen when they are carried out: on a serial line one waits.
+    client.diag_force_listen_only(no_response_expected=True)
+    until(lambda: "08/04" in seen)
+    client.diag_restart_communication(toggle=True, no_response_expected=True)
+    until(lambda: "08/01" in seen)
+    assert client.diag_get_comm_event_counter().count == 0
+
+
+def test_their_asyncio_client_uses_our_server(certificates: Path) -> None:
+    async def main() -> None:
+        client = AsyncModbusTcpClient("127.0.0.1", port=port_of(place), timeout=2)
+        assert await client.connect()
+        try:
+            await asyncio.gather(*(client.write_register(at, at) for at in range(20)))
+            answers = await asyncio.gather(*(client.read_holding_registers(at, count=1) for at in range(20)))
+            assert [answer.registers for answer in answers] == [[at] for at in range(20)]
+        finally:
+            client.close()
+
+    with our_server("tcp", certificates, set()) as (place, _):
+        asyncio.run(main())
+
+
+def test_their_client_cannot_read_a_queue_over_rtu(certificates: Path) -> None:
+    with our_server("rtu", certificates, set()) as (place, _):
+        client = ModbusSerialClient(place, baudrate=115200, parity="N", timeout=0.2, retries=0)
+        assert client.connect()
+        try:
+            with pytest.raises(ModbusIOException):
+                client.read_fifo_queue(address=30)
         finally:
             client.close()
 
 
-class _TheirServer:
-    """Their asyncio server in a thread of its own."""
+# Their servers --------------------------------------------------------------------------------------------------------
 
-    def __init__(self) -> None:
-        self.ready = threading.Event()
-        self.port = 0
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
-        self._loop: asyncio.AbstractEventLoop | None = None
-
-    async def _serve(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._end = asyncio.Event()
-        registers = SimData(0, values=[0] * 200, datatype=DataType.REGISTERS)
-        server = ModbusTcpServer(SimDevice(id=1, simdata=[registers]), address=("127.0.0.1", 0))
-        await server.serve_forever(background=True)
-        assert server.transport is not None
-        self.port = server.transport.sockets[0].getsockname()[1]
-        self.ready.set()
-        await self._end.wait()
-        await server.shutdown()
-
-    def __enter__(self) -> _TheirServer:
-        self._thread.start()
-        assert self.ready.wait(10)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        assert self._loop is not None
-        self._loop.call_soon_threadsafe(self._end.set)
-        self._thread.join(10)
+DUMMY = b"SERVER DUMMY RECORD."
+OBJECTS = {0: b"Pymodbus", 1: b"PM", 2: b"3.16", 3: b"url", 4: b"name", 5: b"model", 6: b"application"}
+ANSWERS = Answers(
+    registers=200,
+    server_id=b"Pymodbus-PM-3.16\xff",
+    counts=dict.fromkeys((2, *range(11, 19)), 0),
+    places=(RecordPlace(4, 0, 10),),  # as long as the one that it always sends
+    rows=(tuple(int.from_bytes(DUMMY[at : at + 2], "big") for at in range(0, 20, 2)),),
+    queue=(0, 1, 2, 3),  # and always this queue
+    objects=OBJECTS,
+)
 
 
-@pytest.fixture
-def their_server() -> Iterator[_TheirServer]:
-    with _TheirServer() as server:
-        yield server
+@contextlib.contextmanager
+def their_server(carrier: str, certificates: Path) -> Iterator[str]:
+    """Their server on a carrier; gives PATH or HOST:PORT."""
+    coils = [SimData(0, values=[False] * 2000, datatype=DataType.BITS)]
+    inputs = [SimData(0, values=[place == 6 for place in range(16)], datatype=DataType.BITS)]
+    holding = [SimData(0, values=[0] * 200, datatype=DataType.REGISTERS)]
+    input_registers = [SimData(0, values=[0, 0, 0, 0, 1234], datatype=DataType.REGISTERS)]
+    device = SimDevice(id=1, simdata=(coils, inputs, holding, input_registers))
+    identity = ModbusDeviceIdentification(info={number: value.decode() for number, value in OBJECTS.items()})
+    with ExitStack() as stack:
+        options: dict[str, Any] = {"framer": framer(carrier), "identity": identity}
+        ours = ""
+        if carrier in ("rtu", "ascii"):
+            options["port"], ours = stack.enter_context(relayed())
+            options["baudrate"] = 115200
+        else:
+            options["address"] = ("127.0.0.1", 0)
+        if carrier == "tls":
+            options["sslctx"] = their_context(ssl.PROTOCOL_TLS_SERVER, certificates, "server")
+        kinds = {"udp": ModbusUdpServer, "tls": ModbusTlsServer, "rtu": ModbusSerialServer, "ascii": ModbusSerialServer}
+
+        @contextlib.asynccontextmanager
+        async def serve() -> AsyncIterator[Any]:
+            server = kinds.get(carrier, ModbusTcpServer)(device, **options)
+            await server.serve_forever(background=True)
+            yield server.transport
+            await server.shutdown()
+
+        transport = stack.enter_context(in_its_own_loop(serve))
+        if ours:
+            yield ours
+        elif carrier == "udp":
+            yield f"127.0.0.1:{transport.get_extra_info('sockname')[1]}"
+        else:
+            yield f"127.0.0.1:{transport.sockets[0].getsockname()[1]}"
 
 
-def test_our_client_uses_their_server(their_server: _TheirServer) -> None:
-    with open_modbus(f"tcp://127.0.0.1:{their_server.port}?unit=1") as client:
-        client.ask(WriteMultipleRegisters(10, (1, 2, 3)))
-        client.ask(WriteSingleRegister(11, 20))
-        assert client.ask(ReadHoldingRegisters(10, 3)).registers == (1, 20, 3)
-        with pytest.raises((ModbusException, BarewireError)):
-            client.ask(ReadHoldingRegisters(5000, 2))
-        client.ask(WriteMultipleCoils(0, (True, False, True)))
-        assert client.ask(ReadCoils(0, 3)).bits == (True, False, True)
+OURS = without("08/04")
+
+
+@pytest.mark.parametrize("carrier", [proves("pymodbus", "client", carrier, *OURS) for carrier in CARRIERS])
+def test_our_clients_use_their_server(carrier: str, certificates: Path, witness: set[str]) -> None:
+    async def talk(asker: Asker) -> None:
+        await everything(asker, ANSWERS, OURS)
+
+    with their_server(carrier, certificates) as place:
+        with_both(client_url(carrier, place, certificates), witness, talk)
+
+
+def test_their_server_answers_what_is_not_answered(certificates: Path) -> None:
+    """08/04: two bytes short, so it is no answer at all and passed over; and the server does not listen only."""
+    with (
+        their_server("tcp", certificates) as place,
+        open_modbus(f"tcp://{place}?unit=1&timeout=0.2") as client,
+    ):
+        assert isinstance(client.ask(Diagnostics(0x04)), Unanswered)
+        assert client.bus.counters.strays == 1
+        assert client.read_input_registers(4, 1) == (1234,)

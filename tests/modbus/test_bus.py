@@ -2,102 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from barewire.ascii import AsciiLine
-from barewire.conversation import Abandoned, Conversation, Heard, Send, play
+from barewire.ascii import encode as ascii_frame
+from barewire.conversation import Abandoned, Heard, Send, play
 from barewire.errors import NoAnswer
 from barewire.modbus import (
+    EchoLine,
     Line,
     ModbusException,
     ReadHoldingRegisters,
     ReadInputRegisters,
-    Server,
-    Table,
     WriteOutcomeUnknown,
     WriteSingleRegister,
 )
 from barewire.modbus.bus import Bus
-from barewire.rtu import RtuLine, Timing
+from barewire.rtu import RtuLine
+from barewire.rtu import encode as rtu_frame
+from barewire.tcp import TcpLine
+from barewire.tcp import encode as tcp_frame
 from tests.helpers import modest
-
-Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
-TIMING = Timing.of(19200)
-
-
-def table() -> Table:
-    """Every register holds its own address: a wrong value shows."""
-    full = Table(size=256)
-    for address in range(256):
-        full.holding_registers[address] = full.input_registers[address] = address
-    return full
-
-
-class Slow:
-    """A unit that answers in order, each answer after a delay of its own; None loses the answer on the way."""
-
-    def __init__(self, delays: Iterable[float | None], line: Line | None = None, knows_08: bool = True) -> None:
-        server_line = line or RtuLine(TIMING, role="server", units=(1, 2))
-        unit = table()
-        self.server = Server(server_line, {1: unit, 2: unit}, serial=True)
-        self.delays = iter(delays)
-        self.free_at = 0.0
-        self.asked: list[bytes] = []
-        self.knows_08 = knows_08
-
-    def __call__(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        self.asked.append(data)
-        delay = next(self.delays, 0.01)
-        replies = self.server.feed(data, now)
-        if delay is None or (not self.knows_08 and data[1:2] == b"\x08"):
-            return []
-        self.free_at = max(self.free_at, now) + delay
-        return [(self.free_at, reply.data) for reply in replies]
-
-
-def rtu_bus(**options: object) -> Bus:
-    return Bus(RtuLine(TIMING), **options)  # type: ignore[arg-type]
-
-
-class Clock:
-    """Plays one conversation after the other on the same bus, keeping the time and what is still under way."""
-
-    def __init__(self, peer: Peer) -> None:
-        self.peer = peer
-        self.now = 0.0
-        self.coming: list[tuple[float, bytes]] = []
-
-    def play(self, conversation: Conversation[bytes, object]) -> object:
-        def peer(data: bytes, now: float) -> list[tuple[float, bytes]]:
-            return list(self.peer(data, now))
-
-        now = self.now
-        try:
-            step = next(conversation)
-            while True:
-                if isinstance(step, Send):
-                    now += TIMING.duration(len(step.item))
-                    self.coming = sorted([*self.coming, *peer(step.item, now)])
-                    heard: Heard[bytes] = Heard(None, now)
-                elif self.coming and self.coming[0][0] <= max(step.until, now):
-                    when, item = self.coming.pop(0)
-                    now = max(now, when)
-                    heard = Heard(item, now)
-                else:
-                    now = max(now, step.until)
-                    heard = Heard(None, now)
-                self.now = now
-                step = conversation.send(heard)
-        except StopIteration as stop:
-            return stop.value
-
-
-def read(bus: Bus, address: int, unit: int = 1, timeout: float = 1.0) -> Conversation[bytes, object]:
-    return bus.ask(unit, ReadHoldingRegisters(address, 1), timeout=timeout)
+from tests.modbus.slow import TIMING, Clock, Slow, read, rtu_bus
 
 
 @pytest.mark.parametrize("recovery", ["probe", "wait"])
@@ -308,6 +236,43 @@ def test_whatever_is_late_or_lost_no_value_is_ever_another_ones(
             continue
         assert answer.registers == (address,)  # type: ignore[attr-defined]
     assert len(bus.suspect) <= 16
+
+
+ANSWERS = st.one_of(
+    st.binary(max_size=40),
+    st.builds(
+        lambda frame, unit, rest: frame(unit, b"\x03" + rest),
+        st.sampled_from([rtu_frame, ascii_frame, lambda unit, pdu: tcp_frame(unit, pdu, 1)]),
+        st.integers(0, 2),
+        st.binary(max_size=8),
+    ),
+)
+
+
+@modest
+@given(
+    answers=st.lists(st.lists(st.tuples(st.floats(0.0, 3.0), ANSWERS), max_size=4), max_size=6),
+    kind=st.sampled_from(["rtu", "ascii", "tcp", "echo"]),
+)
+def test_any_bytes_at_all_are_an_answer_a_refusal_or_none(answers: list[list[tuple[float, bytes]]], kind: str) -> None:
+    """Never another exception, and nothing that grows."""
+    lines: dict[str, Line] = {
+        "rtu": RtuLine(TIMING),
+        "ascii": AsciiLine(),
+        "tcp": TcpLine(),
+        "echo": EchoLine(RtuLine(TIMING), echoes=None),
+    }
+    bus = Bus(lines[kind], late_window=1.0)
+    left = iter(answers)
+    clock = Clock(lambda data, now: [(now + after, item) for after, item in next(left, [])])
+    for address in range(8):
+        try:
+            answer = clock.play(read(bus, address))
+        except (NoAnswer, ModbusException):
+            continue
+        assert len(answer.registers) == 1  # type: ignore[attr-defined]
+    assert len(bus.suspect) <= 16
+    assert len(bus.line.held) <= 520
 
 
 def test_ask_without_a_bus_is_one_question() -> None:

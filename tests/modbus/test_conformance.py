@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from barewire.ascii import AsciiLine
+from barewire.ascii import encode as ascii_frame
 from barewire.modbus import Adu, Server, Table
-from barewire.modbus.conform import CASES_RTU, CASES_TCP, CLOSED, SILENCE, Case, Heard, Say, shown, wrong
+from barewire.modbus.conform import CLOSED, SILENCE, Case, Heard, shown, wrong
+from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.rtu import RtuLine, Timing
 from barewire.rtu import decode as rtu_decode
 from barewire.rtu import encode as rtu_frame
@@ -27,7 +30,7 @@ def over_tcp(case: Case, unit: int = UNIT) -> list[Heard]:
         for say in turn.says:
             number += 1
             numbers.append(number)
-            data += say.raw or tcp_frame(unit if say.unit is None else say.unit, say.pdu, number)
+            data += say.framed(lambda to, pdu: tcp_frame(to, pdu, number), unit)  # noqa: B023 - called at once
         answers = [tcp_decode(reply.data) for reply in server.feed(data, 1.0)]
         assert [adu.transaction for adu in answers] == numbers[: len(answers)]
         heard.append(answers)
@@ -45,7 +48,7 @@ def over_rtu(case: Case, *, strict: bool, chunk: int = 256) -> list[Heard]:
     for turn in case.turns:
         now += turn.after
         replies = []
-        data = b"".join(rtu_bytes(say) for say in turn.says)
+        data = b"".join(say.framed(rtu_frame, UNIT) for say in turn.says)
         for at in range(0, len(data), chunk):
             part = data[at : at + chunk]
             now += TIMING.duration(len(part))
@@ -61,8 +64,24 @@ def over_rtu(case: Case, *, strict: bool, chunk: int = 256) -> list[Heard]:
     return heard
 
 
-def rtu_bytes(say: Say) -> bytes:
-    return say.raw or rtu_frame(UNIT if say.unit is None else say.unit, say.pdu)[: say.first]
+def over_ascii(case: Case, chunk: int = 600) -> list[Heard]:
+    """Every turn in chunks of so many characters, and then nothing for a while."""
+    units = {UNIT: Table(100)}
+    line = AsciiLine()
+    server, heard, now = Server(line, units, serial=True), list[Heard](), 1.0
+    ears = AsciiLine()
+    for turn in case.turns:
+        now += turn.after
+        replies = []
+        data = b"".join(say.framed(ascii_frame, UNIT) for say in turn.says)
+        for at in range(0, len(data), chunk):
+            now += 0.001
+            replies += server.feed(data[at : at + chunk], now)
+        now += 0.2
+        replies += server.feed(None, now)
+        heard.append([event for reply in replies for event in ears.feed(reply.data, now) if isinstance(event, Adu)])
+        assert len(heard[-1] or ()) == len(replies)
+    return heard
 
 
 @pytest.mark.parametrize("case", CASES_TCP, ids=lambda case: case.name)
@@ -81,6 +100,12 @@ def test_an_rtu_server_by_the_letter(case: Case) -> None:
     assert wrong(case, over_rtu(case, strict=True), UNIT) is None
 
 
+@pytest.mark.parametrize("chunk", [1, 7, 600])
+@pytest.mark.parametrize("case", CASES_ASCII, ids=lambda case: case.name)
+def test_an_ascii_server(case: Case, chunk: int) -> None:
+    assert wrong(case, over_ascii(case, chunk), UNIT) is None
+
+
 def test_what_ours_does_where_there_is_a_choice() -> None:
     """The ways that the battery leaves open, decided."""
     said = {case.name: [shown(one) for one in over_tcp(case)] for case in CASES_TCP}
@@ -91,11 +116,18 @@ def test_what_ours_does_where_there_is_a_choice() -> None:
     assert said["unit 0, if it is nobody"] == said["unit 255, if it is nobody"] == ["83 0B"]
     assert said["08/0B bus message count, if it has diagnostics"] == ["88 01"]
     assert said["2B/0D, which hardly anybody has"] == ["AB 01"]
+    said = {case.name: [shown(one) for one in over_ascii(case)] for case in CASES_ASCII}
+    assert said["lower-case digits: answered or not, and the next one is"] == ["03 02 00 00"] * 2
+    assert said["08/03 another delimiter, if it can be changed, until 08/01"][0] == "08 00 03 3B 00"
+    said = {case.name: [shown(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
+    assert said["08/04 listen only: silence from then on, until 08/01"] == [SILENCE, SILENCE, SILENCE, "03 02 00 00"]
+    assert said["08/0B bus message count, if it has diagnostics"] == ["08 00 0B 00 01"]
+    assert said["03 cut short"] == ["83 03"]
 
 
 # The checker checked ---------------------------------------------------------------------------------------------
 
-BY_NAME = {case.name: case for case in (*CASES_TCP, *CASES_RTU)}
+BY_NAME = {case.name: case for case in (*CASES_RTU, *CASES_ASCII, *CASES_TCP)}
 
 
 @pytest.mark.parametrize(
@@ -128,8 +160,8 @@ def test_an_answer_in_another_units_name_is_found() -> None:
 
 
 def test_cases_have_names_of_their_own_and_a_clause() -> None:
-    cases = (*CASES_TCP, *CASES_RTU)
-    assert len(BY_NAME) == len(cases)
-    for case in cases:
+    for cases in (CASES_TCP, CASES_RTU, CASES_ASCII):
+        assert len({case.name for case in cases}) == len(cases)
+    for case in BY_NAME.values():
         assert case.clause.startswith("MB-")
         assert {len(way) for way in case.ways} == {len(case.turns)}

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from barewire.ascii import AsciiLine
+from barewire.ascii import decode as ascii_decode
+from barewire.ascii import encode as ascii_frame
 from barewire.modbus import (
     Counters,
     Diagnostics,
@@ -283,6 +286,59 @@ def test_one_unit_is_silenced_and_not_the_others() -> None:
 @pytest.mark.parametrize("pdu", ["08 0003 0D00", "08 0099 0000", "08 0015 0000", "08 FFFF 01"])
 def test_what_it_does_not_do_is_01(pdu: str) -> None:
     assert Bench().say(pdu) == "8801"
+
+
+class AsciiBench(Bench):
+    """The same on an ASCII line; what is said ends as it is told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.line = AsciiLine()  # type: ignore[assignment]
+        self.server = Server(self.line, self.units, serial=True)
+
+    def exchange(self, pdu: str, end: str = "\n", unit: int = 1) -> str | None:
+        """What is answered, with its ending: the last character behind the PDU."""
+        self.now += 0.5
+        replies = self.server.feed(ascii_frame(unit, unhex(pdu))[:-1] + end.encode(), self.now)
+        if not replies:
+            return None
+        data = replies[0].data
+        return ascii_decode(data[:-1] + b"\n").pdu.hex().upper() + data[-1:].decode()
+
+
+CHANGE = "08 0003 3B00"
+
+
+def test_the_delimiter_of_ascii_changes_behind_the_answer_and_a_restart_brings_lf_back() -> None:
+    bench = AsciiBench()
+    assert bench.exchange(CHANGE) == "0800033B00\n"
+    assert bench.exchange(READ, ";") == "03020000;"
+    assert bench.exchange(READ) == "03020000;", "it hears LF too: other units were told nothing"
+    assert bench.exchange(RESTART, ";") == "0800010000;"
+    assert bench.exchange(READ) == "03020000\n"
+    assert bench.exchange(READ, ";") is None
+
+
+def test_a_restart_that_is_not_answered_brings_lf_back_too() -> None:
+    bench = AsciiBench()
+    bench.exchange(CHANGE)
+    assert bench.exchange("08 0004 0000", ";") is None
+    assert bench.exchange(READ, ";") is None
+    assert bench.exchange(RESTART, ";") is None
+    assert bench.exchange(READ) == "03020000\n"
+
+
+def test_a_delimiter_changed_by_a_broadcast_is_everybodys() -> None:
+    bench = AsciiBench()
+    assert bench.exchange(CHANGE, unit=0) is None
+    assert bench.exchange(READ, ";") == "03020000;"
+
+
+@pytest.mark.parametrize("pdu", ["08 0003 3A00", "08 0003 8000", "08 0003 3B01", "08 0003 3B"])
+def test_a_delimiter_that_cannot_be_one_is_03(pdu: str) -> None:
+    bench = AsciiBench()
+    assert bench.exchange(pdu) == "8803\n"
+    assert bench.exchange(READ) == "03020000\n"
 
 
 @pytest.mark.parametrize("pdu", ["08 0001 0001", "08 000B 0001", "08 000B 00", "08 0002 FFFF"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +11,20 @@ from hypothesis import strategies as st
 from barewire.ascii import AsciiLine
 from barewire.conversation import play
 from barewire.errors import NoAnswer
-from barewire.modbus import Adu, EchoLine, Line, Noise, ReadHoldingRegisters, Server, Table, WriteSingleRegister, ask
+from barewire.modbus import (
+    Adu,
+    EchoLine,
+    Line,
+    ModbusException,
+    Noise,
+    ReadHoldingRegisters,
+    Server,
+    Table,
+    WriteOutcomeUnknown,
+    WriteSingleRegister,
+    ask,
+)
+from barewire.modbus.echo import TELLING
 from barewire.rtu import RtuLine, Timing, encode
 from tests.helpers import answering, bytes_of, modest
 
@@ -110,3 +125,83 @@ def test_no_byte_vanishes(said: bool, chunks: list[bytes | None], ascii_inside: 
         told += len(bytes_of(events, lambda adu: encode(adu.unit, adu.pdu)))
         if not ascii_inside:
             assert told + len(line.held) + line.echoed == fed
+
+
+# Whether a line echoes, found out --------------------------------------------------------------------------------
+
+WRITE = encode(1, WriteSingleRegister(1, 2).encode())
+
+
+def unknown() -> EchoLine:
+    return EchoLine(RtuLine(TIMING), echoes=None)
+
+
+@pytest.mark.parametrize("cut", range(1, len(REQUEST) + len(ANSWER)))
+def test_an_echo_is_found_out_by_the_first_question_that_tells(cut: int) -> None:
+    line = unknown()
+    line.request(1, ReadHoldingRegisters(107, 1).encode())
+    line.sent(0.0)
+    heard = REQUEST + ANSWER
+    assert line.feed(heard[:cut], 0.001) + line.feed(heard[cut:], 0.02) == [Adu(1, b"\x03\x02\x00\x2a")]
+    assert line.echoes is True
+    with pytest.raises(NoAnswer):  # the echo alone is not the answer
+        play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, WRITE)))
+
+
+@pytest.mark.parametrize("cut", range(1, len(ANSWER)))
+def test_that_there_is_none_is_found_out_too(cut: int) -> None:
+    line = unknown()
+    line.request(1, ReadHoldingRegisters(107, 1).encode())
+    line.sent(0.0)
+    assert line.feed(ANSWER[:cut], 0.001) + line.feed(ANSWER[cut:], 0.002) == [Adu(1, b"\x03\x02\x00\x2a")]
+    assert line.echoes is False
+    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
+    assert line.collisions == 0
+
+
+def test_an_exception_tells_as_much_as_an_answer() -> None:
+    line = unknown()
+    with pytest.raises(ModbusException):
+        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, encode(1, b"\x83\x02"))))
+    assert line.echoes is False
+
+
+@pytest.mark.parametrize(
+    "heard",
+    [b"", REQUEST[:5], b"\xff" + REQUEST[1:] + ANSWER, b"\x00" + ANSWER, encode(7, b"\x03\x02\x00\x2a") + ANSWER],
+    ids=["nothing", "half of it", "a damaged echo", "noise", "another unit"],
+)
+def test_what_is_not_clear_decides_nothing(heard: bytes) -> None:
+    line = unknown()
+    with contextlib.suppress(NoAnswer):
+        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, heard)))
+    assert line.echoes is None
+
+
+def test_until_it_is_known_a_copy_is_an_echo_and_never_a_wrong_answer() -> None:
+    line = unknown()
+    with pytest.raises(WriteOutcomeUnknown):
+        play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
+    assert line.echoes is None
+    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, WRITE), (0.02, WRITE)))
+    assert line.echoes is None
+    assert play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))[0].registers == (42,)
+    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
+
+
+@pytest.mark.parametrize("code", sorted(TELLING))
+def test_the_answer_to_a_question_that_tells_is_never_the_question(code: int) -> None:
+    """By length: each kind of request of this function against each answer that fits it."""
+    kinds: dict[int, tuple[list[int], list[int]]] = {
+        0x03: ([5], [2 + 2 * n for n in range(1, 126)]),
+        0x04: ([5], [2 + 2 * n for n in range(1, 126)]),
+        0x07: ([1], [2]),
+        0x0B: ([1], [5]),
+        0x0C: ([1], list(range(8, 73))),
+        0x0F: (list(range(7, 253)), [5]),
+        0x10: (list(range(8, 253)), [5]),
+        0x11: ([1], list(range(2, 254))),
+        0x18: ([3], [5 + 2 * n for n in range(32)]),
+    }
+    requests, answers = kinds[code]
+    assert not set(requests) & set(answers)

@@ -10,91 +10,27 @@ from typing import Any
 
 import pytest
 
-from barewire.conversation import Abandoned, Conversation, Heard, Send
+from barewire.ascii import AsciiLine
+from barewire.conversation import Abandoned, Heard, Send
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, EchoLine, Line, ModbusException, ReadHoldingRegisters, Server, Table
-from barewire.rtu import RtuLine, Timing, encode
+from barewire.modbus import Bus, EchoLine, Line, ModbusException
+from barewire.rtu import RtuLine
 from barewire.tcp import TcpLine
-from barewire.tcp import encode as encode_tcp
 from tests.helpers import refused
-
-TIMING = Timing.of(19200)
-Reply = list[tuple[float, bytes]]
-
-
-class Unit:
-    """Answers as a good unit does (each register holds its own address), except where `row` says otherwise."""
-
-    def __init__(self, row: Callable[[bytes], Reply], line: Line, wrong: int = 1) -> None:
-        table = Table(size=256)
-        for address in range(256):
-            table.holding_registers[address] = address
-        self.server = Server(line, {1: table}, serial=not line.numbered)
-        self.row, self.wrong = row, wrong
-        self.now = 0.0
-        self.coming: Reply = []
-
-    def good(self, request: bytes) -> bytes:
-        replies = self.server.feed(request, self.now)
-        return replies[0].data if replies else b""
-
-    def play(self, conversation: Conversation[bytes, Any]) -> Any:
-        """Carry a conversation out in virtual time."""
-        try:
-            step = next(conversation)
-            while True:
-                item = None
-                if isinstance(step, Send):
-                    self.say(step.item)
-                elif self.coming and self.coming[0][0] <= max(step.until, self.now):
-                    when, item = self.coming.pop(0)
-                    self.now = max(self.now, when)
-                else:
-                    self.now = max(self.now, step.until)
-                step = conversation.send(Heard(item, self.now))
-        except StopIteration as stop:
-            return stop.value
-
-    def say(self, request: bytes) -> None:
-        self.wrong -= 1
-        good = self.good(request)
-        replies = self.row(good) if self.wrong >= 0 else [(0.01, good)]
-        begin = max([self.now, *(when for when, _ in self.coming)])  # one answer behind the other
-        self.coming += [(begin + after, data) for after, data in replies]
-
-
-def rtu(pdu: str, unit: int = 1) -> bytes:
-    return encode(unit, bytes.fromhex(pdu))
-
-
-SURVIVED: dict[str, Callable[[bytes], Reply]] = {
-    "FF before the answer": lambda good: [(0.01, b"\xff" + good)],
-    "00 before the answer": lambda good: [(0.01, b"\x00" + good)],
-    "another unit first, then the right one": lambda good: [(0.01, rtu("03 02 00 63", 7)), (0.05, good)],
-    "an answer of two registers first": lambda good: [(0.01, rtu("03 04 0001 0002")), (0.05, good)],
-    "an answer of another function first": lambda good: [(0.01, rtu("04 02 0063")), (0.05, good)],
-    "an exception of another function first": lambda good: [(0.01, rtu("84 02")), (0.05, good)],
-    "a damaged answer, then a good one": lambda good: [(0.01, good[:-1] + b"\x55"), (0.2, good)],
-    "pauses of 20 ms inside": lambda good: [(0.02 * at, good[at : at + 1]) for at in range(len(good))],
-    "noise behind the answer": lambda good: [(0.01, good + b"\x00\x13")],
-}
-REFUSED: dict[str, tuple[Callable[[bytes], Reply], str]] = {
-    "two registers for one": (lambda good: [(0.01, rtu("03 04 0012 0013"))], "byte_count 4 where 2 was asked"),
-    "function 04 for 03": (lambda good: [(0.01, rtu("04 02 0012"))], "function 04 where 03"),
-    "exception 84 for 03": (lambda good: [(0.01, rtu("84 02"))], "function 84 where 03"),
-    "only another unit": (lambda good: [(0.01, rtu("03 02 0012", 7))], "a frame from unit 7, function 03"),
-    "a damaged answer": (lambda good: [(0.01, good[:-1] + bytes([good[-1] ^ 1]))], "CRC is"),
-    "half an answer": (lambda good: [(0.01, good[:4])], "4 bytes"),
-    "nothing": (lambda good: [], "did not answer Read Holding Registers within 1 s"),
-}
-
-
-def ask(bus: Bus, address: int) -> Conversation[bytes, Any]:
-    return bus.ask(1, ReadHoldingRegisters(address, 1))
-
-
-def unit_of(row: Callable[[bytes], Reply]) -> Unit:
-    return Unit(row, RtuLine(TIMING, role="server", units=(1,)))
+from tests.modbus.faulty import (
+    ASCII_REFUSED,
+    ASCII_SURVIVED,
+    REFUSED,
+    SURVIVED,
+    TCP_REFUSED,
+    TCP_SURVIVED,
+    TIMING,
+    Reply,
+    Unit,
+    ask,
+    rtu,
+    unit_of,
+)
 
 
 @pytest.mark.parametrize("row", SURVIVED.values(), ids=SURVIVED)
@@ -132,13 +68,30 @@ def test_an_exception_is_told_at_once() -> None:
     assert unit.now < 0.1
 
 
+def line_of(carrier: str, role: str) -> Line:
+    if carrier == "tcp":
+        return TcpLine()
+    if carrier == "ascii":
+        return AsciiLine()
+    return RtuLine(TIMING, role="server", units=(1,)) if role == "server" else RtuLine(TIMING)
+
+
 @pytest.mark.parametrize("late", [1.2, 1.5, 2.0, 2.9])
-def test_a_late_answer_is_nobodys(late: float) -> None:
-    unit, bus = unit_of(lambda good: [(late, good)]), Bus(RtuLine(TIMING))
+@pytest.mark.parametrize("carrier", ["rtu", "ascii"])
+def test_a_late_answer_is_nobodys(carrier: str, late: float) -> None:
+    unit, bus = Unit(lambda good: [(late, good)], line_of(carrier, "server")), Bus(line_of(carrier, "client"))
     with pytest.raises(NoAnswer):
         unit.play(ask(bus, 16))
     for address in (17, 18, 19):
         assert unit.play(ask(bus, address)).registers == (address,)
+
+
+def test_a_late_answer_behind_another_units_frame_is_nobodys_either() -> None:
+    unit, bus = unit_of(lambda good: [(0.2, rtu("03 02 0063", 7)), (1.5, good)]), Bus(RtuLine(TIMING))
+    with refused(NoAnswer, "a frame from unit 7"):
+        unit.play(ask(bus, 16))
+    assert unit.play(ask(bus, 17)).registers == (17,)
+    assert bus.counters.late == 1
 
 
 # Cancellation at every point -----------------------------------------------------------------------------------------
@@ -173,14 +126,13 @@ def slowly(good: bytes) -> Reply:
 
 
 @pytest.mark.parametrize("recovery", ["probe", "wait"])
-@pytest.mark.parametrize("carrier", ["rtu", "tcp"])
+@pytest.mark.parametrize("carrier", ["rtu", "ascii", "tcp"])
 def test_abandoned_at_every_point_of_an_exchange_the_next_one_is_right(recovery: Any, carrier: str) -> None:
     steps = 0
     goes_on = True
     while goes_on:
-        line: Line = TcpLine() if carrier == "tcp" else RtuLine(TIMING, role="server", units=(1,))
-        unit = Unit(slowly, line, wrong=2)
-        bus = Bus(TcpLine() if carrier == "tcp" else RtuLine(TIMING), recovery=recovery)
+        unit = Unit(slowly, line_of(carrier, "server"), wrong=2)
+        bus = Bus(line_of(carrier, "client"), recovery=recovery)
         goes_on = abandoned_after(steps, unit, ask(bus, 100))
         assert unit.play(ask(bus, 200)).registers == (200,)
         assert unit.play(ask(bus, 201)).registers == (201,)
@@ -188,20 +140,25 @@ def test_abandoned_at_every_point_of_an_exchange_the_next_one_is_right(recovery:
     assert steps > 4
 
 
+# The same for ASCII --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", ASCII_SURVIVED.values(), ids=ASCII_SURVIVED)
+def test_ascii_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+    unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
+    assert unit.play(ask(bus, 18)).registers == (18,)
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+@pytest.mark.parametrize(("row", "said"), ASCII_REFUSED.values(), ids=ASCII_REFUSED)
+def test_ascii_what_does_not_fit_is_told_and_never_taken(row: Callable[[bytes], Reply], said: str) -> None:
+    unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
+    with refused(NoAnswer, said):
+        unit.play(ask(bus, 18))
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
 # The same for TCP ----------------------------------------------------------------------------------------------------
-
-
-def tcp(number: int, pdu: str, unit: int = 1) -> bytes:
-    return encode_tcp(unit, bytes.fromhex(pdu), number)
-
-
-TCP_SURVIVED: dict[str, Callable[[bytes], Reply]] = {
-    "another transaction first": lambda good: [(0.01, tcp(999, "03 02 0063") + good)],
-    "another unit first": lambda good: [(0.01, tcp(1, "03 02 0063", 9)), (0.02, good)],
-    "another function first": lambda good: [(0.01, tcp(1, "04 02 0063")), (0.02, good)],
-    "byte by byte": lambda good: [(0.01 * at, good[at : at + 1]) for at in range(len(good))],
-    "twice": lambda good: [(0.01, good + good)],
-}
 
 
 @pytest.mark.parametrize("row", TCP_SURVIVED.values(), ids=TCP_SURVIVED)
@@ -211,16 +168,7 @@ def test_tcp_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes],
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
-@pytest.mark.parametrize(
-    ("reply", "said"),
-    [
-        (tcp(1, "03 04 0012 0013"), "byte_count 4 where 2 was asked"),
-        (tcp(1, "04 02 0012"), "function 04 where 03"),
-        (tcp(2, "03 02 0012"), "a frame from unit 1, function 03"),
-        (bytes.fromhex("0001 0001 0005 01 03 02 0012"), "protocol identifier is 00 01, Modbus has 00 00"),
-        (bytes.fromhex("0001 0000 0000 01 03 02 0012"), "length is 00 00"),
-    ],
-)
+@pytest.mark.parametrize(("reply", "said"), TCP_REFUSED.values(), ids=TCP_REFUSED)
 def test_tcp_what_does_not_fit_is_told_and_never_taken(reply: bytes, said: str) -> None:
     unit, bus = Unit(lambda good: [(0.01, reply)], TcpLine()), Bus(TcpLine())
     with refused(NoAnswer, said):

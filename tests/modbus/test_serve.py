@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barewire.ascii import AsciiLine
+from barewire.ascii import encode as ascii_frame
 from barewire.modbus import (
     Adu,
     EchoLine,
@@ -309,6 +310,8 @@ TRAFFIC = st.one_of(
     st.binary(max_size=30),
     st.builds(lambda unit, pdu: rtu_frame(unit, pdu), st.integers(0, 3), PDUS),
     st.builds(lambda unit, pdu: tcp_frame(unit, pdu), st.integers(0, 3), PDUS),
+    st.builds(lambda unit, pdu: ascii_frame(unit, pdu), st.integers(0, 3), PDUS),
+    st.builds(lambda end: ascii_frame(1, b"\x08\0\x03" + end + b"\0") * 2, st.binary(min_size=1, max_size=1)),
 )
 
 
@@ -326,6 +329,7 @@ def test_no_bytes_make_a_server_stumble(chunks: list[Chunk]) -> None:
         for data, now in chunks:
             server.feed(data, now)
             assert server.deadline is None or server.deadline >= now or data is None
+            assert len(line.held) <= 520
 
 
 # Too late --------------------------------------------------------------------------------------------------------

@@ -14,3 +14,4 @@ def test_no_answer_is_ever_anothers(carrier: str) -> None:
     faults = TCP if carrier == "tcp" else SERIAL
     assert all(ends[f"fault: {kind}"] > 100 for kind in faults)
     assert ends["late answers recognised"] > (0 if carrier != "tcp" else -1)
+    assert ends["damages that no CRC shows"] > (0 if carrier == "rtu" else -1)

@@ -6,6 +6,7 @@ Times here are powers of two where equality matters: one character takes 1/2048 
 from __future__ import annotations
 
 from itertools import product
+from random import Random
 
 import pytest
 from hypothesis import given
@@ -14,8 +15,9 @@ from hypothesis import strategies as st
 from barewire.errors import EncodeError
 from barewire.modbus import Adu, Noise
 from barewire.modbus.functions import measure_request
+from barewire.modbus.line import Event
 from barewire.rtu import RtuLine, Timing, crc16, decode, encode
-from barewire.rtu.line import Role
+from barewire.rtu.shape import Role
 from tests.helpers import (
     Chunk,
     chunked,
@@ -422,6 +424,57 @@ def test_noise_without_end_is_let_go_in_parts() -> None:
     assert {event.reason for event in noise_of(events)} == {"long"}
     assert {event.text for event in noise_of(events)} == {"more than 256 bytes and no frame in them"}
     assert len(line.held) == 256
+
+
+def frames_and_rest(events: list[Event], held: bytes) -> list[Adu | bytes]:
+    """Frames, and the bytes between them, however they were told."""
+    told: list[Adu | bytes] = [b""]
+    for event in [*events, Noise(held, "short")]:
+        if isinstance(event, Adu):
+            told += [event, b""]
+        else:
+            last = told.pop()
+            assert isinstance(last, bytes)
+            told.append(last + event.data)
+    return told
+
+
+@modest
+@given(st.lists(st.one_of(WHOLE, DAMAGED, st.binary(max_size=300)), max_size=5), st.sampled_from(ROLES), st.randoms())
+def test_the_same_frames_whatever_the_chunks(parts: list[bytes], role: Role, dice: Random) -> None:
+    """A batch of an adapter, single bytes, anything between: where frames are is told by the bytes and the silence."""
+    data = b"".join(parts)
+    heard = []
+    for longest in (1, 3, 40):
+        line, events, at, now = line_of(role, units=(1,)), list[Event](), 0, 1.0
+        while at < len(data):
+            size = dice.randint(1, longest)
+            now += CHARACTER * size
+            events += line.feed(data[at : at + size], now)
+            at += size
+        heard.append(frames_and_rest(events + silence(line), line.held))
+    assert heard[0] == heard[1] == heard[2]
+
+
+def test_noise_byte_by_byte_is_looked_at_a_few_times_and_not_all_of_it_with_every_byte(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With a full buffer too. What is looked at again is counted, not timed."""
+    looks = 0
+    original = RtuLine._look
+
+    def counted(line: RtuLine, at: int) -> tuple[int | None, int]:
+        nonlocal looks
+        looks += 1
+        return original(line, at)
+
+    monkeypatch.setattr(RtuLine, "_look", counted)
+    for role in ROLES:
+        line, dice, looks = line_of(role, units=(1,)), Random(1), 0
+        for place in range(3000):
+            line.feed(dice.randbytes(1), 1.0 + place * CHARACTER)
+            assert len(line._places) <= 2 * 256
+        assert looks < 6 * 3000
 
 
 # Other people's talk ---------------------------------------------------------------------------------------------

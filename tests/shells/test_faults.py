@@ -42,6 +42,13 @@ def test_drop_and_late() -> None:
     assert always("late").pass_on(ANSWER, 5.0) == [(5.0 + LATE, ANSWER)]
 
 
+def test_a_late_answer_holds_up_the_next_on_a_line_and_not_on_tcp() -> None:
+    for envelope, second_at in (("rtu", 5.0 + LATE), ("ascii", 5.0 + LATE), ("tcp", 5.1)):
+        faults: Faults[bytes] = Faults(Bytes(envelope), {"late": 0.5}, Random(7))
+        (first,), (second,) = faults.pass_on(ANSWER, 5.0), faults.pass_on(ANSWER, 5.1)
+        assert (first, second) == ((5.0 + LATE, ANSWER), (second_at, ANSWER))
+
+
 def test_flip_is_one_bit() -> None:
     ((_, spoiled),) = always("flip").pass_on(ANSWER, 0.0)
     difference = int.from_bytes(spoiled, "big") ^ int.from_bytes(ANSWER, "big")

@@ -10,8 +10,10 @@ from collections.abc import AsyncIterator, Iterator
 
 import pytest
 
+from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.modbus import Table
+from barewire.rtu import encode as rtu_frame
 from barewire.shells import open_async, serve
 from barewire.shells.aio_server import StreamServer
 from tests.helpers import refused
@@ -32,9 +34,9 @@ def many_files() -> Iterator[None]:
 
 
 @contextlib.asynccontextmanager
-async def serving(**options: object) -> AsyncIterator[StreamServer]:
+async def serving(scheme: str = "tcp", **options: object) -> AsyncIterator[StreamServer]:
     said = "&".join(f"{key}={value}" for key, value in options.items())
-    async with await serve(f"tcp://127.0.0.1:0?{said}", {1: Table()}) as server:
+    async with await serve(f"{scheme}://127.0.0.1:0?{said}", {1: Table()}) as server:
         assert isinstance(server, StreamServer)
         yield server
 
@@ -49,9 +51,9 @@ class Client:
     async def of(cls, server: StreamServer) -> Client:
         return cls(*await asyncio.open_connection("127.0.0.1", server.port))
 
-    async def ask(self) -> bytes:
-        self.writer.write(READ)
-        return await asyncio.wait_for(self.reader.readexactly(len(ANSWER)), 10)
+    async def ask(self, read: bytes = READ, answer: bytes = ANSWER) -> bytes:
+        self.writer.write(read)
+        return await asyncio.wait_for(self.reader.readexactly(len(answer)), 10)
 
     async def is_gone(self) -> bool:
         try:
@@ -65,13 +67,24 @@ class Client:
             await self.writer.wait_closed()
 
 
+PDU, TOLD = bytes.fromhex("03 0000 0001"), bytes.fromhex("03 02 0000")
+EXCHANGES = {
+    "tcp": (READ, ANSWER),
+    "rtu+tcp": (rtu_frame(1, PDU), rtu_frame(1, TOLD)),
+    "ascii+tcp": (ascii_frame(1, PDU), ascii_frame(1, TOLD)),
+}
+
+
+@pytest.mark.parametrize("scheme", EXCHANGES)
 @pytest.mark.usefixtures("many_files")
-def test_a_thousand_connections_at_once_each_served() -> None:
+def test_a_thousand_connections_at_once_each_served(scheme: str) -> None:
     async def talk() -> None:
-        async with serving() as server:
+        read, answer = EXCHANGES[scheme]
+        async with serving(scheme) as server:
             clients = await asyncio.gather(*(Client.of(server) for _ in range(1000)))
             for _ in range(3):
-                assert set(await asyncio.gather(*(client.ask() for client in clients))) == {ANSWER}
+                told = await asyncio.gather(*(client.ask(read, answer) for client in clients))
+                assert set(told) == {answer}
             assert len(server.connections) == 1000
             await asyncio.gather(*(client.close() for client in clients))
 

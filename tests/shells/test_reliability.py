@@ -13,7 +13,13 @@ from pathlib import Path
 import pytest
 
 from barewire.errors import NoAnswer, PortError
-from barewire.modbus import ReadHoldingRegisters, Table, Unit, WriteOutcomeUnknown, WriteSingleRegister
+from barewire.modbus import (
+    ReadHoldingRegisters,
+    Table,
+    Unit,
+    WriteOutcomeUnknown,
+    WriteSingleRegister,
+)
 from barewire.shells import Host, open_async, open_host, open_modbus
 from barewire.shells.back_off import BackOff
 from tests.helpers import refused

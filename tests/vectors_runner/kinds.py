@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tests.vectors_runner import canopen, codecs, devices, lines, modbus, services
+from tests.vectors_runner import canopen, codecs, devices, lines, modbus, sdo_talk, services
 from tests.vectors_runner.common import Case
 
 RUNNERS: dict[str, Callable[[Case], None]] = {
@@ -31,6 +31,8 @@ RUNNERS: dict[str, Callable[[Case], None]] = {
     "node-state": canopen.node_state,
     "heartbeat-consumer": canopen.heartbeat_consumer,
     "sdo": canopen.sdo,
+    "sdo-talk": sdo_talk.sdo_talk,
+    "object-value": sdo_talk.object_value,
     "pdo": canopen.pdo,
     "emcy": canopen.emcy,
     "sync": canopen.sync,

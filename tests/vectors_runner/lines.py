@@ -135,22 +135,19 @@ def rtu_frame(case: Case) -> None:
     def pack(one: Adu) -> bytes:
         return barewire.rtu.encode(one.unit, one.pdu)
 
-    def strict() -> Line:
-        return RtuLine(timing, patience=None)
-
     if case["result"] == "valid":
         assert adu is not None
         role, measure = ("client", measure_response) if case["side"] == "response" else ("server", measure_request)
 
-        def line() -> Line:
-            return RtuLine(timing, role=role, units={adu.unit})  # type: ignore[arg-type]
+        def line(patience: float | None = 0.03) -> Line:
+            return RtuLine(timing, role=role, units={adu.unit}, patience=patience)  # type: ignore[arg-type]
 
         countable = measure(adu.pdu) is not None
         assert countable != ("uncountable" in case.get("flags", ())) or adu.pdu[0] < 0x64
         deliver(frame, adu, line, pack, glued=countable, noise=b"\xff\x00\x07")
-        assert listen(strict(), [frame], pack) == [adu]
+        assert listen(line(None), [frame], pack) == [adu]
     elif case["fails"] == "decode":
-        events = listen(strict(), [frame], pack)
+        events = listen(RtuLine(timing, patience=None), [frame], pack)
         assert not frames(events)
         assert [event.reason for event in events if isinstance(event, Noise)][:1] in ([], [case["reason"]])
 

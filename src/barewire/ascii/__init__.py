@@ -2,7 +2,8 @@
 
     : | unit | PDU 1..253 | LRC | CR LF                                              [MB-SERIAL 2.5.2]
 
-    lrc    the checksum    frame    encode and decode of one whole frame    line    the framing state of one connection
+    lrc    the checksum    frame      encode and decode of one whole frame
+    line   the framing state of one connection             delimiter  what stands for LF where 08/03 said so
 
 I know: where a frame begins and ends, and whether it is whole.  I never know: what a message means, sockets, ports,
 clocks.  Shells, devices' simulators and `explain` import me.

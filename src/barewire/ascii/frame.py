@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from barewire.ascii.lrc import lrc
 from barewire.errors import DecodeError
-from barewire.modbus.adu import Adu, check_pdu, check_unit
+from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
 
 START, END = b":", b"\r\n"
 SHORTEST, LONGEST = 9, 513
-DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+DIGITS = b"0123456789ABCDEFabcdef"
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
@@ -24,8 +24,9 @@ def encode(unit: int, pdu: bytes) -> bytes:
 
     Raises EncodeError for a unit outside 0..255 and a PDU outside 1..253 bytes.
     """
-    check_unit(unit)
-    check_pdu(pdu)
+    if not (0 <= unit <= 255 and 1 <= len(pdu) <= PDU_LIMIT):
+        check_unit(unit)
+        check_pdu(pdu)
     body = bytes((unit,)) + pdu
     return b":%s%02X\r\n" % (body.hex().upper().encode(), lrc(body))
 
@@ -43,9 +44,9 @@ def decode(data: bytes) -> Adu:
     if data[-2:] != END:
         raise DecodeError("delimiter", data, max(len(data) - 2, 1), "an ASCII frame ends with CR LF")
     digits = data[1:-2]
-    for at, character in enumerate(digits, start=1):
-        if character not in DIGITS:
-            raise DecodeError("character", data, at, f"{bytes([character])!r} is no hexadecimal digit")
+    if digits.translate(None, DIGITS):  # what is left without the digits
+        at = next(at for at, character in enumerate(digits, start=1) if character not in DIGITS)
+        raise DecodeError("character", data, at, f"{bytes([data[at]])!r} is no hexadecimal digit")
     if len(data) < SHORTEST:
         text = f"an ASCII frame has at least {SHORTEST} characters, here are {len(data)}"
         raise DecodeError("short", data, len(data), text)

@@ -4,17 +4,20 @@
                      inside --':'----> what came so far was noise, begin again
                      inside --1 s----> noise
 
+LF is what ends a frame behind CR until a unit is told to have another character there, by function 08/03: `delimiter`.
+
 Characters travel with 7 data bits by the standard and with 8 on many devices. When a port that reads 8 bits hears a
 line of 7 with parity, the parity bit comes as bit 7: `data_bits=7` takes it off.
 """
 
 from __future__ import annotations
 
+from barewire.ascii.delimiter import COLON, LF, Delimiters
 from barewire.ascii.frame import LONGEST, decode, encode
 from barewire.errors import DecodeError, EncodeError, Reason
 from barewire.modbus.adu import Adu, Noise
 
-COLON, LF = 0x3A, 0x0A
+_SEVEN_BITS = bytes(byte & 0x7F for byte in range(256))
 
 
 class AsciiLine:
@@ -27,6 +30,8 @@ class AsciiLine:
 
     numbered = False
     broken = None
+    has_delimiter = True
+    """Function 08/03 means something here: what ends a message can be changed."""
 
     def __init__(self, *, character_timeout: float = 1.0, data_bits: int = 8) -> None:
         if data_bits not in (7, 8):
@@ -35,7 +40,8 @@ class AsciiLine:
         self._last = 0.0
         self._unit = 0
         self._timeout = character_timeout
-        self._mask = 0x7F if data_bits == 7 else 0xFF
+        self._seven = data_bits == 7
+        self._delimiters = Delimiters()
 
     @property
     def quiet_at(self) -> float:
@@ -55,11 +61,17 @@ class AsciiLine:
     def request(self, unit: int, pdu: bytes) -> bytes:
         """The frame of a request."""
         self._unit = unit
-        return encode(unit, pdu)
+        return self._say(unit, pdu)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """The frame of an answer."""
-        return encode(to.unit, pdu)
+        return self._say(to.unit, pdu)
+
+    def _say(self, unit: int, pdu: bytes) -> bytes:
+        frame = encode(unit, pdu)
+        delimiter = self._delimiters.of(unit)
+        self._delimiters.passed(unit, pdu, said=True)
+        return frame if delimiter == LF else frame[:-1] + bytes((delimiter,))
 
     def sent(self, now: float) -> None:
         """Nothing to remember."""
@@ -76,18 +88,33 @@ class AsciiLine:
         if not data:
             return events
         self._last = now
-        for character in data:
-            character &= self._mask
-            if character == COLON and self._held:
+        if self._seven:
+            data = data.translate(_SEVEN_BITS)
+        at = 0
+        while at < len(data):
+            after_cr = self._held[-1:] == b"\r"
+            stop = at + 1 if after_cr else self._quiet_until(data, at)
+            piece = data[at:stop]
+            at = stop
+            if piece == b":" and self._held:
                 inside = self._held[0] == COLON
                 events.append(self._drop("delimiter", "':' before the frame ended" if inside else "no ':' before it"))
-            self._held.append(character)
-            if character == LF and self._held[-2:-1] == b"\r":
+            self._held += piece
+            if after_cr and piece[0] in self._delimiters.heard:
                 events.append(self._end())
             elif len(self._held) >= LONGEST:
                 # Not even the longest frame is longer: nothing that comes can complete it.
                 events.append(self._drop("long", f"{LONGEST} characters without CR LF"))
         return events
+
+    def _quiet_until(self, data: bytes, at: int) -> int:
+        """Up to where nothing happens but that characters come: before the next ':' or CR, or the end of the longest
+        frame. A ':' or CR is a piece of its own."""
+        stop = min(len(data), at + LONGEST - len(self._held))
+        for mark in (b":", b"\r"):
+            found = data.find(mark, at, stop)
+            stop = stop if found < 0 else found
+        return max(stop, at + 1)
 
     def _drop(self, reason: Reason, text: str) -> Noise:
         noise = Noise(bytes(self._held), reason, text)
@@ -95,10 +122,12 @@ class AsciiLine:
         return noise
 
     def _end(self) -> Adu | Noise:
-        """CR LF came: a frame, or noise that says why it is none."""
+        """CR LF came (or CR and what stands for LF): a frame, or noise that says why it is none."""
         data = bytes(self._held)
         self._held.clear()
         try:
-            return decode(data)
+            adu = decode(data if data[-1] == LF else data[:-1] + b"\n")
         except DecodeError as error:
             return Noise(data, error.reason, error.text)
+        self._delimiters.passed(adu.unit, adu.pdu, said=False)
+        return adu

@@ -14,6 +14,8 @@ CAN delivers whole frames, so there is no envelope and no noise here. Which file
     sync         the beat that PDOs follow                     time_stamp   what time it is
     pdo          which bits of a frame are which object        pdo_records  how a PDO is configured
     pdo_live, pdo_engine            when it travels            pdo_remote   the PDOs of another device
+    pdo_listen   the same as named values                      nmt_wait     wait for what a node says of itself
+    presence     who was heard, and when                       claims       who may talk now, where many want to
     lss          messages that give a node-ID                  lss_slave, lss_master, lss_scan    who says them
     survey       who is on the bus, and why we believe it
     datatypes, times    which type has how many bytes          dictionary   the objects of one device
@@ -65,9 +67,11 @@ if TYPE_CHECKING:
     from barewire.canopen.lss_slave import LssSlave
     from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
     from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
+    from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
     from barewire.canopen.own_objects import standard_objects
     from barewire.canopen.pdo import Mapped, PdoMapping
     from barewire.canopen.pdo_engine import PdoEngine
+    from barewire.canopen.pdo_listen import PdoHeard, PdoListener, RemotePdo, remote_pdo
     from barewire.canopen.pdo_records import Pdo, pdos_of
     from barewire.canopen.pdo_remote import PdoManner, mapping_of, read_pdo, write_pdo
     from barewire.canopen.sdo import (
@@ -126,6 +130,9 @@ __all__ = [
     "tell_nmt",
     "ask_state",
     "Obeyed",
+    "wait_for_boot_up",
+    "wait_for_heartbeat",
+    "wait_for_state",
     "NodeState",
     "HeartbeatProducer",
     "HeartbeatConsumer",
@@ -161,6 +168,10 @@ __all__ = [
     "write_pdo",
     "mapping_of",
     "PdoManner",
+    "remote_pdo",
+    "RemotePdo",
+    "PdoListener",
+    "PdoHeard",
     "scan",
     "Survey",
     "Found",
@@ -196,6 +207,7 @@ _FILES = (
     "nmt",
     "heartbeat",
     "nmt_master",
+    "nmt_wait",
     "guarding",
     "sync",
     "times",
@@ -215,6 +227,7 @@ _FILES = (
     "pdo_records",
     "pdo_engine",
     "pdo_remote",
+    "pdo_listen",
     "survey",
     "device",
 )

@@ -32,13 +32,14 @@ from collections.abc import Callable, Hashable, Iterable
 from barewire.canopen.cob import NODE_MAX, CobEntry, check_node
 from barewire.canopen.device_sync import WRONG_LENGTH, DeviceSync, guard_sync_objects
 from barewire.canopen.dictionary import ObjectDictionary
+from barewire.canopen.emcy_consumer import EmcyConsumer
 from barewire.canopen.emcy_producer import EmcyProducer
 from barewire.canopen.error_control import HEARTBEAT_ERROR, ErrorControl, guard_consumer_entries
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.heartbeat import HeartbeatProducer
 from barewire.canopen.lss_slave import LssSlave
 from barewire.canopen.nmt import NmtCommand, NmtSlave, NmtState
-from barewire.canopen.own_objects import guard_cob_id, number
+from barewire.canopen.own_objects import guard, guard_cob_id, number
 from barewire.canopen.pdo_engine import PdoEngine
 from barewire.canopen.pdo_records import Pdo
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
@@ -47,6 +48,8 @@ from barewire.canopen.stored import StoredParameters
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 
 TIME_OBJECT = 0x1012
+EMCY_CONSUMER = 0x1028
+RECOVERED = 0x8140
 
 
 class Device:
@@ -61,11 +64,12 @@ class Device:
 
     `on_reset` is called when a reset command came, after the defaults are back: the place where a simulated machine
     puts itself back as well. With `lss` the device can be given its node-ID over the bus; `node` None means that it
-    has none yet.
+    has none yet. `emergencies` are those of the nodes that 1028h lists.
     """
 
-    __slots__ = ("_on", "_pdos", "_silent_until", "control", "dialect", "errors", "lss", "nmt", "node", "objects",
-                 "on_reset", "pdo", "sdo", "stored", "sync", "time")  # fmt: skip
+    __slots__ = ("_emcy_subs", "_listens", "_on", "_pdos", "_silent_until", "control", "dialect", "emergencies",
+                 "errors", "lss", "nmt", "node", "objects", "on_reset", "pdo", "sdo", "stored", "sync",
+                 "time")  # fmt: skip
 
     def __init__(
         self,
@@ -87,8 +91,13 @@ class Device:
         self.stored = StoredParameters(objects)
         self.sync = DeviceSync(objects)
         self.time = TimeConsumer()
+        self.emergencies = EmcyConsumer(listed_only=True, history=16)
+        self._emcy_subs = objects.subs(EMCY_CONSUMER)[1:]
+        self._listens = False
         guard_sync_objects(objects)
         guard_consumer_entries(objects)
+        for sub in self._emcy_subs:
+            guard(objects, EMCY_CONSUMER, sub, self._listen_to)
         guard_cob_id(objects, TIME_OBJECT, lambda entry: entry.bit30 or entry.bit31)
         self._pdos = tuple(pdos)
         self._on = False
@@ -106,6 +115,10 @@ class Device:
         self.sdo = SdoServer(place, self.objects, self.dialect)
         self.pdo = PdoEngine(place, self.objects, self._pdos, self.errors)
         self.control = ErrorControl(place, self.objects)
+
+    def renumber(self, node: int | None) -> None:
+        """Another node-ID, or none, that does not come from LSS. To be called before `start` or in `on_reset`."""
+        self._settle(node)
 
     @property
     def state(self) -> NmtState:
@@ -136,6 +149,7 @@ class Device:
     def start(self, now: float) -> list[CanFrame]:
         """Power on: initialise, say the boot-up message, be PRE-OPERATIONAL. Without a node-ID: wait for LSS."""
         self._on = True
+        self._listens = False
         self.nmt.state = NmtState.INITIALISING
         self.pdo.stop()
         self.sdo.reset()
@@ -175,6 +189,7 @@ class Device:
         if self._may_speak:
             said += self._sync_and_pdo(frame, now)
             self.time.feed(frame, now)
+            self.emergencies.feed(frame, now)
             said += self.errors.feed(None, now)
         return said
 
@@ -187,6 +202,10 @@ class Device:
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
         """That error is gone; said with 0000h and the register that is left."""
         return self.errors.gone(code, now, source=source, info=info)
+
+    def recovered(self, now: float) -> list[CanFrame]:
+        """The CAN controller was bus-off and is back: said as 8140h, and at once as over."""
+        return self.error(RECOVERED, now) + self.error_gone(RECOVERED, now)
 
     def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
         """A TIME message, if 1012h bit 30 lets this device produce it and the state allows it."""
@@ -243,6 +262,16 @@ class Device:
             self.sync.follow(now)
         entry = CobEntry.unpack(number(self.objects, TIME_OBJECT, default=0x8000_0100))
         self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
+        if not self._listens:
+            self._listens = True
+            entries = {sub: CobEntry.unpack(number(self.objects, EMCY_CONSUMER, sub)) for sub in self._emcy_subs}
+            self.emergencies.cob_ids = {
+                (entry.identifier, entry.extended): node for node, entry in entries.items() if not entry.bit31
+            }
+
+    def _listen_to(self, word: int) -> None:
+        """1028h is written: sub-index n holds the COB-ID under which the emergencies of node n are awaited."""
+        self._listens = False
 
     def _be_silent(self, until: float) -> None:
         """The bit rate changes: nothing is said and nothing heard until then."""

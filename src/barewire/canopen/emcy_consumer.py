@@ -37,7 +37,8 @@ class EmcyEvent(NamedTuple):
 class EmcyConsumer:
     """The errors of all nodes. A machine.
 
-    `cob_ids` tells whose emergencies have another identifier than 80h + node: (identifier, extended) -> node.
+    `cob_ids` tells whose emergencies have another identifier than 80h + node: (identifier, extended) -> node. With
+    `listed_only` no other emergencies are taken: that is the device whose 1028h says whom it listens to.
     `history` holds the last messages of all nodes, `unreadable` counts frames too short to hold a code.
 
     >>> consumer = EmcyConsumer()
@@ -47,10 +48,17 @@ class EmcyConsumer:
     (['8130h'], ['3210h'])
     """
 
-    __slots__ = ("_active", "_registers", "cob_ids", "history", "unreadable")
+    __slots__ = ("_active", "_registers", "cob_ids", "history", "listed_only", "unreadable")
 
-    def __init__(self, cob_ids: Mapping[tuple[int, bool], int] | None = None, *, history: int = 256) -> None:
+    def __init__(
+        self,
+        cob_ids: Mapping[tuple[int, bool], int] | None = None,
+        *,
+        history: int = 256,
+        listed_only: bool = False,
+    ) -> None:
         self.cob_ids = dict(cob_ids or {})
+        self.listed_only = listed_only
         self.history: deque[EmcyEvent] = deque(maxlen=history)
         self.unreadable = 0
         self._active: dict[int, dict[int, int]] = {}  # node -> code -> the bit that stays as long as it does
@@ -76,7 +84,7 @@ class EmcyConsumer:
         node = self.cob_ids.get(frame.key)
         if node is not None:
             frame = frame._replace(id=0x80 + node, extended=False)
-        elif frame.extended or not 0x80 < frame.id < 0x100:
+        elif self.listed_only or frame.extended or not 0x80 < frame.id < 0x100:
             self._boots(frame)
             return []
         try:

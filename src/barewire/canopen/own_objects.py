@@ -3,7 +3,7 @@
         1001  error register          100C  guard time, ms            1014  COB-ID EMCY         1017  heartbeat time
         1003  error history           100D  life time factor          1015  inhibit time EMCY   1018  identity
         1005  COB-ID SYNC             1010  store parameters          1016  heartbeat consumer  1019  SYNC overflow
-        1006  SYNC period, us         1011  restore defaults          1029  error behaviour
+        1006  SYNC period, us         1011  restore defaults          1028  emergencies heard   1029  error behaviour
         1007  SYNC window, us         1012  COB-ID TIME
 
 All are optional but 1000h, 1001h and 1018h, and a service whose object is missing works with 0 in its place.
@@ -84,10 +84,12 @@ def standard_objects(
     heartbeat: int = 0,
     history: int = 8,
     watched: int = 4,
+    heard: int = 0,
 ) -> list[Entry]:
     """The communication objects of a usual device: everything of the drawing above but storing parameters.
 
-    `heartbeat` is the time of 1017h in ms, `history` the room of 1003h, `watched` how many nodes 1016h can watch.
+    `heartbeat` is the time of 1017h in ms, `history` the room of 1003h, `watched` how many nodes 1016h can watch,
+    `heard` up to which node 1028h can list whose emergencies are taken.
 
     >>> objects = ObjectDictionary(standard_objects(LssAddress(0x360, 1, 2, 3), heartbeat=1000))
     >>> objects.get(0x1017), identity(objects).vendor == 0x360
@@ -115,6 +117,7 @@ def standard_objects(
             )
         ),
         Entry(0x1019, 0, "synchronous counter overflow value", "u8", "rw"),
+        *(Entry(0x1028, sub, f"emergency consumer {sub}", "u32", "rw", 0x8000_0000) for sub in range(1, heard + 1)),
         Entry(0x1029, 1, "communication error", "u8", "rw"),
     ]
     if name:

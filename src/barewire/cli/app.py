@@ -27,6 +27,7 @@ COMMANDS = {
     "explain": "explain",
     "sniff": "sniff",
     "conform": "conform",
+    "canopen-gateway": "canopen_gateway",
     "eds": "eds",
 }
 """Which file has which command. It is loaded when the command is used: explaining a frame needs no CAN bus."""
@@ -44,7 +45,7 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"barewire.cli.{COMMANDS[cmd_name]}")
-        command = getattr(module, cmd_name)
+        command = getattr(module, cmd_name.replace("-", "_"))
         assert isinstance(command, click.Command)
         return command
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from typing import Any
 
 import click
@@ -29,6 +30,19 @@ class EndpointArgument(click.ParamType[str]):
 endpoint_argument = click.argument("endpoint", type=EndpointArgument())
 device_argument = click.argument("device")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+
+
+timing_option = click.option(
+    "--timing", is_flag=True, help="Say on stderr what the line's settings and its latency mean, in milliseconds."
+)
+
+
+def say_timing(endpoint: str, wanted: bool) -> None:
+    """What `--timing` asks for."""
+    if wanted:
+        from barewire.shells.carriers import modbus_endpoint, timing_in_words
+
+        print(f"barewire: {endpoint} {timing_in_words(modbus_endpoint(endpoint))}", file=sys.stderr)
 
 
 def print_json(fields: Any) -> None:

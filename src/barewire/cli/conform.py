@@ -6,7 +6,8 @@ import json
 
 import click
 
-from barewire.cli.arguments import endpoint_argument, json_option
+from barewire.cli.arguments import endpoint_argument, json_option, say_timing, timing_option
+from barewire.errors import EncodeError
 from barewire.modbus.conform import shown
 from barewire.shells.conform import Result
 from barewire.shells.conform import conform as run_battery
@@ -16,7 +17,11 @@ from barewire.shells.endpoint import Endpoint
 @click.command()
 @endpoint_argument
 @json_option
-def conform(endpoint: str, as_json: bool) -> int:
+@timing_option
+@click.option("--gentle", is_flag=True, help="Only what changes nothing in the device (can:// only).")
+@click.option("--large", metavar="INDEX:SUB", help="An object that takes any bytes, for long downloads (can:// only).")
+@click.option("--only", metavar="NAME,...", default="", help="Only cases whose names begin so (can:// only).")
+def conform(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str | None, only: str) -> int:
     """Ask a server what every server must know how to answer, and compare with the clauses of the standard.
 
     Registers and coils 0 to 9 of the unit are written to: not for a machine that is running. The endpoint's timeout is
@@ -25,7 +30,21 @@ def conform(endpoint: str, as_json: bool) -> int:
     \b
     barewire conform tcp://127.0.0.1:502?unit=1
     barewire conform "rtu:///dev/ttyUSB0?baudrate=9600&unit=1&timeout=0.5"
+    barewire conform "ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&unit=1"
+
+    A CANopen device is held against CiA 301 and 305. It is reset many times, started and stopped, its communication
+    objects are written and zeros are sent to its first RPDO: not for a machine that is running, unless --gentle.
+
+    \b
+    barewire conform "can://socketcan/can0?node=5"
     """
+    if endpoint.startswith("can://"):
+        from barewire.cli.conform_can import hold
+
+        return hold(endpoint, as_json=as_json, gentle=gentle, large=large, only=only)
+    if gentle or only or large is not None:
+        raise EncodeError(f"endpoint {endpoint!r}: --gentle, --large and --only are for can://")
+    say_timing(endpoint, timing)
     count, failed = 0, 0
     for result in run_battery(Endpoint.parse(endpoint)):
         count += 1

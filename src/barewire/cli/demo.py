@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -195,7 +195,7 @@ def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
         client = connect(url, watch=frames.watch)
         stack.callback(client.close)
         if isinstance(client, CanopenClient):
-            client.receive(0.5)  # the boot-up message: the node is there
+            _until_there(client)
         for step in wire.steps:
             if step.value is not None:
                 client.write(description, {step.name: step.value})
@@ -204,6 +204,13 @@ def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
                 reading = _read(client, description, step, frames)
             action = "read" if step.value is None else "write"
             yield Exchange(host.url, action, reading, frames.take())
+
+
+def _until_there(client: CanopenClient) -> None:
+    """Until the node has said its boot-up message, which it may have done already."""
+    if not client.bus.presence.frames:
+        with suppress(NoAnswer):
+            client.wait_for_boot_up(timeout=0.5)
 
 
 def _read(client: Client, description: Device, step: Step, frames: Frames) -> Reading:

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
+from barewire.canopen.frame import CanFrame
 from barewire.cli.arguments import json_option, print_json
-from barewire.errors import BarewireError, DecodeError
-from barewire.explain import explain_text
+from barewire.cli.sniff_can import known_nodes, recorded
+from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
+from barewire.explain import Explanation, explain_text
+from barewire.explain.can import explain_can, explain_segment
+from barewire.explain.can_recording import Heard
+from barewire.explain.candump import log_line
+from barewire.explain.listen import Listener, as_dict, in_words
+from barewire.explain.listen.events import Gap, Loss, Violation
+from barewire.explain.listen.pdos import PdoListener
+from barewire.explain.recorded import AnyFrame, Recorded, Unread
+from barewire.explain.text import parse_any_can
 
 
 @click.command()
@@ -14,20 +26,41 @@ from barewire.explain import explain_text
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--check", is_flag=True, help="Exit with status 1 if the frame is not valid.")
 @click.option("--role", type=click.Choice(["request", "response"]), help="Who says it; guessed if not given.")
+@click.option("--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: what a node is, so PDOs have names.")
+@click.option("--node", "nodes", type=int, multiple=True, help="CAN: which node that --device is, one for each.")
 @json_option
-def explain(protocol: str, frame: tuple[str, ...], role: str | None, as_json: bool, check: bool) -> int:
+def explain(
+    protocol: str,
+    frame: tuple[str, ...],
+    role: str | None,
+    as_json: bool,
+    check: bool,
+    devices: tuple[str, ...],
+    nodes: tuple[int, ...],
+) -> int:
     """Explain a frame byte by byte, and say whether it is valid.
 
-    HEX may have blanks, commas or 0x. ASCII frames may be pasted as they are, CAN frames as candump prints them.
+    HEX may have blanks, commas or 0x. ASCII frames may be pasted as they are, CAN frames as candump prints them. For
+    can, HEX may be a file: a recording, of which every frame gets a line.
 
     \b
     barewire explain rtu "01 04 0F B1 00 02 22 F8"
     barewire explain rtu "01 04 04 00 00 01 10 3B C3" --role response
     barewire explain ascii ":01040FB1000239"
     barewire explain can "605#4041600000000000"
+    barewire explain can "185#3706000000000000" --device az3 --node 5
+    barewire explain can bus.log
     """
+    if protocol == "can" and len(frame) == 1 and Path(frame[0]).is_file():
+        return _recording(frame[0], devices, nodes, as_json=as_json, check=check)
+    known = known_nodes(devices, nodes)
+    if known and protocol != "can":
+        raise EncodeError("--device is for can")
     try:
-        explanation = explain_text(protocol, " ".join(frame), role)
+        if known:
+            explanation = explain_can(parse_any_can(" ".join(frame)), PdoListener(tuple(known)))
+        else:
+            explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:
         # Its place and bytes are for programs; the sentence says the place in the text that was typed.
         raise BarewireError(error.text) from None
@@ -36,3 +69,36 @@ def explain(protocol: str, frame: tuple[str, ...], role: str | None, as_json: bo
     else:
         print("\n".join(explanation.lines()))
     return int(check and not explanation.valid)
+
+
+def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, as_json: bool, check: bool) -> int:
+    """A line for each frame, and one more where it breaks a rule that only the frames before it tell of."""
+    try:
+        data = Path(name).read_bytes()
+    except OSError as error:
+        raise PortError(f"{name}: {error.strerror or error}") from None
+    heard, wrong = Heard(known_nodes(devices, nodes)), 0
+    for item in recorded(data):
+        if isinstance(item, Recorded):
+            listener = heard.listener(item.bus)
+            said = None if listener is None else told(item.frame, listener)
+            wrong += said is not None and not said.valid
+            if said is not None and as_json:
+                print_json({"at": item.at, "bus": item.bus, "frame": str(item.frame), **said.as_dict()})
+            elif said is not None:
+                print(f"{log_line(item.at, item.bus or 'can0', item.frame)}  {said.verdict}")
+        for _, event in heard.feed(item):
+            if isinstance(event, Violation | Gap | Loss | Unread):
+                wrong += isinstance(event, Violation | Unread)
+                if as_json:
+                    print_json(as_dict(event))
+                else:
+                    print(f"    {in_words(event)}")
+    return int(check and wrong > 0)
+
+
+def told(frame: AnyFrame, listener: Listener) -> Explanation:
+    """What a frame says, by its bytes and by those that came before it."""
+    if isinstance(frame, CanFrame) and listener.takes_segment(frame):
+        return explain_segment(frame)
+    return explain_can(frame, listener.pdos)

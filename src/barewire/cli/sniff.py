@@ -1,4 +1,4 @@
-"""`barewire sniff`: listen in on a line, or on a recording of one."""
+"""`barewire sniff`: listen in on a line or a CAN bus, or on a recording of one."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import click
 
 from barewire.cli.arguments import json_option
+from barewire.cli.sniff_can import events_of, known_nodes, live, print_events, recorded
 from barewire.errors import EncodeError, PortError
+from barewire.explain.can_recording import is_can_recording
 from barewire.explain.overheard import as_dict, in_words
 from barewire.explain.packets import MODBUS_PORTS, Packer
 from barewire.explain.pcapng import header, packet
@@ -27,35 +30,69 @@ from barewire.tcp import encode as tcp_frame
 @click.command()
 @click.argument("source", metavar="ENDPOINT|FILE")
 @json_option
-@click.option("--write", type=click.Path(dir_okay=False), metavar="FILE.pcapng", help="Write every frame there too.")
+@click.option(
+    "--write", type=click.Path(dir_okay=False), metavar="FILE", help="Write every frame to a .pcapng (CAN: or .log)."
+)
 @click.option("--seconds", type=float, help="Stop after so many; until Ctrl-C if not given.")
 @click.option("--window", type=float, default=WINDOW, show_default=True, help="Longest time to an answer, in seconds.")
 @click.option("--port", "ports", type=int, multiple=True, help="TCP port of servers in a capture, besides 502.")
+@click.option(
+    "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: what a node is, for names and units."
+)
+@click.option("--node", "nodes", type=int, multiple=True, help="CAN: which node that --device is, one for each.")
+@click.option("--bus", help="CAN: only this bus of a recording that has several.")
+@click.option("--only", multiple=True, metavar="KIND", help="CAN: only such events: sdo, pdo, violation, gap, ...")
+@click.option(
+    "--all", "everything", is_flag=True, help="CAN: also what says nothing new: each heartbeat, SYNC, same PDO."
+)
 def sniff(
-    source: str, as_json: bool, write: str | None, seconds: float | None, window: float, ports: tuple[int, ...]
+    source: str,
+    as_json: bool,
+    write: str | None,
+    seconds: float | None,
+    window: float,
+    ports: tuple[int, ...],
+    devices: tuple[str, ...],
+    nodes: tuple[int, ...],
+    bus: str | None,
+    only: tuple[str, ...],
+    everything: bool,
 ) -> None:
-    """Decode both directions of a line that we take no part in: each request with its answer, and what went missing.
+    """Decode what others say on a line or a CAN bus that we take no part in, and tell what went missing.
 
     Nothing is ever sent. A FILE is a pcapng or pcap capture, a log of lines such as "12.345678 01 03 00 00 ...",
-    or a hex dump.
+    or a hex dump; of a CAN bus what candump prints or logs, Vector's ASC or BLF, or a capture.
 
     \b
     barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --write bus.pcapng
     wireshark -o mbrtu.udp.port:5020 bus.pcapng
     barewire sniff bus.pcapng --json
+    barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
     """
+    endpoint = Endpoint.parse(source) if "://" in source else None
+    data = b"" if endpoint is not None else _content(source, seconds)
+    if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
+        known = known_nodes(devices, nodes)
+        items: Iterator[Any] = recorded(data) if endpoint is None else live(endpoint, seconds)
+        with ExitStack() as stack:
+            file = None if write is None else stack.enter_context(_opened(write))
+            keep = None if file is None else partial(_keep, file)
+            heard = events_of(items, known, bus, keep, write or "")
+            print_events(heard, as_json=as_json, everything=everything, only=only)
+        return
+    for option, given in (("--device", devices), ("--node", nodes), ("--bus", bus), ("--only", only)):
+        if given:
+            raise EncodeError(f"{option} is for a CAN bus, and {source} is none")
     with ExitStack() as stack:
-        events = _events(source, seconds, window, ports)
-        keep = None
-        if write is not None:
-            try:
-                keep = _Keeper(stack.enter_context(Path(write).open("wb")))
-            except OSError as error:
-                raise PortError(f"{write}: {error.strerror}") from None
+        if endpoint is None:
+            events = replay(data, window=window, ports=MODBUS_PORTS | set(ports))
+        else:
+            events = listen(endpoint, threading.Event(), seconds=seconds, window=window)
+        keeper = None if write is None else _Keeper(stack.enter_context(_opened(write)))
         try:
             for event in events:
-                if keep is not None:
-                    keep.put(event)
+                if keeper is not None:
+                    keeper.put(event)
                 line = json.dumps(as_dict(event), ensure_ascii=False) if as_json else in_words(event)
                 if line is not None:
                     print(line, flush=True)
@@ -63,16 +100,25 @@ def sniff(
             return
 
 
-def _events(source: str, seconds: float | None, window: float, ports: tuple[int, ...]) -> Iterator[Overheard]:
-    if "://" in source:
-        return listen(Endpoint.parse(source), threading.Event(), seconds=seconds, window=window)
+def _content(source: str, seconds: float | None) -> bytes:
     if seconds is not None:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
     try:
-        data = Path(source).read_bytes()
+        return Path(source).read_bytes()
     except OSError as error:
         raise PortError(f"{source}: {error.strerror}") from None
-    return replay(data, window=window, ports=MODBUS_PORTS | set(ports))
+
+
+def _opened(write: str) -> BinaryIO:
+    try:
+        return Path(write).open("wb")
+    except OSError as error:
+        raise PortError(f"{write}: {error.strerror}") from None
+
+
+def _keep(file: BinaryIO, data: bytes) -> None:
+    file.write(data)
+    file.flush()
 
 
 class _Keeper:

@@ -21,8 +21,9 @@ from rich.text import Text
 
 from barewire.cli.arguments import device_argument, endpoint_argument, print_json
 from barewire.codecs import Value
-from barewire.devices import Device, Reading, load
+from barewire.devices import Device, Reading
 from barewire.devices.parameter import Parameter, show
+from barewire.devices.raw import device_with
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.shells import connect
 from barewire.shells.client import Client
@@ -111,12 +112,13 @@ def watch(
     \b
     barewire watch tcp://192.168.1.10 csd-mt "Position Actual Value" "Velocity Actual Value" --period 0.1
     barewire watch rtu:///dev/ttyUSB0 adxl "L1 current" --count 100 --csv --plot current.svg
+    barewire watch tcp://192.168.1.20 raw input:100:f32 --period 1
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv: one of them")
     if not 0 < period < 1e6:
         raise click.UsageError(f"--period {period:g}: expected seconds, above 0")
-    machine = load(device)
+    machine = device_with(device, names)
     parameters = [machine.find(name) for name in names]
     if plot is not None:
         from barewire.cli.plot import check

@@ -20,9 +20,16 @@ One `Layout` does five jobs, so nothing about a message is written twice:
 from __future__ import annotations
 
 import struct
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable
+from operator import attrgetter
 
 from barewire.errors import DecodeError, EncodeError
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, Literal, NamedTuple
+else:
+    from barewire.record import NamedTuple
 
 
 class Field(NamedTuple):
@@ -47,7 +54,10 @@ class Layout:
     6
     """
 
-    __slots__ = ("_byteorder", "_count_end", "_count_index", "_places", "_struct", "count", "names", "size", "tail")
+    __slots__ = (
+        *("_byteorder", "_count_end", "_count_index", "_places", "_struct", "_values"),
+        *("count", "names", "size", "tail"),
+    )
 
     def __init__(self, format: str, *names: str, tail: str | None = None, count: str | None = None) -> None:
         self._struct = struct.Struct(format)
@@ -60,6 +70,7 @@ class Layout:
         self._byteorder: Literal["big", "little"] = "little" if order == "<" else "big"
         ends = [struct.calcsize(order + kinds[: place + 1]) for place in range(len(names))]
         self._places = tuple(zip([0, *ends], ends))
+        self._values: Callable[[object], Any] = attrgetter(*names)
         self._count_index = names.index(count) if count is not None else 0
         self._count_end = ends[self._count_index] if count is not None else 0
 
@@ -73,6 +84,15 @@ class Layout:
                 if not (isinstance(value, int) and 0 <= value <= limit):
                     raise EncodeError(f"{name} = {value!r}: expected a whole number in 0..{limit}") from None
             raise
+
+    def pack_of(self, message: object) -> bytes:
+        """The fields as `message` has them, as attributes under their names; there is no tail."""
+        values = self._values(message)
+        try:
+            return self._struct.pack(*values)
+        except (struct.error, TypeError):
+            # A single name gives its value and not a row of one; and `pack` knows what to say of a wrong one.
+            return self.pack(*values) if len(self.names) > 1 else self.pack(values)
 
     def unpack(self, data: bytes) -> tuple[Any, ...]:
         """The field values, and the tail as last one if there is a tail. Nothing missing, nothing left over.

@@ -17,11 +17,17 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Literal
 
 from barewire.errors import EncodeError
 
-Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Literal
+
+    Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+else:
+    Order = str
+
 ORDERS: tuple[Order, ...] = ("ABCD", "CDAB", "BADC", "DCBA")
 
 

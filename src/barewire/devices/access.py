@@ -25,6 +25,7 @@ from barewire.devices.asked import Name, Values, naming, reading, telling, to_re
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter, Reading
 from barewire.devices.plan import Block, Writing, plan_reads, plan_writes
+from barewire.devices.typed import typed
 from barewire.errors import EncodeError
 from barewire.modbus import (
     Bus,
@@ -60,13 +61,7 @@ def _read_modbus(
     for block in blocks:
         with reading(parameter for parameter, _ in block.members):
             content = yield from _read_entries(bus, unit, block.function, block.address, block.quantity, timeout)
-        for parameter, offset in block.members:
-            if block.table in ("coil", "discrete"):
-                values[parameter.name] = bool(content[offset])
-            else:
-                place = parameter.modbus
-                assert place is not None
-                values[parameter.name] = parameter.from_registers(content[offset : offset + place.words])
+        values |= typed(block)(content)
     return [Reading(parameter, values[parameter.name]) for parameter in parameters]
 
 

@@ -109,14 +109,14 @@ class Parameter:
         if not isinstance(value, (int, float)):
             raise EncodeError(f"{self.name} = {shown(value)}: expected a number", self.name)
         # Asked this way round, not-a-number is outside of every range; and a limit is what the type makes of it.
-        reaches = self.minimum is None or value >= self._limit(self.minimum, -1)
-        if not (reaches and (self.maximum is None or value <= self._limit(self.maximum, 1))):
+        reaches = self.minimum is None or value >= self.limit(self.minimum, -1)
+        if not (reaches and (self.maximum is None or value <= self.limit(self.maximum, 1))):
             low = "" if self.minimum is None else show(self.minimum)
             high = "" if self.maximum is None else show(self.maximum)
             raise EncodeError(f"{self.name} = {show(value)}: expected {low}..{high} {self.unit}".rstrip(), self.name)
         return value
 
-    def _limit(self, limit: int | float, side: int) -> int | float:
+    def limit(self, limit: int | float, side: int) -> int | float:
         """A limit of a 32-bit float that no such float is exactly: the nearest one may lie just beyond."""
         return limit + side * abs(limit) * 6e-8 if self.type == "f32" else limit
 

@@ -18,6 +18,10 @@ Every byte is in exactly one field, in order, however broken the frame is; and n
     replay       a recording of a line, decoded        overheard  what was heard there, in words
     pcapng, packets  captures, and Modbus in them      bytelog    logs and dumps
 
+    can_recording  a recording of a CAN bus, decoded   listen/    what was heard there: transfers, states, broken rules
+    candump, asc   its forms as text                   socketcan  its frames in captures
+    recorded       what all forms are made of
+
 I know: the shape of every message.  I never know: devices, ports, files, clocks, colours.
 Who may import me: shells, cli, bench, tests.
 """

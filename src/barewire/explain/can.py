@@ -6,24 +6,33 @@
 The identifier is no byte of the data, so its field has length 0: offsets count the data. Which side speaks is in the
 identifier too: a role that the caller claims is not needed, and not used.
 
-An identifier outside the predefined connection set is no fault: PDOs may be configured to any free one.
+An identifier outside the predefined connection set is no fault: PDOs may be configured to any free one. What a PDO
+carries is known to who knows the node: with `pdos` its objects are fields, by name.
 """
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from barewire.canopen.cob import Service, classify
 from barewire.canopen.emcy import Emergency, error_text, register_names
-from barewire.canopen.frame import DATA_MAX, CanFrame
+from barewire.canopen.frame import DATA_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.heartbeat import STATE_BYTE, NodeState
 from barewire.canopen.nmt import NmtCommand, NmtMessage, NmtState
+from barewire.canopen.pdo import Mapped, PdoMapping
+from barewire.canopen.sdo.block_messages import LAST
 from barewire.canopen.sync import Sync
+from barewire.canopen.time_stamp import TimeStamp
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
 from barewire.explain.explanation import ExplainedField, Explanation, Problem, Role, counted, cover, on_bytes, problem
 from barewire.explain.lss import read_lss
+from barewire.explain.recorded import AnyFrame, error_words
 from barewire.explain.sdo import read_sdo
+
+if TYPE_CHECKING:
+    from barewire.explain.listen.pdos import PdoListener
 
 # How many bytes each service has by the standard; None for "up to eight", which is everybody's limit.
 LENGTHS: dict[str, tuple[int, ...]] = {
@@ -45,13 +54,12 @@ ROLES: dict[str, Role] = {
 }
 COMMANDS = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
 TIME = Layout("<IH", "milliseconds", "days")
-EPOCH = datetime(1984, 1, 1)
 
 Found = tuple[list[Field], DecodeError | None, str]
 """The fields, the fault if there is one, and the summary."""
 
 
-def explain_can(frame: CanFrame) -> Explanation:
+def explain_can(frame: AnyFrame, pdos: PdoListener | None = None) -> Explanation:
     """One CAN frame.
 
     >>> print(*explain_can(CanFrame.parse("585#4B41600037060000")).lines()[2:], sep="\\n")
@@ -61,6 +69,11 @@ def explain_can(frame: CanFrame) -> Explanation:
     6  00 00  unused
     valid: SDO answer from node 5: initiate upload, 6041h:00, 2 bytes: 0637h
     """
+    if not isinstance(frame, CanFrame):
+        return _foreign(frame)
+    owner = None if pdos is None or frame.remote else pdos.owner(frame)
+    if pdos is not None and owner is not None and owner[2] is not None:
+        return _process_data(frame, pdos, owner[0], owner[1], owner[2])
     whose = classify(frame)
     title = _title(frame, whose)
     name = whose[0].name if whose else ""
@@ -74,6 +87,70 @@ def explain_can(frame: CanFrame) -> Explanation:
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     shown = (start, *on_bytes(cover(fields, len(frame.data)), frame.data))
     return Explanation("can", ROLES.get(name), shown, fault, f"{title}: {said}" if said else title)
+
+
+def explain_segment(frame: CanFrame) -> Explanation:
+    """The same for a segment of a block transfer, which only who has heard the transfer begin can know.
+
+    >>> explain_segment(CanFrame.parse("605#8200010203040506")).verdict
+    'valid: SDO request to node 5: segment 2 of a block, the last'
+    """
+    data = frame.data
+    title = _title(frame, classify(frame))
+    last = bool(data[0] & LAST)
+    fields = [Field(0, 1, "sequence", data[0], f"segment {data[0] & ~LAST}{', the last' if last else ''}")]
+    if len(data) > 1:
+        fields.append(Field(1, len(data) - 1, "data", data[1:].hex(" ").upper()))
+    start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
+    said = f"segment {data[0] & ~LAST} of a block{', the last' if last else ''}"
+    return Explanation("can", None, (start, *on_bytes(fields, data)), _length(frame, "SDO request"), f"{title}: {said}")
+
+
+def _foreign(frame: FdFrame | ErrorFrame) -> Explanation:
+    """What classical CANopen neither sends nor understands: CAN FD, and the reports of a controller."""
+    fields, _, counting = _raw(frame.data)
+    if isinstance(frame, FdFrame):
+        name, digits, number = "identifier", str(frame).partition("#")[0], frame.id
+        title = f"CAN FD frame, which classical CANopen does not have: {counting}"
+    else:
+        name, digits, number = "classes", f"{frame.classes:08X}", frame.classes
+        title = f"error frame, a report of the controller: {error_words(frame)}"
+    start = ExplainedField(0, 0, name, digits, number, "" if isinstance(frame, FdFrame) else frame.text)
+    return Explanation("can", None, (start, *on_bytes(fields, frame.data)), None, title)
+
+
+def _process_data(frame: CanFrame, pdos: PdoListener, node: int, name: str, mapping: PdoMapping) -> Explanation:
+    """A PDO of a node that is known: a field for each object, or for those that share a byte."""
+    title = f"{name} {'from' if name.startswith('T') else 'to'} node {node}"
+    data, fields, error, said = frame.data, list[Field](), None, counted(len(frame.data))
+    if len(data) < mapping.size:
+        error = DecodeError("short", data, len(data), f"{mapping.size} bytes are mapped, here are {len(data)}")
+    else:
+        values, texts = pdos.read(node, mapping, data[: mapping.size])
+        words = dict(zip(values, (text.partition(" = ")[2] for text in texts)))
+        said = ", ".join(texts) or said
+        fields = _mapped_fields(mapping, data, words)
+        if len(data) > mapping.size:
+            error = DecodeError("long", data, mapping.size, f"{mapping.size} bytes are mapped, here are {len(data)}")
+    start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
+    shown = (start, *on_bytes(cover(fields, len(data), "process data"), data))
+    return Explanation("can", None, shown, problem(error), f"{title}: {said}")
+
+
+def _mapped_fields(mapping: PdoMapping, data: bytes, words: Mapping[str, str]) -> list[Field]:
+    fields, begin, end, held = list[Field](), 0, 0, list[Mapped]()
+    for place, entry in enumerate(mapping.entries, start=1):
+        held.append(entry)
+        end += entry.bits
+        if end % 8 and place < len(mapping.entries):
+            continue
+        first, behind = begin // 8, (end + 7) // 8
+        names = ", ".join("unused" if one.is_dummy else one.name for one in held)
+        meaning = ", ".join(words[one.name] for one in held if one.name in words)
+        if behind > first:
+            fields.append(Field(first, behind - first, names, int.from_bytes(data[first:behind], "little"), meaning))
+        begin, held = end, []
+    return fields
 
 
 def _title(frame: CanFrame, whose: tuple[Service, int] | None) -> str:
@@ -132,7 +209,7 @@ def _data(frame: CanFrame, service: Service, node: int) -> Found:
         case "EMCY":
             return _emergency(data)
         case "TIME":
-            return _time(data)
+            return _time(frame)
         case "error control":
             return _state(data, node)
     return [Field(0, len(data), "process data", data.hex(" ").upper())] if data else [], None, counted(len(data))
@@ -188,15 +265,14 @@ def _emergency(data: bytes) -> Found:
     return fields, None, said
 
 
-def _time(data: bytes) -> Found:
-    fields = _cut(TIME, data)
-    if len(data) < TIME.size:
-        return fields, None, ""
-    milliseconds, days = TIME.unpack(data[: TIME.size])
-    # The upper four bits are reserved; a day has fewer milliseconds than the other 28 can count.
-    moment = EPOCH + timedelta(days=days, milliseconds=milliseconds & 0x0FFF_FFFF)
+def _time(frame: CanFrame) -> Found:
+    fields = _cut(TIME, frame.data)
+    try:
+        moment = TimeStamp.decode(frame).moment.datetime
+    except DecodeError as error:
+        return fields, error if error.reason == "value" else None, ""
     fields[0] = fields[0]._replace(meaning=f"since midnight: {moment:%H:%M:%S}.{moment.microsecond // 1000:03}")
-    fields[1] = fields[1]._replace(meaning=f"since 1984-01-01: {(EPOCH + timedelta(days=days)):%Y-%m-%d}")
+    fields[1] = fields[1]._replace(meaning=f"since 1984-01-01: {moment:%Y-%m-%d}")
     return fields, None, f"{moment:%Y-%m-%d %H:%M:%S}"
 
 

@@ -2,54 +2,75 @@
 
 7E5h   | service | 7 bytes, numbers little-endian, unused 0 |      master -> device
 7E4h   | service | 7 bytes                                  |      device -> master
+
+Which services there are, and in which direction, `canopen.lss` knows; here are the names of what stands behind them.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-from barewire.codecs import Field
+from barewire.canopen.lss import (
+    ANSWERS,
+    AUTOMATIC_BIT_RATE,
+    BEGIN,
+    BIT_RATES,
+    REQUESTS,
+    UNCONFIGURED,
+    Fastscan,
+    LssAddress,
+    LssService,
+    LssState,
+)
+from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
 from barewire.explain.explanation import Role, cover
 
-ADDRESS = ("vendor-ID", "product code", "revision", "serial number")
-RESULT = (("result", 1), ("details", 1))
+PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
+"""The four numbers of an LSS address, as `LssAddress` has them, and as the standard calls them."""
 
+_PART = {number: PARTS[name] for number, name in enumerate(LssAddress._fields)}
+_LIMITS = (_PART[0], _PART[1], _PART[2], _PART[2], _PART[3], _PART[3])
+_RESULT = Layout("<BB", "result", "details")
+_NUMBER = {name: Layout("<I", name) for name in PARTS.values()}
 
-class Row(NamedTuple):
-    """One service: its name, and name and length of each field behind byte 0."""
-
-    name: str
-    places: tuple[tuple[str, int], ...] = ()
-
-
-REQUESTS: dict[int, Row] = {
-    0x04: Row("switch state global", (("mode", 1),)),
-    0x11: Row("configure node-ID", (("node-ID", 1),)),
-    0x13: Row("configure bit timing", (("table", 1), ("entry", 1))),
-    0x15: Row("activate bit timing", (("delay", 2),)),
-    0x17: Row("store configuration"),
-    **{0x40 + k: Row(f"switch state selective: {name}", ((name, 4),)) for k, name in enumerate(ADDRESS)},
-    0x46: Row("identify device: vendor-ID", (("vendor-ID", 4),)),
-    0x47: Row("identify device: product code", (("product code", 4),)),
-    0x48: Row("identify device: revision, lowest", (("revision", 4),)),
-    0x49: Row("identify device: revision, highest", (("revision", 4),)),
-    0x4A: Row("identify device: serial number, lowest", (("serial number", 4),)),
-    0x4B: Row("identify device: serial number, highest", (("serial number", 4),)),
-    0x4C: Row("identify devices without a node-ID"),
-    0x51: Row("fastscan", (("number", 4), ("bit check", 1), ("LSS sub", 1), ("LSS next", 1))),
-    **{0x5A + k: Row(f"inquire {name}") for k, name in enumerate(ADDRESS)},
-    0x5E: Row("inquire node-ID"),
+TITLES: dict[LssService, str] = {
+    LssService.SWITCH_GLOBAL: "switch state global",
+    LssService.CONFIGURE_NODE: "configure node-ID",
+    LssService.CONFIGURE_BIT_TIMING: "configure bit timing",
+    LssService.ACTIVATE_BIT_TIMING: "activate bit timing",
+    LssService.STORE: "store configuration",
+    **{LssService(LssService.SELECT_VENDOR + k): f"switch state selective: {name}" for k, name in _PART.items()},
+    LssService.SELECTED: "switch state selective: it is me",
+    LssService.IDENTIFY_VENDOR: "identify device: vendor-ID",
+    LssService.IDENTIFY_PRODUCT: "identify device: product code",
+    LssService.IDENTIFY_REVISION_LOW: "identify device: revision, lowest",
+    LssService.IDENTIFY_REVISION_HIGH: "identify device: revision, highest",
+    LssService.IDENTIFY_SERIAL_LOW: "identify device: serial number, lowest",
+    LssService.IDENTIFY_SERIAL_HIGH: "identify device: serial number, highest",
+    LssService.IDENTIFY_UNCONFIGURED: "identify devices without a node-ID",
+    LssService.IDENTIFIED: "identify device: it is me",
+    LssService.UNCONFIGURED_IDENTIFIED: "a device without a node-ID is here",
+    LssService.FASTSCAN: "fastscan",
+    **{LssService(LssService.INQUIRE_VENDOR + k): f"inquire {name}" for k, name in _PART.items()},
+    LssService.INQUIRE_NODE: "inquire node-ID",
 }
-RESPONSES: dict[int, Row] = {
-    0x11: Row("configure node-ID", RESULT),
-    0x13: Row("configure bit timing", RESULT),
-    0x17: Row("store configuration", RESULT),
-    0x44: Row("switch state selective: it is me"),
-    0x4F: Row("identify device: it is me"),
-    0x50: Row("a device without a node-ID is here"),
-    **{0x5A + k: Row(f"inquire {name}", ((name, 4),)) for k, name in enumerate(ADDRESS)},
-    0x5E: Row("inquire node-ID", (("node-ID", 1),)),
+_SCAN = Layout("<IBBB", "number", "bit check", "LSS sub", "LSS next")
+assert _SCAN.size == Fastscan.layout.size
+
+_ASKED: dict[LssService, Layout] = {
+    LssService.SWITCH_GLOBAL: Layout("<B", "mode"),
+    LssService.CONFIGURE_NODE: Layout("<B", "node-ID"),
+    LssService.CONFIGURE_BIT_TIMING: Layout("<BB", "table", "entry"),
+    LssService.ACTIVATE_BIT_TIMING: Layout("<H", "delay"),
+    **{LssService(LssService.SELECT_VENDOR + k): _NUMBER[name] for k, name in _PART.items()},
+    **{LssService(LssService.IDENTIFY_VENDOR + k): _NUMBER[name] for k, name in enumerate(_LIMITS)},
+    LssService.FASTSCAN: _SCAN,
+}
+_ANSWERED: dict[LssService, Layout] = {
+    LssService.CONFIGURE_NODE: _RESULT,
+    LssService.CONFIGURE_BIT_TIMING: _RESULT,
+    LssService.STORE: _RESULT,
+    **{LssService(LssService.INQUIRE_VENDOR + k): _NUMBER[name] for k, name in _PART.items()},
+    LssService.INQUIRE_NODE: Layout("<B", "node-ID"),
 }
 
 
@@ -61,31 +82,42 @@ def read_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, 
     """
     if not data:
         return [], DecodeError("short", data, 0, "the service is byte 0, but there are none"), ""
-    row = (REQUESTS if role == "request" else RESPONSES).get(data[0])
-    if row is None:
+    if data[0] not in (REQUESTS if role == "request" else ANSWERS):
         error = DecodeError("function", data, 0, f"{data[0]:02X}h is no service of an LSS {role}")
         return cover([Field(0, 1, "service", data[0], "unknown")], len(data)), error, "unknown service"
-    fields = [Field(0, 1, "service", data[0], row.name)]
+    service = LssService(data[0])
+    title = TITLES[service]
+    fields = [Field(0, 1, "service", data[0], title)]
+    layout = (_ASKED if role == "request" else _ANSWERED).get(service)
     at = 1
-    for name, length in row.places:
-        if at + length > len(data):
-            return cover(fields, len(data), name), None, row.name
-        value = int.from_bytes(data[at : at + length], "little")
-        fields.append(Field(at, length, name, value, _words(name, value)))
-        at += length
+    for field in [] if layout is None else layout.fields(data[1:], 1):
+        value = int.from_bytes(data[field.offset : field.offset + field.length], "little")
+        fields.append(field._replace(value=value, meaning=_words(service, field.name, value)))
+        at = field.offset + field.length
+    if layout is not None and at < 1 + layout.size:
+        missing = layout.names[len(fields) - 1]
+        return cover(fields, len(data), missing), None, title
     if at < len(data):
         fields.append(Field(at, len(data) - at, "reserved", data[at:].hex(" ").upper()))
-    return fields, None, row.name
+    return fields, None, title
 
 
-def _words(name: str, value: int) -> str:
+def _words(service: LssService, name: str, value: int) -> str:
     match name:
         case "mode":
-            return {0: "waiting", 1: "configuration"}.get(value, "not defined")
+            return LssState(value).name.lower() if value in tuple(LssState) else "not defined"
         case "node-ID":
-            return "no node-ID yet" if value == 0xFF else "" if 1 <= value <= 127 else "expected 1..127"
+            return "no node-ID yet" if value == UNCONFIGURED else "" if 1 <= value <= 127 else "expected 1..127"
         case "result":
             return {0: "done", 0xFF: "failed, see details"}.get(value, "refused")
         case "delay":
             return "ms before the change, and the same again after it"
+        case "entry" if value in BIT_RATES:
+            return f"{BIT_RATES[value] // 1000} kbit/s"
+        case "entry":
+            return "finds out by itself" if value == AUTOMATIC_BIT_RATE else "reserved"
+        case "bit check" if value == BEGIN:
+            return "the beginning: is anybody without a node-ID here"
+        case "LSS sub" | "LSS next" if value in _PART:
+            return _PART[value]
     return ""

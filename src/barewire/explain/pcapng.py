@@ -3,14 +3,14 @@
     | type 4 | length 4 | body, filled up to 4 | length 4 |       a block; which end comes first is told by the section
     section header 0A0D0D0A     interface 1: link type, units of time     packet 6, 3: interface, time, length, bytes
 
-Written is one section with one interface, little-endian, times in microseconds. Read is what is needed of the rest:
+Written is one section, little-endian, times in microseconds. Read is what is needed of the rest:
 several sections and interfaces, both byte orders, other units of time; unknown blocks are passed over.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
@@ -20,8 +20,10 @@ _SECTION, _INTERFACE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 3, 6
 _MAGIC = 0x1A2B3C4D
 _PCAP = {0xA1B2C3D4: 1_000_000, 0xA1B23C4D: 1_000_000_000}
 """What a pcap file begins with, and so many units of its times are a second."""
-_RESOLUTION = 9
-"""The option of an interface that says in which units times are counted."""
+_RESOLUTION, _NAME = 9, 2
+"""The options of an interface that say in which units times are counted, and what it is called."""
+_DROPPED = 4
+"""The option of a packet that says how many before it were lost."""
 
 
 class Packet(NamedTuple):
@@ -30,22 +32,32 @@ class Packet(NamedTuple):
     at: float
     data: bytes
     link: int = ETHERNET
+    interface: str = ""  # its name, or its number if there are several
+    dropped: int = 0  # so many before it were lost by whoever recorded
 
 
-def header(link: int = ETHERNET) -> bytes:
-    """How a file begins: a section, and its interface."""
+def header(link: int | None = ETHERNET) -> bytes:
+    """How a file begins: a section, and its interface (none yet with None)."""
     section = struct.pack("<IHHq", _MAGIC, 1, 0, -1)
-    return _block(_SECTION, section) + _block(_INTERFACE, struct.pack("<HHI", link, 0, 0))
+    return _block(_SECTION, section) + (b"" if link is None else interface(link))
 
 
-def packet(at: float, data: bytes) -> bytes:
+def interface(link: int, name: str = "") -> bytes:
+    """One more interface of the section: number 0 is the first."""
+    text = name.encode()
+    option = struct.pack("<HH", _NAME, len(text)) + text + bytes(-len(text) % 4) + bytes(4) if text else b""
+    return _block(_INTERFACE, struct.pack("<HHI", link, 0, 0) + option)
+
+
+def packet(at: float, data: bytes, interface: int = 0) -> bytes:
     """One packet: what is put behind the header, as often as there is something to put.
 
-    >>> read(header() + packet(12.5, b"abc"))
-    [Packet(at=12.5, data=b'abc', link=1)]
+    >>> read(header() + packet(12.5, b"abc"))[0][:3]
+    (12.5, b'abc', 1)
     """
     micros = max(0, round(at * 1e6))
-    return _block(_ENHANCED, struct.pack("<IIIII", 0, micros >> 32, micros & 0xFFFFFFFF, len(data), len(data)) + data)
+    start = struct.pack("<IIIII", interface, micros >> 32, micros & 0xFFFFFFFF, len(data), len(data))
+    return _block(_ENHANCED, start + data)
 
 
 def _block(kind: int, body: bytes) -> bytes:
@@ -61,7 +73,12 @@ def is_capture(data: bytes) -> bool:
 
 def read(data: bytes) -> list[Packet]:
     """The packets of a pcapng or pcap file. DecodeError says where it is none, or where it is cut off."""
-    return list(_read_pcap(data) if _pcap_order(data) else _read_pcapng(data))
+    return list(packets(data))
+
+
+def packets(data: bytes) -> Iterator[Packet]:
+    """The same one by one: what stands before the place where a file is cut off can be had."""
+    return _read_pcap(data) if _pcap_order(data) else _read_pcapng(data)
 
 
 def _pcap_order(data: bytes) -> str | None:
@@ -71,7 +88,7 @@ def _pcap_order(data: bytes) -> str | None:
     return None
 
 
-def _read_pcap(data: bytes) -> Iterable[Packet]:
+def _read_pcap(data: bytes) -> Iterator[Packet]:
     order = _pcap_order(data)
     if len(data) < 24:
         raise DecodeError("short", data[:32], len(data[:32]), f"a pcap file has a header of 24 bytes, here {len(data)}")
@@ -88,9 +105,9 @@ def _read_pcap(data: bytes) -> Iterable[Packet]:
         at += 16 + size
 
 
-def _read_pcapng(data: bytes) -> Iterable[Packet]:
+def _read_pcapng(data: bytes) -> Iterator[Packet]:
     order = "<"
-    interfaces: list[tuple[int, int]] = []
+    interfaces: list[tuple[int, int, str]] = []
     at = 0
     while at < len(data):
         if at + 12 > len(data):
@@ -106,12 +123,16 @@ def _read_pcapng(data: bytes) -> Iterable[Packet]:
             raise _cut(data, at)
         body = data[at + 8 : at + size - 4]
         if kind == _INTERFACE and len(body) >= 8:
-            interfaces.append((struct.unpack_from(f"{order}H", body)[0], _unit(body[8:], order)))
+            options = dict(_options(body[8:], order))
+            name = options.get(_NAME, b"").decode("utf-8", "replace") or (str(len(interfaces)) if interfaces else "")
+            interfaces.append((struct.unpack_from(f"{order}H", body)[0], _unit(options), name))
         elif kind == _ENHANCED and len(body) >= 20:
             number, high, low, captured, _ = struct.unpack_from(f"{order}5I", body)
             if number < len(interfaces):
-                link, unit = interfaces[number]
-                yield Packet(((high << 32) + low) / unit, body[20 : 20 + captured], link)
+                link, unit, name = interfaces[number]
+                behind = dict(_options(body[20 + captured + -captured % 4 :], order))
+                dropped = int.from_bytes(behind.get(_DROPPED, b""), "little" if order == "<" else "big")
+                yield Packet(((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
         elif kind == _SIMPLE and len(body) >= 4 and interfaces:
             yield Packet(0.0, body[4 : 4 + struct.unpack_from(f"{order}I", body)[0]], interfaces[0][0])
         elif at == 0 and kind != _SECTION:
@@ -119,16 +140,23 @@ def _read_pcapng(data: bytes) -> Iterable[Packet]:
         at += size
 
 
-def _unit(options: bytes, order: str) -> int:
-    """How many units of the times of an interface are a second: a million where nothing is said."""
+def _options(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """The options behind the fixed part of a block, as far as they go."""
     at = 0
-    while at + 4 <= len(options):
-        code, size = struct.unpack_from(f"{order}HH", options, at)
-        if code == _RESOLUTION and size == 1 and at + 4 < len(options):
-            exponent = options[at + 4]
-            return int(2 ** (exponent & 0x7F) if exponent & 0x80 else 10**exponent)
+    while at + 4 <= len(data):
+        code, size = struct.unpack_from(f"{order}HH", data, at)
+        if code == 0 or at + 4 + size > len(data):
+            return
+        yield code, data[at + 4 : at + 4 + size]
         at += 4 + size + -size % 4
-    return 1_000_000
+
+
+def _unit(options: dict[int, bytes]) -> int:
+    """How many units of the times of an interface are a second: a million where nothing is said."""
+    told = options.get(_RESOLUTION, b"")
+    if len(told) != 1:
+        return 1_000_000
+    return int(2 ** (told[0] & 0x7F) if told[0] & 0x80 else 10 ** told[0])
 
 
 def _cut(data: bytes, at: int) -> DecodeError:

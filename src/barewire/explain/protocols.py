@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from typing import get_args
 
-from barewire.canopen.frame import CanFrame
+from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError
 from barewire.explain.can import explain_can
 from barewire.explain.explanation import Explanation, Protocol, Role
 from barewire.explain.modbus import explain_ascii, explain_rtu, explain_tcp
-from barewire.explain.text import parse_ascii, parse_can, parse_hex
+from barewire.explain.recorded import AnyFrame
+from barewire.explain.text import parse_any_can, parse_ascii, parse_hex
 
 PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
 ROLES: tuple[Role, ...] = get_args(Role)
 
 
-def explain(protocol: str, data: bytes | CanFrame, role: str | None = None) -> Explanation:
+def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> Explanation:
     """One whole frame, field by field. Whatever the bytes are, there is an explanation and never an exception.
 
     >>> explain("rtu", bytes.fromhex("01040FB1000222F8")).verdict
@@ -25,9 +26,9 @@ def explain(protocol: str, data: bytes | CanFrame, role: str | None = None) -> E
     for bytes where a `CanFrame` is needed, or the other way round.
     """
     side = _checked(protocol, role)
-    if isinstance(data, CanFrame) != (protocol == "can"):
+    if isinstance(data, bytes | bytearray) == (protocol == "can"):
         raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
-    if isinstance(data, CanFrame):
+    if isinstance(data, CanFrame | FdFrame | ErrorFrame):
         return explain_can(data)
     known = {"rtu": explain_rtu, "ascii": explain_ascii, "tcp": explain_tcp}
     return known[protocol](data, side)
@@ -44,7 +45,7 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
     """
     side = _checked(protocol, role)
     if protocol == "can":
-        return explain_can(parse_can(text))
+        return explain_can(parse_any_can(text))
     if protocol == "ascii":
         return explain_ascii(parse_ascii(text), side, typed=True)
     return explain(protocol, parse_hex(text), side)

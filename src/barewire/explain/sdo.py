@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from barewire.canopen.sdo import AZ3, abort_text
-from barewire.canopen.sdo.messages import InitiateUpload, has_reserved_bits
+from barewire.canopen.sdo.messages import Abort, InitiateUpload, has_reserved_bits
 from barewire.codecs import BitPattern, Field, codec
 from barewire.errors import DecodeError
 from barewire.explain.explanation import Role, counted, cover
@@ -133,7 +133,7 @@ REQUESTS = (
     Command(BitPattern("001- nnes"), "initiate download", _value),
     Command(BitPattern("010- ----"), "initiate upload", _only_object),
     Command(BitPattern("011t ----"), "upload segment", _nothing),
-    Command(BitPattern("100- ----"), "abort", _abort),
+    Command(Abort.pattern, "abort", _abort),
     Command(BitPattern("101- -c00"), "initiate block upload", _block_asked),
     Command(BitPattern("101- --01"), "end block upload", _nothing),
     Command(BitPattern("101- --10"), "acknowledge block upload", _acknowledged),
@@ -146,7 +146,7 @@ RESPONSES = (
     Command(BitPattern("001t ----"), "download segment", _nothing),
     Command(BitPattern("010- nnes"), "initiate upload", _value),
     Command(BitPattern("011- ----"), "initiate download", _only_object),
-    Command(BitPattern("100- ----"), "abort", _abort),
+    Command(Abort.pattern, "abort", _abort),
     Command(BitPattern("101- -c00"), "initiate block download", _block_of),
     Command(BitPattern("101- --10"), "acknowledge block download", _acknowledged),
     Command(BitPattern("101- --01"), "end block download", _nothing),

@@ -13,11 +13,14 @@ import re
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, Reason
+from barewire.explain.candump import parse_frame, read_candump
 from barewire.explain.explanation import counted
+from barewire.explain.recorded import AnyFrame, Recorded
 
 _TOKEN = re.compile(r"[^\s,;:|\-_.]+")
 _PREFIX = re.compile(r"0[xX]|\\x")
 _BUS = re.compile(r"(?i)[vsx]?l?can\d*|[a-z]+\d+")
+_ERROR = re.compile(r"[23][0-9A-Fa-f]{7}#")  # bit 29 above the identifier: an error frame
 _DIGITS = frozenset("0123456789abcdefABCDEF")
 _LINE_ENDS = {r"\r": "\r", r"\n": "\n", "<CR>": "\r", "<LF>": "\n"}
 
@@ -82,6 +85,21 @@ def parse_ascii(text: str) -> bytes:
         if codes.startswith(b":"):
             return codes
     return typed.encode("latin-1", "replace")
+
+
+def parse_any_can(text: str) -> AnyFrame:
+    """The same, and CAN FD frames and error frames where candump writes them.
+
+    >>> str(parse_any_can("(1.5) can0 123##1AABB")), parse_any_can("can0 20000040 [8] 00 00 00 00 00 00 00 00").text
+    ('123##1AABB', 'bus off')
+    """
+    items = list(read_candump(text)) if "\n" not in text.strip() else []
+    if len(items) == 1 and isinstance(items[0], Recorded) and not isinstance(items[0].frame, CanFrame):
+        return items[0].frame
+    stripped = text.strip()
+    if "##" in stripped or _ERROR.match(stripped):
+        return parse_frame(stripped)
+    return parse_can(text)
 
 
 def parse_can(text: str) -> CanFrame:

@@ -19,10 +19,9 @@ I know: function codes, their fields and limits, turns of talk.  I never know: c
 what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
 """
 
-from typing import TYPE_CHECKING
-
 from barewire.door import lazy
 
+TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
     from barewire.modbus.authorise import Authorisation, Permission
@@ -55,6 +54,7 @@ if TYPE_CHECKING:
         DiagnosticsResponse,
         ReadExceptionStatus,
         ReadExceptionStatusResponse,
+        Unanswered,
     )
     from barewire.modbus.echo import EchoLine
     from barewire.modbus.events import (
@@ -119,6 +119,7 @@ __all__ = [
     "WriteSingleCoilResponse",
     "Diagnostics",
     "DiagnosticsResponse",
+    "Unanswered",
     "GetCommEventCounter",
     "GetCommEventCounterResponse",
     "GetCommEventLog",

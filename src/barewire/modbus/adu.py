@@ -10,9 +10,13 @@ The PDU (protocol data unit) is the function code and its data, 1 to 253 bytes, 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from barewire.errors import EncodeError, Reason
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import NamedTuple
+else:
+    from barewire.record import NamedTuple
 
 PDU_LIMIT = 253
 BROADCAST = 0

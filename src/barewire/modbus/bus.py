@@ -38,11 +38,12 @@ from barewire.modbus.adu import BROADCAST, Adu
 from barewire.modbus.diagnostics import RETURN_QUERY_DATA, Diagnostics
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.line import Event, Line
-from barewire.modbus.lost import KEPT, BusCounters, Known, LateReply, Lost, WriteOutcomeUnknown, describe, note
+from barewire.modbus.lost import KEPT, NEVER, BusCounters, Known, LateReply, Lost, WriteOutcomeUnknown, describe, note
 from barewire.modbus.message import Request, Response
 
 R = TypeVar("R", bound=Response)
 Recovery = Literal["probe", "wait"]
+_new = tuple.__new__  # what Send(...) and Listen(...) do, without the function around it
 
 
 class Bus:
@@ -100,16 +101,19 @@ class Bus:
         """Ask `unit` and return its response. `timeout` counts from the moment the request is out, in seconds.
 
         `retries` repeats a read that got no answer; a write only with `repeat_writes`. Raises ModbusException when the
-        unit declines, NoAnswer when it is silent, WriteOutcomeUnknown when a write got no answer.
+        unit declines, NoAnswer when it is silent, WriteOutcomeUnknown when a write got no answer. Where it has to be
+        silent (08/04, Force Listen Only Mode) the response is an `Unanswered`.
         """
         if unit == BROADCAST and not self.line.numbered:
             raise EncodeError("unit 0 on a serial line is a broadcast: nobody answers, use tell", "unit")
-        return self._ask(unit, request, timeout, retries if repeat_writes or not request.writes else 0)
+        if retries and (repeat_writes or not request.writes):
+            return self._ask_again(unit, request, timeout, retries)
+        return self._exchange(unit, request, timeout)
 
-    def _ask(self, unit: int, request: Request[R], timeout: float, retries: int) -> Conversation[bytes, R]:
+    def _ask_again(self, unit: int, request: Request[R], timeout: float, retries: int) -> Conversation[bytes, R]:
         while True:
             try:
-                return (yield from self._once(unit, request, timeout))
+                return (yield from self._exchange(unit, request, timeout))
             except NoAnswer:
                 if not retries or self.line.broken is not None:
                     raise
@@ -138,8 +142,8 @@ class Bus:
         """Bytes that came when nobody was asking."""
         self._pass_over(Heard(data, now))
 
-    def _once(self, unit: int, request: Request[R], timeout: float) -> Conversation[bytes, R]:
-        known = self._units.setdefault(unit, Known())
+    def _clear(self, unit: int, request: Request[Any], timeout: float, known: Known) -> Conversation[bytes, float]:
+        """Until the unit may be asked: the line silent, its pause over, no lost answer under way. Returns the time."""
         now = yield from self.hush(timeout)
         if now < known.dead_until:
             left = known.dead_until - now
@@ -147,27 +151,33 @@ class Bus:
         while now < known.free_at:
             heard = yield Listen(known.free_at)
             now = self._pass_over(heard)
-        now = yield from self._prove_gone(unit, request, timeout, known, now)
-        return (yield from self._exchange(unit, request, timeout, known, now))
+        return (yield from self._prove_gone(unit, request, timeout, known, now))
 
     def _exchange(
-        self, unit: int, request: Request[R], timeout: float, known: Known, now: float
+        self, unit: int, request: Request[R], timeout: float, *, is_probe: bool = False
     ) -> Conversation[bytes, R]:
-        """Send it and wait for its answer. It is `now`: from here on an answer may come, however this ends."""
+        """When the unit may be asked, send it and wait for its answer. Nothing keeps a probe from being sent."""
         line = self.line
+        known = self._units.get(unit)
+        if known is None:
+            known = self._units[unit] = Known()
+        now = known.free_at
+        # An answer with a number answers nothing else: then there is nothing to hear out before asking.
+        if not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
+            now = yield from self._clear(unit, request, timeout, known)
         self.counters.asked += 1
         passed_over: list[str] = []
         try:
-            heard = yield Send(line.request(unit, request.encode()))
+            # From here on an answer may come, however this ends.
+            heard = yield _new(Send, (line.request(unit, request.encode()),))
             now = heard.now
             line.sent(now)
             until = now + timeout
             while now < until:
-                wake = until if line.deadline is None else min(until, line.deadline)
-                heard = yield Listen(wake)
+                wake = line.deadline
+                heard = yield _new(Listen, (until if wake is None or wake > until else wake,))
                 now = heard.now
                 for event in line.feed(heard.item, now):
-                    why = describe(event)
                     if isinstance(event, Adu) and line.answers(event):
                         try:
                             response = request.read_response(event.pdu)
@@ -179,6 +189,8 @@ class Bus:
                         else:
                             self._answered(known, unit, now)
                             return response
+                    else:
+                        why = describe(event)
                     self._stray(event, now)
                     note(passed_over, why)
                 if line.broken is not None:
@@ -189,6 +201,10 @@ class Bus:
                 raise _unknown(f"unit {unit}, {request.name}: {gone}") from gone
             raise
         self._lose(unit, request, now, timeout)
+        if line.broken is None and (silence := request.without_answer(listens_only=known.listens_only)) is not None:
+            self.counters.lost -= 1  # only an exception could still come, late
+            known.listens_only = request.without_answer() is not None
+            return silence
         if line.broken is not None:
             text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing behind it can be trusted"
         else:
@@ -205,7 +221,7 @@ class Bus:
         Raises NoAnswer if somebody else never stops talking.
         """
         line = self.line
-        heard = yield Listen(float("-inf"))
+        heard = yield Listen(NEVER)
         give_up = heard.now + patience
         while True:
             now = self._pass_over(heard)
@@ -237,7 +253,7 @@ class Bus:
             # "I do not know function 08" is an answer too, and it came after everything before. No answer may be a late
             # one, like those before: the window is for both.
             with suppress(ModbusException, NoAnswer):
-                yield from self._exchange(unit, probe, timeout, known, now)
+                yield from self._exchange(unit, probe, timeout, is_probe=True)
         while self._confusable(unit, request):
             until = max(lost.until for lost in self._lost if lost.unit == unit)
             heard = yield Listen(until)
@@ -275,10 +291,13 @@ class Bus:
     def _answered(self, known: Known, unit: int, now: float) -> None:
         """The unit answered: everything it was asked before is settled."""
         self.counters.answered += 1
-        known.silent = 0
-        known.unproven = 0
-        known.dead_until = float("-inf")
-        known.free_at = now + self._gaps.get(unit, self._gap)
+        if known.silent or known.unproven:
+            known.silent = 0
+            known.unproven = 0
+            known.dead_until = NEVER
+        gap = self._gaps.get(unit, self._gap)
+        if gap:
+            known.free_at = now + gap
         if self._lost:
             self._forget(unit)
 

@@ -7,9 +7,12 @@ here was read in manuals of devices that speak it, which differ by one byte, and
     cia309       control 1 | 00 | node 1 | index 2 | sub-index 1 | start 2 | count 2 | data ...       Nanotec
     schneider    control 1      | node 1 | index 2 | sub-index 1 | start 2 | count 2 | data ...       Schneider
 
-Control is 00 to read and 01 to write; its other bits (values in several messages, a counter, a network number) are not
-spoken here. Numbers of the header are big-endian. **The data are bytes of the object dictionary and stay bytes here**:
-a read shows them little-endian, as CANopen has them, while no manual settles it for writing.
+Control is 00 to read and 01 to write. Its other bits are not spoken here, and a message that has one set is refused:
+the manuals that can be read publish three of them (counted from the most significant: 0, the value goes on in further
+messages; 1, control has a second byte; 2, a counter byte follows) and not those that tell whether a network number and
+encoded data follow, without which nobody can tell where the node stands. Numbers of the header are big-endian. **The
+data are bytes of the object dictionary and stay bytes here**: a read shows them little-endian, as CANopen has them,
+while no manual settles it for writing.
 
 A dialect shows itself: where `cia309` has its 00 there stands the node, and no node has the number 0. An SDO abort
 comes back as an exception with a length of its own:  AB | FF | length 2 | 0D | EC | abort code 4.

@@ -23,6 +23,7 @@ from collections import deque
 from typing import Any
 
 from barewire.modbus.diagnostics import (
+    CHANGE_ASCII_DELIMITER,
     CLEAR_COUNTERS,
     CLEAR_OVERRUN,
     DIAGNOSTIC_REGISTER,
@@ -46,7 +47,7 @@ from barewire.modbus.events import (
     GetCommEventLog,
     GetCommEventLogResponse,
 )
-from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
+from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.message import Response
 
 ANSWERED = (Diagnostics, GetCommEventCounter, GetCommEventLog)
@@ -77,8 +78,10 @@ class Counters:
     1
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, has_delimiter: bool = False) -> None:
         self.listens_only = False
+        self.has_delimiter = has_delimiter
+        """Whether the line is one of ASCII: elsewhere there is no delimiter that 08/03 could change."""
         self.diagnostic_register = 0
         self.is_busy = False
         self.events: deque[int] = deque(maxlen=EVENT_LIMIT)
@@ -149,8 +152,9 @@ class Counters:
     def answer(self, request: Any) -> Response | None:
         """The response to 08, 0B or 0C; None where the standard wants silence.
 
-        ModbusException 01 for other requests, for reserved sub-functions, and for Change ASCII Input Delimiter (08/03):
-        our ASCII lines end with LF.
+        ModbusException 01 for other requests, for reserved sub-functions, and for Change ASCII Input Delimiter (08/03)
+        on a line that is not ASCII; 03 for a delimiter that would begin a message, or has more than seven bits. The
+        line itself sees it pass and obeys (`ascii.delimiter`).
         """
         match request:
             case GetCommEventCounter():
@@ -172,7 +176,9 @@ class Counters:
             return None
         if sub_function == RESTART_COMMUNICATIONS:
             return self._restart(data)
-        if sub_function in _COUNTS:
+        if sub_function == CHANGE_ASCII_DELIMITER:
+            self._check_delimiter(data[0])
+        elif sub_function in _COUNTS:
             data = int(getattr(self, _COUNTS[sub_function])).to_bytes(2, "big")
         elif sub_function == DIAGNOSTIC_REGISTER:
             data = self.diagnostic_register.to_bytes(2, "big")
@@ -184,6 +190,12 @@ class Counters:
         elif sub_function != RETURN_QUERY_DATA:
             raise ModbusException(ILLEGAL_FUNCTION)
         return DiagnosticsResponse(sub_function, data)
+
+    def _check_delimiter(self, character: int) -> None:
+        if not self.has_delimiter:
+            raise ModbusException(ILLEGAL_FUNCTION)
+        if character == ord(":") or character > 0x7F:
+            raise ModbusException(ILLEGAL_DATA_VALUE)
 
     def _restart(self, data: bytes) -> Response | None:
         """Counters to zero, the log too if it is told so; answered only by a unit that was not silenced."""

@@ -169,6 +169,25 @@ class DiagnosticsResponse(Response):
 
 
 @dataclass(frozen=True, slots=True)
+class Unanswered(DiagnosticsResponse):
+    """What `ask` returns for Force Listen Only Mode, and for the restart of a unit that listens only, when the unit was
+    silent: nothing was said, and nothing was to be. Whether it is there at all is not known. [MB-APP 6.8.1]
+
+    >>> Diagnostics(FORCE_LISTEN_ONLY).without_answer()
+    Unanswered(sub_function=4, data=b'')
+    """
+
+    data: bytes = b""
+
+    def __post_init__(self) -> None:
+        """Nothing to check."""
+
+    def encode(self) -> bytes:
+        """It is never sent."""
+        raise EncodeError("nothing is sent where nothing is to be said", "data")
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnostics(Request[DiagnosticsResponse]):
     """Ask a server about itself, or to do something about it.                             [MB-APP 6.8]
 
@@ -209,6 +228,12 @@ class Diagnostics(Request[DiagnosticsResponse]):
     def fields(cls, pdu: bytes) -> list[Field]:
         """The sub-function with its name."""
         return _diagnostics_fields(cls.layout.fields(pdu))
+
+    def without_answer(self, *, listens_only: bool = False) -> DiagnosticsResponse | None:
+        """Force Listen Only Mode is not answered; nor is a restart by a unit that listens only."""
+        if self.sub_function == FORCE_LISTEN_ONLY or (listens_only and self.sub_function == RESTART_COMMUNICATIONS):
+            return Unanswered(self.sub_function)
+        return None
 
     def fit(self, response: Any, pdu: bytes) -> Any:
         """The same sub-function; and the same data, where the response is an echo."""

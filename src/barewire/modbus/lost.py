@@ -19,6 +19,10 @@ KEPT = 16
 """Late replies kept to be looked at, and lost questions remembered: a line in trouble must not fill the memory."""
 
 
+NEVER = float("-inf")
+"""A time that was always over."""
+
+
 class WriteOutcomeUnknown(NoAnswer):
     """A write was sent and nobody answered: it may have been carried out, or not. Read back before writing again."""
 
@@ -56,10 +60,11 @@ class Lost(NamedTuple):
 class Known:
     """What is known of one unit."""
 
-    free_at: float = float("-inf")  # not to be spoken to before: its gap
+    free_at: float = NEVER  # not to be spoken to before: its gap
     silent: int = 0  # questions in a row without an answer
-    dead_until: float = float("-inf")
+    dead_until: float = NEVER
     unproven: int = 0  # probes in a row without an answer
+    listens_only: bool = False  # it was told to, and was silent
 
 
 @dataclass(slots=True)

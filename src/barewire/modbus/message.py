@@ -35,7 +35,7 @@ class Message:
 
     def encode(self) -> bytes:
         """The PDU. Everything that could be wrong with it was checked when the message was made."""
-        return self.layout.pack(*[getattr(self, name) for name in self.layout.names])
+        return self.layout.pack_of(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
@@ -94,6 +94,13 @@ class Request(Message, Generic[R]):
             raise ModbusException(ExceptionResponse.decode(pdu).exception_code, self.function_code)
         # The one cast of the room: `response` is a class attribute, and those cannot be generic.
         return cast(R, self.fit(self.response.decode(pdu), pdu))
+
+    def without_answer(self, *, listens_only: bool = False) -> R | None:
+        """What stands for the response where the standard has the unit be silent; None where it has to answer.
+
+        `listens_only`: the unit was told to.
+        """
+        return None
 
     def fit(self, response: Any, pdu: bytes) -> Any:
         """The response, if it answers this request: DecodeError("mismatch") otherwise. Here: an echo must be one."""

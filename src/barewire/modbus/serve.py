@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 from barewire.errors import DecodeError
@@ -95,7 +96,7 @@ class Server:
 
     On TCP a unit that is not in `units` is answered by `units[255]` or `units[0]` if there is such a one, and by
     exception 0B otherwise; on a serial line it is somebody else, so there is silence. `permits(unit, request)` says
-    whether a request may be carried out: exception 01 if not.
+    whether a request may be carried out: exception 01 if not. `counters` are shared by connections to the same units.
     """
 
     def __init__(
@@ -106,12 +107,13 @@ class Server:
         serial: bool,
         transactions: int = TRANSACTIONS,
         permits: Callable[[int, AnyRequest], bool] | None = None,
+        counters: defaultdict[int, Counters] | None = None,
     ) -> None:
         self.line = line
         self.units = units
         self.serial = serial
         self.tally = Tally()
-        self.counters: defaultdict[int, Counters] = defaultdict(Counters)
+        self.counters: defaultdict[int, Counters] = counters_for(line) if counters is None else counters
         """By unit, on serial lines."""
         self._transactions = transactions
         self._permits = permits
@@ -270,6 +272,11 @@ class Server:
         data = answer.encode()
         self.tally.exceptions += 1
         return data
+
+
+def counters_for(line: Line) -> defaultdict[int, Counters]:
+    """What the units behind such a line remember of it, by unit. Several connections to one line share it."""
+    return defaultdict(partial(Counters, has_delimiter=getattr(line, "has_delimiter", False)))
 
 
 def read(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:

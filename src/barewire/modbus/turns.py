@@ -27,6 +27,7 @@ class Turns:
     >>> turns = Turns()
     >>> first, second, other = turns.join(1), turns.join(1), turns.join(2)
     >>> turns.leave(first)
+    True
     >>> turns.has(second), turns.has(other)
     (False, True)
     """
@@ -50,31 +51,37 @@ class Turns:
     def join(self, unit: int | None) -> Ticket:
         """Stand in the queue. Whoever joins leaves, whether it got its turn or gave up before."""
         ticket = Ticket(unit)
-        self._waiting.setdefault(unit, deque()).append(ticket)
-        self._admit()
+        if self._free and not self._waiting:
+            self._enter(ticket)  # nobody is kept waiting by that
+        else:
+            self._waiting.setdefault(unit, deque()).append(ticket)
         return ticket
 
-    def leave(self, ticket: Ticket) -> None:
-        """The turn is over, or no longer wanted."""
+    def leave(self, ticket: Ticket) -> bool:
+        """The turn is over, or no longer wanted. Whether it is somebody else's turn now."""
         if ticket in self._holders:
             self._holders.remove(ticket)
             self._free += 1
-            self._admit()
-            return
+            return bool(self._waiting) and self._admit()
         queue = self._waiting.get(ticket.unit)
         if queue is not None and ticket in queue:
             queue.remove(ticket)
             if not queue:
                 del self._waiting[ticket.unit]
+        return False
 
-    def _admit(self) -> None:
+    def _admit(self) -> bool:
         while self._free and self._waiting:
             # The one whose last turn is longest ago; of those that had none, the first that came.
             unit = min(self._waiting, key=lambda unit: self._served.get(unit, 0))
             queue = self._waiting[unit]
-            self._holders.add(queue.popleft())
+            self._enter(queue.popleft())
             if not queue:
                 del self._waiting[unit]
-            self._free -= 1
-            self._count += 1
-            self._served[unit] = self._count
+        return True
+
+    def _enter(self, ticket: Ticket) -> None:
+        self._holders.add(ticket)
+        self._free -= 1
+        self._count += 1
+        self._served[ticket.unit] = self._count

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from barewire.errors import DecodeError
-from barewire.modbus.adu import Adu, check_pdu, check_unit
+from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
 from barewire.rtu.crc import crc16
 
 SHORTEST, LONGEST = 4, 256
@@ -21,8 +21,9 @@ def encode(unit: int, pdu: bytes) -> bytes:
 
     Raises EncodeError for a unit outside 0..255 and a PDU outside 1..253 bytes.
     """
-    check_unit(unit)
-    check_pdu(pdu)
+    if not (0 <= unit <= 255 and 1 <= len(pdu) <= PDU_LIMIT):
+        check_unit(unit)
+        check_pdu(pdu)
     body = bytes((unit,)) + pdu
     return body + crc16(body).to_bytes(2, "little")
 

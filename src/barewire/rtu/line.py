@@ -2,7 +2,7 @@
 
 Three witnesses, in this order:
 
-    the count     the first bytes of a message tell its length (`modbus.functions.measure_...`): it ends a frame early
+    the count     the first bytes of a message tell its length (`rtu.shape`): it ends a frame early
     the CRC       confirms it: nothing is a frame without
     the silence   ends whatever is left, resynchronises, and is the only end of functions that nobody can count
 
@@ -20,16 +20,15 @@ frame with a good CRC lies, and reports what it passed over as one Noise.
 from __future__ import annotations
 
 from collections.abc import Container
-from typing import Literal
+from heapq import heappop, heappush
 
 from barewire.errors import DecodeError, EncodeError, Reason
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.functions import measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST, decode, encode
+from barewire.rtu.shape import Role, Shape
 from barewire.rtu.timing import Timing
 
-Role = Literal["client", "server", "listener"]
 PATIENCE = 0.030
 """Seconds: above the 16 ms in which common USB adapters hand over bytes, far below any time-out."""
 
@@ -38,6 +37,9 @@ _ROUNDING = 1e-7
 
 _ENVELOPE = 3
 """What the frame has more than the PDU: unit and CRC."""
+
+SILENCE, NEVER = 1 << 62, 1 << 63
+"""When to look at a place again where no number of bytes tells: silence may end a frame; no frame begins there."""
 
 
 class RtuLine:
@@ -72,11 +74,15 @@ class RtuLine:
         self.strict = patience is None
         self.gap = timing.t35 if patience is None else max(timing.t35, patience)
         """The silence, in seconds, that ends whatever is held."""
-        self._units = units
+        self._shape = Shape(role, units)
         self._held = bytearray()
         self._last = float("-inf")  # when the last byte was over, ours or theirs
         self._spoiled: tuple[Reason, str] | None = None  # strict only: why what is held is no frame, whatever its CRC
-        self._hunted = 0  # so many of the held bytes are known not to end a frame
+        self._gone = 0  # so many bytes were held and taken off
+        self._again = 0  # the number of bytes at which the first one is worth another look
+        self._places: list[tuple[int, int]] = []  # a heap: with so many bytes look at that one again
+        self._fresh = 0  # nobody has looked at this byte, nor behind it
+        self._hunted = 0  # no frame that begins behind the first byte ends up to here
         self._unit = 0
 
     # Speaking
@@ -143,11 +149,10 @@ class RtuLine:
         """Take off every frame that the count and the CRC prove already."""
         events: list[Adu | Noise] = []
         while self._held:
-            ends, hopeful = self._ends(0)
-            end = self._proven(0, ends)
+            end = self._first()
             if end is not None:
                 events.append(self._take(end))
-            elif hopeful and len(self._held) < LONGEST:
+            elif self._again != NEVER and len(self._held) < LONGEST:
                 break
             elif (found := self._hunt()) is not None:
                 events += found
@@ -164,12 +169,11 @@ class RtuLine:
         if self._spoiled is not None:
             events.append(self._drop(len(self._held), *self._spoiled))
         self._spoiled = None
-        self._hunted = 0
         while self._held:
-            end = None if self.strict else self._proven(0, self._ends(0)[0])
-            if end is None:
+            end = None if self.strict else self._first()
+            if end is None and self._shape.is_whole(bytes(self._held)):
                 # Only silence can end a function that nobody can count.
-                end = self._proven(0, [len(self._held)])
+                end = len(self._held)
             if end is not None:
                 events.append(self._take(end))
             elif not self.strict and (found := self._hunt()) is not None:
@@ -186,50 +190,83 @@ class RtuLine:
             if error.reason == "short":
                 return "short", f"{len(self._held)} bytes, then silence"
             return error.reason, error.text
-        return "checksum", "a good CRC, but not the shape of any message"  # pragma: no cover - taken before
+        return "short", f"{len(self._held)} bytes, then silence: the last byte is missing, a 00 of the CRC"
 
-    def _ends(self, at: int) -> tuple[list[int], bool]:
-        """Where a frame that begins at `at` could end, of what is here; and whether it could still come to an end."""
-        unit, pdu = self._held[at], bytes(self._held[at + 1 : at + LONGEST])
+    # Where a frame may begin and end. Places are counted from the first byte that the line ever held, so that nothing
+    # has to be counted anew when bytes are taken off: held[at] is byte number _gone + at.
+
+    def _first(self) -> int | None:
+        """The end of the frame that begins with the first byte. Looked for only when it may have come."""
+        if self._gone + len(self._held) < self._again:
+            return None
+        end, self._again = self._look(0)
+        return end
+
+    def _look(self, at: int) -> tuple[int | None, int]:
+        """The end of the frame that begins at `at`, of what is here; and the number of bytes at which to look again."""
+        here, pdu = len(self._held), bytes(self._held[at + 1 : at + LONGEST])
         if not pdu:
-            return [], True
-        if self.role == "client":
-            measures = [measure_response(pdu)]
-        elif unit in self._units:
-            measures = [measure_request(pdu)]
-        else:
-            measures = [measure_request(pdu), measure_response(pdu)]
-        if measures == [None] * len(measures):
-            return [], True  # nobody can count it: silence will tell
-        ends = [at + _ENVELOPE + size for size in measures if size is not None and size + _ENVELOPE <= LONGEST]
-        here = [end for end in ends if end <= len(self._held)]
-        return here, len(here) < len(ends)
-
-    def _proven(self, at: int, ends: list[int]) -> int | None:
-        """The first of these ends at which the CRC is good."""
-        for end in ends:
-            if self._hunted < end and SHORTEST <= end - at <= LONGEST and crc16(self._held[at:end]) == 0:
-                return end
-        return None
+            return None, self._gone + at + 2
+        again, counted = NEVER, False
+        for size in self._shape.measured(self._held[at], pdu):
+            if size is None:
+                continue
+            counted = True
+            end = at + size + _ENVELOPE
+            if end - at > LONGEST:
+                continue
+            if end > here:
+                # Either the count is known and the end has not come, or more is needed to know the count.
+                again = min(again, self._gone + (end if size <= len(pdu) else at + 1 + size))
+            elif self._gone + end > self._hunted and end - at >= SHORTEST and crc16(self._held[at:end]) == 0:
+                return end, again
+        return None, again if counted else SILENCE
 
     def _hunt(self) -> list[Adu | Noise] | None:
-        """The first whole frame at any later place, and what lies before it as Noise; None if there is none yet."""
-        for at in range(1, len(self._held) - SHORTEST + 1):
-            end = self._proven(at, self._ends(at)[0])
-            if end is not None:
-                noise = self._drop(at, "checksum", f"{at} bytes that are no frame before a good one")
-                return [noise, self._take(end - at)]
-        self._hunted = len(self._held)
+        """The first whole frame at any later place, and what lies before it as Noise; None if there is none yet.
+
+        Each place is looked at when enough has come to tell more about it, not with every byte.
+        """
+        here, due = self._gone + len(self._held), []
+        while self._places and self._places[0][0] <= here:
+            due.append(heappop(self._places)[1])
+        due.sort()
+        for index, number in enumerate(due):
+            if number > self._gone and (end := self._at(number)) is not None:
+                for other in due[index + 1 :]:
+                    heappush(self._places, (0, other))
+                return self._found(number, end)
+        for number in range(max(self._fresh, self._gone + 1), here - SHORTEST + 1):
+            self._fresh = number + 1
+            if (end := self._at(number)) is not None:
+                return self._found(number, end)
+        self._hunted = here
         return None
+
+    def _at(self, number: int) -> int | None:
+        """The end of the frame that begins with this byte; if it has not come, when to look again is noted."""
+        end, again = self._look(number - self._gone)
+        if end is None and again < SILENCE:
+            heappush(self._places, (again, number))
+        return end
+
+    def _found(self, number: int, end: int) -> list[Adu | Noise]:
+        at = number - self._gone
+        noise = self._drop(at, "checksum", f"{at} bytes that are no frame before a good one")
+        return [noise, self._take(end - at)]
 
     def _take(self, end: int) -> Adu:
         adu = Adu(self._held[0], bytes(self._held[1 : end - 2]))
-        del self._held[:end]
+        self._remove(end)
         self._hunted = 0
         return adu
 
     def _drop(self, count: int, reason: Reason, text: str) -> Noise:
         noise = Noise(bytes(self._held[:count]), reason, text)
-        del self._held[:count]
-        self._hunted = max(0, self._hunted - count)
+        self._remove(count)
         return noise
+
+    def _remove(self, count: int) -> None:
+        del self._held[:count]
+        self._gone += count
+        self._again = 0  # there is another first byte

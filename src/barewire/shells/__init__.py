@@ -3,7 +3,11 @@
     blocking       the engine that waits                 aio            the same engine with await
     modbus_client  the blocking client, by URL           aio_client     the asyncio client, the same words
     verbs          read_holding_registers and the like, for both
-    client         CANopen, and any client by URL        drive          a drive behind a client
+    client         CANopen, and any client by URL        aio_canopen    the same words for asyncio
+    can_verbs, can_verbs_more    upload, tell_nmt, fastscan and the like, for both; can_words  how that is done
+    can_fan        one reader of a bus for all, can_tap what each hears of it, aio_can the same for tasks
+    can_stream     what is heard, as events              can_run, aio_run    machines that speak by themselves
+    drive          a drive behind a client
     host           servers, devices, simulators by URL   aio_server, aio_port_servers   asyncio servers, limits
     endpoint       URLs taken apart                      carriers       what carries Modbus: line and port for a URL
     back_off       when to connect again                 taps           watching what passes
@@ -24,10 +28,13 @@ from typing import TYPE_CHECKING
 from barewire.door import lazy
 
 if TYPE_CHECKING:
+    from barewire.shells.aio_canopen import AsyncCanopenClient, open_canopen_async
     from barewire.shells.aio_client import AsyncModbusClient, open_async, open_tcp
     from barewire.shells.aio_server import serve, serve_tcp
     from barewire.shells.blocking import Port, run
-    from barewire.shells.client import CanopenClient, connect, open_canopen
+    from barewire.shells.can_fan import CanBus
+    from barewire.shells.can_tap import Lost
+    from barewire.shells.client import CanopenClient, connect, open_bus, open_canopen
     from barewire.shells.endpoint import Endpoint
     from barewire.shells.host import Host, open_host
     from barewire.shells.modbus_client import ModbusClient, open_modbus
@@ -41,7 +48,12 @@ __all__ = [
     "connect",
     "open_modbus",
     "open_canopen",
+    "open_bus",
+    "CanBus",
+    "Lost",
     "AsyncModbusClient",
+    "AsyncCanopenClient",
+    "open_canopen_async",
     "open_async",
     "open_tcp",
     "serve",
@@ -51,6 +63,17 @@ __all__ = [
 ]
 
 # Loaded when asked for, the light ones first: a blocking client needs no asyncio.
-_FILES = ("endpoint", "blocking", "modbus_client", "client", "aio_client", "aio_server", "host")
+_FILES = (
+    "endpoint",
+    "blocking",
+    "modbus_client",
+    "can_tap",
+    "can_fan",
+    "client",
+    "aio_client",
+    "aio_canopen",
+    "aio_server",
+    "host",
+)
 
 __getattr__ = lazy(__name__, __all__, _FILES)

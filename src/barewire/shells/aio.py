@@ -9,13 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Protocol, TypeVar, cast
 
 from barewire.conversation import Conversation, Heard, Send
 from barewire.errors import BarewireError, PortError
 from barewire.shells.blocking import farewell
-from barewire.shells.tcp_socket import attend, reason
+from barewire.shells.tcp_socket import CHUNK, attend, reason
 from barewire.shells.tls import tls_reason
 
 Item = TypeVar("Item")
@@ -27,7 +27,7 @@ class AsyncPort(Protocol[Item]):
 
     def write(self, item: Item) -> None: ...
 
-    async def sent(self) -> float | None:
+    def sent(self) -> Awaitable[float | None] | None:
         """Wait until what was written is out. None if it is at once."""
 
     async def receive(self, timeout: float) -> Item | None: ...
@@ -39,14 +39,16 @@ async def run(conversation: Conversation[Item, Result], port: AsyncPort[Item]) -
     try:
         step = next(conversation)
         while True:
+            item: Item | None = None
             if isinstance(step, Send):
                 port.write(step.item)
-                await port.sent()
-                heard: Heard[Item] = Heard(None, clock())
+                leaving = port.sent()
+                if leaving is not None:
+                    await leaving
             else:
-                item = await port.receive(max(0.0, step.until - clock()))
-                heard = Heard(item, clock())
-            step = conversation.send(heard)
+                wait = step.until - clock()
+                item = await port.receive(wait if wait > 0.0 else 0.0)
+            step = conversation.send(_heard(Heard, (item, clock())))
     except StopIteration as stop:
         result: Result = stop.value
         return result
@@ -57,6 +59,7 @@ async def run(conversation: Conversation[Item, Result], port: AsyncPort[Item]) -
         raise
 
 
+_heard = tuple.__new__  # what Heard(...) does, without the function around it
 MAILBOX = 0x10000
 """Bytes that may lie in a mailbox: 250 of the longest frames."""
 
@@ -72,6 +75,9 @@ class Mailbox:
         self._chunks: deque[bytes] = deque()
         self._waiting = 0
         self._waiter: asyncio.Future[None] | None = None
+        self._until = 0.0  # when the waiter gives up
+        self._timer: asyncio.TimerHandle | None = None
+        self._loop = asyncio.get_running_loop()
 
     def put(self, data: bytes) -> None:
         """Bytes came. Whoever sends more than anybody takes is hung up on: the memory is not theirs."""
@@ -89,10 +95,33 @@ class Mailbox:
         """The connection is gone: whoever waits is told, after what came before."""
         self.lost = self.lost or why
         self._wake()
+        self._disarm()
 
     def _wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
+
+    def _arm(self, until: float) -> None:
+        """Somebody waits, until then at most. A timer that rings too early is set anew when it rings: it need not be
+        taken down and put up again for each of a thousand questions that are answered in time."""
+        self._until = until
+        if self._timer is None or self._timer.when() > until:
+            self._disarm()
+            self._timer = self._loop.call_at(until, self._ring)
+
+    def _disarm(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _ring(self) -> None:
+        self._timer = None
+        if self._waiter is None:
+            return
+        if self._loop.time() >= self._until:
+            self._wake()
+        else:
+            self._arm(self._until)
 
     def write(self, item: bytes) -> None:
         """Hand the bytes over; PortError if the connection is gone."""
@@ -100,7 +129,7 @@ class Mailbox:
             raise PortError(f"{self.name}: {self.lost}")
         self._write(item)
 
-    async def sent(self) -> float | None:
+    def sent(self) -> Awaitable[float | None] | None:
         """The system has them."""
         return None
 
@@ -117,13 +146,11 @@ class Mailbox:
     async def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds, or None; PortError if the connection is gone."""
         if not self._chunks and self.lost is None and timeout > 0:
-            loop = asyncio.get_running_loop()
-            self._waiter = loop.create_future()
-            timer = loop.call_later(timeout, self._wake)
+            self._waiter = self._loop.create_future()
+            self._arm(self._loop.time() + timeout)
             try:
                 await self._waiter
             finally:
-                timer.cancel()
                 self._waiter = None
         return self.take()
 
@@ -136,13 +163,18 @@ class AsyncLink(Protocol):
     def close(self) -> None: ...
 
 
-class Connected(asyncio.Protocol):
-    """A TCP or TLS connection. `receive` is given what comes, `lose` why nothing comes any more."""
+class Connected(asyncio.BufferedProtocol):
+    """A TCP or TLS connection. `receive` is given what comes, `lose` why nothing comes any more.
+
+    It reads into a buffer of its own: asyncio would make one of 256 KiB for each answer of thirty bytes.
+    """
 
     def __init__(self, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
         self._receive = receive
         self._lose = lose
         self._transport: asyncio.Transport | None = None
+        self._together: list[bytes] = []
+        self._buffer = bytearray(CHUNK)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """asyncio: the connection stands."""
@@ -152,9 +184,13 @@ class Connected(asyncio.Protocol):
         if raw is not None:
             attend(raw)
 
-    def data_received(self, data: bytes) -> None:
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """asyncio: where to put what comes."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
         """asyncio: bytes came."""
-        self._receive(data)
+        self._receive(bytes(self._buffer[:nbytes]))
 
     def connection_lost(self, exc: Exception | None) -> None:
         """asyncio: the connection is gone."""
@@ -164,6 +200,17 @@ class Connected(asyncio.Protocol):
         """Hand the bytes over."""
         if self._transport is not None:
             self._transport.write(item)
+
+    def write_together(self, item: bytes) -> None:
+        """Hand the bytes over with all else that is written in this round of the loop: sixteen questions are one send,
+        and arrive as one read."""
+        if not self._together:
+            asyncio.get_running_loop().call_soon(self._flush)
+        self._together.append(item)
+
+    def _flush(self) -> None:
+        self.write(b"".join(self._together))
+        self._together.clear()
 
     def close(self) -> None:
         """Hang up, at once: nobody waits for what is still to be sent."""

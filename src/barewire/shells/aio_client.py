@@ -14,29 +14,30 @@ waits for any more, or is taken care of by the bus.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import copy
 import random
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.access import read_modbus, write_modbus
-from barewire.devices.device import Device
-from barewire.devices.parameter import Reading
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.modbus import Bus, Request, Response, Turns
-from barewire.modbus.turns import Ticket
+from barewire.modbus.bus import Bus
+from barewire.modbus.message import Request, Response
+from barewire.modbus.turns import Ticket, Turns
 from barewire.shells.aio import AsyncLink, Mailbox, run
 from barewire.shells.aio_dial import dial
 from barewire.shells.back_off import BackOff
 from barewire.shells.carriers import bus_options, modbus_endpoint, modbus_line, unit_of
-from barewire.shells.endpoint import Endpoint
+from barewire.shells.endpoint import Endpoint, Turn
 from barewire.shells.verbs import Verbs
 from barewire.tcp import FanOut
+
+if TYPE_CHECKING:
+    from barewire.codecs import Value
+    from barewire.devices.device import Device
+    from barewire.devices.parameter import Reading
 
 R = TypeVar("R", bound=Response)
 T = TypeVar("T")
@@ -69,9 +70,8 @@ class AsyncConnection:
         self._opening = asyncio.Lock()
         self._closed = False
 
-    @contextlib.asynccontextmanager
-    async def turn(self, unit: int | None) -> AsyncIterator[Lane]:
-        """A lane, alone, when it is this unit's turn."""
+    async def run(self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float) -> T:
+        """Carry a conversation out when it is this unit's turn, on a lane that is free."""
         ticket = self._turns.join(unit)
         try:
             if not self._turns.has(ticket):
@@ -79,25 +79,40 @@ class AsyncConnection:
                 await waiter
             lane = self._free.pop()
             try:
-                yield lane
+                box = self._standing(lane) or await self.open(lane, patience)
+                try:
+                    return await run(make(lane.bus), box)
+                except BaseException as error:
+                    failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
+                    if lane.box is box and (failed or lane.bus.line.broken):
+                        self.drop(str(lane.bus.line.broken or box.lost or error))
+                    raise
             finally:
                 self._free.append(lane)
         finally:
-            self._waiters.pop(ticket, None)
-            self._turns.leave(ticket)
-            for holder in self._turns.holders & self._waiters.keys():
-                if not self._waiters[holder].done():
-                    self._waiters[holder].set_result(None)
+            if self._waiters:
+                self._waiters.pop(ticket, None)
+            if self._turns.leave(ticket):
+                for holder in self._turns.holders & self._waiters.keys():
+                    if not self._waiters[holder].done():
+                        self._waiters[holder].set_result(None)
+
+    def _standing(self, lane: Lane) -> Mailbox | None:
+        """The lane's mailbox, if its connection stands. What came when nobody asked is heard first."""
+        box = lane.box
+        if box is None or box.lost is not None:
+            return None
+        while (data := box.take()) is not None:
+            lane.bus.overhear(data, asyncio.get_running_loop().time())
+        return box if lane.bus.line.broken is None else None
 
     async def open(self, lane: Lane, patience: float) -> Mailbox:
         """The lane's mailbox on a connection that stands, made anew if it has to be."""
         async with self._opening:
             now = asyncio.get_running_loop().time()
-            if lane.box is not None and lane.box.lost is None:
-                while (data := lane.box.take()) is not None:
-                    lane.bus.overhear(data, now)
-                if lane.bus.line.broken is None:
-                    return lane.box
+            box = self._standing(lane)
+            if box is not None:
+                return box
             self.drop("the connection was given up")
             if self._closed:
                 raise PortError("the client was closed")
@@ -196,18 +211,9 @@ class AsyncModbusClient(Verbs):
 
     async def talk(self, make: Callable[[Bus], Conversation[bytes, T]], *, unit: int | None = None) -> T:
         """Carry out the conversation that `make` returns for the bus it is given. `unit` is in whose queue it waits."""
-        link = self.connection
-        async with link.turn(unit) as lane:
-            box = await link.open(lane, self.timeout)
-            try:
-                return await run(make(lane.bus), box)
-            except BaseException as error:
-                failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
-                if lane.box is box and (failed or lane.bus.line.broken):
-                    link.drop(str(lane.bus.line.broken or box.lost or error))
-                raise
+        return await self.connection.run(make, unit, self.timeout)
 
-    async def ask(
+    def ask(
         self,
         request: Request[R],
         *,
@@ -215,21 +221,25 @@ class AsyncModbusClient(Verbs):
         timeout: float | None = None,
         retries: int = 0,
         repeat_writes: bool = False,
-    ) -> R:
+    ) -> Coroutine[Any, Any, R]:
         """Ask and return the response. Raises ModbusException, NoAnswer, PortError; for a write WriteOutcomeUnknown.
 
         `retries` repeats a read that got no answer, on a new connection if the old one failed.
         """
         at = self._unit(unit)
         limit = self.timeout if timeout is None else timeout
-        left = retries if repeat_writes or not request.writes else 0
 
-        def asking(left: int, bus: Bus) -> Conversation[bytes, R]:
+        def asking(bus: Bus, left: int = 0) -> Conversation[bytes, R]:
             return bus.ask(at, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
 
+        if retries and (repeat_writes or not request.writes):
+            return self._ask_again(asking, at, retries)
+        return self.connection.run(asking, at, self.timeout)
+
+    async def _ask_again(self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int) -> R:
         while True:
             try:
-                return await self.talk(partial(asking, left), unit=at)
+                return await self.connection.run(partial(asking, left=left), unit, self.timeout)
             except (PortError, NoAnswer):
                 if self.connection.lanes[0].box is not None or not left:
                     raise
@@ -245,6 +255,8 @@ class AsyncModbusClient(Verbs):
 
     async def read(self, device: Device, *names: str, unit: int | None = None) -> list[Reading]:
         """Named values, with as few requests as the device allows, in the order asked."""
+        from barewire.devices.access import read_modbus  # who reads registers only need not load the devices
+
         at = self._unit(unit, device)
         return await self.talk(lambda bus: read_modbus(bus, at, device, names, timeout=self.timeout), unit=at)
 
@@ -252,6 +264,8 @@ class AsyncModbusClient(Verbs):
         self, device: Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
     ) -> None:
         """Write named values, in the order given. Ranges and access are checked before anything is sent."""
+        from barewire.devices.access import write_modbus
+
         at = self._unit(unit, device)
         await self.talk(lambda bus: write_modbus(bus, at, device, values, timeout=self.timeout, force=force), unit=at)
 
@@ -269,10 +283,11 @@ async def open_async(
     in_flight: int = 1,
     lazy: bool = False,
     chance: Callable[[], float] = random.random,
+    turn: Turn | None = None,
     **options: Any,
 ) -> AsyncModbusClient:
     """The client for a URL, as `open_modbus`. `in_flight` is how many questions may be under way, 1 to 16."""
-    endpoint = modbus_endpoint(url)
+    endpoint = modbus_endpoint(url).turned_by(turn)
     unit, timeout = unit_of(endpoint), endpoint.seconds("timeout", 1.0)
     connection = AsyncConnection(endpoint, in_flight, BackOff(chance), bus_options(endpoint) | options)
     if not lazy:

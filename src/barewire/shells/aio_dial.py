@@ -45,7 +45,8 @@ async def dial(endpoint: Endpoint, boxes: int, receive: Callable[[bytes], None])
         raise PortError(f"{name}: no connection within {CONNECT:g} s") from None
     except OSError as error:
         raise PortError(f"{name}: {tls_reason(error)}") from None
-    mailboxes += [Mailbox(name, link.write) for _ in range(boxes)]
+    write = link.write_together if boxes > 1 and isinstance(link, Connected) else link.write
+    mailboxes += [Mailbox(name, write) for _ in range(boxes)]
     return link, mailboxes
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any, Self, cast
 
 from barewire.errors import PortError
@@ -14,12 +15,16 @@ from barewire.shells.carriers import modbus_line
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.tcp_socket import reason
 
+Spoil = Callable[[bytes, Callable[[bytes], None]], None]
+"""Given an answer and what says it: says it, something else, later, or nothing (`faulty`)."""
+
 
 class DatagramServer(asyncio.DatagramProtocol):
     """A server on a UDP port: each datagram is a frame, and its answer goes where it came from."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
         self.endpoint = endpoint
+        self.spoil: Spoil | None = None
         self._server = Server(modbus_line(endpoint, "server"), units, serial=False)
         self._transport: asyncio.DatagramTransport | None = None
         self._full = False
@@ -56,11 +61,17 @@ class DatagramServer(asyncio.DatagramProtocol):
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        assert self._transport is not None
         for reply in self._server.feed(data, asyncio.get_running_loop().time()):
-            if not self._full:  # a datagram may be lost: memory is worse
-                with suppress(OSError):
-                    self._transport.sendto(reply.data, addr)
+            if self.spoil is None:
+                self._say(reply.data, addr)
+            else:
+                self.spoil(reply.data, partial(self._say, addr=addr))
+
+    def _say(self, data: bytes, addr: Any) -> None:
+        assert self._transport is not None
+        if not self._full and not self._transport.is_closing():  # a datagram may be lost: memory is worse
+            with suppress(OSError):
+                self._transport.sendto(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         """Somebody who asked is gone: nothing to be done about it."""

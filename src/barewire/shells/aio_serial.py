@@ -1,7 +1,7 @@
 """A serial port under asyncio: the loop watches the descriptor, so this is for POSIX.
 
-Sending takes time on a serial line: `sent` is done when the last bit has left, as far as the system knows; then RTS is
-turned back, if it is RTS that turns the line.
+Sending takes time on a serial line: `sent` is done when the last bit has left, as far as the system knows; then the
+line is turned back, if it is RTS or a function of the user's that turns it.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ class SerialLink:
         """Hand the bytes over, in order, as fast as the system takes them."""
         if self._fd < 0:
             raise PortError(f"{self.name}: the port was closed")
-        self._out.clear()
         try:
             self._port.turn(sending=True)
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
+        self._out.clear()
         self._unsent += item
         self._push()
         self._loop.call_later(self._port.takes(len(item)), self._look)
@@ -82,7 +82,12 @@ class SerialLink:
                 if self._unsent or self._port.waiting():
                     self._loop.call_later(_LOOK, self._look)
                     return
+            try:
                 self._port.turn(sending=False)
+            except OSError as error:
+                self._fail(reason(error))
+            except PortError as error:
+                self._fail(str(error))
         self._out.set()
 
     async def sent(self) -> None:

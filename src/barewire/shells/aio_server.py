@@ -15,16 +15,16 @@ import socket
 import ssl
 from collections import OrderedDict, deque
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Self
 
 from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.modbus import Authorisation, Request, Server, Unit
-from barewire.shells.aio_port_servers import DatagramServer, SerialServer
+from barewire.modbus.serve import counters_for
+from barewire.shells.aio_port_servers import DatagramServer, SerialServer, Spoil
 from barewire.shells.carriers import modbus_endpoint, modbus_line
-from barewire.shells.endpoint import Endpoint
+from barewire.shells.endpoint import Endpoint, Turn
 from barewire.shells.tcp_socket import CHUNK, attend, reason
-from barewire.shells.tls import server_context, tls_reason
+from barewire.shells.tls import roles_of, server_context, tls_reason
 from barewire.shells.tls_session import TlsSession
 
 CONNECTIONS = 1024
@@ -42,6 +42,8 @@ class StreamServer:
         self.units = units
         self.connections: OrderedDict[_Connection, float] = OrderedDict()
         """Each with the time it was last heard, the longest silent first."""
+        self.spoil: Spoil | None = None
+        """Who decides what becomes of an answer, for a server with faults on request."""
         self.turned_away: deque[str] = deque(maxlen=16)
         """Why connections were closed by us, the latest: one line each."""
         self.context: ssl.SSLContext | None = None
@@ -50,11 +52,13 @@ class StreamServer:
         if self.most < 1:
             raise EncodeError(f"endpoint {str(endpoint)!r}: connections={self.most}: at least one", "connections")
         self.idle = endpoint.seconds("idle", 0.0)
+        self.counters = counters_for(modbus_line(endpoint, "server"))
+        """By unit, for the envelopes of serial lines: a unit counts what it sees, over whatever connection."""
         self._server: asyncio.Server | None = None
         self._timer: asyncio.TimerHandle | None = None
         if endpoint.scheme == "tls":
             self.context = server_context(endpoint)
-            self.authorisation = authorisation or _roles(endpoint)
+            self.authorisation = authorisation or roles_of(endpoint)
 
     async def __aenter__(self) -> Self:
         return self
@@ -134,7 +138,9 @@ class _Connection(asyncio.BufferedProtocol):
         self._all = server
         self._loop = asyncio.get_running_loop()
         self._line = modbus_line(server.endpoint, "server", tuple(server.units))
-        self._server = Server(self._line, server.units, serial=not self._line.numbered, permits=self._permits)
+        self._server = Server(
+            self._line, server.units, serial=not self._line.numbered, permits=self._permits, counters=server.counters
+        )
         self._tls = TlsSession(server.context) if server.context is not None else None
         self._buffer = bytearray(CHUNK)
         self._timer: asyncio.TimerHandle | None = None
@@ -205,8 +211,14 @@ class _Connection(asyncio.BufferedProtocol):
         assert self._transport is not None
         if self._transport.is_closing():
             return
-        for reply in self._server.feed(data, self._loop.time()):
-            self._write(reply.data)
+        replies = self._server.feed(data, self._loop.time())
+        if replies:
+            if self._all.spoil is not None:
+                for reply in replies:
+                    self._all.spoil(reply.data, self._write)
+            else:
+                # The answers to all that came in one read leave in one send.
+                self._write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
             self._line.sent(self._loop.time())
         if self._line.broken is not None:
             # Nobody knows any more where a frame begins: the only honest answer is to hang up.
@@ -218,6 +230,8 @@ class _Connection(asyncio.BufferedProtocol):
 
     def _write(self, data: bytes) -> None:
         assert self._transport is not None
+        if self._transport.is_closing():
+            return
         if self._tls is not None:
             self._tls.say(data)
             data = self._tls.outgoing()
@@ -240,20 +254,6 @@ class _Connection(asyncio.BufferedProtocol):
             self._transport.resume_reading()
 
 
-def _roles(endpoint: Endpoint) -> Authorisation | None:
-    """The table that a URL names; None if it says that whoever has a certificate may do all."""
-    name = endpoint.options.get("roles")
-    if name is None:
-        text = "roles=FILE says who may do what; roles=any permits all to whoever has a certificate"
-        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
-    if name == "any":
-        return None
-    try:
-        return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise EncodeError(f"endpoint {str(endpoint)!r}: roles {name}: {reason(error)}", "roles") from None
-
-
 AsyncServer = StreamServer | DatagramServer | SerialServer
 
 
@@ -263,12 +263,15 @@ async def serve(
     *,
     listener: socket.socket | None = None,
     authorisation: Authorisation | None = None,
+    turn: Turn | None = None,
 ) -> AsyncServer:
-    """Start a server for these units at a URL. A `listener` is a socket that is bound already.
+    """Start a server for these units at a URL.
+
+    A `listener` is a socket that is bound already; `turn(sending)` turns the direction of a two-wire line.
 
     Raises EncodeError for a URL that says nothing sensible, PortError for a port that cannot be had.
     """
-    endpoint = modbus_endpoint(url)
+    endpoint = modbus_endpoint(url).turned_by(turn)
     if endpoint.is_serial_port:
         return SerialServer(endpoint, units)
     server = server_at(endpoint, units, authorisation)

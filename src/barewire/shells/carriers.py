@@ -6,18 +6,16 @@
     rtu, ascii  RtuLine ...     serial                          is taken care of by the bus
     rtu+tcp     RtuLine ...     TCP, to a serial server         is taken care of by the bus
 
-A port that needs a library is loaded when a URL names it.
+A port that needs a library, and an envelope, is loaded when a URL names it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any, Literal
 
-from barewire.ascii import AsciiLine
 from barewire.errors import EncodeError
-from barewire.modbus import EchoLine, Line
-from barewire.rtu.line import RtuLine
+from barewire.modbus.line import Line
 from barewire.rtu.timing import Timing
 from barewire.shells.blocking import Port
 from barewire.shells.endpoint import LATENCIES, MODBUS, Endpoint
@@ -36,18 +34,30 @@ def modbus_endpoint(url: str) -> Endpoint:
     return endpoint
 
 
-def modbus_line(endpoint: Endpoint, role: Role, units: tuple[int, ...] = ()) -> Line:
+def modbus_line(endpoint: Endpoint, role: Role, units: Container[int] = ()) -> Line:
     """The framing state of a new connection."""
     line: Line
     if endpoint.envelope == "tcp":
         kind = DatagramLine if endpoint.scheme == "udp" else TcpLine
         return kind(any_unit=endpoint.flag("any_unit"), any_transaction=endpoint.flag("any_transaction"))
     if endpoint.envelope == "ascii":
+        from barewire.ascii import AsciiLine
+
         bits = 7 if endpoint.options.get("bytesize") == "7" else 8
         line = AsciiLine(character_timeout=endpoint.seconds("patience", 1.0), data_bits=bits)
     else:
+        from barewire.rtu.line import RtuLine  # it counts bytes, so it needs all the messages
+
         line = RtuLine(_timing(endpoint), role=role, units=units, patience=patience(endpoint))
-    return EchoLine(line) if endpoint.flag("echo") else line
+    echo = endpoint.choice("echo", "0", ("0", "1", "auto"))
+    if echo == "0":
+        return line
+    from barewire.modbus.echo import EchoLine
+
+    if echo == "auto":
+        # A server need not find out: it knows its own answer, if that comes before anybody else may speak.
+        return EchoLine(line, echoes=None) if role == "client" else line
+    return EchoLine(line)
 
 
 def patience(endpoint: Endpoint) -> float | None:
@@ -59,11 +69,20 @@ def patience(endpoint: Endpoint) -> float | None:
 
 
 def timing_in_words(endpoint: Endpoint) -> str:
-    """The numbers that a latency preset and the settings of an RTU line mean, in one line.
+    """The numbers that a latency preset and the settings of a line mean, in one line.
 
     >>> timing_in_words(Endpoint.parse("rtu:///dev/ttyUSB0?latency=uart"))
     'speaks after 2.01 ms of silence (t3.5), forgives pauses of 5 ms inside a frame'
+    >>> timing_in_words(Endpoint.parse("ascii:///dev/ttyUSB0"))
+    'keeps no silence, forgives pauses of 1000 ms between two characters of a frame'
+    >>> timing_in_words(Endpoint.parse("tcp://10.0.0.5"))
+    'keeps no silence: lengths and numbers tell frames and answers apart'
     """
+    if endpoint.envelope == "tcp":
+        return "keeps no silence: lengths and numbers tell frames and answers apart"
+    if endpoint.envelope == "ascii":
+        between = 1e3 * endpoint.seconds("patience", 1.0)
+        return f"keeps no silence, forgives pauses of {between:g} ms between two characters of a frame"
     timing, forgiven = _timing(endpoint), patience(endpoint)
     speaks = f"speaks after {1e3 * timing.t35:.2f} ms of silence (t3.5)" if timing.t35 else "keeps no silence"
     if forgiven is None:

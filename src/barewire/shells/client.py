@@ -6,50 +6,65 @@
     with connect("rtu:///dev/ttyUSB0") as client:
         client.read(load("az3"), "STATUS WORD")
 
-A client may be used from several threads: one exchange at a time has the line.
+A client may be used from several threads: on one SDO channel one transfer at a time, in the order in which they were
+asked for; different nodes at the same time. Several clients may share one bus:
+
+    with open_bus("can://socketcan/can0") as bus:
+        five, six = CanopenClient(bus, node=5), CanopenClient(bus, node=6)
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+from weakref import WeakSet
 
-from barewire.canopen import CanFrame, Channel, NmtCommand, NmtMessage, download, upload
-from barewire.canopen.sdo.dialect import DIALECTS
-from barewire.codecs import Value
+from barewire.canopen import CanFrame
+from barewire.canopen.claims import Keys
+from barewire.canopen.sdo.dialect import Dialect
 from barewire.conversation import Conversation
-from barewire.devices.access import read_canopen, write_canopen
 from barewire.devices.device import Device
-from barewire.devices.parameter import Reading
-from barewire.errors import EncodeError
+from barewire.errors import BarewireError, EncodeError
 from barewire.shells.blocking import Port, run
+from barewire.shells.can_fan import CanBus
+from barewire.shells.can_run import Running, Speaker
+from barewire.shells.can_stream import Listener, Stream
+from barewire.shells.can_tap import Key, Tap
+from barewire.shells.can_verbs import MasterVerbs
+from barewire.shells.can_verbs_more import LssVerbs, PdoVerbs
+from barewire.shells.can_words import Talk
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.modbus_client import ModbusClient, Watch, open_modbus
-from barewire.shells.taps import Trace
 
 if TYPE_CHECKING:
     from barewire.devices.drive_report import Progress
     from barewire.shells.drive import DriveClient
 
 T = TypeVar("T")
+E = TypeVar("E")
 
 
-class CanopenClient:
-    """A client of one node on a bus."""
+class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
+    """A client of the nodes on a bus. `node` and `timeout` (seconds) hold where a call does not say otherwise.
+
+    `bus` is a bus that is shared, or a port that becomes this client's own.
+    """
 
     def __init__(
-        self, port: Port[CanFrame], *, node: int | None = None, timeout: float = 1.0, dialect: str = "standard"
+        self,
+        bus: CanBus | Port[CanFrame],
+        *,
+        node: int | None = None,
+        timeout: float = 1.0,
+        dialect: str | Dialect = "standard",
     ) -> None:
-        if dialect not in DIALECTS:
-            raise EncodeError(f"SDO dialect {dialect!r}: expected one of {', '.join(DIALECTS)}")
-        self.port = port
-        self.node = node
-        self.timeout = timeout
-        self.dialect = DIALECTS[dialect]
-        self._channels: dict[int, Channel] = {}
-        self._turn = threading.Lock()
+        super().__init__(bus, node=node, timeout=timeout, dialect=dialect)
+        self._mine: WeakSet[Running | Stream[Any]] = WeakSet()
+        self._taking = threading.Lock()
+        self._everything: list[Tap] = []
 
     def __enter__(self) -> Self:
         return self
@@ -58,47 +73,45 @@ class CanopenClient:
         self.close()
 
     def close(self) -> None:
-        """Leave the bus."""
-        self.port.close()
+        """End what this client began: its streams, what it has running, and the bus, unless that is shared."""
+        for tap in self._everything:
+            tap.close()
+        for one in list(self._mine):
+            one.close()
+        if self.owns_bus:
+            self.bus.close()
 
     def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry any conversation out on this bus, alone."""
-        with self._turn:
-            return run(conversation, self.port)
+        """Carry any conversation out. Nobody knows whom it would disturb, so it has the bus alone."""
+        return self.carry_out(Talk(conversation, None, None))
 
-    def upload(self, index: int, sub: int = 0, *, size: int | None = None, node: int | None = None) -> bytes:
-        """Read an object. Raises SdoAbort, NoAnswer, PortError."""
-        return self.run(upload(self._channel(node), index, sub, timeout=self.timeout, size=size))
+    def carry_out(self, talk: Talk[T]) -> T:
+        """What every verb does: wait for its turn, then talk."""
+        with turn(self.bus, talk.claims), Tap(self.bus, talk.hears) as tap:
+            try:
+                return run(talk.conversation, tap)
+            except BarewireError as error:
+                tap.tell(error)
+                raise
 
-    def download(self, index: int, sub: int, data: bytes, *, node: int | None = None) -> None:
-        """Write an object: its bytes, little-endian, as many as its type has."""
-        self.run(download(self._channel(node), index, sub, data, timeout=self.timeout))
+    def watch(self, machine: Listener[E], hears: frozenset[Key] | None = None) -> Stream[E]:
+        """The events of any machine that listens; `hears` are the identifiers that it needs, None for all."""
+        stream = Stream(self.bus, machine, hears)
+        self._mine.add(stream)
+        return stream
 
-    def command(self, command: NmtCommand, *, node: int | None = None) -> None:
-        """Send an NMT command to the node, or with `node=0` to all. It is not confirmed."""
-        self.send(NmtMessage(command, self._node(node)).encode())
-
-    def send(self, frame: CanFrame) -> None:
-        """Put one frame on the bus."""
-        with self._turn:
-            self.port.send(frame)
+    def keep_going(self, machine: Speaker, hears: frozenset[Key] | None = None) -> Running:
+        """Let any machine speak on the bus until it is stopped."""
+        running = Running(self.bus, machine, hears)
+        self._mine.add(running)
+        return running
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
-        """The next frame on the bus, whosever it is."""
-        with self._turn:
-            return self.port.receive(self.timeout if timeout is None else timeout)
-
-    def read(self, device: Device, *names: str, node: int | None = None) -> list[Reading]:
-        """Named values, in the order asked."""
-        at = self._channel(node, device)
-        return self.run(read_canopen(at, device, names, timeout=self.timeout))
-
-    def write(
-        self, device: Device, values: Mapping[str, Value], *, node: int | None = None, force: bool = False
-    ) -> None:
-        """Write named values, in the order given. Ranges and access are checked before anything is sent."""
-        at = self._channel(node, device)
-        self.run(write_canopen(at, device, values, timeout=self.timeout, force=force))
+        """The next frame on the bus, whosever it is, from the first call on. `frames` gives a stream."""
+        with self._taking:
+            if not self._everything:
+                self._everything.append(Tap(self.bus, None))
+            return self._everything[0].receive(self.timeout if timeout is None else timeout)
 
     def drive(self, device: Device, *, progress: Callable[[Progress], None] | None = None) -> DriveClient:
         """The device as a drive of CiA 402: enable it, move it. `progress` is called after every look at it."""
@@ -106,35 +119,52 @@ class CanopenClient:
 
         return DriveClient(self, device, progress=progress)
 
-    def _node(self, node: int | None, device: Device | None = None) -> int:
-        if node is not None:
-            return node
-        if self.node is not None:
-            return self.node
-        return device.canopen.node if device and device.canopen else 1
 
-    def _channel(self, node: int | None, device: Device | None = None) -> Channel:
-        # Kept, because a channel remembers what it must not be taken in by: the late answer of a lost transfer.
-        at = self._node(node, device)
-        if at not in self._channels:
-            self._channels[at] = Channel(at, self.dialect)
-        return self._channels[at]
+@contextlib.contextmanager
+def turn(bus: CanBus, keys: Keys | None) -> Iterator[None]:
+    """Wait until nobody talks who would be disturbed, and then be the one who talks."""
+    bell = threading.Lock()
+    bell.acquire()
+    claim = bus.join(keys, threading.get_ident(), bell.release)
+    try:
+        if not claim.going:
+            bell.acquire()
+        yield
+    finally:
+        bus.leave(claim)
 
 
 Client = ModbusClient | CanopenClient
 
 
-def open_canopen(url: str, *, dialect: str = "standard", watch: Watch | None = None) -> CanopenClient:
-    """The client for a can:// URL. `dialect="az3"` asks as the guide of the AZ3 prints it."""
+def open_bus(url: str, *, watch: Watch | None = None) -> CanBus:
+    """The bus of a can:// URL, to be shared. `watch(direction, frame)` is told of everything that passes."""
     from barewire.shells.can_bus import CanPort
 
     endpoint = Endpoint.parse(url)
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {url!r}: CANopen goes over can://")
-    timeout = endpoint.seconds("timeout", 1.0)
+    return CanBus(CanPort(endpoint), watch=watch)
+
+
+def manners(url: str) -> dict[str, Any]:
+    """What a can:// URL says for a client: its node and its time-out."""
+    endpoint = Endpoint.parse(url)
     node = endpoint.integer("node", 0) if "node" in endpoint.options else None
-    port: Port[CanFrame] = CanPort(endpoint)
-    return CanopenClient(Trace(port, watch) if watch else port, node=node, timeout=timeout, dialect=dialect)
+    return {"node": node, "timeout": endpoint.seconds("timeout", 1.0)}
+
+
+def open_canopen(url: str, *, dialect: str = "standard", watch: Watch | None = None) -> CanopenClient:
+    """The client for a can:// URL. `dialect="az3"` asks as the guide of the AZ3 prints it."""
+    options = manners(url)
+    bus = open_bus(url, watch=watch)
+    try:
+        client = CanopenClient(bus, dialect=dialect, **options)
+    except EncodeError:
+        bus.close()
+        raise
+    client.owns_bus = True
+    return client
 
 
 def connect(url: str, *, watch: Watch | None = None) -> Client:

@@ -1,8 +1,8 @@
-"""The battery of `modbus.conform` held against a server on a real port.
+"""The batteries of `modbus.conform_cases` held against a server on a real port, of whatever carrier.
 
     for result in conform(Endpoint.parse("tcp://127.0.0.1:502?unit=1")): ...
 
-Every case has a connection of its own on TCP; the line of RTU is the same for all. What is said is written as it is and
+Every case has a connection of its own on TCP; a serial line is the same for all. What is said is written as it is and
 what comes back is collected until the server has been silent for a while: no client of ours stands between.
 The server's registers and coils 0 to 9 are written to.
 """
@@ -10,16 +10,19 @@ The server's registers and coils 0 to 9 are written to.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError, PortError
+from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.conform import CASES_RTU, CASES_TCP, SILENCE, Case, Heard, Say, Turn, wrong
+from barewire.modbus.conform import SILENCE, Case, Heard, Say, Turn, wrong
+from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.rtu import encode as rtu_frame
 from barewire.shells.blocking import Port
 from barewire.shells.carriers import dialer, modbus_line
-from barewire.shells.endpoint import Endpoint
+from barewire.shells.endpoint import MODBUS, Endpoint
 from barewire.tcp import encode as tcp_frame
 
 PATIENCE = 1.0
@@ -37,11 +40,10 @@ class Result(NamedTuple):
 
 def battery(endpoint: Endpoint) -> tuple[Case, ...]:
     """The cases for what the endpoint is."""
-    if endpoint.scheme in ("tcp", "tls"):
-        return CASES_TCP
-    if endpoint.envelope == "rtu":
-        return CASES_RTU
-    raise EncodeError(f"endpoint {str(endpoint)!r}: there are cases for tcp://, tls://, rtu:// and rtu+tcp://")
+    if endpoint.scheme not in MODBUS:
+        known = ", ".join(f"{name}://" for name in MODBUS)
+        raise EncodeError(f"endpoint {str(endpoint)!r}: there are cases for {known}")
+    return {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}[endpoint.envelope]
 
 
 def conform(endpoint: Endpoint) -> Iterator[Result]:
@@ -94,7 +96,7 @@ class _Tester:
         time.sleep(max(0.0, quiet_at - time.monotonic()))
         heard: list[Adu] = []
         try:
-            self._port.send(b"".join(map(self._bytes, turn.says)))
+            self._say([self._bytes(say) for say in turn.says])
             self._last = time.monotonic()
             self._line.sent(self._last)
             until = self._last + patience
@@ -105,7 +107,7 @@ class _Tester:
                     self._last = time.monotonic()
                     until = self._last + patience
                 heard += self._frames(data)
-                if len(heard) >= len(turn.says) and self._is_tcp and not self._line.held:
+                if len(heard) >= len(turn.says) and not self._line.held:
                     # Nobody answers twice; a last look is enough.
                     until = min(until, time.monotonic() + patience / 10)
         except PortError:
@@ -113,15 +115,24 @@ class _Tester:
             return heard or None
         return heard
 
+    def _say(self, frames: list[bytes]) -> None:
+        """All at once, in one segment; in datagrams of their own where each has to be one."""
+        assert self._port is not None
+        if isinstance(self._line, EchoLine):
+            self._line.said(b"".join(frames))
+        for data in frames if self._endpoint.scheme == "udp" else [b"".join(frames)]:
+            self._port.send(data)
+
     def _frames(self, data: bytes | None) -> Iterator[Adu]:
         """Noise is told as an answer that fits no case."""
         for event in self._line.feed(data, time.monotonic()):
             yield Adu(self._unit, event.data) if isinstance(event, Noise) else event
 
     def _bytes(self, say: Say) -> bytes:
-        unit = self._unit if say.unit is None else say.unit
-        if say.raw:
-            return say.raw
         self._number = self._number + 1 & 0xFFFF
-        frame = tcp_frame(unit, say.pdu, self._number) if self._is_tcp else rtu_frame(unit, say.pdu)
-        return frame[: say.first]
+        frame: dict[str, Callable[[int, bytes], bytes]] = {
+            "tcp": lambda unit, pdu: tcp_frame(unit, pdu, self._number),
+            "rtu": rtu_frame,
+            "ascii": ascii_frame,
+        }
+        return say.framed(frame[self._endpoint.envelope], self._unit)

@@ -17,7 +17,8 @@ tcp        any_unit, any_transaction (0): quirks tolerated; server: connections 
 tls        as tcp, and cert, key, ca (files), server_name (the host); server: roles (a file, or "any")
 udp        any_unit, any_transaction (0)
 rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (usb: see LATENCIES), patience (that of the
-           latency, in seconds, or "strict"), echo (0), rs485 (off, kernel or rts), pace
+           latency, in seconds, or "strict"), echo (0, 1, or auto: found out by reading a register), rs485 (off, kernel
+           or rts), pace
 ascii      as rtu, but patience (1) and no latency
 rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
 can        node (the device's own, or 1), timeout (1), bitrate (125000), and whatever the python-can interface takes
@@ -25,7 +26,7 @@ can        node (the device's own, or 1), timeout (1), bitrate (125000), and wha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 from urllib.parse import parse_qsl, unquote, urlsplit
 
@@ -69,8 +70,14 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     return host, number
 
 
+Turn = Callable[[bool], None]
+"""Turns the direction of a two-wire line: called with True before the first bit is sent, with False after the last."""
+
+
 class Endpoint(NamedTuple):
     """A URL, taken apart. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
+
+    `turn` is what no URL can say: who turns the direction of a two-wire line, see `turned_by`.
 
     >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
     >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)
@@ -80,6 +87,7 @@ class Endpoint(NamedTuple):
     scheme: str
     place: str
     options: Mapping[str, str]
+    turn: Turn | None = None
 
     @classmethod
     def parse(cls, url: str) -> Endpoint:
@@ -122,6 +130,16 @@ class Endpoint(NamedTuple):
     def __str__(self) -> str:
         query = "&".join(f"{key}={value}" for key, value in self.options.items())
         return f"{self.scheme}://{self.place}" + (f"?{query}" if query else "")
+
+    def turned_by(self, turn: Turn | None) -> Endpoint:
+        """The same, its line turned by this function (a GPIO pin). EncodeError where that makes no sense."""
+        if turn is None:
+            return self
+        if not self.is_serial_port:
+            raise EncodeError(f"endpoint {str(self)!r}: turn= is for serial ports, rtu:// and ascii://", "turn")
+        if self.options.get("rs485", "off") != "off":
+            raise EncodeError(f"endpoint {str(self)!r}: rs485= and turn= both turn the line, say one of them", "turn")
+        return self._replace(turn=turn)
 
     @property
     def envelope(self) -> str:

@@ -8,7 +8,10 @@
     drop        no answer                                                            bytes, CAN
     flip        one bit is another                                                   bytes
     exception   a refusal in its place: exception 06, abort 0800 0000h               bytes, CAN: answers of SDO
-    split       the answer in two parts with a pause between                         bytes
+    split       the answer in two parts with a pause between                         bytes, not in datagrams
+
+On a serial line, and behind one in a tunnel, a late answer holds up those after it: a unit there does one thing after
+the other. On TCP, UDP and CAN they overtake it.
 
 What happens is decided by dice that are given, and by nothing else: the same seed and the same answers have the same
 faults, in virtual time as on a real port.
@@ -72,6 +75,8 @@ class Wire(Protocol[Item]):
     """What each fault looks like on one kind of wire. What cannot be done to an item leaves it as it is."""
 
     kinds: tuple[str, ...]
+    in_order: bool
+    """Whether no answer overtakes another."""
 
     def refusal(self, item: Item) -> Item: ...
 
@@ -103,8 +108,11 @@ class Bytes:
 
     kinds: tuple[str, ...] = KINDS
 
-    def __init__(self, envelope: str) -> None:
+    def __init__(self, envelope: str, *, datagrams: bool = False) -> None:
         self._envelope = ENVELOPES[envelope]
+        self.in_order = envelope != "tcp"
+        if datagrams:
+            self.kinds = tuple(kind for kind in KINDS if kind != "split")  # half a datagram does not arrive
 
     def _changed(self, item: bytes, change: Callable[[Adu], Adu]) -> bytes:
         try:
@@ -139,6 +147,7 @@ class Frames:
     """A CAN bus. A controller repeats what was damaged and never delivers half a frame."""
 
     kinds: tuple[str, ...] = ("exception", "wrong-unit", "noise", "late", "drop")
+    in_order = False
 
     def refusal(self, item: CanFrame) -> CanFrame:
         """An SDO abort in place of the beginning of an answer, which names the object."""
@@ -185,6 +194,7 @@ class Faults(Generic[Item]):
         self.struck: Counter[str] = Counter()
         """How often each fault has struck."""
         self._wire, self._faults, self._late, self._told = wire, faults, late, told
+        self._last = 0.0
         self._dice, self._content = dice, Random(dice.random())  # whether, and what
 
     def pass_on(self, item: Item, now: float) -> list[tuple[float, Item]]:
@@ -206,6 +216,9 @@ class Faults(Generic[Item]):
         if thrown["flip"]:
             item = wire.flipped(item, dice)
         at = now + (self._late if thrown["late"] else 0.0)
+        if wire.in_order:
+            at = max(at, self._last)
         parts = wire.parts(item, dice) if thrown["split"] else [item]
+        self._last = at + (len(parts) - 1) * PAUSE
         before = [(at, wire.noise(dice))] if thrown["noise"] else []
         return [*before, *((at + place * PAUSE, part) for place, part in enumerate(parts))]

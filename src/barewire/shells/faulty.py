@@ -1,34 +1,26 @@
-"""Faults on real ports: a port around a port for serial lines and CAN, a relay in front of a TCP server.
+"""Faults on real ports: around the port of a serial line or a bus, and inside the server of a network.
 
-serial, CAN     host -- FaultyPort -- port                            the host's own port, spoiled
-TCP             server on 127.0.0.1 <---> Relay <---> client          requests pass, answers meet `Faults`
+serial, CAN                            host -- FaultyPort -- port        the host's own port, spoiled
+tcp, tls, udp, rtu+tcp, ascii+tcp      server -- spoiler -- connection   each answer, before TLS encrypts it
 """
 
 from __future__ import annotations
 
-import contextlib
+import asyncio
 import heapq
-import select
-import socket
-import threading
 import time
 from collections.abc import Callable, Mapping
 from itertools import count
 from random import Random
 from typing import Generic, TypeVar
 
-from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.shells.aio_port_servers import Spoil
 from barewire.shells.blocking import Clock, Port
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.faults import LATE, Bytes, Faults, Frames
-from barewire.shells.host import CanHost, Host, SerialHost
-from barewire.shells.tcp_socket import CHUNK, reason
-from barewire.tcp.frame import check_header
+from barewire.shells.host import CanHost, Host, NetworkHost, SerialHost
 
 Item = TypeVar("Item")
-
-_LOOK = 0.1
-_HEADER = 6
 
 
 class FaultyPort(Generic[Item]):
@@ -70,84 +62,27 @@ class FaultyPort(Generic[Item]):
         self._port.close()
 
 
-class _Answers:
-    """The way back to a client, as a port."""
+def spoiler(faults: Faults[bytes]) -> Spoil:
+    """The same for a server of asyncio: inside TLS, behind the framing, once for each answer of each connection."""
 
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
+    waiting: list[tuple[float, int, Callable[[bytes], None], bytes]] = []
+    order = count()
 
-    def send(self, item: bytes) -> None:
-        """Hand the bytes to the system."""
-        self._connection.sendall(item)
+    def spoil(answer: bytes, say: Callable[[bytes], None]) -> None:
+        loop = asyncio.get_running_loop()
+        for at, what in faults.pass_on(answer, loop.time()):
+            heapq.heappush(waiting, (at, next(order), say, what))
+            loop.call_at(at, deliver)
+        deliver()
 
-    def receive(self, timeout: float) -> None:
-        """Requests do not come this way."""
+    def deliver() -> None:
+        # What is due, in the order in which it was said: the timers of a loop have none among equals.
+        now = asyncio.get_running_loop().time()
+        while waiting and waiting[0][0] <= now:
+            _, _, say, what = heapq.heappop(waiting)
+            say(what)
 
-    def close(self) -> None:
-        """Hang up."""
-        self._connection.close()
-
-
-class Relay(Host):
-    """A TCP server whose answers come from another one, spoiled. It closes that one when it ends."""
-
-    def __init__(self, endpoint: Endpoint, inner: Host, faults: Faults[bytes]) -> None:
-        super().__init__()
-        self._inner, self._faults = inner, faults
-        host, port = endpoint.host_and_port
-        try:
-            self._listener = socket.create_server((host, port), family=_family(host))
-        except OSError as error:
-            raise PortError(f"{host}:{port}: {reason(error)}") from None
-        shown = f"[{host}]" if ":" in host else host
-        self.url = str(endpoint._replace(place=f"{shown}:{self._listener.getsockname()[1]}"))
-
-    def run(self, stop: threading.Event) -> None:
-        """Relay until `stop` is set, each connection in a thread."""
-        with self._inner, self._listener:
-            self._listener.settimeout(_LOOK)
-            while not stop.is_set():
-                with contextlib.suppress(TimeoutError):
-                    connection, _ = self._listener.accept()
-                    threading.Thread(target=self._relay, args=(connection, stop), daemon=True).start()
-
-    def _relay(self, client: socket.socket, stop: threading.Event) -> None:
-        answers = FaultyPort(_Answers(client), self._faults)
-        held = b""
-        where = Endpoint.parse(self._inner.url).host_and_port
-        with client, contextlib.suppress(OSError), socket.create_connection(where) as server:
-            while not stop.is_set():
-                wait = _LOOK if answers.due is None else max(0.0, min(_LOOK, answers.due - time.monotonic()))
-                for ready in select.select([client, server], [], [], wait)[0]:
-                    data = ready.recv(CHUNK)
-                    if not data:
-                        return
-                    if ready is client:
-                        server.sendall(data)
-                        continue
-                    frames, held = _frames(held + data)
-                    for frame in frames:
-                        answers.send(frame)
-                answers.deliver()
-
-
-def _frames(data: bytes) -> tuple[list[bytes], bytes]:
-    """The whole frames in it, and what is left over."""
-    frames: list[bytes] = []
-    while len(data) >= _HEADER:
-        try:
-            length = check_header(data)
-        except DecodeError:
-            return [*frames, data], b""
-        if len(data) < length:
-            break
-        frames.append(data[:length])
-        data = data[length:]
-    return frames, data
-
-
-def _family(host: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in host else socket.AF_INET
+    return spoil
 
 
 def open_faulty(
@@ -167,12 +102,11 @@ def open_faulty(
         assert isinstance(host, CanHost)
         host.port = FaultyPort(host.port, on_bus)
         return host
-    if endpoint.scheme not in ("rtu", "ascii", "tcp"):
-        raise EncodeError(f"endpoint {url!r}: faults are for tcp, rtu, ascii and can")
-    on_line = Faults(Bytes(endpoint.scheme), faults, dice, late=late, told=told)
-    if endpoint.scheme == "tcp":
-        return Relay(endpoint, open_inner(str(endpoint._replace(place="127.0.0.1:0"))), on_line)
+    on_line = Faults(Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp"), faults, dice, late=late, told=told)
     host = open_inner(url)
-    assert isinstance(host, SerialHost)
-    host.port = FaultyPort(host.port, on_line)
+    if isinstance(host, NetworkHost):
+        host.server.spoil = spoiler(on_line)
+    else:
+        assert isinstance(host, SerialHost)
+        host.port = FaultyPort(host.port, on_line)
     return host

@@ -4,7 +4,8 @@
     host.url            the URL that clients use: the port number, the pseudo-terminal that was made
     host.run(stop)      serves until the event is set; or host.start() / host.close() in a thread of its own
 
-One class for each kind of port: a server on TCP or UDP (asyncio inside), one on a serial line, a node on a CAN bus.
+One class for each kind of port: a server on TCP or UDP (asyncio inside), one on a serial line, a node on a CAN bus. The
+same machine may have several hosts, each in its thread: one of them at a time enters it (`sharing`).
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import socket
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Protocol, Self
+from collections.abc import Callable, Mapping
+from typing import Self
 
 from barewire.canopen import CanFrame
 from barewire.errors import BarewireError, EncodeError, PortError
@@ -25,22 +26,14 @@ from barewire.modbus import Server, Unit
 from barewire.shells.aio_server import server_at
 from barewire.shells.blocking import Port
 from barewire.shells.carriers import modbus_line, open_serial
-from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint, socketcand_address
+from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint, Turn, socketcand_address
 from barewire.shells.pseudo_terminal import PseudoTerminal
+from barewire.shells.sharing import CanopenNode, SharedNode, SharedUnits
 from barewire.shells.socketcand_hub import SocketcandHub
 from barewire.shells.tcp_socket import reason
 
 _LOOK = 0.1
 """Seconds between two looks at whether to stop."""
-
-
-class CanopenNode(Protocol):
-    """A device on a CAN bus, as a machine."""
-
-    @property
-    def deadline(self) -> float | None: ...
-
-    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]: ...
 
 
 class Host(ABC):
@@ -53,6 +46,8 @@ class Host(ABC):
         self._thread: threading.Thread | None = None
         self.failure: BarewireError | None = None
         """Why a host that ran in its own thread ended early."""
+        self.on_end: Callable[[], None] | None = None
+        """Called when the thread of this host ends, for whatever reason."""
 
     def __enter__(self) -> Self:
         self.start()
@@ -75,6 +70,9 @@ class Host(ABC):
             self.run(self._stop)
         except BarewireError as error:
             self.failure = error
+        finally:
+            if self.on_end is not None:
+                self.on_end()
 
     def close(self) -> None:
         """Stop serving and wait until the port is given back."""
@@ -118,12 +116,14 @@ class SerialHost(Host):
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
         super().__init__()
-        self._line = modbus_line(endpoint, "server", tuple(units))
+        self._line = modbus_line(endpoint, "server", units)
         self._server = Server(self._line, units, serial=True)
         self.port: Port[bytes]
         if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
             from barewire.shells.serial_port import SerialSettings
 
+            if endpoint.turn is not None:
+                raise EncodeError(f"endpoint {str(endpoint)!r}: a new pseudo-terminal has no direction to turn", "turn")
             link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
             pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
             terminal = PseudoTerminal(link, pace)
@@ -156,7 +156,7 @@ class CanHost(Host):
         from barewire.shells.can_bus import CanPort
 
         super().__init__()
-        self._node = node
+        self._node = SharedNode(node)
         self._hub = _hub(endpoint)
         self.port: Port[CanFrame] = CanPort(endpoint)
         self.url = str(endpoint)
@@ -165,8 +165,7 @@ class CanHost(Host):
         """Be a node until `stop` is set."""
         clock = time.monotonic
         try:
-            # A node that has to be switched on is; others begin by themselves.
-            self._send(getattr(self._node, "start", lambda now: [])(clock()))
+            self._send(self._node.start(clock()))
             self._send(self._node.feed(None, clock()))
             while not stop.is_set():
                 deadline = self._node.deadline
@@ -198,16 +197,20 @@ def _hub(endpoint: Endpoint) -> SocketcandHub | None:
     return None
 
 
-def open_host(url: str, *, units: Mapping[int, Unit] | None = None, node: CanopenNode | None = None) -> Host:
-    """The host for a URL: `units` for Modbus, `node` for can. The port is taken at once.
+def open_host(
+    url: str, *, units: Mapping[int, Unit] | None = None, node: CanopenNode | None = None, turn: Turn | None = None
+) -> Host:
+    """The host for a URL: `units` for Modbus, `node` for can. The port is taken at once. `turn(sending)` turns the
+    direction of a two-wire line.
 
     Raises EncodeError for a URL that does not fit what is to be hosted, PortError for a port that cannot be had.
     """
-    endpoint = Endpoint.parse(url)
+    endpoint = Endpoint.parse(url).turned_by(turn)
     if endpoint.scheme == "can":
         if node is None:
             raise EncodeError(f"endpoint {url!r}: there is nothing here that speaks CANopen")
         return CanHost(endpoint, node)
     if units is None:
         raise EncodeError(f"endpoint {url!r}: there is nothing here that speaks Modbus")
-    return SerialHost(endpoint, units) if endpoint.is_serial_port else NetworkHost(endpoint, units)
+    shared = SharedUnits(units)
+    return SerialHost(endpoint, shared) if endpoint.is_serial_port else NetworkHost(endpoint, shared)

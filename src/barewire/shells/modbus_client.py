@@ -10,30 +10,32 @@ A connection that failed is made anew by the next question: at once the first ti
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import random
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.access import read_modbus, write_modbus
-from barewire.devices.device import Device
-from barewire.devices.parameter import Reading
 from barewire.errors import NoAnswer, PortError
-from barewire.modbus import Bus, Line, Request, Response, Turns
+from barewire.modbus.bus import Bus
+from barewire.modbus.line import Line
+from barewire.modbus.message import Request, Response
+from barewire.modbus.turns import Turns
 from barewire.shells.back_off import BackOff
 from barewire.shells.blocking import Port, run
 from barewire.shells.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
+from barewire.shells.endpoint import Turn
 from barewire.shells.taps import Direction, Trace
 from barewire.shells.verbs import Verbs
 
 if TYPE_CHECKING:
+    from barewire.codecs import Value
+    from barewire.devices.device import Device
     from barewire.devices.drive_report import Progress
+    from barewire.devices.parameter import Reading
     from barewire.shells.drive import DriveClient
 
 R = TypeVar("R", bound=Response)
@@ -56,47 +58,57 @@ class Connection:
         self._dial = dial
         self._new_line = new_line
         self._turns = Turns()
-        self._changed = threading.Condition()
+        self._alone = threading.Lock()  # who looks at the turns
+        self._changed = threading.Condition(self._alone)
         self._closed = False
 
-    @contextlib.contextmanager
-    def turn(self, unit: int | None) -> Iterator[None]:
-        """The line, alone, when it is this unit's turn."""
-        with self._changed:
-            ticket = self._turns.join(unit)
+    def run(self, conversation: Conversation[bytes, T], unit: int | None, patience: float) -> T:
+        """Carry a conversation out when it is this unit's turn, alone on the line."""
+        turns = self._turns
+        with self._alone:
+            ticket = turns.join(unit)
         try:
-            with self._changed:
-                self._changed.wait_for(lambda: self._turns.has(ticket))
-            yield
+            if not turns.has(ticket):
+                with self._changed:
+                    self._changed.wait_for(lambda: turns.has(ticket))
+            port = self.open(patience)
+            try:
+                return run(conversation, port)
+            except BaseException as error:
+                if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
+                    self.drop()
+                raise
         finally:
-            with self._changed:
-                self._turns.leave(ticket)
-                self._changed.notify_all()
+            with self._alone:
+                if turns.leave(ticket):
+                    self._changed.notify_all()
 
     def open(self, patience: float) -> Port[bytes]:
         """The port, made anew if there is none or it has failed. Waits for the back-off, `patience` seconds at most."""
         if self.port is not None:
             try:
-                self.bus.overhear(self.port.receive(0.0), time.monotonic())
+                data = self.port.receive(0.0)
+                if data is not None:
+                    self.bus.overhear(data, time.monotonic())
+                if self.bus.line.broken is None and not self._closed:
+                    return self.port
             except PortError:
-                self.drop()
-            if self.bus.line.broken is not None:
-                self.drop()
+                pass
+            self.drop()
         if self._closed:
             raise PortError("the client was closed")
-        if self.port is None:
-            wait = self.back_off.wait(time.monotonic())
-            if wait > patience:
-                raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
-            time.sleep(wait)
-            try:
-                self.port = self._dial()
-            except PortError as error:
-                self.back_off.failed(time.monotonic(), str(error))
-                raise
-            self.back_off.worked()
-            self.bus.line = self._new_line()
-            self.bus.line.sent(time.monotonic())  # who opens a line waits for its silence before speaking
+        wait = self.back_off.wait(time.monotonic())
+        if wait > patience:
+            raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
+        time.sleep(wait)
+        try:
+            self.port = self._dial()
+        except PortError as error:
+            self.back_off.failed(time.monotonic(), str(error))
+            raise
+        self.back_off.worked()
+        self.bus.line = self._new_line()
+        self.bus.line.sent(time.monotonic())  # who opens a line waits for its silence before speaking
         return self.port
 
     def drop(self) -> None:
@@ -147,15 +159,7 @@ class ModbusClient(Verbs):
 
     def run(self, conversation: Conversation[bytes, T], *, unit: int | None = None) -> T:
         """Carry any conversation out on this line, alone. `unit` is in whose queue it waits for its turn."""
-        link = self.connection
-        with link.turn(unit):
-            port = link.open(self.timeout)
-            try:
-                return run(conversation, port)
-            except BaseException as error:
-                if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or link.bus.line.broken:
-                    link.drop()
-                raise
+        return self.connection.run(conversation, unit, self.timeout)
 
     def talk(self, make: Callable[[Bus], Conversation[bytes, T]], *, unit: int | None = None) -> T:
         """Carry out the conversation that `make` returns for this line's bus: the same word as the asyncio client's."""
@@ -175,14 +179,15 @@ class ModbusClient(Verbs):
         `retries` repeats a read that got no answer, on a new connection if the old one failed.
         """
         at = self._unit(unit)
+        link = self.connection
         limit = self.timeout if timeout is None else timeout
         left = retries if repeat_writes or not request.writes else 0
         while True:
-            asking = self.bus.ask(at, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
+            asking = link.bus.ask(at, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
             try:
-                return self.run(asking, unit=at)
+                return link.run(asking, at, self.timeout)
             except (PortError, NoAnswer):
-                if self.connection.port is not None or not left:
+                if link.port is not None or not left:
                     raise
                 left -= 1
 
@@ -196,6 +201,8 @@ class ModbusClient(Verbs):
 
     def read(self, device: Device, *names: str, unit: int | None = None) -> list[Reading]:
         """Named values, with as few requests as the device allows, in the order asked."""
+        from barewire.devices.access import read_modbus  # who reads registers only need not load the devices
+
         at = self._unit(unit, device)
         return self.run(read_modbus(self.bus, at, device, names, timeout=self.timeout), unit=at)
 
@@ -203,6 +210,8 @@ class ModbusClient(Verbs):
         self, device: Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
     ) -> None:
         """Write named values, in the order given. Ranges and access are checked before anything is sent."""
+        from barewire.devices.access import write_modbus
+
         at = self._unit(unit, device)
         self.run(write_modbus(self.bus, at, device, values, timeout=self.timeout, force=force), unit=at)
 
@@ -226,15 +235,17 @@ def open_modbus(
     watch: Watch | None = None,
     lazy: bool = False,
     chance: Callable[[], float] = random.random,
+    turn: Turn | None = None,
     **options: Any,
 ) -> ModbusClient:
     """The client for a URL. `watch(direction, bytes)` is told of everything that passes.
 
+    `turn(sending)` turns the direction of a two-wire line, where a pin of its own does that.
     `lazy` connects with the first question. `chance` is the dice of the pauses between attempts. `options` are those of
     `Bus`, over what the URL says: `gaps` for single units, `dead_longest` and the others.
     Raises EncodeError for a URL that says nothing sensible, PortError for a port that cannot be opened.
     """
-    endpoint = modbus_endpoint(url)
+    endpoint = modbus_endpoint(url).turned_by(turn)
     unit, timeout = unit_of(endpoint), endpoint.seconds("timeout", 1.0)
     dial = dialer(endpoint)
 

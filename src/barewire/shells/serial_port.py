@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from barewire.errors import PortError
 from barewire.rtu.timing import Timing, character_bits
-from barewire.shells.endpoint import Endpoint
+from barewire.shells.endpoint import Endpoint, Turn
 from barewire.shells.pseudo_terminal import is_pseudo_terminal
 from barewire.shells.tcp_socket import CHUNK, reason
 
@@ -61,15 +61,20 @@ class SerialPort:
     """An open serial port. `pace` makes a port without a real line (a pseudo-terminal) take its time to send.
 
     `rs485` is who turns the direction of a two-wire line: the adapter by itself (off), the driver (kernel), or we by
-    RTS: on while we send, off when the last bit is out.
+    RTS: on while we send, off when the last bit is out. `turn` is a function of the user's that does the same with a
+    pin of its own: called with True before the first bit and with False after the last, and when the port is opened.
     """
 
-    def __init__(self, path: str, settings: SerialSettings, *, pace: bool = False, rs485: str = "off") -> None:
+    def __init__(
+        self, path: str, settings: SerialSettings, *, pace: bool = False, rs485: str = "off", turn: Turn | None = None
+    ) -> None:
         self.name = path
         self._timed = pace or not is_pseudo_terminal(path)
         self._pace = settings.timing if pace else None
         self._character = settings.timing.character
         self._rts = rs485 == "rts"
+        self._turn = turn
+        self._sending = False
         self._serial = _open(path, settings)
         try:
             if rs485 == "kernel":
@@ -79,12 +84,20 @@ class SerialPort:
         except _FAILURES as error:
             self.close()
             raise PortError(f"{path}: rs485={rs485} is not possible here: {_say(error)}") from None
+        try:
+            if turn is not None:
+                self._call(turn, sending=False)
+        except PortError:
+            self.close()
+            raise
 
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialPort:
         """The port of a URL."""
         turned = endpoint.choice("rs485", "off", ("off", "kernel", "rts"))
-        return cls(endpoint.place, SerialSettings.of(endpoint), pace=endpoint.flag("pace"), rs485=turned)
+        return cls(
+            endpoint.place, SerialSettings.of(endpoint), pace=endpoint.flag("pace"), rs485=turned, turn=endpoint.turn
+        )
 
     def fileno(self) -> int:
         """The descriptor, for whoever waits with others (POSIX)."""
@@ -100,14 +113,26 @@ class SerialPort:
                 self._serial.flush()
             finally:
                 self.turn(sending=False)
+        except PortError:
+            raise
         except _FAILURES as error:
             raise PortError(f"{self.name}: {_say(error)}") from None
         time.sleep(max(0.0, ends - time.monotonic()))
 
     def turn(self, *, sending: bool) -> None:
-        """The direction of the line, where RTS turns it."""
+        """The direction of the line, where RTS or the user's function turns it."""
+        self._sending = sending
         if self._rts:
             self._serial.rts = sending
+        elif self._turn is not None:
+            self._call(self._turn, sending=sending)
+
+    def _call(self, turn: Turn, *, sending: bool) -> None:
+        try:
+            turn(sending)
+        except Exception as error:
+            # A line that cannot be turned is a port that failed, whatever the user's code has for it.
+            raise PortError(f"{self.name}: the line could not be turned: {type(error).__name__}: {error}") from error
 
     def takes(self, length: int) -> float:
         """How long so many bytes are on the wire."""
@@ -137,7 +162,10 @@ class SerialPort:
             raise PortError(f"{self.name}: {_say(error)}") from None
 
     def close(self) -> None:
-        """Give the port back."""
+        """Give the port back; a line that was left in the middle of sending is turned back first."""
+        if self._sending and self._turn is not None:
+            with contextlib.suppress(PortError):
+                self.turn(sending=False)
         with contextlib.suppress(*_FAILURES):
             self._serial.close()
 

@@ -6,12 +6,15 @@ import contextlib
 import os
 import select
 import socket
+from collections.abc import Callable
 
 from barewire.errors import PortError
 
 CHUNK = 4096
 CONNECT = 5.0
 """Seconds until a connection that does not come about is given up."""
+LONGEST_WAIT = 3600.0
+"""Seconds that are waited at once: endless is not a number for the system."""
 UNHEARD = 10_000
 """Milliseconds that bytes may go unacknowledged before the system calls the connection dead, where it can be told."""
 
@@ -22,6 +25,8 @@ class TcpPort:
     def __init__(self, host: str, port: int, *, timeout: float = CONNECT) -> None:
         self.name = f"{host}:{port}"
         self._socket = self._connect(host, port, timeout)
+        self._socket.setblocking(False)  # waiting is done by `_is_ready`, and by nothing else
+        self._is_ready = readiness(self._socket)
 
     def _connect(self, host: str, port: int, timeout: float) -> socket.socket:
         try:
@@ -34,24 +39,41 @@ class TcpPort:
         return connection
 
     def send(self, item: bytes) -> None:
-        """Hand the bytes to the system."""
+        """Hand the bytes to the system, which nearly always takes them at once."""
         try:
-            self._socket.sendall(item)
+            taken = self._socket.send(item)
+        except BlockingIOError:
+            taken = 0
         except OSError as error:
-            raise PortError(f"{self.name}: {reason(error)}") from None
+            raise PortError(f"{self.name}: {self._why(error)}") from None
+        if taken < len(item):
+            self._press(item[taken:])
+
+    def _press(self, rest: bytes) -> None:
+        """The other side does not read: it is given some time to."""
+        try:
+            self._socket.settimeout(CONNECT)
+            self._socket.sendall(rest)
+            self._socket.setblocking(False)
+        except OSError as error:
+            raise PortError(f"{self.name}: {self._why(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds; PortError when the other side hung up."""
         try:
-            ready, _, _ = select.select([self._socket], [], [], min(timeout, 3600.0))
-            if not ready:
+            if not self._is_ready(timeout):
                 return None
             data = self._socket.recv(CHUNK)
+        except BlockingIOError:
+            return None  # said to be there, and was not
         except (OSError, ValueError) as error:
-            raise PortError(f"{self.name}: {reason(error)}") from None
+            raise PortError(f"{self.name}: {self._why(error)}") from None
         if not data:
             raise PortError(f"{self.name}: the other side closed the connection")
         return data
+
+    def _why(self, error: Exception) -> str:
+        return "the port was closed" if self._socket.fileno() < 0 else reason(error)
 
     def close(self) -> None:
         """Hang up."""
@@ -88,6 +110,19 @@ class UdpPort:
     def close(self) -> None:
         """Give the port back."""
         self._socket.close()
+
+
+def readiness(connection: socket.socket) -> Callable[[float], object]:
+    """What waits for so many seconds until there is something to read, and says whether there is.
+
+    `poll` where the system has it: it is quicker than `select`, and `select` cannot watch files above number 1023.
+    """
+    if not hasattr(select, "poll"):  # pragma: no cover - Windows
+        return lambda timeout: select.select([connection], [], [], min(timeout, LONGEST_WAIT))[0]
+    watched = select.poll()
+    watched.register(connection, select.POLLIN)
+    poll = watched.poll
+    return lambda timeout: poll(1e3 * timeout if timeout < LONGEST_WAIT else 1e3 * LONGEST_WAIT)
 
 
 def attend(connection: socket.socket) -> None:

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.modbus import Authorisation
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.tcp_socket import CHUNK, TcpPort, reason
 
@@ -177,3 +178,17 @@ def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
             raise DecodeError("short", data, len(data), "DER ends within a value")
         yield tag, data[start : start + size]
         at = start + size
+
+
+def roles_of(endpoint: Endpoint) -> Authorisation | None:
+    """The table that a URL names; None if it says that whoever has a certificate may do all."""
+    name = endpoint.options.get("roles")
+    if name is None:
+        text = "roles=FILE says who may do what; roles=any permits all to whoever has a certificate"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
+    if name == "any":
+        return None
+    try:
+        return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EncodeError(f"endpoint {str(endpoint)!r}: roles {name}: {reason(error)}", "roles") from None

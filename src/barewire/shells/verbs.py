@@ -8,39 +8,32 @@ A verb is a message and what is wanted of its answer, on one line of `Verbs`; no
 get there: a `Verb` is a descriptor that took its parameters from the message's own constructor (a ParamSpec), so names,
 order and kinds of the arguments are the message's. What comes out depends on which client it is asked of: `__get__` has
 an overload for each, value or coroutine. Unit and time-out are not arguments of a message, so they are said by `at`.
+The file of a message is loaded when its verb is first used.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
+from functools import cached_property
+from types import MethodType
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
 
-from barewire.modbus import (
-    Diagnostics,
-    GetCommEventCounter,
-    GetCommEventLog,
-    MaskWriteRegister,
-    ReadCoils,
-    ReadDiscreteInputs,
-    ReadExceptionStatus,
-    ReadFifoQueue,
-    ReadFileRecord,
-    ReadHoldingRegisters,
-    ReadInputRegisters,
-    ReadWriteMultipleRegisters,
-    ReportServerId,
-    Request,
-    Response,
-    WriteFileRecord,
-    WriteMultipleCoils,
-    WriteMultipleRegisters,
-    WriteSingleCoil,
-    WriteSingleRegister,
-)
+from barewire import modbus
+from barewire.modbus.message import Request, Response
 
 if TYPE_CHECKING:
+    from barewire import modbus as messages
     from barewire.shells.aio_client import AsyncModbusClient
     from barewire.shells.modbus_client import ModbusClient
+else:
+
+    class _Messages:
+        """For a type checker `messages.ReadCoils` is the class; here it is what loads the class when it is called."""
+
+        def __getattr__(self, name: str) -> Callable[[], Any]:
+            return lambda: getattr(modbus, name)
+
+    messages = _Messages()
 
 P = ParamSpec("P")
 R = TypeVar("R", bound=Response)
@@ -51,9 +44,15 @@ class Verb(Generic[P, R, V]):
     """One verb: the request that it sends, and what it takes of the answer."""
 
     def __init__(self, request: Callable[P, Request[R]], take: Callable[[R], V]) -> None:
-        self.request = request
+        self._find: Any = request  # what finds it, when it is needed: see `messages`
         self.take = take
-        self.__doc__ = request.__doc__
+        self._said: Callable[..., Any] | None = None
+
+    @cached_property
+    def request(self) -> Callable[P, Request[R]]:
+        """What makes the request: its class, loaded when the verb is first used."""
+        made_by: Callable[P, Request[R]] = self._find()
+        return made_by
 
     @overload
     def __get__(self, client: ModbusClient, kind: type) -> Callable[P, V]: ...
@@ -65,13 +64,17 @@ class Verb(Generic[P, R, V]):
     def __get__(self, client: None, kind: type) -> Verb[P, R, V]: ...
 
     def __get__(self, client: Any, kind: type) -> Any:
-        if client is None:
-            return self
+        said = self._said or self._say()
+        return self if client is None else MethodType(said, client)
 
-        def said(*args: P.args, **kwargs: P.kwargs) -> Any:
-            return client.fetch(self.request(*args, **kwargs), self.take)
+    def _say(self) -> Callable[..., Any]:
+        request, take = self.request, self.take
 
-        said.__doc__ = self.__doc__
+        def said(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+            return client.fetch(request(*args, **kwargs), take)
+
+        said.__doc__ = self.__doc__ = request.__doc__
+        self._said = said
         return said
 
 
@@ -82,21 +85,21 @@ def _nothing(answer: Response) -> None:
 class Verbs:
     """What both clients can say. `ask` says everything else."""
 
-    read_coils = Verb(ReadCoils, lambda answer: answer.bits)
-    read_discrete_inputs = Verb(ReadDiscreteInputs, lambda answer: answer.bits)
-    read_holding_registers = Verb(ReadHoldingRegisters, lambda answer: answer.registers)
-    read_input_registers = Verb(ReadInputRegisters, lambda answer: answer.registers)
-    write_single_coil = Verb(WriteSingleCoil, _nothing)
-    write_single_register = Verb(WriteSingleRegister, _nothing)
-    write_multiple_coils = Verb(WriteMultipleCoils, _nothing)
-    write_multiple_registers = Verb(WriteMultipleRegisters, _nothing)
-    mask_write_register = Verb(MaskWriteRegister, _nothing)
-    read_write_multiple_registers = Verb(ReadWriteMultipleRegisters, lambda answer: answer.registers)
-    read_fifo_queue = Verb(ReadFifoQueue, lambda answer: answer.registers)
-    read_file_record = Verb(ReadFileRecord, lambda answer: answer.records)
-    write_file_record = Verb(WriteFileRecord, _nothing)
-    read_exception_status = Verb(ReadExceptionStatus, lambda answer: answer.status)
-    diagnostics = Verb(Diagnostics, lambda answer: answer.data)
-    get_comm_event_counter = Verb(GetCommEventCounter, lambda answer: answer)
-    get_comm_event_log = Verb(GetCommEventLog, lambda answer: answer)
-    report_server_id = Verb(ReportServerId, lambda answer: answer.data)
+    read_coils = Verb(messages.ReadCoils, lambda answer: answer.bits)
+    read_discrete_inputs = Verb(messages.ReadDiscreteInputs, lambda answer: answer.bits)
+    read_holding_registers = Verb(messages.ReadHoldingRegisters, lambda answer: answer.registers)
+    read_input_registers = Verb(messages.ReadInputRegisters, lambda answer: answer.registers)
+    write_single_coil = Verb(messages.WriteSingleCoil, _nothing)
+    write_single_register = Verb(messages.WriteSingleRegister, _nothing)
+    write_multiple_coils = Verb(messages.WriteMultipleCoils, _nothing)
+    write_multiple_registers = Verb(messages.WriteMultipleRegisters, _nothing)
+    mask_write_register = Verb(messages.MaskWriteRegister, _nothing)
+    read_write_multiple_registers = Verb(messages.ReadWriteMultipleRegisters, lambda answer: answer.registers)
+    read_fifo_queue = Verb(messages.ReadFifoQueue, lambda answer: answer.registers)
+    read_file_record = Verb(messages.ReadFileRecord, lambda answer: answer.records)
+    write_file_record = Verb(messages.WriteFileRecord, _nothing)
+    read_exception_status = Verb(messages.ReadExceptionStatus, lambda answer: answer.status)
+    diagnostics = Verb(messages.Diagnostics, lambda answer: answer.data)
+    get_comm_event_counter = Verb(messages.GetCommEventCounter, lambda answer: answer)
+    get_comm_event_log = Verb(messages.GetCommEventLog, lambda answer: answer)
+    report_server_id = Verb(messages.ReportServerId, lambda answer: answer.data)

@@ -10,10 +10,9 @@ here; a header that cannot be right goes to everybody who waits: each of them sa
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 
-from barewire.errors import DecodeError
-from barewire.tcp.frame import HEADER, PREFIX, check_header
+from barewire.tcp.frame import BEGINNING, LENGTHS, PREFIX
 from barewire.tcp.line import DatagramLine, TcpLine
 
 
@@ -31,12 +30,15 @@ class FanOut:
         self.strays = 0
         """Frames that answer nothing that was asked here."""
         self._datagrams = datagrams
-        self._held = bytearray()
+        self._held = b""
         self._last = 0
         self._asked: dict[int, int] = {}  # transaction -> place
         self._numbers = [0] * count  # place -> its transaction
         kind = DatagramLine if datagrams else TcpLine
-        self.lines = [kind(any_unit=any_unit, number=partial(self._number, place)) for place in range(count)]
+        self.lines = [kind(any_unit=any_unit, number=self._numbering(place)) for place in range(count)]
+
+    def _numbering(self, place: int) -> Callable[[], int]:
+        return lambda: self._number(place)
 
     def _number(self, place: int) -> int:
         self._asked.pop(self._numbers[place], None)
@@ -49,22 +51,29 @@ class FanOut:
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
         """Bytes that arrived, cut into frames, each with the place of the line that it is for."""
-        self._held += data
+        if self._datagrams:
+            return self._passed_on(data) if data else []
+        held = self._held + data if self._held else data
         frames: list[tuple[int, bytes]] = []
-        while len(self._held) >= PREFIX or (self._datagrams and self._held):
-            try:
-                size = len(self._held) if self._datagrams else check_header(bytes(self._held[:PREFIX]))
-            except DecodeError:
-                frames += [(place, bytes(self._held)) for place in range(len(self.lines))]
-                self._held.clear()
+        at, end = 0, len(held)
+        while end - at >= PREFIX:
+            _, protocol, length = BEGINNING.unpack_from(held, at)
+            if protocol or length not in LENGTHS:
+                frames += [(place, held[at:]) for place in range(len(self.lines))]
+                at = end
                 break
-            if len(self._held) < size:
+            next_at = at + PREFIX + length
+            if next_at > end:
                 break
-            frame = bytes(self._held[:size])
-            del self._held[:size]
-            number = HEADER.unpack_from(frame)[0] if size > PREFIX else -1
-            if number in self._asked:
-                frames.append((self._asked[number], frame))
-            else:
-                self.strays += 1
+            frames += self._passed_on(held[at:next_at])
+            at = next_at
+        self._held = held[at:]
         return frames
+
+    def _passed_on(self, frame: bytes) -> list[tuple[int, bytes]]:
+        """To the line that asked, if there is one."""
+        place = self._asked.get(frame[0] << 8 | frame[1]) if len(frame) > PREFIX else None
+        if place is None:
+            self.strays += 1
+            return []
+        return [(place, frame)]

@@ -10,14 +10,16 @@ from __future__ import annotations
 import struct
 
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.adu import Adu, check_pdu, check_unit
+from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
 
 HEADER = struct.Struct(">HHHB")
+BEGINNING = struct.Struct(">HHH")  # the header without the unit: what tells the length
 PREFIX = 6
 """The bytes before the length counts: transaction, protocol, length."""
 
 SHORTEST, LONGEST = 8, 260
 LENGTHS = range(2, 255)
+_adu = tuple.__new__  # what Adu(...) does, without the function around it
 
 
 def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
@@ -28,11 +30,12 @@ def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
 
     Raises EncodeError for a unit outside 0..255, a PDU outside 1..253 bytes, a transaction outside 0..65535.
     """
-    check_unit(unit)
-    check_pdu(pdu)
-    if not 0 <= transaction <= 0xFFFF:
+    size = len(pdu)
+    if not (0 <= unit <= 255 and 1 <= size <= PDU_LIMIT and 0 <= transaction <= 0xFFFF):
+        check_unit(unit)
+        check_pdu(pdu)
         raise EncodeError(f"transaction {transaction}: expected 0..65535", "transaction")
-    return HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu
+    return HEADER.pack(transaction, 0, size + 1, unit) + pdu
 
 
 def check_header(data: bytes) -> int:
@@ -59,14 +62,16 @@ def decode(data: bytes) -> Adu:
 
     Raises DecodeError: "short", "protocol", "length" (outside 2..254), or "long" for bytes behind the frame.
     """
-    if len(data) < PREFIX:
-        raise DecodeError("short", data, len(data), f"the MBAP header is not all there: {len(data)} of 7 bytes")
-    size = check_header(data)
-    if len(data) < size:
-        raise DecodeError(
-            "short", data, len(data), f"length {size - PREFIX} promises {size} bytes, here are {len(data)}"
-        )
-    if len(data) > size:
-        raise DecodeError("long", data, size, f"length {size - PREFIX} ends at byte {size}, here are {len(data)}")
-    transaction, _, _, unit = HEADER.unpack_from(data)
-    return Adu(unit, bytes(data[7:]), transaction)
+    size = len(data)
+    if SHORTEST <= size <= LONGEST:
+        transaction, protocol, length, unit = HEADER.unpack_from(data)
+        if protocol == 0 and PREFIX + length == size:
+            return _adu(Adu, (unit, bytes(data[7:]), transaction))
+    # Something is wrong with it: what?
+    if size < PREFIX:
+        raise DecodeError("short", data, size, f"the MBAP header is not all there: {size} of 7 bytes")
+    promised = check_header(data)
+    if size < promised:
+        text = f"length {promised - PREFIX} promises {promised} bytes, here are {size}"
+        raise DecodeError("short", data, size, text)
+    raise DecodeError("long", data, promised, f"length {promised - PREFIX} ends at byte {promised}, here are {size}")

@@ -11,7 +11,9 @@ from collections.abc import Callable
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.tcp.frame import HEADER, PREFIX, check_header, decode, encode
+from barewire.tcp.frame import BEGINNING, LENGTHS, LONGEST, PREFIX, SHORTEST, check_header, decode, encode
+
+_adu = tuple.__new__  # what Adu(...) does, without the function around it
 
 
 class TcpLine:
@@ -35,7 +37,7 @@ class TcpLine:
     ) -> None:
         self.numbered = not any_transaction
         self._any_unit = any_unit
-        self._held = bytearray()
+        self._held = b""
         self._transaction = 0
         self._unit = 0
         self._number = number or self._count
@@ -55,7 +57,7 @@ class TcpLine:
     @property
     def held(self) -> bytes:
         """The beginning of a frame whose end has not come."""
-        return bytes(self._held)
+        return self._held
 
     def request(self, unit: int, pdu: bytes) -> bytes:
         """The frame of a request, under the next transaction number."""
@@ -82,25 +84,31 @@ class TcpLine:
         """As many frames as are whole. After a header that cannot be right everything is Noise."""
         if not data:
             return []
-        self._held += data
+        if not self._held and self.broken is None and SHORTEST <= len(data) <= LONGEST:
+            # Nearly always one read is one frame.
+            transaction, protocol, length = BEGINNING.unpack_from(data)
+            if protocol == 0 and PREFIX + length == len(data):
+                return [_adu(Adu, (data[PREFIX], bytes(data[7:]), transaction))]
+        held = self._held + data
         events: list[Adu | Noise] = []
-        at = 0
-        held = bytes(self._held)
-        while self.broken is None and len(held) - at >= PREFIX:
-            try:
-                size = check_header(held[at : at + PREFIX])
-            except DecodeError as error:
-                self.broken = error
+        at, end = 0, len(held)
+        while end - at >= PREFIX and self.broken is None:
+            transaction, protocol, length = BEGINNING.unpack_from(held, at)
+            if protocol or length not in LENGTHS:
+                try:
+                    check_header(held[at : at + PREFIX])
+                except DecodeError as error:
+                    self.broken = error
                 break
-            if len(held) - at < size:
+            next_at = at + PREFIX + length
+            if next_at > end:
                 break
-            transaction, _, _, unit = HEADER.unpack_from(held, at)
-            events.append(Adu(unit, held[at + 7 : at + size], transaction))
-            at += size
-        if self.broken is not None and at < len(held):
+            events.append(_adu(Adu, (held[at + PREFIX], held[at + 7 : next_at], transaction)))
+            at = next_at
+        if self.broken is not None and at < end:
             events.append(Noise(held[at:], self.broken.reason, self.broken.text))
-            at = len(held)
-        del self._held[:at]
+            at = end
+        self._held = held[at:]
         return events
 
 

@@ -79,12 +79,12 @@ class Bench:
         frame = None if text is None else CanFrame.parse(text)
         return [str(said) for said in self.machine.canopen.feed(frame, self.now)]
 
-    def _sdo(self, command: int, index: int, sub: int, data: bytes = b"") -> bytes | int:
+    def _sdo(self, command: int, index: int, sub: int, data: bytes = b"", node: int = 1) -> bytes | int:
         """One expedited transfer, bit by bit: the bytes of the answer, or the abort code."""
         assert self.machine.canopen is not None
         request = bytes([command]) + index.to_bytes(2, "little") + bytes([sub]) + data.ljust(4, b"\0")
-        said = self.machine.canopen.feed(CanFrame(0x601, request), self.now)
-        (answer,) = [frame.data for frame in said if frame.id == 0x581]
+        said = self.machine.canopen.feed(CanFrame(0x600 + node, request), self.now)
+        (answer,) = [frame.data for frame in said if frame.id == 0x580 + node]
         if answer[0] == 0x80:
             return int.from_bytes(answer[4:], "little")
         return answer[4 : 8 - (answer[0] >> 2 & 3)]
@@ -92,6 +92,10 @@ class Bench:
     def upload(self, index: int, sub: int = 0) -> bytes | int:
         """The bytes of an object, or the abort code."""
         return self._sdo(0x40, index, sub)
+
+    def upload_at(self, node: int, index: int, sub: int = 0) -> bytes | int:
+        """The same from a drive that has another node-ID now."""
+        return self._sdo(0x40, index, sub, node=node)
 
     def download(self, index: int, sub: int, data: bytes) -> int:
         """0, or the abort code."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.devices.sim import Adxl, simulator
-from barewire.devices.sim.adxl import REBOOT_TAKES
 from barewire.devices.sim.adxl_memory import EVENTS
-from barewire.modbus.adu import Adu
 from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.registers import (
@@ -16,8 +14,6 @@ from barewire.modbus.registers import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
-from barewire.modbus.serve import Server
-from barewire.rtu import RtuLine, Timing, decode, encode
 from tests.devices.sim.bench import Bench
 
 
@@ -91,32 +87,6 @@ def test_looking_more_often_changes_nothing_worth_mentioning() -> None:
     assert (one.energy, one.thyristors, one.thermal) == pytest.approx(
         (other.energy, other.thyristors, other.thermal), 1e-3
     )
-
-
-# The example of the manual: set P01.04 to 10 s, steps 1 to 4. The answers to 1, 2 and 3 are echoes.
-STEPS = [
-    ("01 06 4F FF 00 01 6E EE", True),
-    ("01 06 50 01 00 04 C8 C9", True),
-    ("01 06 50 03 00 0A E8 CD", True),
-    ("01 06 2F 02 00 05 E0 DD", False),
-]
-
-
-def test_the_parameter_setting_example_byte_for_byte(bench: Bench) -> None:
-    assert bench.machine.modbus is not None
-    server = Server(RtuLine(Timing.of(9600, bits=10), role="server", units={1}), {1: bench.machine.modbus}, serial=True)
-    starter(bench).menus.values[1, 0, 4] = 30
-    for second, (frame, answered) in enumerate(STEPS):
-        replies = server.feed(bytes.fromhex(frame), float(second))
-        assert [reply.data.hex(" ").upper() for reply in replies] == ([frame] if answered else [])
-    assert starter(bench).menus.saved[1, 0, 4] == 10
-    # Rebooting: exception 06, then everything as saved.
-    asked = encode(1, ReadInputRegisters(0x0FB1, 2).encode())
-    (busy,) = server.feed(asked, 4.0)
-    assert decode(busy.data) == Adu(1, bytes.fromhex("8406"))
-    (answer,) = server.feed(asked, 3.0 + REBOOT_TAKES)
-    assert decode(answer.data) == Adu(1, bytes.fromhex("0404000000F5"))
-    assert answer.data.hex(" ").upper() == "01 04 04 00 00 00 F5 3B C3"  # whose CRC the manual prints
 
 
 def test_what_is_not_saved_is_lost(bench: Bench) -> None:

@@ -156,9 +156,10 @@ def test_a_fault_is_told_on_both_buses(bench: Bench) -> None:
     bench.now = 5.0
     drive(bench).fault(0x3210, 5.0)
     assert states(bench) == [88]
-    assert "081#1032010000000000" in bench.frames()
+    assert "081#1032050000000000" in bench.frames()
     bench.now = 6.1
-    assert (states(bench), bench.read("ERROR CODE 1"), bench.upload(0x1001)) == ([87], 0x3210, b"\x01")
+    assert (states(bench), bench.read("ERROR CODE 1"), bench.upload(0x1001)) == ([87], 0x3210, b"\x05")
+    assert (bench.read("ERROR REGISTER"), bench.upload(0x2069)) == (5, b"\x05\x00")  # generic, and voltage
     bench.write("RESET ERROR", True)
     assert states(bench) == [87]  # the cause is still there
     drive(bench).solve(6.2)

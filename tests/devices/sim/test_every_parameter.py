@@ -11,17 +11,11 @@ from barewire.devices.parameter import Parameter
 from barewire.devices.sim import simulator
 from barewire.modbus import registers
 from tests.devices.sim.bench import Bench
+from tests.devices.sim.test_round_trips import PUSHED
 
 ALL = [(name, parameter) for name in names() for parameter in load(name).parameters]
 IDS = [f"{name}-{parameter.name}" for name, parameter in ALL]
 
-# Written, and not to be read back as written: why.
-COMMANDS = {
-    "Save All Parameters", "Restore All Default Parameters", "Reset Error Logs", "Read Temperature",
-    "STORE ALL PARAMETERS", "RESET POSITION", "RESET ERROR", "SOFTWARE RESET", "POWER OFF RESET",
-    *("COIL WORD 0", "COIL WORD 5"),  # all bits at once: among them a reset, and states
-}  # fmt: skip
-MEASURED = {"HEATSINK TEMPERATURE", "CUSTOM POSITION ACTUAL VALUE", "SENSORLESS MEASURED SPEED"}
 MAPPINGS = range(0x1400, 0x1C00)  # have rules of their own, see tests/canopen
 
 
@@ -65,7 +59,7 @@ def test_over_modbus(name: str, parameter: Parameter) -> None:
         return
     value = wanted(parameter)
     bench.write(parameter.name, value)
-    if parameter.name not in COMMANDS | MEASURED:
+    if parameter.name not in PUSHED[name]:
         assert bench.read(parameter.name) == value
     if place.table == "input" or parameter.name == "MODBUS FAIL THRESHOLD TIME":  # another firmware's, see ADDRESS 3, 4
         return
@@ -104,7 +98,7 @@ def test_over_canopen(name: str, parameter: Parameter) -> None:
             assert bench.download(place.index, place.sub, before) == 0x0601_0002
         return
     assert bench.download(place.index, place.sub, parameter.to_object(value, before)) == 0
-    if parameter.name in COMMANDS | MEASURED:
+    if parameter.name in PUSHED[name]:
         return
     after = bench.upload(place.index, place.sub)
     assert isinstance(after, bytes)

@@ -13,6 +13,9 @@ I know: one net, the settings of one connection.  I never know: sockets, clocks,
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError, error_line
 from barewire.canopen.gateway.commands import parse
@@ -45,6 +48,8 @@ from barewire.canopen.sdo.upload import upload
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
+Channels: TypeAlias = Callable[[int], Channel]
+
 SDO_TIMEOUT = 0.5
 MAX_LINE = 65_536
 """Bytes of the longest line: room for a domain of some 48 KiB."""
@@ -70,22 +75,26 @@ types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a commen
 class Session:
     """The settings of one connection, and its lines carried out.
 
+    `channel` gives the SDO channel to a node, for connections that share a bus; without it the session keeps its own.
+
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
     >>> play(Session().answer("[1] 5 read 0x6041 0 x16"), node)[0]
     ['[1] 0x0637']
     """
 
-    def __init__(self, net: int = 1, *, version: str = "", dialect: Dialect = STANDARD) -> None:
+    def __init__(
+        self, net: int = 1, *, version: str = "", dialect: Dialect = STANDARD, channel: Channels | None = None
+    ) -> None:
         self.net = net
         self.notices = Notices(net)
         self._version = version
-        self._dialect = dialect
+        self._channels: dict[int, Channel] = {}
+        self._channel = channel or (lambda node: self._channels.setdefault(node, Channel(node, dialect)))
         self._default_net: int | None = net
         self._default_node: int | None = None
         self._timeout = SDO_TIMEOUT
         self._block = False
-        self._channels: dict[int, Channel] = {}
 
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
         """Carry out one line; the lines of the answer, none for an empty line or a comment. Never raises."""
@@ -112,6 +121,16 @@ class Session:
         if isinstance(line.request, Tell):
             return [*said.splitlines(), f"[{sequence}] OK"] if line.request.what == "help" else [f"[{sequence}] {said}"]
         return [f"[{sequence}] {said}"]
+
+    def talks_to(self, text: str) -> Channel | Literal["LSS"] | None:
+        """Whom a line will talk to and wait for: an SDO channel, the devices without a node-ID, or nobody."""
+        try:
+            line = parse(text)
+            if isinstance(line.request, (Read, Write)):
+                return self._channel(self._node(line.node))
+        except GatewayError:
+            return None
+        return "LSS" if isinstance(line.request, Lss) else None
 
     def _carry_out(self, line: Line) -> Conversation[CanFrame, str]:
         request = line.request
@@ -163,7 +182,7 @@ class Session:
         return "OK"
 
     def _transfer(self, node: int, request: Read | Write) -> Conversation[CanFrame, str]:
-        channel = self._channels.setdefault(node, Channel(node, self._dialect))
+        channel = self._channel(node)
         if isinstance(request, Write):
             block = self._block and len(request.data) > 4
             yield from download(channel, request.index, request.sub, request.data, timeout=self._timeout, block=block)

@@ -15,10 +15,11 @@ Files, from the bytes upwards:
     aborts      why somebody said no
     dialect     how a device departs
     stream      the bytes of a value on their way
-    block       the sender and the receiver of blocks, which client and server share
-    channel     a client's two identifiers, and what is heard there        options     how it wants its blocks
+    block       the sender and the receiver of blocks, which client and server share     block_segments  their frames
+    channel     a client's two identifiers     hearing     what is heard there     options     how it wants its blocks
     transfer    one transfer of a client           upload      read            download    write
-    sessions    one transfer of a server           serve       the server
+    sessions    one transfer of a server           serve       the server      store       what it stands on
+    servers     where a device has further servers
 
 I know: SDO frames and that there is an object dictionary.  I never know: PDOs, NMT, types and names of objects.
 Who may import me: canopen, devices, shells, cli.
@@ -36,9 +37,10 @@ from barewire.canopen.sdo.block_messages import (
     InitiateBlockUpload,
     StartBlockUpload,
 )
-from barewire.canopen.sdo.channel import Channel, Hearing
+from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
 from barewire.canopen.sdo.download import download
+from barewire.canopen.sdo.hearing import Hearing
 from barewire.canopen.sdo.initiate_messages import (
     Abort,
     DownloadInitiated,
@@ -49,9 +51,10 @@ from barewire.canopen.sdo.initiate_messages import (
     UploadInitiated,
 )
 from barewire.canopen.sdo.messages import decode_answer, decode_request
-from barewire.canopen.sdo.options import Block
+from barewire.canopen.sdo.options import Block, BlockWish
 from barewire.canopen.sdo.segment_messages import NextSegment, Segment, SegmentTaken
-from barewire.canopen.sdo.serve import ObjectStore, SdoServer, ServerCounters
+from barewire.canopen.sdo.serve import SdoServer
+from barewire.canopen.sdo.store import ObjectStore, ServerCounters
 from barewire.canopen.sdo.upload import upload, upload_to
 
 __all__ = [
@@ -59,6 +62,7 @@ __all__ = [
     "upload_to",
     "download",
     "Block",
+    "BlockWish",
     "Channel",
     "Hearing",
     "SdoServer",

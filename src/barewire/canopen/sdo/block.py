@@ -34,6 +34,7 @@ from binascii import crc_hqx
 
 from barewire.canopen.sdo.aborts import AbortCode, Breach
 from barewire.canopen.sdo.block_messages import BLOCK_MAX, LAST, BlockAck, BlockEnd, BlockEnded
+from barewire.canopen.sdo.block_segments import FRAME, joined, segments
 from barewire.canopen.sdo.messages import SenderHears
 from barewire.canopen.sdo.segment_messages import SEGMENT
 from barewire.canopen.sdo.stream import Incoming, Outgoing
@@ -45,8 +46,9 @@ FUTILE_MAX = 5
 STRAYS_MAX = 8 * BLOCK_MAX
 """How many segments out of turn a receiver passes over without getting on."""
 
-_NUMBERS = [bytes([number]) for number in range(256)]
 _ENDED = BlockEnded().encode()
+_STEP = 1 / 64
+"""The part of the time-out for which a receiver does not move its deadline again."""
 
 
 def check_blksize(blksize: int) -> int:
@@ -89,12 +91,7 @@ class BlockSender:
         held = self._held = self._held + fresh
         self._crc = crc_hqx(fresh, self._crc)
         self._final = len(held) <= room and self._value.exhausted
-        count = max(1, -(-min(len(held), room) // SEGMENT))
-        starts = range(0, count * SEGMENT, SEGMENT)
-        block = [_NUMBERS[number] + held[at : at + SEGMENT] for number, at in enumerate(starts, 1)]
-        if self._final:
-            block[-1] = (_NUMBERS[count | LAST] + block[-1][1:]).ljust(1 + SEGMENT, b"\0")
-        self._block = block
+        self._block = segments(held[:room], last=self._final)
         self._said = 0
 
     def feed(self, heard: SenderHears | None, now: float) -> list[bytes]:
@@ -160,7 +157,7 @@ class BlockReceiver:
 
     __slots__ = (
         *("_blksize", "_crc", "_early", "_last_sequence", "_last_word", "_late", "_parts", "_reminded", "_strays"),
-        *("_timeout", "_value"),
+        *("_stale", "_step", "_timeout", "_value"),
         *("complete", "deadline", "over", "with_crc"),
     )
 
@@ -170,15 +167,15 @@ class BlockReceiver:
         self._timeout = timeout
         self._early = timeout * REMIND
         self._late = timeout - self._early
-        self._parts: list[bytes] = []  # this block, as far as it came in order
+        self._step = timeout * _STEP
+        self._parts: list[bytes] = []  # the frames of this block, as far as they came in order
         self._crc = 0
         self._strays = 0
-        self._reminded = False
         self._word(0)
         self.with_crc = crc
         self.complete = False  # the last segment is acknowledged, the end is awaited
         self.over = False
-        self.deadline = now + self._early
+        self._alive(now)
 
     @property
     def next_segment(self) -> int:
@@ -189,26 +186,43 @@ class BlockReceiver:
         """What to say to a frame, or to time passing. Raises Breach when the sender broke the rules or is silent."""
         if data is None:
             return self._remind(now) if now >= self.deadline else []
-        self.deadline = now + self._early
-        self._reminded = False
+        if self.accept(data, now):
+            return []
+        if now >= self._stale:
+            self._alive(now)
         if self.complete:
             return self._end(data)
         command, parts = data[0], self._parts
         sequence = command & ~LAST
         if sequence != len(parts) + 1 or sequence > self._blksize:
             return self._stray(data)
-        parts.append(data[1:])
-        if command == sequence and sequence != self._blksize:
-            return []
+        parts.append(data)
         self.complete = command != sequence
         return self._acknowledge()
+
+    def accept(self, data: bytes, now: float) -> bool:
+        """The way of nearly every frame: the next segment, inside a block. False: it is another, and to be fed."""
+        parts = self._parts
+        number = len(parts) + 1
+        if len(data) != FRAME or data[0] != number or number >= self._blksize or self.complete:
+            return False
+        parts.append(data)
+        if now >= self._stale:
+            self._alive(now)
+        return True
+
+    def _alive(self, now: float) -> None:
+        """The sender was heard. Not noted again at once, for it is heard a thousand times a second."""
+        self.deadline = now + self._early
+        self._stale = now + self._step
+        self._reminded = False
 
     def _acknowledge(self) -> list[bytes]:
         """As far as it came in order. The block with the last segment stays here until the end tells what counts."""
         self._strays = 0
         self._word(len(self._parts))
         if not self.complete:
-            self._give_on(b"".join(self._parts))
+            self._give_on(joined(self._parts))
             self._parts = []
         return [self._last_word]
 
@@ -230,7 +244,7 @@ class BlockReceiver:
             raise Breach(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of turn")
         parts = self._parts
         if sequence <= len(parts):
-            if parts[sequence - 1] != data[1:]:
+            if parts[sequence - 1][1:] != data[1:]:
                 raise Breach(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with other bytes")
         elif parts and (last or sequence == self._blksize):
             return self._acknowledge()
@@ -240,6 +254,7 @@ class BlockReceiver:
         if self._reminded:
             raise Breach(AbortCode.TIMED_OUT, f"no segment and no end within {self._timeout:g} s")
         self._reminded = True
+        self._stale = now
         self.deadline = now + self._late
         if self._parts and not self.complete:
             return self._acknowledge()
@@ -251,12 +266,12 @@ class BlockReceiver:
 
     def _end(self, data: bytes) -> list[bytes]:
         sequence, parts = data[0] & ~LAST, self._parts
-        if 1 <= sequence <= len(parts) and parts[sequence - 1] == data[1:]:
+        if 1 <= sequence <= len(parts) and parts[sequence - 1][1:] == data[1:]:
             return []  # a segment of the last block again
         if not BlockEnd.pattern.matches(data[0]) or len(data) < 3:
             raise Breach(AbortCode.COMMAND, f"command {data[0]:02X}h came, and not the end of the transfer")
         end = BlockEnd.decode(data)
-        block = b"".join(parts)
+        block = joined(parts)
         self._parts = []
         self._give_on(block[: len(block) - end.unused])
         if self.with_crc and end.crc != self._crc:

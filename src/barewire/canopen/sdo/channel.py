@@ -3,12 +3,11 @@
         client  -- 600h+n -->  server of node n        [CiA 301, default SDO]
                 <-- 580h+n --
 
-Everything that comes and is no answer to the question of the moment is not an error but weather, and is counted in
-`Hearing`:
+A server may have more channels than the default one, on identifiers that its objects 1201h to 127Fh tell: `cob_ids`.
 
-    foreign    other identifiers, extended frames, remote frames: somebody else's talk
-    late       an answer on our identifier to an earlier question (another object, another service)
-    garbled    something on our identifier that cannot be read
+Everything that comes and is no answer to the question of the moment is not an error but weather, and is counted in
+`Hearing`. A channel whose shell hears the whole bus and gives the channel only its own frames says so with `presence`:
+then a time-out is explained with what was heard of the node before.
 
 After a time-out the channel stays `quiet_until` one more time-out has passed, so that a late answer cannot become the
 answer to the next question.
@@ -18,60 +17,21 @@ I know: one node, what is heard of it.  I never know: clocks, buses, what an obj
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
-from barewire.canopen.cob import classify, cob_id
+from barewire.canopen.cob import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.heartbeat import NodeState
-from barewire.canopen.nmt import NmtState
+from barewire.canopen.presence import Mark, Presence
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
+from barewire.canopen.sdo.hearing import Hearing
 from barewire.canopen.sdo.initiate_messages import ExpeditedUpload
 from barewire.canopen.sdo.messages import M, may_be_late, read
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import DecodeError, EncodeError
 
-
-@dataclass(slots=True)
-class Hearing:
-    """What was heard while waiting: the counters, and the evidence that a time-out is explained with."""
-
-    frames: int = 0  # of any kind
-    from_node: int = 0  # sent by the node, on any of its identifiers
-    answers: int = 0  # on the answer identifier of this channel
-    late: int = 0  # of these: to another question
-    garbled: int = 0  # of these: unreadable
-    short: int = 0  # of these: read, although with fewer than 8 bytes
-    unsized: int = 0  # of these: 42h, a value without its size
-    extended: int = 0  # with the number of our answer identifier, but extended: not ours
-    state: NodeState | None = None  # the last heartbeat of the node
-
-    def explain(self, node: int, answer_id: int) -> str:
-        """The evidence in one sentence."""
-        if not self.frames:
-            return "nothing at all was heard on the bus"
-        said = [f"heard {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
-        if self.state is not None:
-            stopped = ", and a stopped node answers no SDO" if self.state.state == NmtState.STOPPED else ""
-            said.append(f"its heartbeat says {self.state.name}{stopped}")
-        said.append(f"{self.answers or 'none'} on {answer_id:03X}h")
-        if self.late:
-            said.append(f"{_count(self.late, 'answer')} to another question")
-        if self.garbled:
-            said.append(f"{self.garbled} unreadable")
-        if self.extended:
-            said.append(f"{_count(self.extended, 'extended frame')} {answer_id:08X}h, which is another identifier")
-        return ", ".join(said)
-
-
 BACKLOG = 0.1
 """Seconds that reading what waited may take at most, on a bus that never falls silent."""
 
 _PAST = float("-inf")
-_COUNTERS = tuple(field.name for field in fields(Hearing) if field.name != "state")
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 class Channel:
@@ -85,13 +45,28 @@ class Channel:
     '605h 585h'
     """
 
-    __slots__ = ("answer_id", "busy", "dialect", "heard", "node", "quiet_until", "request_id", "total")
+    __slots__ = ("_mark", "answer_extended", "answer_id", "blocks", "busy", "dialect", "heard", "node", "presence",
+                 "quiet_until", "request_extended", "request_id", "total")  # fmt: skip
 
-    def __init__(self, node: int, dialect: Dialect = STANDARD) -> None:
+    def __init__(
+        self,
+        node: int,
+        dialect: Dialect = STANDARD,
+        *,
+        cob_ids: tuple[CobEntry, CobEntry] | None = None,
+        presence: Presence | None = None,
+    ) -> None:
         self.node = node
         self.dialect = dialect
         self.request_id = cob_id("SDO request", node)
         self.answer_id = cob_id("SDO answer", node)
+        self.request_extended = self.answer_extended = False
+        if cob_ids is not None:
+            self.request_id, self.request_extended = cob_ids[0][:2]
+            self.answer_id, self.answer_extended = cob_ids[1][:2]
+        self.presence = presence
+        self._mark: Mark | None = None
+        self.blocks = True  # until the server says that it has none: then `block="auto"` does not ask again
         self.quiet_until: float | None = None
         self.busy = False
         self.heard = Hearing()
@@ -99,13 +74,10 @@ class Channel:
 
     def hear(self, frame: CanFrame) -> bytes | None:
         """Count a frame; what is said on this channel is returned, whatever it says."""
-        heard = self.heard
-        heard.frames += 1
-        if frame.id != self.answer_id or frame.extended or frame.remote:
+        if frame.id != self.answer_id or frame.extended != self.answer_extended or frame.remote:
             self._note_foreign(frame)
             return None
-        heard.from_node += 1
-        heard.answers += 1
+        self.heard.answers += 1
         return frame.data
 
     def understand(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
@@ -124,11 +96,12 @@ class Channel:
         return message
 
     def _note_foreign(self, frame: CanFrame) -> None:
-        self.heard.extended += frame.extended and frame.id == self.answer_id
+        self.heard.others += 1
+        self.heard.extended += frame.extended and not self.answer_extended and frame.id == self.answer_id
         owner = classify(frame)
         if owner is None or owner[1] != self.node or not owner[0].from_device or frame.remote:
             return
-        self.heard.from_node += 1
+        self.heard.signs += 1
         if owner[0].name == "error control" and frame.data:
             self.heard.state = NodeState.decode(frame)
 
@@ -136,11 +109,17 @@ class Channel:
         """A new transfer: what the last one heard goes into the total. The heartbeat stays, it is still the last."""
         if self.busy:
             raise EncodeError(f"{what} has to wait: the SDO channel to node {self.node} carries one transfer at a time")
-        for name in _COUNTERS:
-            setattr(self.total, name, getattr(self.total, name) + getattr(self.heard, name))
-        self.total.state = self.heard.state
+        self.total.add(self.heard)
         self.heard = Hearing(state=self.heard.state)
+        self._mark = None if self.presence is None else self.presence.mark(self.answer_id)
         self.busy = True
+
+    def explain(self, now: float) -> str:
+        """Why there was no answer, as far as what was heard tells."""
+        if self.presence is None or self._mark is None:
+            return self.heard.explain(self.node, self.answer_id)
+        told = self.presence.explain(self.node, self.answer_id, self._mark, now, answers=self.heard.answers)
+        return ", ".join([told, *self.heard.oddities()])
 
     def settle(self) -> Conversation[CanFrame, None]:
         """Before a transfer: what is still waiting to be heard is the answer to nothing; after a time-out, so is what

@@ -27,11 +27,14 @@ from barewire.canopen.sdo.channel import Channel, channel_to
 from barewire.canopen.sdo.dialect import Dialect
 from barewire.canopen.sdo.initiate_messages import DownloadInitiated, ExpeditedDownload, InitiateDownload
 from barewire.canopen.sdo.messages import SENDER_HEARS
-from barewire.canopen.sdo.options import Block, block_options
+from barewire.canopen.sdo.options import Block, BlockWish, block_options
 from barewire.canopen.sdo.segment_messages import SEGMENT, Segment, SegmentTaken
 from barewire.canopen.sdo.stream import Outgoing, Progress
 from barewire.canopen.sdo.transfer import Transfer
 from barewire.conversation import Conversation, Heard, Listen
+
+BURST = 16
+"""Segments of a block that are said before we listen again: an abort is heard so many frames late at most."""
 
 
 def download(
@@ -44,7 +47,7 @@ def download(
     size: int | None = None,
     indicated: bool = True,
     dialect: Dialect | None = None,
-    block: bool | Block = False,
+    block: BlockWish = False,
     progress: Progress | None = None,
 ) -> Conversation[CanFrame, None]:
     """Write `data`, little-endian, to object `index`:`sub`.
@@ -66,14 +69,16 @@ def download(
     """
     channel = channel_to(node, dialect)
     transfer = Transfer(channel, "download", index, sub, timeout)
-    options = block_options(block)
     if isinstance(data, (bytes, bytearray, memoryview)):
         whole = bytes(data)
+        options = block_options(block, channel, len(whole))
         if options is None and 1 <= len(whole) <= 4 and (indicated or len(whole) == 4):
             request = ExpeditedDownload(index, sub, whole, indicated)
             request.encode()
             return transfer.carry_out(_in_one_frame(transfer, request))
         data, size = (whole,), len(whole)
+    else:
+        options = block_options(block, channel, size)
     announced = InitiateDownload(index, sub, size if indicated else None)
     announced.encode()
     value = Outgoing(data, size, progress)
@@ -111,13 +116,16 @@ def _in_blocks(
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
+        transfer.channel.blocks = False
         return (yield from _in_segments(transfer, request, value))
     crc = options.crc and answer.crc
-    sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=1, now=transfer.now)
+    sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)
     said = sender.feed(None, transfer.now)
     while not sender.over:
-        for data in said:
-            yield from transfer.say(data)
+        for step in transfer.sends(said):
+            sent: Heard[CanFrame] = yield step
+            transfer.now = sent.now
+        transfer.until = transfer.now + transfer.timeout
         # In the middle of a block the deadline is now: take what is there, and go on.
         heard: Heard[CanFrame] = yield Listen(sender.deadline)
         transfer.now = heard.now

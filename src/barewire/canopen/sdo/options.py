@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.canopen.sdo.block_messages import BLOCK_MAX
+from barewire.canopen.sdo.channel import Channel
+
+WORTH_IT = 28
+"""The longest value, in bytes, that needs no more frames in segments than in blocks."""
 
 
 class Block(NamedTuple):
@@ -21,12 +25,25 @@ class Block(NamedTuple):
     falls_back: bool = True
 
 
-def block_options(block: bool | Block) -> Block | None:
-    """None for no block transfer.
+BlockWish: TypeAlias = Block | bool | Literal["auto"]
+"""`True` asks for blocks, `False` does not; `"auto"` does for values that are longer than `WORTH_IT`, as far as that is
+known, and no longer with a server that has said that it has none."""
 
-    >>> block_options(True), block_options(False)
+
+def block_options(wish: BlockWish, channel: Channel, length: int | None = None) -> Block | None:
+    """How to ask for blocks, None for not at all. `length` is that of the value, where it is known.
+
+    >>> channel = Channel(5)
+    >>> block_options(True, channel), block_options(False, channel)
     (Block(size=127, crc=True, switch=0, falls_back=True), None)
+    >>> block_options("auto", channel, 4), block_options("auto", channel)
+    (None, Block(size=127, crc=True, switch=28, falls_back=True))
     """
-    if isinstance(block, Block):
-        return block
-    return Block() if block else None
+    if isinstance(wish, Block):
+        return wish
+    if wish != "auto":
+        return Block() if wish else None
+    small = length is not None and length <= WORTH_IT
+    if small or not channel.blocks or channel.dialect.read_commands:
+        return None
+    return Block(switch=WORTH_IT)

@@ -25,11 +25,9 @@ I know: one node's frames and that there is a dictionary.  I never know: what is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
 
-from barewire.canopen.cob import cob_id
+from barewire.canopen.cob import CobEntry, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
 from barewire.canopen.sdo.block import check_blksize
@@ -55,35 +53,11 @@ from barewire.canopen.sdo.initiate_messages import (
 )
 from barewire.canopen.sdo.messages import Request, decode_request
 from barewire.canopen.sdo.sessions import BlockDownload, BlockUpload, SegmentedDownload, SegmentedUpload, Session
+from barewire.canopen.sdo.store import ObjectStore, ServerCounters
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
-
-class ObjectStore(Protocol):
-    """What a server needs of an object dictionary. Every method refuses by raising SdoAbort."""
-
-    def size(self, index: int, sub: int) -> int | None:
-        """How many bytes the object has, None if that varies."""
-
-    def read(self, index: int, sub: int) -> bytes:
-        """Its value, little-endian."""
-
-    def write(self, index: int, sub: int, data: bytes) -> None:
-        """Take a value, or refuse it."""
-
-
-@dataclass(slots=True)
-class ServerCounters:
-    """What a server has seen."""
-
-    requests: int = 0  # frames of 8 bytes from the client
-    wrong_length: int = 0  # frames with a DLC other than 8, not answered
-    unknown_command: int = 0
-    reserved_bits: int = 0  # served, although something stood in reserved bits
-    aborts_heard: int = 0
-    aborts_said: int = 0
-    timed_out: int = 0  # of these: because the client fell silent
-    strays: int = 0  # segments that still came after a block download was ended, passed over
+_new = tuple.__new__  # what CanFrame(...) comes to; called directly, a frame of a block costs half
 
 
 class SdoServer:
@@ -95,11 +69,13 @@ class SdoServer:
     '585#4B41600037060000'
 
     `timeout` is how long a client may be silent in a transfer, `limit` the longest value that it may write, `blksize`
-    how many segments we want in a row; 0 is a server without block transfers.
+    how many segments we want in a row; 0 is a server without block transfers. `cob_ids` is the channel of a further
+    server, client to server first; without it the server has the default channel of its node.
     """
 
     __slots__ = (
         *("answer_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize"),
+        *("answer_extended", "request_extended"),
         *("_place", "_session", "_stray", "_stray_until"),
     )
 
@@ -112,11 +88,16 @@ class SdoServer:
         timeout: float = 1.0,
         limit: int = LIMIT,
         blksize: int = BLOCK_MAX,
+        cob_ids: tuple[CobEntry, CobEntry] | None = None,
     ) -> None:
         if not 0 <= blksize <= BLOCK_MAX:
             raise EncodeError(f"{blksize} segments in a block: expected 1..{BLOCK_MAX}, or 0 for no blocks")
         self.request_id = cob_id("SDO request", node)
         self.answer_id = cob_id("SDO answer", node)
+        self.request_extended = self.answer_extended = False
+        if cob_ids is not None:
+            self.request_id, self.request_extended = cob_ids[0][:2]
+            self.answer_id, self.answer_extended = cob_ids[1][:2]
         self.objects = objects
         self.dialect = dialect
         self.timeout = timeout
@@ -145,16 +126,19 @@ class SdoServer:
         """What the server says to a frame, or to time passing."""
         data = None if frame is None else self._ours(frame)
         session = self._session
+        if data is not None and session is not None and session.accept(data, now):
+            return []
         if data is not None:
             said = self._hear(data, now)
         elif session is not None and now >= session.deadline:
             said = self._go_on(session, None, now)
         else:
             return []
-        return [CanFrame(self.answer_id, answer) for answer in said]
+        identifier, extended = self.answer_id, self.answer_extended
+        return [_new(CanFrame, (identifier, answer, extended, False, 0)) for answer in said]
 
     def _ours(self, frame: CanFrame) -> bytes | None:
-        if frame.id != self.request_id or frame.extended or frame.remote:
+        if frame.id != self.request_id or frame.extended != self.request_extended or frame.remote:
             return None
         if len(frame.data) != 8:
             self.counters.wrong_length += 1

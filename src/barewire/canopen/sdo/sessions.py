@@ -43,7 +43,15 @@ class Session(Protocol):
     def gives_way(self) -> bool:
         """Whether all that matters has been said, so that a new request may take its place."""
 
+    def accept(self, data: bytes, now: float) -> bool:
+        """Whether that was the next segment inside a block, and nothing is to be said to it: see `BlockReceiver`."""
+
     def feed(self, data: bytes | None, now: float) -> list[bytes]: ...
+
+
+def never(data: bytes, now: float) -> bool:
+    """The `accept` of the transfers that answer every frame."""
+    return False
 
 
 def _expect(data: bytes, *kinds: type[M]) -> M:
@@ -66,6 +74,7 @@ class SegmentedUpload:
     __slots__ = ("_timeout", "_toggle", "_value", "deadline", "over")
     next_segment = 0
     gives_way = False
+    accept = staticmethod(never)
 
     def __init__(self, value: bytes, timeout: float, now: float) -> None:
         self._value = Outgoing((value,), len(value))
@@ -94,6 +103,7 @@ class SegmentedDownload:
     __slots__ = ("_buffer", "_timeout", "_toggle", "_value", "_write", "deadline", "over")
     next_segment = 0
     gives_way = False
+    accept = staticmethod(never)
 
     def __init__(self, write: Write, size: int | None, limit: int, timeout: float, now: float) -> None:
         self._buffer = bytearray()
@@ -126,6 +136,7 @@ class BlockUpload:
 
     __slots__ = ("_blksize", "_crc", "_sender", "_timeout", "_value", "deadline", "over")
     next_segment = 0
+    accept = staticmethod(never)
 
     def __init__(self, value: bytes, blksize: int, crc: bool, timeout: float, now: float) -> None:
         self._value = value
@@ -176,6 +187,12 @@ class BlockDownload:
     def next_segment(self) -> int:
         """The number of the segment that would come next; 0 when all of them are here."""
         return self._receiver.next_segment
+
+    def accept(self, data: bytes, now: float) -> bool:
+        """The way of nearly every frame."""
+        accepted = self._receiver.accept(data, now)
+        self.deadline = self._receiver.deadline
+        return accepted
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
         """The acknowledgement of a block; of the whole when the dictionary has taken the value."""

@@ -11,6 +11,7 @@ A request is never said twice on its own account: when the time is up nobody kno
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TypeVar
 
 from barewire.canopen.frame import CanFrame
@@ -24,6 +25,8 @@ from barewire.errors import DecodeError, NoAnswer
 Result = TypeVar("Result")
 
 ABORT = 0x80
+
+_new = tuple.__new__
 
 
 class Transfer:
@@ -58,8 +61,10 @@ class Transfer:
             if breach.code == AbortCode.TIMED_OUT:
                 raise NoAnswer(self._explain()) from None
             raise SdoAbort(breach.code, self.index, self.sub, why=breach.why) from None
-        except Exception:
-            # Abandoned, or the caller's own data or sink. The server must not be left waiting.
+        except GeneratorExit:
+            raise  # nobody carries this out any more, so nothing can be said
+        except BaseException:
+            # Abandoned, or the caller's own data or sink, Ctrl-C in them too. The server must not be left waiting.
             yield from self._end(AbortCode.GENERAL)
             raise
         finally:
@@ -73,11 +78,16 @@ class Transfer:
 
     def _explain(self) -> str:
         what = f"node {self.channel.node} did not answer the {self.verb} of {self} within {self.timeout:g} s"
-        return f"{what}: {self.channel.heard.explain(self.channel.node, self.channel.answer_id)}"
+        return f"{what}: {self.channel.explain(self.now)}"
 
     def send(self, data: bytes) -> Send[CanFrame]:
         """Eight bytes to the server."""
-        return Send(CanFrame(self.channel.request_id, data))
+        return Send(CanFrame(self.channel.request_id, data, self.channel.request_extended))
+
+    def sends(self, every: Iterable[bytes]) -> list[Send[CanFrame]]:
+        """The same for the frames of a block, which are many: made without the calls of the constructors."""
+        identifier, extended = self.channel.request_id, self.channel.request_extended
+        return [_new(Send, (_new(CanFrame, (identifier, data, extended, False, 0)),)) for data in every]
 
     def say(self, data: bytes) -> Conversation[CanFrame, None]:
         """Send; from then on the time to answer runs."""
@@ -114,6 +124,10 @@ class Transfer:
     def hear(self, frame: CanFrame) -> bytes | None:
         """What was said on our channel, None if it was elsewhere. Raises SdoAbort if it was an abort."""
         data = self.channel.hear(frame)
+        return self.judge(data) if data and data[0] == ABORT else data
+
+    def judge(self, data: bytes) -> bytes | None:
+        """The same of what was said on our channel. An abort that cannot be read is none, and counted."""
         if data and data[0] == ABORT:
             try:
                 abort = Abort.decode(data)

@@ -25,14 +25,15 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
 from barewire.canopen.sdo.block import BlockReceiver
 from barewire.canopen.sdo.block_messages import BlockUploadInitiated, InitiateBlockUpload, StartBlockUpload
+from barewire.canopen.sdo.block_segments import FRAME
 from barewire.canopen.sdo.channel import Channel, channel_to
 from barewire.canopen.sdo.dialect import Dialect
 from barewire.canopen.sdo.initiate_messages import ExpeditedUpload, InitiateUpload
 from barewire.canopen.sdo.messages import BLOCK_UPLOAD_ANSWERS, UPLOAD_ANSWERS, BlockUploadAnswer
-from barewire.canopen.sdo.options import Block, block_options
+from barewire.canopen.sdo.options import Block, BlockWish, block_options
 from barewire.canopen.sdo.segment_messages import NextSegment, Segment
 from barewire.canopen.sdo.stream import LIMIT, Incoming, Progress
-from barewire.canopen.sdo.transfer import Transfer
+from barewire.canopen.sdo.transfer import ABORT, Transfer
 from barewire.conversation import Conversation, Heard, Listen
 
 
@@ -44,7 +45,7 @@ def upload(
     timeout: float = 1.0,
     size: int | None = None,
     dialect: Dialect | None = None,
-    block: bool | Block = False,
+    block: BlockWish = False,
     limit: int | None = LIMIT,
     progress: Progress | None = None,
 ) -> Conversation[CanFrame, bytes]:
@@ -55,8 +56,8 @@ def upload(
     low `size` bytes are the value, or all four if nobody knows, and `Channel.heard.unsized` says so. A size that
     the server did indicate is never overruled here: see `fit`.
 
-    `block` asks for a block transfer, which is several times faster with long values. A value longer than `limit`
-    is not collected but refused; for those there is `upload_to`.
+    `block` asks for a block transfer, which is several times faster with long values; `"auto"` lets the server decide
+    by the length. A value longer than `limit` is not collected but refused; for those there is `upload_to`.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
@@ -95,7 +96,7 @@ def upload_to(
     timeout: float = 1.0,
     size: int | None = None,
     dialect: Dialect | None = None,
-    block: bool | Block = False,
+    block: BlockWish = False,
     limit: int | None = None,
     progress: Progress | None = None,
 ) -> Conversation[CanFrame, int]:
@@ -112,7 +113,7 @@ def upload_to(
     channel = channel_to(node, dialect)
     request = InitiateUpload(index, sub, channel.dialect.read_command(size))
     request.encode()
-    options = block_options(block)
+    options = block_options(block, channel)
     if options is not None:
         InitiateBlockUpload(index, sub, options.size, options.switch).encode()
     transfer = Transfer(channel, "upload", index, sub, timeout)
@@ -160,6 +161,7 @@ def _ask_for_blocks(
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
+        transfer.channel.blocks = False
         return (yield from transfer.ask(request, UPLOAD_ANSWERS))
     if not isinstance(answer, BlockUploadInitiated) and not options.falls_back:
         announced = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
@@ -185,21 +187,30 @@ def _in_segments(transfer: Transfer, value: Incoming) -> Conversation[CanFrame, 
 
 def _in_blocks(transfer: Transfer, options: Block, crc: bool, value: Incoming) -> Conversation[CanFrame, None]:
     yield from transfer.say(StartBlockUpload().encode())
+    channel = transfer.channel
     receiver = BlockReceiver(value, options.size, crc=crc, timeout=transfer.timeout, now=transfer.now)
+    listen = Listen(receiver.deadline)
     while not receiver.over:
-        heard: Heard[CanFrame] = yield Listen(receiver.deadline)
-        transfer.now = heard.now
-        data = None if heard.item is None else transfer.hear(heard.item)
-        if data is not None and len(data) < 8:
-            data = _untrimmed(transfer, data)
-        for said in receiver.feed(data, heard.now):
-            yield from transfer.say(said)
+        heard: Heard[CanFrame] = yield listen
+        frame, transfer.now = heard
+        data = None if frame is None else channel.hear(frame)
+        if data is None or not receiver.accept(data, transfer.now):
+            if data is not None and (len(data) < FRAME or data[0] == ABORT):
+                data = _checked(transfer, data)
+            for said in receiver.feed(data, transfer.now):
+                yield from transfer.say(said)
+        if listen.until != receiver.deadline:
+            listen = Listen(receiver.deadline)
 
 
-def _untrimmed(transfer: Transfer, data: bytes) -> bytes | None:
-    """A frame whose zeros at the end were left out, as some devices do; nothing at all says nothing."""
+def _checked(transfer: Transfer, data: bytes) -> bytes | None:
+    """A frame that is no whole segment: an abort, or one whose zeros at the end were left out, as some devices do;
+    nothing at all says nothing."""
     if not data:
         transfer.channel.heard.garbled += 1
         return None
+    judged = transfer.judge(data)
+    if judged is None or len(judged) == FRAME:
+        return judged
     transfer.channel.heard.short += 1
-    return data.ljust(8, b"\0")
+    return judged.ljust(FRAME, b"\0")

@@ -12,14 +12,17 @@ What is real: every parameter of the description, at its place, with its type, r
 and refusals of each device; the CiA 402 states and status words; ramps and trapezoids that last as long as they must; a
 soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; stored parameters and power-off.
 What is drawn: currents, torques, temperatures and their curves. What is only stored: everything that the head of
-`adxl`, `az3` and `csd_mt` lists as simplified. What the manuals leave open is decided in one place, and said there.
+`adxl`, `az3` and `csd_mt` lists. What the manuals leave open is decided in one place, and said there. The world around
+a machine (a supply that fails, a switch that is passed) is set by hand, on attributes that the same heads name.
 
 Files, from the store upwards:
 
     store       every value once                    modbus_face, canopen_face    how the buses see it
     image       registers composed of values        simulator                    any device, without behaviour
     trajectory  motion in closed form               axis                         CiA 402 states and motion
-    adxl, adxl_values, adxl_motor, adxl_memory      csd_mt, csd_mt_service       az3, az3_values
+    addressed   a machine under the unit address that it has now
+    adxl: adxl_face, adxl_values, adxl_motor, adxl_memory           az3: az3_values, az3_motion, az3_service
+    csd_mt: csd_mt_world and the files that its head draws; profile
 
 I know: descriptions, requests, frames, time as a number.  I never know: envelopes, ports, clocks.
 Who may import me: shells, cli, bench, tests.
@@ -32,6 +35,7 @@ from pathlib import Path
 
 from barewire.devices.device import Device
 from barewire.devices.load import load
+from barewire.devices.sim.addressed import Addressed
 from barewire.devices.sim.adxl import Adxl
 from barewire.devices.sim.az3 import Az3
 from barewire.devices.sim.csd_mt import CsdMt
@@ -41,8 +45,17 @@ BEHAVING: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdM
 """The machines that have been taught to move, by the name of their description."""
 
 
-def simulator(device: str | Path | Device, now: float = 0.0, *, node: int | None = None) -> Simulator:
-    """The simulator of a device, by its name, its path or its description; on CANopen under another node id if given.
+def simulator(
+    device: str | Path | Device,
+    now: float = 0.0,
+    *,
+    node: int | None = None,
+    bitrate: int | None = None,
+    unit: int | None = None,
+) -> Simulator:
+    """The simulator of a device, by its name, its path or its description.
+
+    `node`, `bitrate` (CANopen) and `unit` (Modbus) are how it is delivered, if not as the description has it.
 
     >>> machine = simulator("csd-mt")
     >>> type(machine).__name__, machine.canopen
@@ -51,9 +64,14 @@ def simulator(device: str | Path | Device, now: float = 0.0, *, node: int | None
     described = device if isinstance(device, Device) else load(device)
     # A description of somebody's own may have the name of one of ours; only ours has the parameters we move.
     kind = BEHAVING[described.name] if described.name in BEHAVING and described is load(described.name) else Simulator
-    if node is not None and described.canopen is not None:
-        described = replace(described, canopen=described.canopen._replace(node=node))
-    return kind(described, now)
+    side = described.canopen
+    if side is not None:
+        side = side._replace(node=node or side.node, bitrate=bitrate or side.bitrate)
+        described = replace(described, canopen=side)
+    machine = kind(described, now)
+    if unit is not None:
+        machine.readdress(unit)
+    return machine
 
 
-__all__ = ["simulator", "Simulator", "Adxl", "Az3", "CsdMt", "BEHAVING"]
+__all__ = ["simulator", "Simulator", "Addressed", "Adxl", "Az3", "CsdMt", "BEHAVING"]

@@ -9,96 +9,48 @@
 Measures are read with 03 and 04, settings and events with 04 only (tables 2 and 4, parameter setting); 06 writes, 07
 tells eight bits of state, 17 who the starter is.
 
-Simplified: the curves of a start are drawn and not calculated, see `adxl_motor`. Limits and remote variables stay 0,
-maintenance intervals and the AUTOSET wizard are events only, C15 (test with a small motor) is a flag. A start is
+The world around it is set by hand: `supply`, `trip` and `clear` an alarm, `close` an input, `limits` and `remotes` as
+bits, `preheats` and `selects_motor` for status 1 and 14, and `motor.start_delay`, `kick_time` and `torque_limit` for
+status 3, 4 and 7.
+
+C15, the test with a motor of low power, lasts until the starter is switched on anew: currents are a twentieth, so no
+limit is reached, protections are inhibited (`trip` is an event and no alarm) and a running motor shows status 11.
+C06 sets the limits to 0; C01 begins the `service` interval anew; C11, the AUTOSET wizard, is an event only.
+
+Simplified: the curves of a start are drawn and not calculated, see `adxl_motor`. A new node address (P08.01) counts
+from the next switching on or reboot; baud rate, format and protocol (P08.02 to P08.05) are only stored. A start is
 executed when the starter is ready; while it stops, the answer is exception 04.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from barewire.codecs import Value
 from barewire.devices.device import Device
-from barewire.devices.sim.adxl_memory import ACCELERATION_TIME, FACTORY, Events, Menus
+from barewire.devices.sim.adxl_face import AdxlFace
+from barewire.devices.sim.adxl_memory import ACCELERATION_TIME, FACTORY, NODE_ADDRESS, Events, Menus
 from barewire.devices.sim.adxl_motor import Motor, Phase
 from barewire.devices.sim.adxl_values import hang_values
 from barewire.devices.sim.modbus_face import ModbusFace
-from barewire.devices.sim.simulator import Simulator
+from barewire.devices.sim.simulator import Simulator, number_of
 from barewire.devices.sim.store import Declined
-from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
-from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, SERVER_DEVICE_BUSY, ModbusException
-from barewire.modbus.identification import ReportServerId, ReportServerIdResponse
-from barewire.modbus.message import Response
-from barewire.modbus.registers import ReadInputRegisters
-
-IDENTITY = bytes((1, 2, 0, 0, 5, 0, 0, 0))
-"""Function 17: an ADXL0030600 (1), software revision 2, of the ADXL series (5), as in the example."""
 
 REBOOT_TAKES = 3.0
 """Seconds; the manual does not say how long."""
 
-ABSENT, READY, RAMP, LIMIT, RUN, BYPASS, DECELERATION, FREEWHEEL, ALARM = 0, 2, 5, 6, 8, 9, 10, 12, 13
+ABSENT, PREHEATING, READY, DELAY, KICK, RAMP, CURRENT_LIMIT, TORQUE_LIMIT, RUN, BYPASS = range(10)
+DECELERATION, INHIBITED, FREEWHEEL, ALARM, SELECTION = range(10, 15)
 STATUS = {
     Phase.READY: READY,
+    Phase.DELAYED: DELAY,
+    Phase.KICKING: KICK,
     Phase.STARTING: RAMP,
     Phase.CLOSING: RUN,
     Phase.BYPASSED: BYPASS,
     Phase.STOPPING: DECELERATION,
     Phase.COASTING: FREEWHEEL,
 }
-FIRST_SETTING = 0x4FFF
-"""From this wire address on (printed 5000h) only function 04 reads."""
-
-EVENT_TEXT = 0x5031
-
-
-class AdxlFace(ModbusFace):
-    """03, 04, 06, 07 and 17 (hexadecimal 11), and silence while it reboots."""
-
-    machine: Adxl
-
-    def images(self) -> None:
-        """03 reaches the measures of table 2, 04 everything that can be read."""
-        super().images()
-        self.reads[0x03] = self.image(
-            cell
-            for cell in self.cells("input")
-            if cell.parameter.modbus and cell.parameter.modbus.address < FIRST_SETTING
-        )
-
-    def handle(self, request: Any, now: float) -> Response | None:
-        """Busy while it reboots; and the request that makes it reboot is not answered (parameter setting, step 4)."""
-        self.machine.tick(now)
-        if self.machine.now < self.machine.reboots_until:
-            raise ModbusException(SERVER_DEVICE_BUSY)
-        response = super().handle(request, now)
-        return None if self.machine.now < self.machine.reboots_until else response
-
-    def answer(self, request: Any) -> Response | None:
-        """The text of an event is read whole, "with a single function 04", and the index moves on after it."""
-        match request:
-            case ReadInputRegisters(address, quantity) if self._touches_text(address, quantity):
-                if (address, quantity) != (EVENT_TEXT, 28):
-                    raise ModbusException(ILLEGAL_DATA_VALUE)
-                response = super().answer(request)
-                self.machine.events.index += 1
-                return response
-        return super().answer(request)
-
-    @staticmethod
-    def _touches_text(address: int, quantity: int) -> bool:
-        return EVENT_TEXT <= address < EVENT_TEXT + 28 or address < EVENT_TEXT < address + quantity
-
-    def other(self, request: Any) -> Response | None:
-        """Functions 07 and 17."""
-        match request:
-            case ReadExceptionStatus():
-                return ReadExceptionStatusResponse(self.machine.exception_status())
-            case ReportServerId():
-                return ReportServerIdResponse(IDENTITY)
-        raise ModbusException(ILLEGAL_FUNCTION)
 
 
 class Adxl(Simulator):
@@ -125,9 +77,17 @@ class Adxl(Simulator):
         self.events = Events()
         self.has_line = True
         self.alarm = ""
-        self.small_motor = False
+        self.inhibited = False
+        """Protections inhibited: an alarm is told, and nothing else."""
+        self.preheats = False
+        self.selects_motor = False
         self.inputs = 0
-        """Inputs 1 to 3 as bits 0 to 2; 1 is start, 2 is stop."""
+        """Inputs 1 to 3 as bits 0 to 2; 1 is start, 2 is stop. Moved by `close`."""
+        self.limits = 0
+        """The limit variables LIM1 to LIM4 as bits 0 to 3."""
+        self.remotes = 0
+        """The remote variables REM1 to REM4 as bits 0 to 3."""
+        self._serviced_at = 0.0
         self.reboots_until = now
         hang_values(self)
         self._hang_commands()
@@ -146,9 +106,16 @@ class Adxl(Simulator):
         """Restart: the saved parameters, a motor without current; what was counted stays."""
         super().reset()
         self.motor.cut()
+        self.motor.small = False
         self.menus.values = dict(self.menus.saved)
-        self.alarm, self.small_motor = "", False
+        self.alarm, self.inhibited = "", False
+        self.address = self.menus.saved[NODE_ADDRESS]
         self.events.add(self.uptime, "POWER ON")
+
+    def readdress(self, address: int) -> None:
+        """Deliver it with another node address."""
+        super().readdress(address)
+        self.menus.values[NODE_ADDRESS] = self.menus.saved[NODE_ADDRESS] = address
 
     # What a test bench does to it
 
@@ -160,8 +127,11 @@ class Adxl(Simulator):
             self.motor.cut()
 
     def trip(self, text: str, now: float) -> None:
-        """A protection acts: the motor is cut off and the status is alarm, until `clear`."""
+        """A protection acts: the motor is cut off and the status is alarm, until `clear`; inhibited, it is an event."""
         self.tick(now)
+        if self.inhibited:
+            self.events.add(self.uptime, f"INHIBITED {text}")
+            return
         self.alarm = text
         self.motor.cut()
         self.events.add(self.uptime, f"ALARM {text}")
@@ -171,7 +141,43 @@ class Adxl(Simulator):
         self.tick(now)
         self.alarm = ""
 
+    def close(self, place: int, on: bool, now: float) -> None:
+        """Close or open input 1, 2 or 3. The first starts the motor when it closes, the second stops it."""
+        self.tick(now)
+        bit = 1 << place - 1
+        closes = on and not self.inputs & bit
+        self.inputs = self.inputs | bit if on else self.inputs & ~bit
+        if closes and place == 1 and self.is_ready:
+            self._start()
+        elif closes and place == 2:
+            self._stop()
+
+    def surround(self, text: str) -> None:
+        """line=0, i1=1, limits=3, remotes=1, preheats=1, selects-motor=1, inhibited=1, start-delay=2 ..."""
+        bits, flags = ("limits", "remotes"), ("preheats", "selects_motor", "inhibited")
+        of_motor = ("start_delay", "kick_time", "torque_limit")
+        name, value = number_of(text, ("line", "i1", "i2", "i3", *bits, *flags, *of_motor))
+        if name == "line":
+            self.supply(bool(value), self.now)
+        elif name[0] == "i" and name[1:].isdigit():
+            self.close(int(name[1]), bool(value), self.now)
+        elif name in of_motor:
+            setattr(self.motor, name, value)
+        else:
+            setattr(self, name, bool(value) if name in flags else int(value))
+
     # State
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether a start would be executed."""
+        at_rest = self.motor.phase not in (Phase.STOPPING, Phase.COASTING)
+        return at_rest and self.has_line and not self.alarm and not self.selects_motor
+
+    @property
+    def service(self) -> float:
+        """Hours of running since the maintenance interval began, C01."""
+        return (self.motor.seconds - self._serviced_at) / 3600
 
     def status(self) -> int:
         """F84h."""
@@ -179,11 +185,20 @@ class Adxl(Simulator):
             return ABSENT
         if self.alarm:
             return ALARM
-        return LIMIT if self.motor.is_limited else STATUS[self.motor.phase]
+        phase = self.motor.phase
+        if phase is Phase.READY and self.selects_motor:
+            return SELECTION
+        if phase is Phase.READY and self.preheats:
+            return PREHEATING
+        if phase in (Phase.CLOSING, Phase.BYPASSED) and self.inhibited:
+            return INHIBITED
+        if self.motor.is_limited:
+            return CURRENT_LIMIT
+        return TORQUE_LIMIT if self.motor.is_torque_limited else STATUS[phase]
 
     def exception_status(self) -> int:
         """Function 07. Its ninth bit, bypass active, has no room in a byte."""
-        ready = self.status() == READY
+        ready = self.motor.phase is Phase.READY and self.is_ready
         starting = bool(self.inputs & 1)
         bits = (
             starting,
@@ -207,17 +222,17 @@ class Adxl(Simulator):
 
     def _hang_commands(self) -> None:
         commands: dict[str, Callable[[], None]] = {
-            "C01 Reset maintenance service interval": lambda: None,
+            "C01 Reset maintenance service interval": lambda: setattr(self, "_serviced_at", self.motor.seconds),
             "C02 Thermal status reset": lambda: setattr(self.motor, "thermal", 0.0),
             "C03 Reset the number of startings counter": lambda: setattr(self.motor, "starts", 0),
-            "C04 Reset the motor's hour meter": lambda: setattr(self.motor, "seconds", 0.0),
+            "C04 Reset the motor's hour meter": self._reset_hours,
             "C05 Reset the energy counters": lambda: setattr(self.motor, "energy", 0.0),
-            "C06 Reset LIM variables with memory": lambda: None,
+            "C06 Reset LIM variables with memory": lambda: setattr(self, "limits", 0),
             "C11 Repeat the AUTOSET wizard": lambda: None,
             "C12 Restore the factory default settings": lambda: self.menus.values.update(FACTORY),
             "C13 Save a copy of the setup parameters": self._copy,
             "C14 Restore a copy of the setup parameters": lambda: self.menus.values.update(self.menus.copy or {}),
-            "C15 Test with low power motor": lambda: setattr(self, "small_motor", True),
+            "C15 Test with low power motor": self._test_small,
             "C16 Reset the events list": self.events.clear,
             "Motor start command": self._start,
             "Motor stop command": self._stop,
@@ -240,7 +255,7 @@ class Adxl(Simulator):
         return command
 
     def _may_start(self, value: Value) -> None:
-        if self.alarm or not self.has_line or self.motor.phase in (Phase.STOPPING, Phase.COASTING):
+        if not self.is_ready:
             raise Declined("state", "the starter is not ready")
 
     def _may_restore(self, value: Value) -> None:
@@ -248,12 +263,21 @@ class Adxl(Simulator):
             raise Declined("state", "no copy has been saved")
 
     def _start(self) -> None:
-        if not self.motor.is_running:
+        if self.motor.phase is Phase.READY:
             self.motor.start(self.menus.values[ACCELERATION_TIME])
 
     def _stop(self) -> None:
-        if self.motor.phase in (Phase.STARTING, Phase.CLOSING, Phase.BYPASSED):
+        if self.motor.phase is Phase.DELAYED:
+            self.motor.cut()
+        elif self.motor.is_running and self.motor.phase is not Phase.STOPPING:
             self.motor.stop()
+
+    def _reset_hours(self) -> None:
+        self._serviced_at -= self.motor.seconds
+        self.motor.seconds = 0.0
+
+    def _test_small(self) -> None:
+        self.motor.small = self.inhibited = True
 
     def _set(self, value: Value) -> None:
         self.menus.values[self.selected()] = int(value)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from barewire.devices.sim.store import Declined
 
 ACCELERATION_TIME = (1, 0, 4)
+NODE_ADDRESS = (8, 0, 1)
 EVENTS = 60
 TEXT_LENGTH = 56
 
@@ -28,7 +29,7 @@ class Setting(NamedTuple):
 
 SETTINGS: dict[tuple[int, int, int], Setting] = {
     ACCELERATION_TIME: Setting(10, 1, 120),  # seconds; the example of the manual sets 10
-    (8, 0, 1): Setting(1, 1, 255),  # node address
+    NODE_ADDRESS: Setting(1, 1, 255),
     (8, 0, 2): Setting(3, 0, 7),  # 1200 2400 4800 9600 19200 38400 57600 115200
     (8, 0, 3): Setting(0, 0, 4),  # 8N 8O 8E 7O 7E
     (8, 0, 4): Setting(1, 1, 2),  # stop bits

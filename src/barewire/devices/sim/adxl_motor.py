@@ -5,6 +5,10 @@
         voltage    | rises to full voltage in P01.04                           | falls        | 0
         current    | rises, held at 2.5 In while it would be more, then load   | falls        | 0
 
+Before the ramp there may be a start delay (3) and a kick (4), in it a torque limit (7): `start_delay`, `kick_time` and
+`torque_limit`. No parameter of the Modbus manual sets them, so they are off until somebody sets them here. With `small`
+(C15, the test with a motor of low power) all that the motor takes is a twentieth, and no limit is ever reached.
+
 Everything is a function of the time since the phase began. What accumulates (energy, hours, temperatures) is integrated
 in steps of `STEP` while something changes and in one step while nothing does, so that a day at the bypass costs as
 little as a second. The shape of the curves is chosen to look right; it is no motor's.
@@ -19,6 +23,10 @@ from typing import NamedTuple
 RATED_CURRENT, LINE_VOLTAGE, FREQUENCY = 30.0, 400.0, 50.0  # of an ADXL0030600, type 01 of function 17
 LOAD = 0.8
 CURRENT_LIMIT = 2.5
+KICK_VOLTAGE = 0.8
+SMALL = 0.05
+"""The rated current of the motor of low power, of that of the starter."""
+
 FIRST_VOLTAGE = 0.3
 POWER_FACTOR_STALLED, POWER_FACTOR_RUNNING = 0.35, 0.86
 PHASES = (1.0, 0.99, 1.01)
@@ -39,6 +47,8 @@ class Phase(Enum):
     """What the starter is doing."""
 
     READY = "ready"
+    DELAYED = "start delay"
+    KICKING = "kick start"
     STARTING = "starting"
     CLOSING = "running, the bypass closes"
     BYPASSED = "bypass closed"
@@ -54,6 +64,10 @@ class Sample(NamedTuple):
     wanted: float
     torque: float
     power_factor: float
+
+    def scaled(self, by: float) -> Sample:
+        """The same voltage on a motor that is so much smaller."""
+        return self._replace(current=self.current * by, wanted=self.wanted * by, torque=self.torque * by)
 
 
 STANDSTILL = Sample(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -73,14 +87,23 @@ class Motor:
         self.starts = 0
         self.thermal = 0.0  # %
         self.thyristors = AMBIENT
+        # What a bench sets; the rest of a start is in the parameters of the starter.
+        self.start_delay = 0.0
+        self.kick_time = 0.0
+        self.torque_limit: float | None = None  # of the rated torque
+        self.small = False
 
     # Commands
 
     def start(self, acceleration_time: float) -> None:
-        """Begin the acceleration ramp."""
+        """Begin: the delay, the kick, or the acceleration ramp at once."""
         self.acceleration_time = acceleration_time
         self.starts += 1
-        self._begin(Phase.STARTING, self.now)
+        self._begin(Phase.DELAYED if self.start_delay > 0 else self._after_delay, self.now)
+
+    @property
+    def _after_delay(self) -> Phase:
+        return Phase.KICKING if self.kick_time > 0 else Phase.STARTING
 
     def stop(self) -> None:
         """Begin the deceleration ramp."""
@@ -90,6 +113,8 @@ class Motor:
         """Take the current away at once: the motor coasts."""
         if self.is_running:
             self._begin(Phase.COASTING, self.now)
+        elif self.phase is Phase.DELAYED:
+            self._begin(Phase.READY, self.now)
 
     def _begin(self, phase: Phase, at: float) -> None:
         self.phase, self.began = phase, at
@@ -100,6 +125,8 @@ class Motor:
     def phase_ends(self) -> float:
         """When the present phase is over by itself."""
         lasts = {
+            Phase.DELAYED: self.start_delay,
+            Phase.KICKING: self.kick_time,
             Phase.STARTING: self.acceleration_time,
             Phase.CLOSING: BYPASS_CLOSES,
             Phase.STOPPING: DECELERATION,
@@ -110,6 +137,8 @@ class Motor:
     def advance(self, now: float) -> None:
         """Pass through phases up to now, and accumulate."""
         following = {
+            Phase.DELAYED: self._after_delay,
+            Phase.KICKING: Phase.STARTING,
             Phase.STARTING: Phase.CLOSING,
             Phase.CLOSING: Phase.BYPASSED,
             Phase.STOPPING: Phase.COASTING,
@@ -144,17 +173,36 @@ class Motor:
     @property
     def is_running(self) -> bool:
         """Whether the starter feeds the motor."""
-        return self.phase not in (Phase.READY, Phase.COASTING)
+        return self.phase not in (Phase.READY, Phase.DELAYED, Phase.COASTING)
 
     @property
     def is_limited(self) -> bool:
         """Whether the motor would take more current than the limit gives it."""
         return self.phase is Phase.STARTING and self.sample(self.now).wanted > CURRENT_LIMIT
 
+    @property
+    def is_torque_limited(self) -> bool:
+        """Whether the torque would be more than the limit lets it be."""
+        return self.phase is Phase.STARTING and self.sample(self.now).torque == self.torque_limit
+
     def sample(self, now: float) -> Sample:
         """Voltage, current, torque and power factor at a time within the present phase."""
-        if self.phase in (Phase.READY, Phase.COASTING):
+        sample = self._sample(now)
+        if self.small:
+            return sample.scaled(SMALL)
+        if self.torque_limit is None or sample.torque <= self.torque_limit or self.phase is not Phase.STARTING:
+            return sample
+        # Torque goes with the square of the voltage, current with the voltage.
+        less = sqrt(self.torque_limit / sample.torque)
+        return sample._replace(voltage=sample.voltage * less, current=sample.current * less, torque=self.torque_limit)
+
+    def _sample(self, now: float) -> Sample:
+        if not self.is_running:
             return STANDSTILL
+        if self.phase is Phase.KICKING:
+            wanted = 6.5 * KICK_VOLTAGE
+            torque = 1.2 * KICK_VOLTAGE**2
+            return Sample(KICK_VOLTAGE, min(wanted, CURRENT_LIMIT), wanted, torque, POWER_FACTOR_STALLED)
         if self.phase is Phase.STARTING:
             return _ramp(min(1.0, (now - self.began) / self.acceleration_time))
         if self.phase is Phase.STOPPING:

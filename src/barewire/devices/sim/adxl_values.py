@@ -30,8 +30,8 @@ def hang_values(starter: Adxl) -> None:
     def largest() -> float:
         return max(amperes(phase) for phase in range(3))
 
-    def closed(place: int) -> bool:
-        return bool(starter.inputs >> place & 1)
+    def bit(of: str, place: int) -> bool:
+        return bool(getattr(starter, of) >> place & 1)
 
     measures: dict[str, Callable[[], Value]] = {
         "L3-L1 Voltage": lambda: motor.line_voltage() if starter.has_line else 0,
@@ -60,6 +60,9 @@ def hang_values(starter: Adxl) -> None:
         measures[f"{line} current"] = partial(amperes, place)
         measures[f"{line} active power"] = partial(power, place)
         measures[f"{line} power factor"] = lambda: sample().power_factor
-        measures[f"Input {place + 1}"] = partial(closed, place)
+        measures[f"Input {place + 1}"] = partial(bit, "inputs", place)
+    for place in range(4):
+        measures[f"Remote {place + 1}"] = partial(bit, "remotes", place)
+        measures[f"Limit {place + 1}"] = partial(bit, "limits", place)
     for name, read in measures.items():
         starter.store.measure(name, read)

@@ -5,13 +5,22 @@
         MODES OF OPERATION  1 position   3 velocity   4 torque
 
 The state machine is that of CiA 402. The drive has no quick stop option code, so its default, 2, is taken: it brakes
-and goes to SWITCH ON DISABLED by itself. A user unit of velocity is taken for a revolution per minute (VELOCITY FACTOR
-60 over 1), a unit of position for an increment of the encoder.
+and goes to SWITCH ON DISABLED by itself. Units, limits and the brake are in `az3_motion`; buttons, phasing, what is
+saved and what a reset brings are in `az3_service`.
+
+The world around it is set by hand: `supply` (volts; above V BUS MAX it is fault 3210h, gone while the motor has current
+3220h), `fault` and `solve` for any other one.
 
 Simplified: the motor is a flywheel with friction, so torque follows acceleration and speed; in torque mode the shaft is
-held and only the torque moves; position mode is that of the set-point bit; homing, phasing, brakes, digital inputs and
-selectors are stored, not carried out. Which variable a CHANNEL_SEL number means is not described; `MONITORED` is this
-simulator's own list.
+held and only the torque moves; position mode is that of the set-point bit. V REF SETPOINT is followed on its two ramps
+while the operation is enabled; which mode turns the shaft with it is in no guide, so it can be monitored and no more.
+
+Only stored, because the guides give a name and no meaning, or numbers without the list of what they stand for: all
+SELECTORs with SPEED, POSITION and TORQUE VALUE 1 to 4, digital inputs and outputs, BRAKE POW VALUE and MODE, encoder,
+sensorless, thermistor and braking resistor settings, current and speed controllers, STO, START, EMCY-CODE, DIRECTION
+CHANGE LOCK, following error and position window (this shaft is where it is wanted), position range limits, option codes
+605Bh and 605Ch, BOOT OPTIONS, baud rate and parity. Which variable a CHANNEL_SEL number means is not described either;
+`MONITORED` is this simulator's own list.
 """
 
 from __future__ import annotations
@@ -23,10 +32,12 @@ from barewire.codecs import Value
 from barewire.devices.cia402 import Command, State
 from barewire.devices.device import Device
 from barewire.devices.sim import axis
-from barewire.devices.sim.axis import CURRENT_ON, FAULTED, Axis
+from barewire.devices.sim.axis import CURRENT_ON, FAULTED
+from barewire.devices.sim.az3_motion import Az3Axis, Az3Motion
+from barewire.devices.sim.az3_service import Az3Service
 from barewire.devices.sim.az3_values import hang_values
 from barewire.devices.sim.modbus_face import ModbusFace
-from barewire.devices.sim.simulator import Simulator
+from barewire.devices.sim.simulator import Simulator, number_of
 from barewire.devices.sim.trajectory import Trajectory
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.identification import (
@@ -40,15 +51,15 @@ from barewire.modbus.message import Response
 IDENTITY = ((0, b"TEM"), (1, b"AZ3"), (2, b"1.84"))
 """VendorName, ProductCode, MajorMinorRevision: the newest firmware that the guides name."""
 
-SAVE = 0x65766173
-"""The letters "save", what CiA 301 wants in 1010h:01; the guides do not say another value."""
-
 INERTIA, FRICTION = 2e-4, 2e-4
 """kg m², Nm s: a small motor with some load."""
 
 SUPPLY = 48.0
 GENERIC_ERROR = 0x01
-SLOWEST_RAMP = 1.0
+ERROR_CLASSES = {2: 0x02, 3: 0x04, 4: 0x08, 8: 0x10}
+"""Bits of the error register by the first digit of a code: current, voltage, temperature, communication [CiA 301]."""
+
+OVERVOLTAGE, UNDERVOLTAGE = 0x3210, 0x3220  # codes of CiA 402; the guides list none
 
 
 class Az3Face(ModbusFace):
@@ -81,13 +92,15 @@ class Az3(Simulator):
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
+        self.motion = Az3Motion(self)
+        self.voltage = SUPPLY
         self.axis = self._new_axis()
         self.torque = Trajectory()
         """Torque mode: the torque in ‰ of the rated one, moved like a position."""
+        self.reference = Trajectory()
+        """V REF SETPOINT on its ramps, in volts."""
         self.errors: list[int] = []
-        if device.canopen is not None:
-            self.store.cell("BOOT CAN NODE").default = device.canopen.node
-            self.store["BOOT CAN NODE"] = device.canopen.node
+        self.service = Az3Service(self)
         hang_values(self)
         store = self.store
         for name in ("TARGET VELOCITY", "MAX MOTOR SPEED"):
@@ -95,33 +108,21 @@ class Az3(Simulator):
         store.after("CONTROL WORD", self._control)
         store.after("MODES OF OPERATION", lambda value: self.axis.change_mode(self.now))
         store.after("PROFILE VELOCITY", lambda value: self.axis.replan(self.now))
-        store.after("TARGET TORQUE", lambda value: self._follow_torque())
-        store.after("STORE ALL PARAMETERS", self._save)
-        for name, act in (
-            ("RESET ERROR", self._reset_error),
-            ("RESET POSITION", lambda: self.axis.rest_at(0.0, self.now)),
-            ("SOFTWARE RESET", lambda: self.power_cycle(self.now)),
-            ("POWER OFF RESET", lambda: self.power_cycle(self.now)),
-        ):
-            store.after(name, self._button(name, act))
+        for name in ("TARGET TORQUE", "TORQUE LIMIT ON", "TORQUE LIMIT", "MAX TORQUE", "MAX CURRENT"):
+            store.after(name, lambda value: self._follow_torque())
+        store.after("V REF SETPOINT", lambda value: self._follow_reference())
+        store.after("V BUS MAX", lambda value: self._look_at_supply())
 
     def _modbus_face(self) -> ModbusFace | None:
         assert self.device.modbus is not None
         return Az3Face(self, self.device.modbus)
 
-    def _button(self, name: str, act: Any) -> Any:
-        """A coil that is a push-button: it acts when it is switched on, and falls back."""
-
-        def pressed(on: Value) -> None:
-            if on:
-                self.store[name] = False
-                act()
-
-        return pressed
-
-    def _new_axis(self) -> Axis:
-        new = Axis(self, stays_in_quick_stop=False)
-        new.mode = self.mode()
+    def _new_axis(self) -> Az3Axis:
+        new = Az3Axis(self.motion)
+        new.mode = self.motion.mode()
+        if self.voltage <= 0:
+            new.powered_since = None
+            return new
         # Two coils of 2019h say how far the drive goes by itself at power-on (ST.TEC.022, 7.3).
         if self.store["OPERATION ENABLE AT STARTUP"]:
             new.state = State.OPERATION_ENABLED
@@ -135,14 +136,52 @@ class Az3(Simulator):
         """The axis follows its own clock; everything else is computed when it is read."""
         super().tick(now)
         self.axis.tick(self.now)
+        self.service.tick(self.now)
 
     def reset(self) -> None:
         """As at power-on: stored parameters, a new axis at position 0."""
         super().reset()
         self.axis = self._new_axis()
         self.torque = Trajectory()
+        self.reference = Trajectory()
+        self.service.boot()
         if self.canopen is not None:
             self.canopen.node.errors.reset(communication_only=False)
+
+    def reset_communication(self) -> None:
+        """The half of a reset that CANopen can ask for by itself: node-ID and bit rate are taken anew."""
+        self.service.boot()
+
+    def readdress(self, address: int) -> None:
+        """Deliver it with another MODBUS ADDRESS."""
+        super().readdress(address)
+        self.store.cell("MODBUS ADDRESS").default = address
+        self.store["MODBUS ADDRESS"] = address
+
+    def supply(self, volts: float, now: float) -> None:
+        """The voltage of the supply. Without any there is no high voltage: the drive cannot be switched on."""
+        self.tick(now)
+        had, self.voltage = self.voltage > 0, max(0.0, volts)
+        if self.voltage <= 0:
+            if self.axis.state in CURRENT_ON:
+                self.fault(UNDERVOLTAGE, self.now)
+            self.axis.powered_since = None
+        elif not had:
+            self.axis.powered_since = self.now
+            if self.axis.cause == UNDERVOLTAGE:
+                self.solve(self.now)
+        self._look_at_supply()
+
+    def surround(self, text: str) -> None:
+        """volts=48."""
+        self.supply(number_of(text, ("volts",))[1], self.now)
+
+    def _look_at_supply(self) -> None:
+        limit = self.store.number("V BUS MAX")
+        if self.voltage > limit > 0 and self.axis.cause != OVERVOLTAGE:
+            self.fault(OVERVOLTAGE, self.now)
+        elif self.voltage <= limit and self.axis.cause == OVERVOLTAGE:
+            self.solve(self.now)
 
     def fault(self, code: int, now: float) -> None:
         """Let a protection act: the shaft is braked (FAULT REACTION ACTIVE), then FAULT, and an emergency on CAN."""
@@ -150,14 +189,19 @@ class Az3(Simulator):
         self.axis.fault(code, self.now, reaction=True)
         self.errors = [code, *self.errors][:8]
         if self.canopen is not None:
-            self.canopen.error(code, GENERIC_ERROR)
+            self.canopen.error(code, error_register(code))
+
+    @property
+    def error_register(self) -> int:
+        """ERROR REGISTER: of the fault that the drive is in."""
+        return error_register(self.errors[0]) if self.axis.state in FAULTED and self.errors else 0
 
     def solve(self, now: float) -> None:
         """The cause is gone; the state stays FAULT until a master resets it."""
         self.tick(now)
         self.axis.cause = 0
 
-    def _reset_error(self) -> None:
+    def reset_error(self) -> None:
         """The coil does what the edge of control bit 7 does."""
         self.axis.word &= ~Command.FAULT_RESET
         self._control(self.axis.word | Command.FAULT_RESET)
@@ -169,39 +213,26 @@ class Az3(Simulator):
         if was_fault and self.axis.state not in FAULTED and self.canopen is not None:
             self.canopen.no_error()
         self._follow_torque()
+        self._follow_reference()
 
     def _follow_torque(self) -> None:
         """Torque mode: towards TARGET TORQUE with TORQUE SLOPE, or back to nothing."""
         on = self.axis.mode == axis.TORQUE and self.axis.state is State.OPERATION_ENABLED
-        limit = self.store.number("MAX TORQUE")
-        wanted = max(-limit, min(limit, self.store.number("TARGET TORQUE"))) if on else 0.0
-        slope = max(self.store.number("TORQUE SLOPE"), SLOWEST_RAMP)
-        self.torque.move(self.now, wanted, slope, slope, slope, jerky=True)
+        slope = self.motion.torque_slope()
+        self.torque.move(self.now, self.motion.target_torque() if on else 0.0, slope, slope, slope, jerky=True)
 
-    def _save(self, value: Value) -> None:
-        """Everything that can be written is stored; where the guides do not say what is, more is the safer reading."""
-        if value == SAVE:
-            self.saved = self.store.snapshot(lambda cell: cell.parameter.writable and cell.measured is None)
-            self.saved |= {
-                name: 0 for name in ("CONTROL WORD", "TARGET VELOCITY", "TARGET TORQUE") if name in self.saved
-            }
-        self.store["STORE ALL PARAMETERS"] = 0
+    def _follow_reference(self) -> None:
+        on = self.axis.state is State.OPERATION_ENABLED
+        wanted = self.store.number("V REF SETPOINT") if on else 0.0
+        slope = self.motion.voltage_ramp(wanted - self.reference.position(self.now))
+        self.reference.move(self.now, wanted, slope, slope, slope, jerky=True)
 
     # What the shaft does, in the units of the drive
 
     @property
-    def increments(self) -> float:
-        """Increments of position in a revolution of the motor."""
-        revolutions = self.store.number("POSITION ENCODER RESOLUTION MOTOR REVOLUTIONS")
-        return (self.store.number("POSITION ENCODER RESOLUTIONS INCREMENTS") or 1.0) / (revolutions or 1.0)
-
-    def _steps(self, rpm: float) -> float:
-        return rpm * self.increments / 60
-
-    @property
     def speed(self) -> float:
-        """Revolutions per minute."""
-        return self.axis.way.velocity(self.now) * 60 / self.increments
+        """VELOCITY ACTUAL VALUE."""
+        return self.motion.shown_velocity(self.axis.way.velocity(self.now))
 
     @property
     def torque_nm(self) -> float:
@@ -209,7 +240,7 @@ class Az3(Simulator):
         if self.axis.state not in CURRENT_ON:
             return 0.0
         asked = self.torque.position(self.now) / 1000 * self.rated_torque
-        turn = 2 * pi / self.increments
+        turn = 2 * pi / self.motion.increments
         way = self.axis.way
         return asked + turn * (INERTIA * way.acceleration(self.now) + FRICTION * way.velocity(self.now))
 
@@ -225,53 +256,21 @@ class Az3(Simulator):
 
     @property
     def current(self) -> float:
-        """Amperes: the rated current gives the rated torque."""
+        """Amperes: the rated current gives the rated torque; while it is phased it is the alignment current."""
+        if self.service.is_phasing:
+            return self.store.number("ALIGNMENT CURRENT")
         return abs(self.torque_permille) / 1000 * self.store.number("MOTOR RATED CURRENT") / 1000
 
     @property
     def bus_voltage(self) -> float:
         """The supply gives way a little under current."""
-        return SUPPLY - 0.05 * self.current
+        return max(0.0, self.voltage - 0.05 * self.current)
 
-    # Settings of the axis
 
-    def mode(self) -> int:
-        """6060h."""
-        return self.store.whole("MODES OF OPERATION")
+def error_register(code: int) -> int:
+    """The error register while this error is there.
 
-    def target_position(self) -> float:
-        """607Ah."""
-        return self.store.number("TARGET POSITION")
-
-    def target_velocity(self) -> float:
-        """60FFh, not above MAX MOTOR SPEED."""
-        limit = self.store.number("MAX MOTOR SPEED")
-        return self._steps(max(-limit, min(limit, self.store.number("TARGET VELOCITY"))))
-
-    def profile_velocity(self) -> float:
-        """6081h, not above MAX PROFILE VELOCITY."""
-        return self._steps(min(self.store.number("PROFILE VELOCITY"), self.store.number("MAX PROFILE VELOCITY")))
-
-    def acceleration(self) -> float:
-        """6083h; a ramp of 0 would never arrive, so the slowest is one unit."""
-        return self._steps(max(self.store.number("PROFILE ACCELERATION"), SLOWEST_RAMP))
-
-    def deceleration(self) -> float:
-        """6084h."""
-        return self._steps(max(self.store.number("PROFILE DECELERATION"), SLOWEST_RAMP))
-
-    def without_ramp(self, velocity: float) -> bool:
-        """This drive always has ramps."""
-        return False
-
-    def velocity_window(self) -> tuple[float, float]:
-        """The guides list no velocity window: one unit, at once."""
-        return self._steps(1.0), 0.0
-
-    def zero_window(self) -> tuple[float, float]:
-        """As the velocity window."""
-        return self._steps(1.0), 0.0
-
-    def home(self, way: Trajectory, now: float) -> float | None:
-        """The guides list no homing."""
-        return None
+    >>> hex(error_register(0x3210)), hex(error_register(0x7305))
+    ('0x5', '0x1')
+    """
+    return GENERIC_ERROR | ERROR_CLASSES.get(code >> 12, 0)

@@ -1,7 +1,8 @@
 """The values of the AZ3 that are measured: each is computed from the axis when somebody reads it.
 
 Some measured values are listed as read/write in the guides (HEATSINK TEMPERATURE, CUSTOM POSITION ACTUAL VALUE,
-SENSORLESS MEASURED SPEED). A write to them is taken and has no effect, since the next measurement stands there at once.
+SENSORLESS MEASURED SPEED, the coil PHASING IN PROGRESS). A write to them is taken and has no effect, since the next
+measurement stands there at once.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from barewire.canopen.nmt import NmtState
+from barewire.codecs import get_bit, set_bit
 from barewire.devices.cia402 import State
-from barewire.devices.sim.axis import FAULTED
 from barewire.devices.sim.trajectory import wrapped
 
 if TYPE_CHECKING:
@@ -39,7 +40,12 @@ MONITORED: dict[int, str] = {
     6: "TARGET VELOCITY",
     7: "HEATSINK TEMPERATURE",
 }
-"""What CHANNEL_SEL_1 to 4 can choose here; any other number shows 0, as number 0 does."""
+"""What CHANNEL_SEL_1 to 4 can choose here, and 8, the voltage reference; any other number shows 0, as number 0 does."""
+
+REFERENCE = 8
+INTERNAL_LIMIT = 0x0800
+PHASING, BRAKE_USED, BRAKE_OPEN = 0, 7, 8
+"""Bits of 2018h and 2019h."""
 
 AMBIENT = 25.0
 WARMING = 0.5  # °C per ampere, at once: the time constant of the heatsink is left out
@@ -48,20 +54,29 @@ WARMING = 0.5  # °C per ampere, at once: the time constant of the heatsink is l
 def hang_values(drive: Az3) -> None:
     """Make every measured value of the drive follow its axis."""
     store = drive.store
-    states = store.cell("COIL WORD 5")
+    phases, brakes, states = (store.cell(f"COIL WORD {word}") for word in (0, 1, 5))
 
     def position(bits: int) -> int:
-        return wrapped(drive.axis.way.position(drive.now), bits)
+        return wrapped(drive.motion.shown_position(drive.axis.way.position(drive.now)), bits)
+
+    def status() -> int:
+        return drive.axis.status(drive.now) | (INTERNAL_LIMIT if drive.motion.is_limited() else 0)
+
+    def brake_word() -> int:
+        word = int(brakes.held)
+        return set_bit(word, BRAKE_OPEN, drive.axis.brake_is_open(drive.now)) if get_bit(word, BRAKE_USED) else word
 
     measures: dict[str, Callable[[], float]] = {
-        "STATUS WORD": lambda: drive.axis.status(drive.now),
+        "STATUS WORD": status,
+        "COIL WORD 0": lambda: set_bit(int(phases.held), PHASING, drive.service.is_phasing),
+        "COIL WORD 1": brake_word,
         "COIL WORD 5": lambda: int(states.held) | 1 << STATE_BITS[drive.axis.state],
         # A drive with nothing on its CAN connector has booted all the same.
         "NODE STATE": lambda: int(drive.canopen.state if drive.canopen else 0) or NmtState.PRE_OPERATIONAL,
-        "CAN BITRATE INDEX": lambda: store.whole("CAN BIT RATE"),
-        "BOOT CAN NODE READ ONLY": lambda: store.whole("BOOT CAN NODE"),
-        "BOOT MODBUS NODE": lambda: store.whole("MODBUS ADDRESS") & 0xFF,
-        "ERROR REGISTER": lambda: int(drive.axis.state in FAULTED),
+        "CAN BITRATE INDEX": lambda: drive.service.rate,
+        "BOOT CAN NODE READ ONLY": lambda: drive.service.node,
+        "BOOT MODBUS NODE": lambda: drive.address & 0xFF,
+        "ERROR REGISTER": lambda: drive.error_register,
         "POSITION ACTUAL VALUE": lambda: position(32),
         "CUSTOM POSITION ACTUAL VALUE": lambda: position(16),
         "VELOCITY ACTUAL VALUE": lambda: drive.speed,
@@ -83,6 +98,8 @@ def hang_values(drive: Az3) -> None:
         store.measure(name, read)
     for place in range(8):
         store.measure(f"ERROR CODE {place + 1}", _error(drive, place))
+    for place in range(len(drive.service.captures)):
+        store.measure(f"PHASE DATA INCREMENTAL CAPTURES {place}", _capture(drive, place))
     for channel in range(1, 5):
         store.measure(f"MONITOR VAR {channel}", _monitor(drive, channel))
 
@@ -91,8 +108,14 @@ def _error(drive: Az3, place: int) -> Callable[[], int]:
     return lambda: drive.errors[place] & 0xFFFF if place < len(drive.errors) else 0
 
 
+def _capture(drive: Az3, place: int) -> Callable[[], int]:
+    return lambda: drive.service.captures[place]
+
+
 def _monitor(drive: Az3, channel: int) -> Callable[[], float]:
     def read() -> float:
+        if drive.store.whole(f"CHANNEL_SEL_{channel}") == REFERENCE:
+            return drive.reference.position(drive.now)
         name = MONITORED.get(drive.store.whole(f"CHANNEL_SEL_{channel}"), "")
         return drive.store.number(name) if name else 0.0
 

@@ -6,6 +6,9 @@
 Nothing is kept here but what belongs to the node alone: its NMT state and the records of its PDOs. Objects that every
 node must have (1000h, 1001h) are added where the description does not list them.
 
+The node-ID and the bit rate may change when the machine starts anew (`boot`). Where the bit rate of the bus is known,
+`bus_bitrate`, a node of another one hears nothing and says nothing: a real one would only disturb.
+
 Of two parameters with one object the first in the description owns it. An object that is described by its bits only is
 composed out of them.
 """
@@ -13,6 +16,7 @@ composed out of them.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -57,6 +61,9 @@ class CanopenFace:
             side.node, self.objects, pdos, dialect=DIALECTS.get(side.dialect, STANDARD), on_reset=self._on_reset
         )
         self._add_missing_records()
+        self.bitrate = side.bitrate
+        self.bus_bitrate: int | None = None
+        """The bit rate of the bus, if that is to matter."""
         self._boots_at: float | None = machine.now
         self._pending: list[CanFrame] = []
 
@@ -77,6 +84,8 @@ class CanopenFace:
     @property
     def deadline(self) -> float | None:
         """When the node has something to say by itself."""
+        if self._is_deaf:
+            return None
         if self._boots_at is not None:
             return self._boots_at
         return self.machine.now if self._pending or self._beat_changed() else self.node.deadline
@@ -86,9 +95,34 @@ class CanopenFace:
         place = (0x1017, 0)
         return place in self.objects and int(self.objects.get(*place)) / 1000 != self.node.heartbeat.period
 
+    @property
+    def _is_deaf(self) -> bool:
+        return self.bus_bitrate is not None and self.bus_bitrate != self.bitrate
+
+    def boot(self, node: int | None, bitrate: int) -> None:
+        """The node-ID and the bit rate that count from now on: called while the machine is reset."""
+        self.bitrate = bitrate
+        if node != self.node.node:
+            self.node.renumber(node)
+            self.node.stored.restore(PDO_RECORDS.start, PDO_RECORDS.stop - 1)
+
+    def save_records(self) -> None:
+        """The PDO records as they are now are those of every reset. What is as delivered follows the node-ID."""
+        values = self.node.stored.values
+        for entry in self.objects:
+            if entry.index in PDO_RECORDS and entry.access == "rw" and entry.on_read is None:
+                place, value = (entry.index, entry.sub), self.objects.get(entry.index, entry.sub)
+                values.pop(place, None)
+                if value != entry.default:
+                    values[place] = value
+
+    def forget_records(self) -> None:
+        """Those of the next reset are as delivered."""
+        self.node.stored.values.clear()
+
     def power_on(self, now: float) -> None:
-        """Power came back: the node boots at the next `feed`, and its PDOs are as at delivery."""
-        self.objects.restore()
+        """Power came back: the node boots at the next `feed`, and its PDOs are as they were saved."""
+        self.node.stored.restore(COMMUNICATION.start, 0x9FFF)
         self._pending.clear()
         self._boots_at = now
 
@@ -101,9 +135,12 @@ class CanopenFace:
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """What the node says to a frame, or to time passing."""
         self.machine.tick(now)
+        if self._is_deaf:
+            return []
         said = [] if self._boots_at is None else self.start(now)
         pending, self._pending = self._pending, []
-        return said + pending + self.node.feed(frame, self.machine.now)
+        said += pending + self.node.feed(frame, self.machine.now)
+        return [] if self._is_deaf else said
 
     def error(self, code: int, register: int) -> None:
         """The machine has this error: an emergency at the next `feed`."""
@@ -124,19 +161,22 @@ class CanopenFace:
             place = cell.parameter.object
             if place is not None and place.index in COMMUNICATION:
                 cell.set(saved.get(cell.name, cell.default))
+        self.machine.reset_communication()
 
 
 def _pdo(described: DescribedPdo, node: int) -> Pdo:
     """The factory setting of a PDO. The descriptions give COB-IDs without the node-ID, which is added."""
     number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
-    return Pdo(
+    pdo = Pdo(
         "TPDO" if described.cob_id & 0x80 else "RPDO",
         number,
         mapping,
         type=described.transmission,
-        cob_id=described.cob_id + node,
     )
+    # One of the predefined connection set stays tied to the node-ID.
+    cob_id = described.cob_id + node
+    return pdo if pdo.cob_entry(node).pack() == cob_id else replace(pdo, cob_id=cob_id)
 
 
 def _entries(machine: Simulator) -> list[Entry]:
@@ -172,8 +212,10 @@ def _entry(cell: Cell) -> Entry:
         _declined(partial(cell.check, value), place.index, place.sub)
         cell.put(value)
 
-    def limit(value: int | float | None) -> float | None:
-        return None if value is None or parameter.type == "text" else float(value / parameter.scale)
+    def limit(value: int | float | None, side: int) -> float | None:
+        if value is None or parameter.type == "text":
+            return None
+        return float(parameter.limit(value, side) / parameter.scale)
 
     return Entry(
         place.index,
@@ -181,8 +223,8 @@ def _entry(cell: Cell) -> Entry:
         parameter.name,
         "string" if parameter.type == "text" else parameter.type,
         parameter.access,
-        minimum=limit(parameter.minimum),
-        maximum=limit(parameter.maximum),
+        minimum=limit(parameter.minimum, -1),
+        maximum=limit(parameter.maximum, 1),
         on_read=read,
         on_write=write,
     )

@@ -16,6 +16,7 @@ from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.sim.modbus_face import ModbusFace
 from barewire.devices.sim.store import Store
+from barewire.errors import EncodeError
 
 if TYPE_CHECKING:
     from barewire.devices.sim.canopen_face import CanopenFace
@@ -40,6 +41,8 @@ class Simulator:
         """When power came: the first time that the machine is told."""
         self.saved: dict[str, Value] = {}
         """What survives power-off, by name."""
+        self.address = 1 if device.modbus is None else device.modbus.unit
+        """The unit address on Modbus. Machines that can be given another one take it when they start anew."""
         self.store = Store(device.parameters)
         self.modbus = self._modbus_face()
         self.canopen: CanopenFace | None = None
@@ -67,6 +70,20 @@ class Simulator:
         """Every value as at power-on: defaults, and over them what was saved."""
         self.store.restore(self.saved)
 
+    def surround(self, text: str) -> None:
+        """Set one thing of the world around the machine, NAME=VALUE as at a command line. EncodeError for others."""
+        world = getattr(self, "world", None)
+        if world is None:
+            raise EncodeError(f"{text!r}: there is nothing to set around {self.device.name}")
+        world.put(text)
+
+    def reset_communication(self) -> None:
+        """NMT reset communication: the store has the values of 1000h to 1FFFh again. A place for machines."""
+
+    def readdress(self, address: int) -> None:
+        """Deliver it with another unit address."""
+        self.address = address
+
     def power_cycle(self, now: float) -> None:
         """Off and on again."""
         self.tick(now)
@@ -74,3 +91,21 @@ class Simulator:
         self.reset()
         if self.canopen is not None:
             self.canopen.power_on(self.now)
+
+
+def number_of(text: str, names: tuple[str, ...]) -> tuple[str, float]:
+    """NAME=NUMBER with one of these names, in which - may stand for _ ; EncodeError otherwise.
+
+    >>> number_of("kick-time=0.5", ("kick_time", "line"))
+    ('kick_time', 0.5)
+    """
+    name, _, value = text.partition("=")
+    name = name.strip().lower().replace("-", "_")
+    try:
+        number = float(value)
+    except ValueError:
+        number = -1.0
+    if name not in names or not 0 <= number < float("inf"):
+        known = ", ".join(one.replace("_", "-") for one in names)
+        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {known}")
+    return name, number

@@ -7,14 +7,19 @@
            '---'--------------'-----> t
 
 `move` plans a trapezoid (or a triangle, where the way is too short for the velocity), from whatever velocity the shaft
-has; `run_at` a ramp to a velocity. Positions are in steps, velocities in steps per second; both are floats here.
+has; `run_at` a ramp to a velocity. `first`, `first_faster` and `first_at_rest` say when something will be so, which is
+how a simulator acts at the right moment without looking at every moment before. Positions are in steps, velocities in
+steps per second; both are floats here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from math import inf, sqrt
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from math import inf
 from typing import NamedTuple
+
+from barewire.devices.sim.profile import Piece, time_for, trapezoid
 
 ROUNDING = 1e-6
 """What counts as nothing, in steps and steps per second."""
@@ -45,14 +50,6 @@ class Segment(NamedTuple):
         return self.velocity + self.acceleration * (now - self.start)
 
 
-class Piece(NamedTuple):
-    """Part of a plan: so long, from one velocity to another in a straight line."""
-
-    duration: float
-    before: float
-    after: float
-
-
 class Trajectory:
     """Segments one after the other; the last one goes on for ever.
 
@@ -64,6 +61,15 @@ class Trajectory:
 
     def __init__(self, position: float = 0.0) -> None:
         self.segments: list[Segment] = [Segment(-inf, position, 0.0, 0.0)]
+        self.turns_until = -inf
+        """Until when the last `move` stops the shaft, to go the other way after that."""
+
+    @classmethod
+    def moving(cls, now: float, position: float, velocity: float) -> Trajectory:
+        """A shaft that has this velocity and keeps it."""
+        way = cls(position)
+        way.segments.append(Segment(now, position, velocity, 0.0))
+        return way
 
     def _at(self, now: float) -> Segment:
         for segment in reversed(self.segments):
@@ -109,16 +115,91 @@ class Trajectory:
             until = segment.start
         return until
 
+    # When
+
+    def _ahead(self, after: float) -> Iterator[tuple[float, float, Segment]]:
+        """Every stretch that is not over at `after`: from when, until when, and its segment."""
+        for segment, following in pairwise([*self.segments, Segment(inf, 0.0, 0.0, 0.0)]):
+            if following.start > after:
+                yield max(segment.start, after), following.start, segment
+
+    def first(self, after: float, position: float, *, rising: bool) -> float:
+        """When the shaft is first at `position` or above it (not `rising`: or below it); inf if it never is.
+
+        >>> way = Trajectory.moving(0.0, position=0.0, velocity=10.0)
+        >>> way.first(1.0, 50.0, rising=True), way.first(1.0, 50.0, rising=False), way.first(1.0, -1.0, rising=False)
+        (5.0, 1.0, inf)
+        """
+        sign = 1.0 if rising else -1.0
+        for start, end, segment in self._ahead(after):
+            distance = sign * (position - segment.position_at(start))
+            if distance <= 0:
+                return start
+            at = start + time_for(distance, sign * segment.velocity_at(start), sign * segment.acceleration)
+            if at <= end:
+                return at
+        return inf
+
+    def first_faster(self, after: float, speed: float) -> float:
+        """When the shaft is first faster than `speed`, whatever the direction; inf if it never is."""
+        above = speed * (1 + ROUNDING)
+        for start, end, segment in self._ahead(after):
+            velocity = segment.velocity_at(start)
+            if abs(velocity) > above:
+                return start
+            if segment.acceleration:
+                edge = above if segment.acceleration > 0 else -above
+                at = start + (edge - velocity) / segment.acceleration
+                if at <= end:
+                    return at
+        return inf
+
+    def first_at_rest(self, after: float, direction: float) -> float:
+        """When a shaft that goes in `direction` first stands, or goes the other way."""
+        for start, end, segment in self._ahead(after):
+            velocity = segment.velocity_at(start) * direction
+            if velocity <= ROUNDING:
+                return start
+            if segment.acceleration * direction < 0:
+                at = start - velocity / (segment.acceleration * direction)
+                if at <= end:
+                    return at
+        return inf
+
+    def minus(self, other: Trajectory, factor: float, shift: float, now: float) -> Trajectory:
+        """What is between the two from now on: this one less (`factor` times the other, plus `shift`)."""
+        between = Trajectory()
+        starts = {now, *(segment.start for way in (self, other) for segment in way.segments if segment.start > now)}
+        between.segments = [
+            Segment(
+                at,
+                self.position(at) - factor * other.position(at) - shift,
+                self.velocity(at) - factor * other.velocity(at),
+                self.acceleration(at) - factor * other.acceleration(at),
+            )
+            for at in sorted(starts)
+        ]
+        return between
+
     # Plans. Each begins now and takes the place of what was planned for later.
 
     def jump(self, now: float, position: float) -> None:
         """Stand still at another position: what is called so is the same place."""
         self._cut(now)
+        self.turns_until = -inf
         self.segments.append(Segment(now, position, 0.0, 0.0))
+
+    def renumber(self, now: float, by: float) -> None:
+        """The same movement goes on, under other numbers: every position from now on is larger by `by`."""
+        later = [segment._replace(position=segment.position + by) for segment in self.segments if segment.start > now]
+        acceleration = self.acceleration(now)
+        position, velocity = self._cut(now)
+        self.segments += [Segment(now, position + by, velocity, acceleration), *later]
 
     def run_at(self, now: float, velocity: float, acceleration: float, deceleration: float) -> None:
         """Ramp to a velocity and keep it. Through zero the deceleration ends and the acceleration begins."""
         before = self.velocity(now)
+        self.turns_until = -inf
         pieces = []
         if before * velocity < 0:
             pieces.append(Piece(abs(before) / deceleration, before, 0.0))
@@ -136,6 +217,7 @@ class Trajectory:
     ) -> None:
         """Travel to `target` and stand there. A `jerky` one has no ramps: the velocity is there at once.
 
+        A jerky one that begins while the shaft is faster has a ramp down to its velocity, and none at the end.
         A shaft that runs the wrong way, or too fast to stop in time, is stopped first and comes back.
         """
         position, before = self.position(now), self.velocity(now)
@@ -146,8 +228,9 @@ class Trajectory:
             pieces.append(Piece(abs(before) / deceleration, before, 0.0))
             way -= stopping
             before = 0.0
+        self.turns_until = now + sum(piece.duration for piece in pieces) if pieces else -inf
         sign = 1.0 if way >= 0 else -1.0
-        pieces += _trapezoid(abs(way), abs(before), velocity, acceleration, deceleration, sign, jerky)
+        pieces += trapezoid(abs(way), abs(before), velocity, acceleration, deceleration, sign, jerky)
         self._follow(now, pieces, target)
 
     def _cut(self, now: float) -> tuple[float, float]:
@@ -168,29 +251,21 @@ class Trajectory:
         self.segments.append(Segment(now, position if target is None else target, velocity, 0.0))
 
 
-def _trapezoid(
-    way: float, before: float, velocity: float, acceleration: float, deceleration: float, sign: float, jerky: bool
-) -> list[Piece]:
-    """The pieces of a way that is long enough to stop on it, from a velocity that has its direction."""
-    if way == 0:
-        return [Piece(0.0, 0.0, 0.0)]
-    if jerky:
-        return [Piece(way / velocity, sign * velocity, sign * velocity), Piece(0.0, 0.0, 0.0)]
-    if before > velocity:
-        peak, first = velocity, (before - velocity) / deceleration
-        used = (before**2 - velocity**2) / (2 * deceleration)
-    else:
-        # The peak of the triangle, from  way = (v^2 - v0^2) / 2a + v^2 / 2d.
-        summit = sqrt(
-            (2 * way * acceleration * deceleration + deceleration * before**2) / (acceleration + deceleration)
-        )
-        peak = min(velocity, summit)
-        first = (peak - before) / acceleration
-        used = (peak**2 - before**2) / (2 * acceleration)
-    last = peak / deceleration
-    cruise = max(0.0, way - used - peak * last / 2) / peak
-    up, down = sign * before, sign * peak
-    return [Piece(first, up, down), Piece(cruise, down, down), Piece(last, down, 0.0)]
+class Era(NamedTuple):
+    """What follows a trajectory under other numbers, from `since` on: sign * (way + offset)."""
+
+    since: float
+    way: Trajectory
+    sign: float
+    offset: float
+
+    def position(self, now: float) -> float:
+        """Where it is."""
+        return self.sign * (self.way.position(now) + self.offset)
+
+    def first(self, after: float, position: float, *, rising: bool) -> float:
+        """When it is first there or beyond."""
+        return self.way.first(after, self.sign * position - self.offset, rising=rising is (self.sign > 0))
 
 
 def wrapped(position: float, bits: int = 32) -> int:

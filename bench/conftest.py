@@ -1,0 +1,81 @@
+"""The fixture `enter`, which runs a race once and hands each contestant's rounds to pytest-benchmark.
+
+pytest-benchmark would measure one contestant after the other, minutes apart. So the race itself is run in turns
+(`bench/race.py`), and each test gives what was measured back to pytest-benchmark by its `timer` option: the tables,
+the JSON file and comparisons are pytest-benchmark's. Ratios to the floor go into `extra_info`.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from bench.race import Outcome, Race, run
+
+PEERS = (
+    *("pymodbus", "tmodbus", "minimalmodbus", "uModbus", "pyModbusTCP", "modbus-tk"),
+    *("crcmod", "fastcrc", "canopen", "pytest-benchmark"),
+)
+_outcomes: dict[str, Outcome] = {}
+_marks: list[float] = []
+
+
+def replay() -> float:
+    """The clock of pytest-benchmark here: the beginning and the end of each round, as they were measured."""
+    return _marks.pop(0) if _marks else 0.0
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "enter" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.benchmark(timer=replay))
+
+
+def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: dict[str, Any]) -> None:
+    """What the page says about the machine: no names of it, only what it is."""
+    machine_info.pop("node", None)
+    found: dict[str, str | None] = {}
+    for name in PEERS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    machine_info["versions"] = found
+    machine_info["cores"] = os.cpu_count()
+    machine_info["system"] = f"{platform.system()} {platform.release()}"
+
+
+@pytest.fixture
+def enter(benchmark: BenchmarkFixture) -> Callable[[Race, str], None]:
+    """`enter(race, who)`: the rounds of this one contestant."""
+
+    def report(race: Race, who: str) -> None:
+        benchmark.group = race.group
+        if race.group not in _outcomes:
+            _outcomes[race.group] = run(race)
+        outcome = _outcomes[race.group]
+        if who in outcome.missing:
+            benchmark.skipped = True
+            pytest.skip(f"{who}: {outcome.missing[who]}")
+        if who in outcome.failed:
+            if who.startswith("barewire"):
+                raise outcome.failed[who]
+            benchmark.skipped = True
+            pytest.skip(f"{who} failed: {type(outcome.failed[who]).__name__}: {outcome.failed[who]}")
+        floor = next(iter(race.contestants))
+        benchmark.extra_info.update(family=race.family, what=race.what, size=race.size, who=who, floor=floor)
+        # Ours beside everybody, everybody beside the floor and beside ours.
+        beside = [name for name in outcome.seconds if who.startswith("barewire") or name in (floor, "barewire")]
+        others = {name: outcome.ratio(who, name) for name in beside}
+        benchmark.extra_info["ratios"] = others
+        seconds = outcome.seconds[who]
+        _marks[:] = [mark for took in seconds for mark in (0.0, took)]
+        benchmark.pedantic(lambda: None, rounds=len(seconds))
+
+    return report

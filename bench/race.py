@@ -1,0 +1,141 @@
+"""A race: the same work done by several, in turns, in one run.
+
+    round 1   floor  ours   pymodbus  ...        a turn is the same work so often that it takes about `turn` seconds
+    round 2   ours   pymodbus  ...    floor      who begins moves on by one each round
+    round 3   pymodbus  ...    floor  ours
+              |___________________________ in each round: this one's time for one piece of work / the floor's
+
+What else the machine does at the time falls on neighbours alike, so the ratio of one round is worth more than the two
+times, and the median of the ratios more than any of them. The garbage collector rests during a turn.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from statistics import quantiles
+from typing import Any
+
+import pytest
+
+ROUNDS = 31
+TURN = 0.002
+
+
+class Many:
+    """Work that is done `count` times by one call: inside an event loop, or on many things at a time."""
+
+    measures_itself = False
+    """Whether `run` returns the seconds that it took, because only a part of it counts."""
+
+    def __init__(self, run: Callable[[int], Any]) -> None:
+        self.run = run
+
+    def __call__(self) -> Any:
+        return self.run(1)
+
+
+Work = Callable[[], Any]
+Factory = Callable[[ExitStack], Work]
+
+
+@dataclass(frozen=True)
+class Race:
+    """Who does the work `what` of one `family` at one `size`. The first contestant is the floor.
+
+    A factory is given an ExitStack for what has to be closed afterwards, and returns the work; each must return
+    `expect` (None: whatever it returns is fine). It imports the library that it needs: one that is missing is named.
+    """
+
+    family: str
+    what: str
+    size: int | str
+    contestants: Mapping[str, Factory]
+    expect: Any = None
+    rounds: int = ROUNDS
+    turn: float = TURN
+
+    @property
+    def group(self) -> str:
+        """The title of its table."""
+        return f"{self.family}: {self.what}, {self.size}"
+
+    def __str__(self) -> str:
+        return f"{self.family}-{self.what}-{self.size}".replace(" ", "_")
+
+
+@dataclass
+class Outcome:
+    """`seconds` for one piece of work, round by round; who is `missing`, and who `failed`, with the reason."""
+
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, Exception] = field(default_factory=dict)
+
+    def ratio(self, who: str, floor: str) -> dict[str, float]:
+        """Median and quartiles of the ratios, round by round."""
+        ratios = [mine / best for mine, best in zip(self.seconds[who], self.seconds[floor])]
+        low, middle, high = quantiles(ratios, n=4) if len(ratios) > 1 else ratios * 3
+        return {"median": middle, "q1": low, "q3": high}
+
+
+def _turn(work: Work, count: int) -> float:
+    """Seconds for one piece of work, on the average of one turn."""
+    clock = time.perf_counter
+    if isinstance(work, Many):
+        start = clock()
+        told = work.run(count)
+        return float(told) if work.measures_itself else (clock() - start) / count
+    turns = range(count)
+    start = clock()
+    for _ in turns:
+        work()
+    return (clock() - start) / count
+
+
+def _how_often(work: Work, turn: float) -> int:
+    """So often that it takes about `turn` seconds."""
+    count = 1
+    if turn == 0.0:
+        return count
+    while (took := _turn(work, count) * count) < turn / 4 and count < 1 << 20:
+        count = max(2 * count, min(int(count * turn / 4 / max(took, 1e-7)), 16 * count))
+    return max(1, round(count * turn / took))
+
+
+def run(race: Race) -> Outcome:
+    """Everybody who can, `rounds` times, in turns."""
+    outcome = Outcome()
+    with ExitStack() as closing:
+        works: dict[str, tuple[Work, int]] = {}
+        for name, make in race.contestants.items():
+            try:
+                work = make(closing)
+                found = work()
+                if race.expect is not None and found != race.expect:
+                    raise AssertionError(f"{name}: {found!r}, expected {race.expect!r}")
+                works[name] = work, _how_often(work, race.turn)
+            except ImportError as error:
+                outcome.missing[name] = str(error)
+            except Exception as error:  # a stranger that fails is told of, and the others go on
+                outcome.failed[name] = error
+        outcome.seconds = {name: [] for name in works}
+        order = list(works)
+        gc.collect()
+        gc.disable()
+        try:
+            for _ in range(race.rounds):
+                for name in order:
+                    outcome.seconds[name].append(_turn(*works[name]))
+                order.append(order.pop(0))
+        finally:
+            gc.enable()
+    return outcome
+
+
+def entries(*races: Race) -> list[Any]:
+    """Each contestant of each race, as parameters of a test."""
+    return [pytest.param(race, who, id=f"{race}-{who}".replace(" ", "_")) for race in races for who in race.contestants]

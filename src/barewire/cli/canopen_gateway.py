@@ -1,0 +1,56 @@
+"""`barewire canopen-gateway`: a CANopen net in lines of text, over TCP."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+
+import click
+
+from barewire import __version__
+from barewire.cli.arguments import endpoint_argument
+from barewire.errors import EncodeError
+from barewire.shells.aio_canopen import open_canopen_async
+from barewire.shells.canopen_gateway import serve_gateway
+from barewire.shells.endpoint import Endpoint
+
+LOOPBACK = "127.0.0.1:4501"
+
+
+@click.command()
+@endpoint_argument
+@click.option("--listen", default=LOOPBACK, metavar="HOST:PORT", show_default=True, help="Where to be reached.")
+@click.option("--net", type=click.IntRange(1, 127), default=1, show_default=True, help="The number of the net.")
+def canopen_gateway(endpoint: str, listen: str, net: int) -> None:
+    """Let netcat and scripts talk to a CANopen net in lines of text, as CiA 309-3 has them.
+
+    Anybody who reaches the port may command every node of the bus: listen on the loopback, or behind something that
+    asks who is there.
+
+    \b
+    barewire canopen-gateway can://socketcan/can0 &
+    echo "[1] 5 read 0x6041 0 u16" | nc -N 127.0.0.1 4501
+    [1] 1591
+    echo "[1] help" | nc -N 127.0.0.1 4501
+    """
+    if not endpoint.startswith("can://"):
+        raise EncodeError(f"endpoint {endpoint!r}: the gateway is one to CANopen, which goes over can://")
+    if not listen.rpartition(":")[2].isdigit():
+        raise EncodeError(f"--listen {listen}: expected HOST:PORT, such as {LOOPBACK}")
+    at = Endpoint.parse(f"tcp://{listen}")
+    asyncio.run(_serve(endpoint, *at.host_and_port, net))
+
+
+async def _serve(endpoint: str, host: str, port: int, net: int) -> None:
+    version = f"barewire {__version__}"
+    async with (
+        await open_canopen_async(endpoint) as client,
+        await serve_gateway(client, host, port, net=net, version=version) as gateway,
+    ):
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(gateway.ended.set))
+        print(f"ready {host}:{gateway.port}", flush=True)
+        await gateway.ended.wait()
+        if gateway.failure is not None:
+            raise gateway.failure

@@ -1,0 +1,123 @@
+"""Listening in on CAN for `barewire sniff` and `barewire explain`: where the frames come from, and what is printed."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from barewire.canopen.eds import parse
+from barewire.cli.arguments import print_json
+from barewire.devices.load import load
+from barewire.errors import EncodeError, PortError
+from barewire.explain.can_recording import BLF, CanKeeper, Heard, read_recording
+from barewire.explain.listen import KnownNode, as_dict, in_words, kind, of_device, of_dictionary, repeated
+from barewire.explain.listen.events import Event
+from barewire.explain.listen.words import KINDS
+from barewire.explain.recorded import Item, Recorded
+from barewire.shells.endpoint import Endpoint
+
+LIVE = "can0"
+
+
+def known_nodes(devices: Iterable[str], nodes: Iterable[int]) -> list[KnownNode]:
+    """`--device az3 --node 5`, as often as there are nodes: a name of the catalogue, a description, or an EDS file."""
+    numbers = list(nodes)
+    names = list(devices)
+    if len(numbers) > len(names):
+        raise EncodeError("--node says which node the --device before it is: give a --device for each")
+    found = []
+    for place, name in enumerate(names):
+        number = numbers[place] if place < len(numbers) else None
+        if number is not None and not 1 <= number <= 127:
+            raise EncodeError(f"--node {number}: expected 1..127")
+        found.append(_known(name, number))
+    return found
+
+
+def _known(name: str, node: int | None) -> KnownNode:
+    if not name.lower().endswith((".eds", ".dcf")):
+        return of_device(load(name), node)
+    try:
+        document = parse(Path(name).read_bytes())
+    except OSError as error:
+        raise PortError(f"{name}: {error.strerror or error}") from None
+    if node is None:
+        raise EncodeError(f"{name}: an EDS fits any node, say which with --node")
+    return of_dictionary(document.dictionary(node), node, name)
+
+
+def recorded(data: bytes) -> Iterator[Item]:
+    """The frames of a recording in whatever form."""
+    if data[: len(BLF)] == BLF:
+        from barewire.shells.can_blf import read_blf
+
+        return read_blf(data)
+    return read_recording(data)
+
+
+def live(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
+    """Frames from a bus until Ctrl-C; a time where nothing came."""
+    from barewire.shells.can_listen import listen_can
+
+    stop = threading.Event()
+    with ending_softly(stop):
+        for at, frame in listen_can(endpoint, stop, seconds=seconds):
+            yield at if frame is None else Recorded(at, LIVE, frame)
+
+
+@contextmanager
+def ending_softly(stop: threading.Event) -> Iterator[None]:
+    """The first Ctrl-C ends the listening, so that what was heard is summed up; the second one ends the program."""
+
+    def first(number: int, frame: object) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, first)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def events_of(
+    items: Iterable[Item | float], known: Iterable[KnownNode], bus: str | None, keep: Callable[[bytes], object] | None,
+    name: str,
+) -> Iterator[tuple[str, Event]]:  # fmt: skip
+    """What was heard; each frame is given to `keep` in the form of a file called `name`."""
+    heard, keeper = Heard(known, bus), CanKeeper(name)
+    if keep is not None:
+        keep(keeper.start)
+    for item in items:
+        if isinstance(item, float):
+            # Somebody was there all the time: what is missing by now is missing.
+            for one, listener in heard.listeners.items():
+                for event in listener.feed(None, item):
+                    yield one, event
+            continue
+        if keep is not None and isinstance(item, Recorded) and bus in (None, item.bus):
+            keep(keeper.put(item.at, item.bus, item.frame))
+        yield from heard.feed(item)
+    yield from heard.end()
+
+
+def print_events(
+    events: Iterable[tuple[str, Event]], *, as_json: bool, everything: bool, only: tuple[str, ...]
+) -> None:
+    """A line for each event that says something new; with `everything` for all of them."""
+    for name in only:
+        if name not in KINDS.values():
+            raise EncodeError(f"--only {name}: expected one of {', '.join(KINDS.values())}")
+    several: set[str] = set()
+    for bus, event in events:
+        several.add(bus)
+        if (only and kind(event) not in only) or (repeated(event) and not everything):
+            continue
+        if as_json:
+            print_json(as_dict(event) | ({"bus": bus} if bus else {}))
+        else:
+            print(f"{bus}  {in_words(event)}" if len(several - {""}) > 1 else in_words(event), flush=True)

@@ -1,0 +1,171 @@
+"""A shared bus for asyncio: a tap that wakes a task instead of a thread.
+
+        reader (thread) --> AsyncTap --call_soon_threadsafe, once for all that came meanwhile--> the task
+
+It is one mechanism for every interface of python-can, whether it has a file descriptor or not, and blocking and asyncio
+clients may share one bus.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Iterable
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+from barewire.canopen.claims import Keys
+from barewire.canopen.frame import CanFrame
+from barewire.errors import PortError
+from barewire.shells.can_fan import PATIENCE, CanBus, no_room
+from barewire.shells.can_stream import ROOM, Events, Listener, Report
+from barewire.shells.can_tap import LONGEST, Arrived, Key, Tap
+from barewire.shells.can_tap import ROOM as TAP_ROOM
+
+E = TypeVar("E")
+
+RETRY = 0.001
+
+
+class AsyncTap(Tap):
+    """What one task has of a bus: the port of the asyncio engine."""
+
+    def __init__(
+        self,
+        bus: CanBus,
+        keys: Iterable[Key] | None,
+        *,
+        room: int = TAP_ROOM,
+        reports: bool = False,
+        node: bool = False,
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
+        self._waiter: asyncio.Future[None] | None = None
+        self._outbox: deque[CanFrame] = deque()
+        super().__init__(bus, keys, room=room, reports=reports, node=node)
+
+    def _ring(self) -> None:
+        if threading.get_ident() == self._thread:
+            self.wake()
+            return
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is there to wake
+            self._loop.call_soon_threadsafe(self.wake)
+
+    def wake(self) -> None:
+        """Let the task that waits look again, although nothing may have come."""
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_result(None)
+
+    async def pull_async(self, timeout: float) -> Arrived | None:
+        """What came within `timeout` seconds, or None."""
+        arrived = self.take(wait=timeout > 0)
+        if arrived is not None or timeout <= 0:
+            return arrived
+        waiter = self._waiter = self._loop.create_future()
+        timer = self._loop.call_later(min(timeout, LONGEST), self.wake)
+        try:
+            await waiter
+        finally:
+            timer.cancel()
+            self._waiter = None
+        return self.take()
+
+    async def receive(self, timeout: float) -> CanFrame | None:  # type: ignore[override]  # the other engine's port
+        """The port of a conversation: a frame that came within `timeout` seconds, or None."""
+        arrived = await self.pull_async(timeout)
+        return None if arrived is None else arrived.item  # type: ignore[return-value]  # without reports only frames
+
+    def write(self, item: CanFrame) -> None:
+        """Hand a frame over; where the controller has no room, it waits for `sent`."""
+        if self._outbox or not self.bus.try_send(item, self):
+            self._outbox.append(item)
+
+    async def sent(self) -> float | None:
+        """Wait until the controller has all of it."""
+        until = self._loop.time() + PATIENCE
+        while self._outbox:
+            await asyncio.sleep(RETRY)
+            while self._outbox and self.bus.try_send(self._outbox[0], self, again=True):
+                self._outbox.popleft()
+            if self._outbox and self._loop.time() >= until:
+                self._outbox.clear()
+                raise PortError(no_room(self.bus.name))
+        return None
+
+
+@contextlib.asynccontextmanager
+async def turn(bus: CanBus, keys: Keys | None) -> AsyncIterator[None]:
+    """Wait until nobody talks who would be disturbed, and then be the one who talks."""
+    loop = asyncio.get_running_loop()
+    waiter: asyncio.Future[None] = loop.create_future()
+
+    def go() -> None:
+        if not waiter.done():
+            waiter.set_result(None)
+
+    def wake() -> None:
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(go)
+
+    claim = bus.join(keys, asyncio.current_task(), wake)
+    try:
+        if not claim.going:
+            await waiter
+        yield
+    finally:
+        bus.leave(claim)
+
+
+class AsyncStream(Generic[E]):
+    """`Stream` for a task."""
+
+    def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
+        self.machine = machine
+        self._events: Events[E] = Events(machine)
+        self._tap = AsyncTap(bus, keys, room=room, reports=True)
+        self._open = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def lost(self) -> int:
+        """How many frames were lost here, all in all."""
+        return self._tap.lost
+
+    async def get(self, timeout: float | None = None) -> E | Report | None:
+        """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.
+
+        Raises PortError if the bus is gone.
+        """
+        events, clock = self._events, time.monotonic
+        until = float("inf") if timeout is None else clock() + timeout
+        while not events.ready:
+            now = clock()
+            events.take(await self._tap.pull_async(events.wait_until(until) - now), clock())
+            if not events.ready and clock() >= until:
+                return None
+        return events.ready.popleft()
+
+    async def __aiter__(self) -> AsyncIterator[E | Report]:
+        while True:
+            try:
+                event = await self.get()
+            except PortError:
+                if self._open:
+                    raise
+                return
+            assert event is not None
+            yield event
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._open = False
+        self._tap.close()

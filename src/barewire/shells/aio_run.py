@@ -1,0 +1,61 @@
+"""Machines that speak by themselves on a bus, each in a task: `can_run` with await."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Self
+
+from barewire.canopen.frame import CanFrame
+from barewire.errors import PortError
+from barewire.shells.aio_can import AsyncTap
+from barewire.shells.can_fan import CanBus
+from barewire.shells.can_run import Speaker, begin, feed
+from barewire.shells.can_tap import LONGEST, Key
+
+
+class AsyncRunning:
+    """A machine at work in a task, until it is stopped or the bus is gone. `refused` counts what was not taken."""
+
+    def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
+        self.machine = machine
+        self.refused = 0
+        self._tap = AsyncTap(bus, keys, node=True)
+        self._task = asyncio.create_task(self._live())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.stop()
+
+    async def _live(self) -> None:
+        machine, clock = self.machine, time.monotonic
+        with self._tap:
+            said = begin(machine, clock())
+            while True:
+                for frame in said:
+                    await self._say(frame)
+                deadline = machine.deadline
+                try:
+                    heard = await self._tap.receive(LONGEST if deadline is None else deadline - clock())
+                except PortError:
+                    return
+                said = feed(machine, heard, clock())
+                await asyncio.sleep(0)
+
+    async def _say(self, frame: CanFrame) -> None:
+        try:
+            self._tap.write(frame)
+            await self._tap.sent()
+        except PortError:
+            self.refused += 1
+
+    def stop(self) -> None:
+        """No further frame."""
+        self._tap.close()
+        self._task.cancel()
+
+    close = stop

@@ -1,0 +1,238 @@
+"""The words of CANopen that a master says most, once for both clients.
+
+    client.upload(0x6041)                    -> b"7\\x06"          the blocking client
+    await client.upload(0x6041)              -> b"7\\x06"          the asyncio client
+    client.at(node=7).upload(0x6041)         another node of the same bus
+
+Time-outs are those of the client where a call does not say otherwise; `node` is the client's where it does not, and may
+be a `Channel` to another SDO server of a node. PDOs and LSS are in `can_verbs_more`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any
+
+from barewire.canopen import Channel, NmtCommand, NmtMessage, download, upload, upload_to
+from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.heartbeat import HeartbeatConsumer, HeartbeatEvent, NodeState
+from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
+from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
+from barewire.canopen.sdo.options import BlockWish
+from barewire.canopen.sdo.servers import find_channel
+from barewire.canopen.sdo.stream import LIMIT, Progress
+from barewire.canopen.survey import Survey, scan
+from barewire.canopen.sync import Sync, SyncEvent, SyncMonitor, SyncProducer
+from barewire.canopen.time_stamp import TimeConsumer, TimeHeard, TimeProducer, TimeStamp
+from barewire.codecs import Value
+from barewire.devices.access import read_canopen, write_canopen
+from barewire.devices.device import Device
+from barewire.devices.parameter import Reading
+from barewire.shells.can_run import Speaker
+from barewire.shells.can_stream import Frames
+from barewire.shells.can_tap import Key
+from barewire.shells.can_words import NOBODY, SILENCE, At, Going, Talk, Verb, Watch, Watching, Words, say, sdo
+
+NODES = range(1, 128)
+STATES = frozenset((0x700 + node, False) for node in NODES)
+
+
+class MasterVerbs(Words):
+    """SDO, NMT, error control, EMCY, SYNC, TIME, and who is there."""
+
+    # SDO
+
+    @Verb
+    def upload(
+        self,
+        index: int,
+        sub: int = 0,
+        *,
+        size: int | None = None,
+        node: At = None,
+        block: BlockWish = False,
+        limit: int | None = LIMIT,
+        progress: Progress | None = None,
+        timeout: float | None = None,
+    ) -> Talk[bytes]:
+        """Read an object: its bytes, little-endian. `block` may be True, False, "auto" or a `Block`; `progress(done,
+        size)` is told how it goes. Raises SdoAbort, NoAnswer, PortError."""
+        channel, wait = self.channel(node), self.patience(timeout)
+        how: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
+        return sdo(channel, upload(channel, index, sub, **how))
+
+    @Verb
+    def upload_to(
+        self,
+        index: int,
+        sub: int,
+        sink: Callable[[bytes], object],
+        *,
+        node: At = None,
+        block: BlockWish = "auto",
+        progress: Progress | None = None,
+        timeout: float | None = None,
+    ) -> Talk[int]:
+        """Read an object of any length into `sink`, part by part; the result is how many bytes there were."""
+        channel, wait = self.channel(node), self.patience(timeout)
+        how: dict[str, Any] = {"block": block, "progress": progress, "timeout": wait}
+        return sdo(channel, upload_to(channel, index, sub, sink, **how))
+
+    @Verb
+    def download(
+        self,
+        index: int,
+        sub: int,
+        data: bytes | Iterable[bytes],
+        *,
+        size: int | None = None,
+        node: At = None,
+        block: BlockWish = False,
+        progress: Progress | None = None,
+        timeout: float | None = None,
+    ) -> Talk[None]:
+        """Write an object: its bytes, little-endian, as many as its type has. `data` may also be pieces, taken as they
+        are sent; then `size` is how many bytes they are together, if anybody knows. Never repeated."""
+        channel, wait = self.channel(node), self.patience(timeout)
+        how: dict[str, Any] = {"size": size, "block": block, "progress": progress, "timeout": wait}
+        return sdo(channel, download(channel, index, sub, data, **how))
+
+    @Verb
+    def find_channel(self, server: int, *, node: At = None, timeout: float | None = None) -> Talk[Channel]:
+        """The channel to a further SDO server of a node, for the `node` of other verbs. Server 1 is the default one."""
+        channel = self.channel(node)
+        return sdo(channel, find_channel(channel, server, timeout=self.patience(timeout)))
+
+    # Named values
+
+    @Verb
+    def read(self, device: Device, *names: str, node: At = None) -> Talk[list[Reading]]:
+        """Named values, in the order asked."""
+        channel = self.channel(node, device)
+        return sdo(channel, read_canopen(channel, device, names, timeout=self.timeout))
+
+    @Verb
+    def write(self, device: Device, values: Mapping[str, Value], *, node: At = None, force: bool = False) -> Talk[None]:
+        """Write named values, in the order given. Ranges and access are checked before anything is sent."""
+        channel = self.channel(node, device)
+        return sdo(channel, write_canopen(channel, device, values, timeout=self.timeout, force=force))
+
+    # NMT and error control
+
+    @Verb
+    def command(self, command: NmtCommand, *, node: int | None = None) -> Talk[None]:
+        """Send an NMT command to the node, or with `node=0` to all. It is not confirmed: `tell_nmt` is."""
+        return say(NmtMessage(command, self.node_id(node)).encode())
+
+    @Verb
+    def tell_nmt(
+        self,
+        command: NmtCommand,
+        *,
+        node: int | None = None,
+        confirmed_by: Iterable[int] | None = None,
+        timeout: float = 2.0,
+        ask_every: float | None = None,
+    ) -> Talk[list[Obeyed]]:
+        """Send an NMT command and wait until the node, or every node of `confirmed_by`, says that it is there."""
+        at = self.node_id(node)
+        telling = tell_nmt(command, at, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
+        return Talk(telling, NOBODY, STATES)
+
+    @Verb
+    def ask_state(self, *, node: int | None = None, timeout: float = 0.5) -> Talk[NodeState]:
+        """The state of a node, asked by node guarding."""
+        return Talk(ask_state(self.node_id(node), timeout=timeout), NOBODY, STATES)
+
+    @Verb
+    def wait_for_boot_up(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[NodeState]:
+        """Wait for the boot-up message of the node."""
+        return Talk(wait_for_boot_up(self.node_id(node), timeout=timeout), NOBODY, STATES)
+
+    @Verb
+    def wait_for_heartbeat(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[NodeState]:
+        """Wait for the next heartbeat of the node."""
+        return Talk(wait_for_heartbeat(self.node_id(node), timeout=timeout), NOBODY, STATES)
+
+    @Verb
+    def wait_for_state(self, *states: int, node: int | None = None, timeout: float = 10.0) -> Talk[NodeState]:
+        """Wait for a heartbeat that says that the node is in one of these states."""
+        return Talk(wait_for_state(self.node_id(node), states, timeout=timeout), NOBODY, STATES)
+
+    @Watching
+    def heartbeats(self, times: Mapping[int, float] | None = None) -> Watch[HeartbeatEvent]:
+        """Who boots, who is alive, who changes its state; and for the nodes of `times`, who is silent for so long."""
+        return Watch(HeartbeatConsumer(times or {}), STATES)
+
+    # EMCY, SYNC, TIME
+
+    @Watching
+    def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Watch[EmcyEvent]:
+        """What goes wrong in the nodes. `cob_ids` tells whose emergencies have another identifier than 80h + node."""
+        keys = {(0x80 + node, False) for node in NODES} | STATES | set(cob_ids or ())
+        return Watch(EmcyConsumer(cob_ids), frozenset(keys))
+
+    @Verb
+    def send_sync(self, counter: int | None = None) -> Talk[None]:
+        """One SYNC."""
+        return say(Sync(counter).encode())
+
+    @Going
+    def start_sync(self, period: float, *, overflow: int = 0) -> tuple[Speaker, frozenset[Key]]:
+        """Be the SYNC producer: a beat every `period` seconds, counting up to `overflow`, until it is stopped."""
+        return SyncProducer(period, overflow=overflow), SILENCE
+
+    @Watching
+    def syncs(self, period: float | None = None, *, overflow: int | None = None) -> Watch[SyncEvent]:
+        """The beats of somebody else, as `SyncMonitor` judges them."""
+        monitor = SyncMonitor(period, overflow=overflow)
+        return Watch(monitor, frozenset({monitor.key}))
+
+    @Verb
+    def send_time(self, unix: float | None = None) -> Talk[None]:
+        """One TIME message: the time of this machine, or the one given in seconds since 1 January 1970."""
+        stamp = TimeStamp.of_unix(time.time() if unix is None else unix)
+        return say(stamp.encode())
+
+    @Going
+    def start_time(self, period: float) -> tuple[Speaker, frozenset[Key]]:
+        """Say the time of this machine at once and every `period` seconds, until it is stopped."""
+        return TimeProducer(period, time.time() - time.monotonic()), SILENCE
+
+    @Watching
+    def times(self) -> Watch[TimeHeard]:
+        """The TIME messages of somebody else."""
+        consumer = TimeConsumer()
+        return Watch(consumer, frozenset({consumer.key}))
+
+    # Anything
+
+    @Verb
+    def send(self, frame: CanFrame) -> Talk[None]:
+        """Put one frame on the bus."""
+        return say(frame)
+
+    @Watching
+    def frames(self, *keys: Key) -> Watch[CanFrame]:
+        """All frames, or those with these identifiers, as they come."""
+        return Watch(Frames(), frozenset(keys) or None)
+
+    @Going
+    def host(self, node: Speaker) -> tuple[Speaker, None]:
+        """Let a node of our own live on this bus, until it is stopped: a `Device`, or any machine of frames."""
+        return node, None
+
+    @Verb
+    def scan(
+        self,
+        nodes: Collection[int] = NODES,
+        *,
+        listen: float = 0.0,
+        timeout: float = 0.1,
+        progress: Callable[[int, Survey], None] | None = None,
+    ) -> Talk[Survey]:
+        """Who is on the bus, and why we believe it. Transfers of others of us with these nodes are waited for."""
+        claims = frozenset(("SDO", 0x580 + node, False) for node in nodes)
+        return Talk(scan(nodes, listen=listen, timeout=timeout, progress=progress), claims, None)

@@ -1,0 +1,214 @@
+"""How a word of CANopen becomes a method of both clients.
+
+    class SdoVerbs(Words):
+        @Verb
+        def upload(self, index, ...) -> Talk[bytes]: ...
+
+    client.upload(0x6041)                    -> b"7\\x06"          the blocking client
+    await client.upload(0x6041)              -> b"7\\x06"          the asyncio client
+
+A word is written once, as what it says (a conversation of `barewire.canopen`), whom that would disturb (`claims`) and
+what it has to hear; that is a `Talk`. Carrying it out is the client's, so `Verb` gives a value on one and a coroutine
+on the other. In the same way `Watching` gives a stream, and `Going` something that goes on until it is stopped.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Self, TypeAlias, TypeVar, overload
+
+from barewire.canopen import Channel
+from barewire.canopen.claims import Keys
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.dialect import DIALECTS, Dialect
+from barewire.conversation import Conversation, Send
+from barewire.devices.device import Device
+from barewire.errors import EncodeError
+from barewire.shells.blocking import Port
+from barewire.shells.can_fan import CanBus
+from barewire.shells.can_run import Speaker
+from barewire.shells.can_stream import Listener
+from barewire.shells.can_tap import Key
+
+if TYPE_CHECKING:
+    from barewire.shells.aio_can import AsyncStream
+    from barewire.shells.aio_canopen import AsyncCanopenClient
+    from barewire.shells.aio_run import AsyncRunning
+    from barewire.shells.can_run import Running
+    from barewire.shells.can_stream import Stream
+    from barewire.shells.client import CanopenClient
+
+P = ParamSpec("P")
+T = TypeVar("T")
+E = TypeVar("E")
+
+NOBODY: Keys = frozenset()
+"""The claims of what disturbs nobody."""
+SILENCE: frozenset[Key] = frozenset()
+"""What a word hears that waits for nothing."""
+
+
+class Talk(NamedTuple, Generic[T]):
+    """A conversation, whom it would disturb, and the identifiers that it has to hear; None is everything."""
+
+    conversation: Conversation[CanFrame, T]
+    claims: Keys | None
+    hears: frozenset[Key] | None
+
+
+class Watch(NamedTuple, Generic[E]):
+    """A machine that listens, and what it has to hear."""
+
+    machine: Listener[E]
+    hears: frozenset[Key] | None
+
+
+class Verb(Generic[P, T]):
+    """A word that comes to an end."""
+
+    def __init__(self, make: Callable[Concatenate[Any, P], Talk[T]]) -> None:
+        self.make = make
+        self.__doc__ = make.__doc__
+
+    @overload
+    def __get__(self, client: CanopenClient, kind: type) -> Callable[P, T]: ...
+
+    @overload
+    def __get__(self, client: AsyncCanopenClient, kind: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+
+    @overload
+    def __get__(self, client: None, kind: type) -> Verb[P, T]: ...
+
+    def __get__(self, client: Any, kind: type) -> Any:
+        if client is None:
+            return self
+
+        def said(*args: P.args, **kwargs: P.kwargs) -> Any:
+            return client.carry_out(self.make(client, *args, **kwargs))
+
+        said.__doc__ = self.__doc__
+        return said
+
+
+class Watching(Generic[P, E]):
+    """A word that gives a stream of events."""
+
+    def __init__(self, make: Callable[Concatenate[Any, P], Watch[E]]) -> None:
+        self.make = make
+        self.__doc__ = make.__doc__
+
+    @overload
+    def __get__(self, client: CanopenClient, kind: type) -> Callable[P, Stream[E]]: ...
+
+    @overload
+    def __get__(self, client: AsyncCanopenClient, kind: type) -> Callable[P, AsyncStream[E]]: ...
+
+    @overload
+    def __get__(self, client: None, kind: type) -> Watching[P, E]: ...
+
+    def __get__(self, client: Any, kind: type) -> Any:
+        if client is None:
+            return self
+
+        def said(*args: P.args, **kwargs: P.kwargs) -> Any:
+            return client.watch(*self.make(client, *args, **kwargs))
+
+        said.__doc__ = self.__doc__
+        return said
+
+
+class Going(Generic[P]):
+    """A word that gives something that goes on until it is stopped."""
+
+    def __init__(self, make: Callable[Concatenate[Any, P], tuple[Speaker, frozenset[Key] | None]]) -> None:
+        self.make = make
+        self.__doc__ = make.__doc__
+
+    @overload
+    def __get__(self, client: CanopenClient, kind: type) -> Callable[P, Running]: ...
+
+    @overload
+    def __get__(self, client: AsyncCanopenClient, kind: type) -> Callable[P, AsyncRunning]: ...
+
+    @overload
+    def __get__(self, client: None, kind: type) -> Going[P]: ...
+
+    def __get__(self, client: Any, kind: type) -> Any:
+        if client is None:
+            return self
+
+        def said(*args: P.args, **kwargs: P.kwargs) -> Any:
+            return client.keep_going(*self.make(client, *args, **kwargs))
+
+        said.__doc__ = self.__doc__
+        return said
+
+
+def say(frame: CanFrame) -> Talk[None]:
+    """One frame, and that is all."""
+    return Talk(_said(frame), NOBODY, SILENCE)
+
+
+def _said(frame: CanFrame) -> Conversation[CanFrame, None]:
+    yield Send(frame)
+
+
+def sdo(channel: Channel, conversation: Conversation[CanFrame, T]) -> Talk[T]:
+    """A talk over one SDO channel: it alone has it meanwhile."""
+    key = channel.answer_id, channel.answer_extended
+    return Talk(conversation, frozenset({("SDO", *key)}), frozenset({key}))
+
+
+At: TypeAlias = int | Channel | None
+"""Which node: its number, a channel to one of its SDO servers, or None for that of the client."""
+
+
+class Words:
+    """What every family of words stands on: a bus, and which node is meant."""
+
+    def __init__(
+        self,
+        bus: CanBus | Port[CanFrame],
+        *,
+        node: int | None = None,
+        timeout: float = 1.0,
+        dialect: str | Dialect = "standard",
+    ) -> None:
+        if isinstance(dialect, str):
+            if dialect not in DIALECTS:
+                raise EncodeError(f"SDO dialect {dialect!r}: expected one of {', '.join(DIALECTS)}")
+            dialect = DIALECTS[dialect]
+        self.bus = bus if isinstance(bus, CanBus) else CanBus(bus)
+        self.owns_bus = self.bus is not bus
+        self.node = node
+        self.timeout = timeout
+        self.dialect = dialect
+
+    def at(self, node: int | None = None, timeout: float | None = None) -> Self:
+        """The same client, on the same bus, speaking to another node or with another patience."""
+        other = copy.copy(self)
+        other.node = self.node if node is None else node
+        other.timeout = self.timeout if timeout is None else timeout
+        return other
+
+    def channel(self, node: At = None, device: Device | None = None) -> Channel:
+        """The SDO channel to a node. Kept on the bus, because a channel remembers what it must not be taken in by: the
+        late answer of a lost transfer, whoever began it."""
+        if isinstance(node, Channel):
+            return node
+        return self.bus.channel(self.node_id(node, device), self.dialect)
+
+    def node_id(self, node: At, device: Device | None = None) -> int:
+        """The node that is meant: the one given, the client's, the device's own, or 1."""
+        if isinstance(node, Channel):
+            return node.node
+        if node is not None:
+            return node
+        if self.node is not None:
+            return self.node
+        return device.canopen.node if device and device.canopen else 1
+
+    def patience(self, timeout: float | None) -> float:
+        """The time-out given, or the client's."""
+        return self.timeout if timeout is None else timeout

@@ -1,0 +1,91 @@
+"""What ends a message of which unit: learnt from what passes, said or heard."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import AsciiLine, encode
+from barewire.ascii.delimiter import LF, Delimiters
+from barewire.modbus import Adu, Noise
+from tests.helpers import modest, unhex
+
+CHANGE, RESTART, READ = unhex("08 0003 3B00"), unhex("08 0001 0000"), unhex("03 0000 0001")
+SEMICOLON = ord(";")
+
+
+def after(*passed: tuple[bytes, bool], unit: int = 1) -> Delimiters:
+    """The endings after these messages of a unit, each with whether we said it."""
+    endings = Delimiters()
+    for pdu, said in passed:
+        endings.passed(unit, pdu, said=said)
+    return endings
+
+
+@pytest.mark.parametrize("directions", [(True, False), (False, True), (False, False)])
+def test_a_question_and_its_answer_are_in_force_for_whoever_hears_both(
+    directions: tuple[bool, bool],
+) -> None:
+    endings = after(*((CHANGE, said) for said in directions))
+    assert (endings.of(1), endings.of(2), endings.heard) == (SEMICOLON, LF, {LF, SEMICOLON})
+
+
+def test_asked_again_is_not_answered() -> None:
+    endings = after((CHANGE, True), (CHANGE, True))
+    assert endings.of(1) == LF
+    assert SEMICOLON in endings.heard, "the unit may have obeyed: its answer was lost"
+    endings.passed(1, CHANGE, said=False)
+    assert endings.of(1) == SEMICOLON
+
+
+def test_declined_is_forgotten() -> None:
+    assert after((CHANGE, True), (unhex("88 01"), False)).heard == {LF}
+    assert after((CHANGE, True), (CHANGE, False), (RESTART, True), (unhex("88 03"), False)).of(1) == SEMICOLON
+
+
+def test_another_message_between_is_no_answer() -> None:
+    assert after((CHANGE, True), (READ, True), (CHANGE, False)).of(1) == LF
+
+
+@pytest.mark.parametrize("next_one", [(RESTART, False), (READ, True), (RESTART, True)])
+def test_a_restart_brings_lf_back_answered_or_not(next_one: tuple[bytes, bool]) -> None:
+    endings = after((CHANGE, True), (CHANGE, False), (RESTART, True))
+    assert endings.of(1) == SEMICOLON, "its answer still ends as before"
+    endings.passed(1, *next_one[:1], said=next_one[1])
+    assert (endings.of(1), endings.heard) == (LF, {LF})
+
+
+def test_a_broadcast_is_for_all_and_nobody_answers_it() -> None:
+    endings = after((CHANGE, False), unit=0)
+    assert {endings.of(unit) for unit in range(248)} == {SEMICOLON}
+    endings.passed(0, RESTART, said=False)
+    assert {endings.of(unit) for unit in range(248)} == {LF}
+
+
+def test_a_colon_begins_a_message_and_never_ends_one() -> None:
+    colon = unhex("08 0003 3A00")
+    assert after((colon, True), (colon, False)).heard == {LF}
+
+
+@pytest.mark.parametrize("character", [c for c in range(256) if c != 0x3A])
+def test_every_other_character_can(character: int) -> None:
+    line, change = AsciiLine(), bytes((8, 0, 3, character, 0))
+    frame = encode(1, change)
+    assert line.feed(frame * 2, 1.0) == [Adu(1, change)] * 2
+    ended = encode(1, READ)[:-1] + bytes((character,))
+    assert line.feed(ended, 1.1) == [Adu(1, READ)]
+    assert line.request(1, READ) == ended
+    assert line.request(2, READ) == encode(2, READ)
+
+
+@modest
+@given(st.lists(st.one_of(st.binary(max_size=12), st.sampled_from([encode(1, CHANGE), encode(1, RESTART), b":01\r;"]))))
+def test_no_byte_vanishes_whatever_ends_a_message(parts: list[bytes]) -> None:
+    line, fed = AsciiLine(), 0
+    told = 0
+    for part in parts:
+        fed += len(part)
+        for event in line.feed(part, 1.0):
+            told += len(event.data) if isinstance(event, Noise) else len(encode(event.unit, event.pdu))
+        assert told + len(line.held) == fed

@@ -1,0 +1,191 @@
+"""Every writable parameter of every machine over every transport that it has: extremes and defaults come back.
+Every read-only one refuses, with the exception or the abort code of the standard, however hard one tries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from barewire.canopen import AbortCode, SdoAbort
+from barewire.codecs import Value
+from barewire.codecs.numbers import Number
+from barewire.devices.load import load
+from barewire.devices.parameter import ObjectAt, Parameter
+from barewire.errors import EncodeError, NoAnswer
+from barewire.modbus import ModbusException
+from barewire.modbus.registers import WriteSingleRegister
+from tests.devices.sim.wires import WIRES, CanopenWire, ModbusWire, Wire, canopen
+
+# Written, and not to be read back as written: each acts and falls back, or shows something else at once.
+PUSHED = {
+    "csd-mt": {
+        "Save All Parameters", "Restore All Default Parameters", "Reset Error Logs", "Read Temperature",
+    },
+    "az3": {
+        "STORE ALL PARAMETERS", "RESET POSITION", "RESET ERROR", "SOFTWARE RESET", "POWER OFF RESET", "START PHASING",
+        "ABSOLUTE ENCODER PHASING START", "ALIGNMENT REQUEST", "EEPROM DIAGNOSTIC LOG CLEANING",
+        "EEPROM AUTOPHASING DATA CLEANING", "EEPROM PARAMETERS CLEANING", "EEPROM TOTAL CLEANING",
+        *("COIL WORD 0", "COIL WORD 1", "COIL WORD 5"),  # all bits at once: among them those above, and states
+        *("HEATSINK TEMPERATURE", "CUSTOM POSITION ACTUAL VALUE", "SENSORLESS MEASURED SPEED", "PHASING IN PROGRESS"),
+    },
+    "adxl": set(),
+}  # fmt: skip
+
+PDO_RECORDS = range(0x1400, 0x1C00)
+"""Have rules about their order: tests/canopen, and `test_pdo_records` below."""
+
+MENU = {"Menu number selection": 1, "Parameter number selection": 4}
+TRANSPORTS = pytest.mark.parametrize(("device", "wire"), WIRES, ids=[f"{name}-{made.__name__}" for name, made in WIRES])
+
+
+def wanted(parameter: Parameter) -> list[Value]:
+    """The default, both ends of the range, and every value that has a name."""
+    if parameter.type == "bool":
+        return [True, False]
+    if parameter.name == "Parameter value":  # of P01.04
+        return [1, 120, 10]
+    found: list[Value] = list(parameter.values)
+    if not parameter.values:
+        kind, scale = Number(parameter.type), parameter.scale
+        low = kind.minimum * scale if parameter.minimum is None else parameter.minimum
+        high = kind.maximum * scale if parameter.maximum is None else parameter.maximum
+        if parameter.type == "f32":
+            low, high = max(float(low), -3.4e38), min(float(high), 3.4e38)
+        found += [float(end) if end % 1 else int(end) for end in (low, high)]
+    if parameter.default is not None and parameter.access == "rw":
+        found.append(parameter.default)
+    return found
+
+
+def in_range(parameter: Parameter, value: Value) -> bool:
+    try:
+        parameter.check(value)
+    except EncodeError:
+        return False
+    return True
+
+
+def same(parameter: Parameter, got: Value, value: Value) -> bool:
+    return got == (pytest.approx(value, rel=1e-6) if parameter.type == "f32" else value)
+
+
+@TRANSPORTS
+def test_what_can_be_written_comes_back(device: str, wire: Callable[[str], Wire]) -> None:
+    wrong, tried = [], 0
+    for parameter in load(device).parameters:
+        line = wire(device)
+        place = parameter.object
+        in_records = place is not None and place.index in PDO_RECORDS and isinstance(line, CanopenWire)
+        if not parameter.writable or not line.has(parameter) or in_records:
+            continue
+        find = line.machine.device.find
+        if parameter.name in ("Parameter value", "Sub-menu number selection"):
+            line.write({find(name): value for name, value in MENU.items()})
+        for value in filter(lambda value: in_range(parameter, value), wanted(parameter)):
+            tried += 1
+            if (parameter.name, value) == ("C14 Restore a copy of the setup parameters", 13):
+                line.write({find("C13 Save a copy of the setup parameters"): 12})
+            if parameter.name == "Save and reboot":
+                with pytest.raises(NoAnswer):
+                    line.write({parameter: value})
+                continue
+            if parameter.name == "Event index" and value:
+                continue  # one event is there, number 0
+            line.write({parameter: value})
+            if parameter.readable and parameter.name not in PUSHED[device]:
+                got = line.read(parameter)
+                if not same(parameter, got, value):
+                    wrong.append((parameter.name, value, got))
+    assert wrong == []
+    assert tried > {"az3": 300, "adxl": 15, "csd-mt": 100}[device]
+
+
+@TRANSPORTS
+def test_what_is_read_only_refuses(device: str, wire: Callable[[str], Wire]) -> None:
+    line, refused = wire(device), 0
+    for parameter in load(device).parameters:
+        if parameter.writable or not line.has(parameter) or parameter.type == "text":
+            continue
+        if parameter.name in ("Events counter", "Events pointer"):
+            continue  # written, their register is the event index
+        if device == "adxl":
+            line.write({line.machine.device.find(name): value for name, value in MENU.items()})
+        if parameter.name == "CAN BITRATE INDEX" and isinstance(line, CanopenWire):
+            continue  # its object, 2068h, is that of CAN BIT RATE
+        before = line.read(parameter)
+        if isinstance(line, ModbusWire):
+            answer = _forced(line, parameter, before)
+            if answer is None:
+                continue
+            assert answer == 2, parameter.name
+        else:
+            place = parameter.object
+            assert place is not None
+            if place.bit is not None:
+                continue  # of a word that may be written: the bit stays as it is, see test_az3
+            with pytest.raises(SdoAbort) as declined:
+                line.write({parameter: before}, force=True)
+            assert declined.value.code == AbortCode.READ_ONLY, parameter.name
+        refused += 1
+        # The line of the ADXL breathes; nothing else moves in these milliseconds.
+        assert line.read(parameter) == pytest.approx(before, rel=1e-3), parameter.name
+    assert refused > {"az3": 7, "adxl": 20, "csd-mt": 20}[device]
+
+
+def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
+    """The exception code of a write that is tried all the same; None where the function for it does not exist.
+
+    Nothing on Modbus writes an input register. Where a device has all of its tables at the same addresses, as the ADXL
+    and the CSD MT, function 06 asks for this one; on the AZ3 it would ask for a holding register of the same number.
+    """
+    place = parameter.modbus
+    assert place is not None
+    if place.table == "input":
+        if line.machine.device.name == "az3":
+            with pytest.raises(EncodeError, match="which nothing in az3 writes"):
+                line.write({parameter: value}, force=True)
+            return None
+        request = WriteSingleRegister(place.address, 0)
+        try:
+            line.machine.modbus.handle(request, line.now)  # type: ignore[union-attr]
+        except ModbusException as declined:
+            return declined.code
+        return 0
+    try:
+        line.write({parameter: value}, force=True)
+    except ModbusException as declined:
+        return declined.code
+    return 0
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_the_records_of_the_pdos(number: int) -> None:
+    """Communication and mapping records of the AZ3, every entry, in the order that CiA 301 wants."""
+    line = canopen("az3")
+    records = [p for p in load("az3").parameters if p.object is not None and p.object.index in PDO_RECORDS]
+    for base in (0x1400, 0x1800):
+        at = _by_sub(records, base + number)
+        mapped = _by_sub(records, base + 0x200 + number)
+        count = Parameter("entries", "u8", object=ObjectAt(base + 0x200 + number, 0))
+        on = int(line.read(at[1]))
+        with pytest.raises(SdoAbort):
+            line.write({mapped[1]: line.read(mapped[1])})  # the PDO is still switched on
+        line.write({at[1]: on | 1 << 31})
+        for sub, values in ((2, (254, 255, 0)), (3, (6553.5, 0)), (5, (65535, 0)), (6, (240, 0))):
+            for value in values:
+                line.write({at[sub]: value})
+                assert line.read(at[sub]) == value
+        before = {sub: line.read(parameter) for sub, parameter in mapped.items()}
+        line.write({count: 0})
+        for sub, parameter in reversed(mapped.items()):
+            line.write({parameter: before[1]})
+            assert line.read(parameter) == before[1]
+            line.write({parameter: before[sub]})
+        line.write({count: len(before), at[1]: on})
+        assert {sub: line.read(parameter) for sub, parameter in mapped.items()} == before
+        assert line.read(at[1]) == on == at[1].default
+
+
+def _by_sub(records: list[Parameter], index: int) -> dict[int, Parameter]:
+    return {p.object.sub: p for p in records if p.object is not None and p.object.index == index}

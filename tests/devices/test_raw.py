@@ -1,0 +1,89 @@
+"""Places without a name: what is one, and what is read and written there."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.codecs import Value
+from barewire.conversation import play
+from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
+from barewire.devices.raw import RAW, device_with, place
+from barewire.errors import EncodeError
+from barewire.modbus import Bus, Server, Table
+from barewire.tcp import TcpLine
+from tests.helpers import refused, serving
+
+
+@pytest.mark.parametrize(
+    ("text", "type", "at"),
+    [
+        ("holding:100", "u16", ModbusAt("holding", 100)),
+        ("input:0x0FB1:u32", "u32", ModbusAt("input", 0x0FB1, 2)),
+        ("input:0FB1h:f32:cdab", "f32", ModbusAt("input", 0x0FB1, 2, order="CDAB")),
+        ("holding:7:f64", "f64", ModbusAt("holding", 7, 4)),
+        ("holding:7:u8", "u8", ModbusAt("holding", 7)),
+        ("holding:7:bool", "bool", ModbusAt("holding", 7)),
+        ("holding:40:text8", "text", ModbusAt("holding", 40, 8)),
+        ("coil:17", "bool", ModbusAt("coil", 17)),
+        ("discrete:65535:bool", "bool", ModbusAt("discrete", 65535)),
+    ],
+)
+def test_places_on_modbus(text: str, type: str, at: ModbusAt) -> None:
+    found = place(text)
+    assert (found.name, found.type, found.modbus) == (text, type, at)
+    assert found.writable is (at.table in ("holding", "coil"))
+
+
+def test_objects_are_hexadecimal_in_any_form() -> None:
+    for text in ("object:6041h:u16", "object:0x6041:u16", "object:6041:u16"):
+        assert place(text).object == ObjectAt(0x6041)
+    assert place("object:1018h.10h:u32").object == ObjectAt(0x1018, 0x10)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("holding", "'holding' is no place: expected TABLE:ADDRESS"),
+        ("holding:", "'holding:' is no place"),
+        ("holding::u16", "'' is no number in 0..65535"),
+        ("holding:-1", "'-1' is no number"),
+        ("holding:65536", "'65536' is no number in 0..65535"),
+        ("holding:65535:u32", "there are no 2 registers from address 65535 on"),
+        ("holding:1:u17", "type 'u17': expected one of u8, i8, u16"),
+        ("holding:1:u32:ACDB", "order 'ACDB': expected one of ABCD, CDAB, BADC, DCBA"),
+        ("holding:1:u16:ABCD:x", "is no place"),
+        ("holding:1:text0", "there are no 0 registers"),
+        ("coil:1:u16", "a coil is a bool"),
+        ("object:6041h", "is no place"),
+        ("object:10000h:u8", "'10000h' is no number in 0..65535"),
+        ("object:6041h.100:u8", "'100' is no number in 0..255"),
+        ("Status Word", "is no place"),
+    ],
+)
+def test_what_is_none(text: str, said: str) -> None:
+    with refused(EncodeError, said):
+        device_with("raw", [text])
+
+
+def test_a_place_beside_the_names_of_a_device_has_its_word_order() -> None:
+    az3 = device_with("az3", ["STATUS WORD", "holding:84:u32", "holding:84:u32"])
+    found, row = az3.find("holding:84:u32").modbus, az3.find("MAX MOTOR SPEED").modbus
+    assert found is not None
+    assert row is not None
+    assert found.order == row.order == "CDAB"
+    assert device_with("az3", ["STATUS WORD"]) is device_with("az3", [])
+    assert RAW.parameters == ()
+    with pytest.raises(UnknownName):
+        device_with("az3", ["Statos"]).find("Statos")
+
+
+def test_what_is_written_is_read() -> None:
+    names = ["holding:10:f32", "coil:3", "holding:20:text3", "input:5:i16"]
+    device = device_with("raw", names)
+    bus, server = Bus(TcpLine()), serving(Server(TcpLine(), {1: Table()}, serial=False))
+    values: dict[str, Value] = {names[0]: -1.5, names[1]: True, names[2]: "AZ3"}
+    play(write_modbus(bus, 1, device, values), server)
+    readings, _ = play(read_modbus(bus, 1, device, names), server)
+    assert [reading.value for reading in readings] == [-1.5, True, "AZ3", 0]
+    with refused(EncodeError, "input:5:i16 is read only"):
+        write_modbus(bus, 1, device, {"input:5:i16": 1})

@@ -1,0 +1,183 @@
+"""What needs more than two sides in one process: the kernel's own tools beside us, and a device in another process.
+
+candump writes down what it sees and cansend says what it is told: neither knows CANopen, and both are right about CAN.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from barewire.canopen import CanFrame, NmtCommand, NmtState, download, tell_nmt
+from tests.interop.can_bench import ADDRESS, NODE, Bench
+from tests.interop.canopen_exchanges import exchange
+from tests.interop.guest import ROOT
+
+ONLY = ("socketcan",)
+BETWEEN_PROCESSES = ("slcan", "socketcand", "socketcan")
+BAREWIRE = (sys.executable, "-m", "barewire.cli")
+
+
+@contextmanager
+def candump() -> Iterator[list[str]]:
+    """What candump has written when it is ended, one line a frame."""
+    before = _listeners()
+    # A file, because a full pipe would stop it; and room in its socket for as long as it does not get its turn.
+    with tempfile.TemporaryFile("w+") as written:
+        with subprocess.Popen(["candump", "-L", "-r", "4000000", "vcan0"], stdout=written) as process:
+            lines: list[str] = []
+            try:
+                _until(lambda: _listeners() > before)
+                yield lines
+                time.sleep(0.02)
+            finally:
+                process.terminate()
+        written.seek(0)
+        lines += written.read().splitlines()
+
+
+def _listeners() -> int:
+    """How many sockets the kernel says hear everything on vcan0."""
+    return Path("/proc/net/can/rcvlist_all").read_text(encoding="utf-8").count("  vcan0  ")
+
+
+def _until(true: Callable[[], bool]) -> None:
+    until = time.monotonic() + 5
+    while not true():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def agrees(lines: list[str], seen: list[CanFrame]) -> None:
+    """candump saw what went past us: on each identifier the same frames in the same order.
+
+    (1764000000.000001) vcan0 605#4000100000000000 T
+    """
+    told = [CanFrame.parse(line.split()[2]) for line in lines]
+    for key in {frame.key for frame in (*told, *seen)}:
+        assert [frame for frame in told if frame.key == key] == [frame for frame in seen if frame.key == key]
+
+
+def cansend(text: str) -> None:
+    subprocess.run(["cansend", "vcan0", text], check=True, timeout=10)
+
+
+@contextmanager
+def simulated(bench: Bench) -> Iterator[None]:
+    """The AZ3, simulated by the command in a process of its own."""
+    command = [*BAREWIRE, "simulate", "az3", f"{bench.third}?node={NODE}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline().startswith(f"ready {bench.third}")
+            yield
+        finally:
+            process.terminate()
+        assert process.wait(10) == 0
+
+
+def _answer(bench: Bench, question: str, answer: str) -> None:
+    """What is said with cansend, and what our device must say then."""
+    before = len(bench.seen)
+    cansend(question)
+    bench.wait(lambda: any(str(frame).startswith(answer) for frame in bench.seen[before:]))
+
+
+@exchange("device", "SDO expedited upload", "SDO expedited download", "SDO abort", stranger="cansend", only=ONLY)
+def cansend_reads_and_writes(bench: Bench) -> None:
+    device = bench.live().device
+    _answer(bench, "605#4000100000000000", "585#4300100000000000")
+    _answer(bench, "605#2F01200046000000", "585#60012000")
+    assert device.objects.get(0x2001) == 0x46
+    _answer(bench, "605#40.FF.0F.00.00.00.00.00", "585#80FF0F0000000206")
+
+
+@exchange("device", "SDO segmented upload", "SDO segmented download", stranger="cansend", only=ONLY)
+def cansend_moves_segments(bench: Bench) -> None:
+    device = bench.live().device
+    _answer(bench, "605#2100210009000000", "585#60002100")
+    _answer(bench, "605#0031323334353637", "585#20")
+    _answer(bench, "605#1B38390000000000", "585#30")
+    assert device.objects.get(0x2100) == b"123456789"
+    _answer(bench, "605#4000210000000000", "585#4100210009000000")
+    _answer(bench, "605#6000000000000000", "585#0031323334353637")
+    _answer(bench, "605#7000000000000000", "585#1B3839")
+
+
+@exchange("device", "NMT command", "SYNC", "TPDO", "RPDO", "EMCY", stranger="cansend", only=ONLY)
+def cansend_moves_process_data(bench: Bench) -> None:
+    device = bench.live().device
+    cansend("000#0105")
+    bench.wait(lambda: device.state is NmtState.OPERATIONAL)
+    cansend("205#0F00.A8610000")
+    bench.wait(lambda: device.objects.get(0x60FF) == 25_000)
+    _answer(bench, "080#", "185#3706A8610000")
+    _answer(bench, "205#0F00", "085#1082")
+
+
+@exchange("device", "node guarding", "boot-up", stranger="cansend", only=ONLY)
+def cansend_guards_and_resets(bench: Bench) -> None:
+    bench.live()
+    _answer(bench, "605#2B17100000000000", "585#60171000")
+    for answer in ("705#7F", "705#FF", "705#7F"):
+        _answer(bench, "705#R1", answer)
+    _answer(bench, "000#8205", "705#00")
+
+
+@exchange("device", "LSS switch", "LSS inquire", "LSS configure", "TIME", stranger="cansend", only=ONLY)
+def cansend_gives_a_node_id(bench: Bench) -> None:
+    device = bench.live(None).device
+    cansend("7E5#0401000000000000")
+    _answer(bench, "7E5#5A00000000000000", f"7E4#5A{ADDRESS.vendor.to_bytes(4, 'little').hex().upper()}")
+    _answer(bench, "7E5#1105000000000000", "7E4#1100")
+    _answer(bench, "7E5#0400000000000000", "705#00")
+    cansend("100#FF5B26059F3C")
+    bench.wait(lambda: device.time.last is not None)
+
+
+@exchange("device", "SDO expedited upload", "SDO expedited download", "NMT command", "boot-up", only=BETWEEN_PROCESSES)
+def they_talk_to_another_process(bench: Bench) -> None:
+    """The simulated drive in its own process, their master in this one, and ours listening and asking as well."""
+    with simulated(bench):
+        bench.listen(_Texts(), lambda text: text == f"{0x700 + NODE:03X}#00")
+        node = bench.remote()
+        assert node.sdo.upload(0x1000, 0) == bytes.fromhex("92010200")
+        node.sdo.download(0x60FF, 0, (1500).to_bytes(4, "little"))
+        node.sdo.download(0x1017, 0, (50).to_bytes(2, "little"))
+        node.nmt.send_command(0x81)
+        bench.listen(_Texts(), lambda text: text == f"{0x700 + NODE:03X}#00")
+        assert node.sdo.upload(0x1017, 0) == (1000).to_bytes(2, "little")
+        # Ours last: their client would take an answer to somebody else for one to its next question.
+        bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
+        assert [one.state for one in bench.run(tell_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
+
+
+@exchange("device", only=ONLY, stranger="nobody")
+def the_battery_over_real_socketcan(bench: Bench) -> None:
+    """`barewire conform`, remote frames and all, in one process, the drive in another."""
+    url = f"{bench.third}?node={NODE}&timeout=0.1"
+    with simulated(bench):
+        done = subprocess.run(
+            [*BAREWIRE, "conform", url, "--only", "SDO-3,SDO-04,NMT-2,TPD-40"],
+            capture_output=True, text=True, timeout=60, cwd=ROOT, env={**os.environ, "NO_COLOR": "1"}, check=False,
+        )  # fmt: skip
+    *lines, last = done.stdout.splitlines()
+    assert [line for line in lines if not line.startswith("ok ")] == [
+        line for line in lines if line.startswith("FAILED  SDO-04")
+    ], done.stdout
+    assert last == f"{len(lines) - 1} of {len(lines)} as the standard says"
+    assert len(lines) > 10
+    assert done.stderr == ""
+
+
+class _Texts:
+    """A machine that gives every frame as text."""
+
+    def feed(self, frame: CanFrame, now: float) -> list[str]:
+        return [str(frame)]

@@ -1,0 +1,435 @@
+"""What we and the `canopen` package of PyPI say to each other, service by service, in both roles.
+
+Each exchange is a function of a bench and says which services it proves. `test_canopen_exchanges` runs them over every
+carrier that this machine has, `test_canopen_guest` over real SocketCAN.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import canopen
+import pytest
+
+from barewire.canopen import (
+    CanFrame,
+    Channel,
+    EmcyConsumer,
+    HeartbeatConsumer,
+    NmtCommand,
+    NmtState,
+    Pdo,
+    SdoAbort,
+    Sync,
+    SyncMonitor,
+    TimeConsumer,
+    TimeStamp,
+    download,
+    mapping_of,
+    read_pdo,
+    scan,
+    tell_nmt,
+    upload,
+    write_pdo,
+)
+from tests.interop.can_bench import ADDRESS, NODE, RPDO_MAPPING, TPDO_MAPPING, Bench
+
+LENGTHS = (5, 7, 8, 100, 889, 1000)
+VALUES = (
+    (0x2001, "32", "0B"),
+    (0x1017, None, "D007"),
+    (0x2000, "112233", "AABBCC"),
+    (0x60FF, "589EFFFF", "A8610000"),
+    (0x206A, "0000C03F", "CDCC8C3F"),
+)
+
+
+class Exchange(NamedTuple):
+    """One exchange: our role in it, and what it proves."""
+
+    name: str
+    role: str
+    services: tuple[str, ...]
+    run: Callable[[Bench], None]
+    stranger: str = "canopen"
+    only: tuple[str, ...] = ()
+
+    def goes_over(self, carrier: str) -> bool:
+        """Some need others. python-can's socketcand carries no remote frames, so nobody can be guarded over it."""
+        if self.only:
+            return carrier in self.only
+        return not (carrier == "socketcand" and "node guarding" in self.services)
+
+
+EXCHANGES: list[Exchange] = []
+
+
+Run = Callable[[Bench], None]
+
+
+def exchange(role: str, *services: str, stranger: str = "canopen", only: tuple[str, ...] = ()) -> Callable[[Run], Run]:
+    """This function is an exchange."""
+
+    def register(function: Run) -> Run:
+        EXCHANGES.append(Exchange(function.__name__.replace("_", " "), role, services, function, stranger, only))
+        return function
+
+    return register
+
+
+def counting(length: int) -> bytes:
+    return bytes(place % 256 for place in range(length))
+
+
+# Our device, their master ----------------------------------------------------------------------------------------
+
+
+@exchange("device", "SDO expedited upload", "SDO expedited download")
+def they_read_and_write_numbers(bench: Bench) -> None:
+    bench.live()
+    node = bench.remote()
+    for index, value, other in VALUES:
+        assert value is None or node.sdo.upload(index, 0) == bytes.fromhex(value)
+        node.sdo.download(index, 0, bytes.fromhex(other))
+        assert node.sdo.upload(index, 0) == bytes.fromhex(other)
+
+
+def _they_move_long_values(bench: Bench, block: bool) -> None:
+    device = bench.live().device
+    node = bench.remote()
+    for length in LENGTHS:
+        value = counting(length)
+        with node.sdo.open(0x2100, 0, "wb", size=length, block_transfer=block, buffering=7) as stream:
+            stream.write(value)
+        assert device.objects.read(0x2100, 0) == value
+        with node.sdo.open(0x2100, 0, "rb", block_transfer=block) as stream:
+            assert stream.read() == value
+    assert device.sdo.counters.aborts_said == 0
+
+
+@exchange("device", "SDO segmented upload", "SDO segmented download")
+def they_move_long_values_in_segments(bench: Bench) -> None:
+    _they_move_long_values(bench, block=False)
+
+
+@exchange("device", "SDO block upload", "SDO block download")
+def they_move_long_values_in_blocks(bench: Bench) -> None:
+    _they_move_long_values(bench, block=True)
+
+
+@exchange("device", "SDO abort")
+def they_are_refused(bench: Bench) -> None:
+    bench.live()
+    node = bench.remote()
+    for index, data, code in (
+        (0x3000, None, 0x0602_0000),
+        (0x2001, b"\x65", 0x0609_0031),
+        (0x2001, b"\1\2", 0x0607_0012),
+        (0x2002, b"\1\2\3\4", 0x0601_0002),
+    ):
+        with pytest.raises(canopen.SdoAbortedError) as caught:
+            node.sdo.upload(index, 0) if data is None else node.sdo.download(index, 0, data)
+        assert caught.value.code == code
+
+
+@exchange("device", "NMT command", "heartbeat")
+def they_command_our_device(bench: Bench) -> None:
+    device = bench.live().device
+    node = bench.remote()
+    for name, state in (("OPERATIONAL", NmtState.OPERATIONAL), ("STOPPED", NmtState.STOPPED),
+                        ("PRE-OPERATIONAL", NmtState.PRE_OPERATIONAL)):  # fmt: skip
+        node.nmt.state = name
+        bench.wait(lambda state=state: device.state is state)  # type: ignore[misc]
+        assert node.nmt.wait_for_heartbeat(2.0) == name
+
+
+@exchange("device", "NMT command", "boot-up")
+def they_reset_our_device(bench: Bench) -> None:
+    device = bench.live().device
+    node = bench.remote()
+    for command in (0x81, 0x82):
+        node.sdo.download(0x1017, 0, (60_000).to_bytes(2, "little"))
+        threading.Timer(0.05, node.nmt.send_command, [command]).start()
+        node.nmt.wait_for_bootup(2.0)
+        assert node.sdo.upload(0x1017, 0) == (100).to_bytes(2, "little")
+        assert device.state is NmtState.PRE_OPERATIONAL
+
+
+@exchange("device", "node guarding")
+def they_guard_our_device(bench: Bench) -> None:
+    device = bench.live().device
+    node = bench.remote()
+    node.sdo.download(0x1017, 0, bytes(2))
+    answers: list[int] = []
+    bench.network.subscribe(0x700 + NODE, lambda identifier, data, timestamp: answers.append(data[0]))
+    node.nmt.start_node_guarding(0.03)
+    bench.wait(lambda: len(answers) >= 5)
+    node.nmt.stop_node_guarding()
+    assert device.heartbeat.period == 0
+    toggled = answers[answers.index(0x7F) :] if 0x7F in answers else []
+    assert toggled[:4] == [0x7F, 0xFF, 0x7F, 0xFF]
+
+
+@exchange("device", "EMCY")
+def they_hear_our_emergencies(bench: Bench) -> None:
+    living = bench.live()
+    node = bench.remote()
+    heard: list[tuple[int, int, bytes]] = []
+    node.emcy.add_callback(lambda error: heard.append((error.code, error.register, error.data)))
+    living.do(lambda now: living.device.error(0x3210, now, info=b"\1\2"))
+    bench.wait(lambda: len(heard) == 1)
+    living.do(lambda now: living.device.error_gone(0x3210, now))
+    bench.wait(lambda: len(heard) == 2)
+    assert heard == [(0x3210, 0x05, b"\1\2\0\0\0"), (0, 0, bytes(5))]
+
+
+@exchange("device", "SYNC", "TPDO", "NMT command")
+def they_sync_our_device_and_read_its_values(bench: Bench) -> None:
+    living = bench.live()
+    node = bench.remote()
+    node.tpdo.read()
+    node.nmt.state = "OPERATIONAL"
+    bench.wait(lambda: living.device.state is NmtState.OPERATIONAL)
+    for velocity in (-25_000, 100_000):
+        living.device.objects.set(0x60FF, 0, velocity)
+        threading.Timer(0.05, bench.network.sync.transmit).start()
+        assert node.tpdo[1].wait_for_reception(2.0) is not None
+        assert node.tpdo[1]["target velocity"].raw == velocity
+        assert node.tpdo[1]["statusword"].raw == 0x0637
+
+
+@exchange("device", "RPDO", "NMT command")
+def they_send_our_device_values(bench: Bench) -> None:
+    device = bench.live().device
+    node = bench.remote()
+    node.rpdo.read()
+    node.nmt.state = "OPERATIONAL"
+    bench.wait(lambda: device.state is NmtState.OPERATIONAL)
+    node.rpdo[1]["controlword"].raw = 0x000F
+    node.rpdo[1]["target velocity"].raw = -123_456
+    node.rpdo[1].transmit()
+    bench.wait(lambda: device.objects.get(0x6040) == 0x000F)
+    assert device.objects.get(0x60FF) == -123_456
+
+
+@exchange("device", "PDO mapping")
+def they_configure_our_pdos(bench: Bench) -> None:
+    device = bench.live().device
+    tpdo = bench.remote().tpdo[1]
+    tpdo.read()
+    assert (tpdo.cob_id, tpdo.trans_type, [one.index for one in tpdo]) == (0x185, 1, [0x6041, 0x60FF])
+    tpdo.clear()
+    tpdo.add_variable(0x60FF)
+    tpdo.add_variable(0x2001)
+    tpdo.trans_type, tpdo.enabled = 3, True
+    tpdo.save()
+    told = [device.objects.get(0x1A00, sub) for sub in range(3)]
+    assert told == [2, 0x60FF_0020, 0x2001_0008]
+    assert (device.objects.get(0x1800, 1), device.objects.get(0x1800, 2)) == (0x185, 3)
+
+
+@exchange("device", "TIME")
+def they_tell_our_device_the_time(bench: Bench) -> None:
+    device = bench.live().device
+    bench.network.time.transmit(1_700_000_000.5)
+    bench.wait(lambda: device.time.last is not None)
+    assert device.time.last is not None
+    assert device.time.last.stamp.unix == pytest.approx(1_700_000_000.5)
+
+
+@exchange("device", "LSS switch", "LSS inquire", "LSS configure", "boot-up")
+def they_give_our_device_a_node_id(bench: Bench) -> None:
+    living = bench.live(None)
+    node = bench.remote()
+    lss = bench.network.lss
+    lss.RESPONSE_TIMEOUT = 2.0
+    lss.send_switch_state_global(lss.CONFIGURATION_STATE)
+    assert [lss.inquire_lss_address(service) for service in (0x5A, 0x5B, 0x5C, 0x5D)] == list(ADDRESS)
+    assert lss.inquire_node_id() == 0xFF
+    lss.configure_node_id(NODE)
+    lss.configure_bit_timing(4)
+    lss.store_configuration()
+    with pytest.raises(canopen.lss.LssError):
+        lss.configure_node_id(128)
+    threading.Timer(0.05, lss.send_switch_state_global, [lss.WAITING_STATE]).start()
+    node.nmt.wait_for_bootup(2.0)
+    assert living.device.node == NODE
+
+
+@exchange("device", "LSS switch", "LSS inquire", "LSS identify")
+def they_select_and_identify_our_device(bench: Bench) -> None:
+    bench.live()
+    lss = bench.network.lss
+    lss.RESPONSE_TIMEOUT = 2.0
+    vendor, product, revision, serial = ADDRESS
+    lss.send_identify_remote_slave(vendor, product, 0, revision, serial, 0xFFFF_FFFF)
+    bench.wait(lambda: any(frame.data[:1] == b"\x4f" for frame in bench.seen))  # it does not tell what was answered
+    assert lss.send_switch_state_selective(*ADDRESS)
+    assert lss.inquire_node_id() == NODE
+
+
+@exchange("device", "LSS identify", "LSS fastscan")
+def they_find_our_device_by_fastscan(bench: Bench) -> None:
+    bench.live(None)
+    lss = bench.network.lss
+    lss.RESPONSE_TIMEOUT = 2.0
+    lss.send_identify_non_configured_remote_slave()
+    bench.wait(lambda: not lss.responses.empty())  # it would take that answer for the first one of the scan
+    lss.RESPONSE_TIMEOUT = 0.2
+    assert lss.fast_scan() == (True, list(ADDRESS))
+
+
+# Our master, their device ----------------------------------------------------------------------------------------
+
+
+@exchange("master", "SDO expedited upload", "SDO expedited download")
+def we_read_and_write_numbers(bench: Bench) -> None:
+    bench.local()
+    channel = Channel(NODE)
+    for index, value, other in VALUES:
+        assert value is None or bench.run(upload(channel, index)) == bytes.fromhex(value)
+        bench.run(download(channel, index, 0, bytes.fromhex(other)))
+        assert bench.run(upload(channel, index)) == bytes.fromhex(other)
+    bench.run(download(channel, 0x1017, 0, bytes(2)))
+
+
+@exchange("master", "SDO segmented upload", "SDO segmented download", "SDO abort")
+def we_move_long_values(bench: Bench) -> None:
+    """Their node has no blocks: it refuses them for a download and answers an upload with segments; we go along."""
+    bench.local()
+    channel = Channel(NODE)
+    for length in LENGTHS:
+        for block in (False, True):
+            value = counting(length)[:: -1 if block else 1]
+            bench.run(download(channel, 0x2100, 0, value, block=block))
+            assert bench.run(upload(channel, 0x2100, block=block)) == value
+
+
+@exchange("master", "SDO abort")
+def we_are_refused(bench: Bench) -> None:
+    bench.local()
+    with pytest.raises(SdoAbort, match="0602 0000h object does not exist"):
+        bench.run(upload(NODE, 0x3000))
+    with pytest.raises(SdoAbort, match="0607 0010h"):
+        bench.run(download(NODE, 0x2001, 0, b"\1\2"))
+
+
+@exchange("master", "NMT command", "heartbeat")
+def we_command_their_node(bench: Bench) -> None:
+    local = bench.local()
+    bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
+    for command, name in ((NmtCommand.START, "OPERATIONAL"), (NmtCommand.STOP, "STOPPED"),
+                          (NmtCommand.ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL")):  # fmt: skip
+        bench.run(tell_nmt(command, NODE))
+        assert local.nmt.state == name
+    local.nmt.stop_heartbeat()
+
+
+@exchange("master", "boot-up", "heartbeat")
+def we_watch_their_node(bench: Bench) -> None:
+    local = bench.local()
+    watch = HeartbeatConsumer({NODE: 300})
+    local.nmt.send_command(0x81)
+    bench.listen(watch, lambda event: (event.node, event.kind) == (NODE, "booted"))
+    local.nmt.state = "PRE-OPERATIONAL"
+    local.nmt.start_heartbeat(50)
+    bench.listen(watch, lambda event: event.state == NmtState.PRE_OPERATIONAL)
+    local.nmt.state = "OPERATIONAL"
+    local.nmt.start_heartbeat(50)
+    bench.listen(watch, lambda event: (event.kind, event.state) == ("state", NmtState.OPERATIONAL))
+    local.nmt.stop_heartbeat()
+
+
+@exchange("master", "EMCY")
+def we_hear_their_emergencies(bench: Bench) -> None:
+    local = bench.local()
+    consumer = EmcyConsumer()
+    local.emcy.send(0x8130, 0x11, b"\2")
+    event = bench.listen(consumer, lambda event: True)
+    assert (event.message.code, event.message.node, event.active) == (0x8130, NODE, (0x8130,))
+    local.emcy.reset()
+    assert bench.listen(consumer, lambda event: True).active == ()
+
+
+@exchange("master", "SYNC")
+def we_hear_and_say_sync(bench: Bench) -> None:
+    monitor = SyncMonitor()
+    bench.network.sync.transmit(7)
+    assert bench.listen(monitor, lambda event: True).counter == 7
+    heard: list[bytes] = []
+    bench.network.subscribe(0x080, lambda identifier, data, timestamp: heard.append(bytes(data)))
+    bench.port.send(Sync(9).encode())
+    bench.port.send(Sync().encode())
+    bench.wait(lambda: len(heard) == 2)
+    assert heard == [b"\x09", b""]
+
+
+@exchange("master", "TIME")
+def we_hear_and_say_the_time(bench: Bench) -> None:
+    bench.network.time.transmit(1_700_000_000.5)
+    event = bench.listen(TimeConsumer(), lambda event: True)
+    assert event.stamp.unix == pytest.approx(1_700_000_000.5)
+    heard: list[bytes] = []
+    bench.network.subscribe(0x100, lambda identifier, data, timestamp: heard.append(bytes(data)))
+    bench.port.send(TimeStamp.of_unix(1_709_210_096.789).encode())
+    bench.wait(lambda: heard)
+    assert heard == [bytes.fromhex("952CB302 4D39")]
+
+
+@exchange("master", "TPDO")
+def we_read_their_values(bench: Bench) -> None:
+    local = bench.local()
+    local.tpdo.read()
+    local.tpdo[1]["statusword"].raw = 0x1237
+    local.tpdo[1]["target velocity"].raw = -2
+    local.tpdo[1].transmit()
+    frame = bench.listen(_Frames(0x180 + NODE), lambda event: True)
+    told = mapping_of(Pdo("TPDO", 1, TPDO_MAPPING)).unpack(frame.data)
+    assert list(told.values()) == [0x1237, 0xFFFF_FFFE]  # without a dictionary nobody knows a sign
+
+
+@exchange("master", "RPDO")
+def we_send_their_node_values(bench: Bench) -> None:
+    local = bench.local()
+    local.rpdo.read()
+    heard: list[int] = []
+    local.rpdo[1].add_callback(lambda pdo: heard.append(pdo["target velocity"].raw))
+    mapping = mapping_of(Pdo("RPDO", 1, RPDO_MAPPING))
+    names = [entry.name for entry in mapping.entries]
+    data = mapping.pack(dict(zip(names, (0x000F, 0xFFFE_1DC0))))
+    bench.port.send(CanFrame(0x200 + NODE, data))
+    bench.wait(lambda: heard)
+    assert heard == [-123_456]
+    assert local.rpdo[1]["controlword"].raw == 0x000F
+
+
+@exchange("master", "PDO mapping", "SDO expedited download")
+def we_configure_their_pdos(bench: Bench) -> None:
+    local = bench.local()
+    assert bench.run(read_pdo(NODE, "TPDO", 1)) == Pdo("TPDO", 1, TPDO_MAPPING, type=1, cob_id=0x185)
+    wanted = Pdo("TPDO", 1, (0x60FF0020, 0x20010008), type=3, cob_id=0x185)
+    bench.run(write_pdo(NODE, wanted))
+    assert bench.run(read_pdo(NODE, "TPDO", 1)) == wanted
+    local.tpdo.read()
+    assert [one.name for one in local.tpdo[1]] == ["target velocity", "percent"]
+    assert (local.tpdo[1].enabled, local.tpdo[1].trans_type) == (True, 3)
+
+
+@exchange("master", "SDO abort")
+def we_find_their_node(bench: Bench) -> None:
+    bench.local()
+    found = bench.run(scan(range(3, 8), timeout=0.3)).nodes
+    assert list(found) == [NODE]
+    assert found[NODE].abort == 0x0602_0000  # it has no 1000h, and says so: it is there
+
+
+class _Frames:
+    """A machine that gives the frames of one identifier."""
+
+    def __init__(self, identifier: int) -> None:
+        self.identifier = identifier
+
+    def feed(self, frame: CanFrame, now: float) -> list[Any]:
+        return [frame] if frame.id == self.identifier else []

@@ -1,0 +1,73 @@
+"""The exchanges over real SocketCAN: vcan0 of a kernel that runs as an ordinary program (`guest`), one guest for all.
+
+Each exchange is a test here with the result that it had there. candump looks on at every one of them and must have seen
+what went past us; cansend asks our device; a simulated drive lives in a second process.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.interop.canopen_exchanges import EXCHANGES, Exchange
+from tests.interop.guest import in_guest
+from tests.interop.test_canopen_exchanges import proofs
+
+pytestmark = pytest.mark.needs("uml", "busybox", "cc", "candump", "ip")
+TESTS = "tests/interop/test_canopen_exchanges.py"
+
+
+@pytest.fixture(scope="module")
+def results() -> Iterator[dict[str, str]]:
+    """What became of each test in there: nothing if it passed, what it said otherwise."""
+    options = ("-p", "no:cacheprovider", "--junitxml=/run/job/report.xml")
+    command = (sys.executable, "-m", "pytest", "-q", *options, TESTS)
+    with in_guest(command, {"BAREWIRE_CARRIERS": "socketcan"}) as done:
+        report = done.job / "report.xml"
+        assert report.exists(), f"no report came out of the guest: {done}"
+        cases = ElementTree.parse(report).iter("testcase")
+        yield {case.get("name", ""): "\n".join(part.text or part.tag for part in case) for case in cases}
+
+
+@pytest.mark.parametrize(
+    "exchange",
+    [
+        pytest.param(exchange, marks=proofs(exchange, "socketcan"), id=exchange.name)
+        for exchange in EXCHANGES
+        if exchange.goes_over("socketcan")
+    ],
+)
+def test_on_vcan0(results: dict[str, str], exchange: Exchange) -> None:
+    name = f"test_exchange[socketcan-{exchange.name}]"
+    assert name in results, f"the guest ran {', '.join(results) or 'nothing'}"
+    assert not results[name], results[name]
+
+
+def test_nothing_else_ran_there(results: dict[str, str]) -> None:
+    assert len(results) == sum(exchange.goes_over("socketcan") for exchange in EXCHANGES)
+
+
+def test_a_guest_that_takes_too_long_is_ended() -> None:
+    with in_guest(["sleep", "60"], {}, timeout=1.0) as done:
+        assert done.status is None
+        assert "the guest was not done after 1 s" in done.console
+        until = time.monotonic() + 5
+        while f"init={done.job}" in _running():  # a process that was killed takes a moment to go
+            assert time.monotonic() < until
+            time.sleep(0.01)
+    assert not done.job.exists()
+
+
+def _running() -> str:
+    """The command lines of all processes."""
+    said = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            said.append(file.read_text(errors="replace"))
+    return "\n".join(said)

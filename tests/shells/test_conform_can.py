@@ -1,0 +1,83 @@
+"""The CANopen battery on a real bus: ours pass, a wrong one is found, and nobody there is told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import pytest
+
+from barewire.canopen import CanFrame
+from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.shells import open_canopen, open_host
+from barewire.shells.conform_can import conform_can
+from barewire.shells.endpoint import Endpoint
+from tests.canopen.conform_devices import LARGE, NODE, plain
+from tests.cli.test_command import barewire, simulated
+from tests.helpers import refused
+
+URL = f"can://virtual/conform?node={NODE}"
+
+
+@pytest.fixture
+def device() -> Iterator[str]:
+    with open_host(URL, node=plain()):
+        yield f"{URL}&timeout=0.1"
+
+
+def test_our_device_passes(device: str) -> None:
+    results = list(conform_can(Endpoint.parse(device), large=LARGE, only=("SDO", "SEG", "BLK", "LSS-1", "NMT-1")))
+    assert [result.failure for result in results if result.failure] == []
+    assert [result.case.name for result in results if result.left_out] == ["SDO-09", "SDO-10", "SDO-13", "SDO-52"]
+    assert len(results) > 130
+
+
+def test_gentle_leaves_out_what_changes_anything(device: str) -> None:
+    results = list(conform_can(Endpoint.parse(device), gentle=True, only=("SDO", "TPD")))
+    assert [result.failure for result in results if result.failure] == []
+    assert {result.case.effect for result in results if result.outcome} == {"reads"}
+    assert {result.left_out for result in results if result.case.name.startswith("TPD-3")} == {"commands"}
+
+
+def test_where_nobody_is_and_what_has_no_cases() -> None:
+    with pytest.raises(NoAnswer):
+        list(conform_can(Endpoint.parse("can://virtual/nobody?node=5&timeout=0.05")))
+    with refused(EncodeError, "these cases are for can://"):
+        list(conform_can(Endpoint.parse("tcp://127.0.0.1:1")))
+
+
+def test_a_bus_without_remote_frames_says_so() -> None:
+    with simulated("az3", "can://socketcand/127.0.0.1:29432/can0?node=5") as url, open_canopen(url) as client:
+        with refused(PortError, "socketcand carries no remote frames"):
+            client.send(CanFrame.parse("705#R1"))
+        assert client.upload(0x1000) == bytes.fromhex("92010200")
+
+
+def test_the_command() -> None:
+    with simulated("az3", "can://socketcand/127.0.0.1:29431/can0?node=5") as url:
+        done = barewire("conform", f"{url}&timeout=0.2", "--only", "sdo-0,sdo-31,seg-01")
+        assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
+        assert "FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#40181000" in done.stdout
+        assert "-       SDO-31  a remote frame is no request (needs remote frames, which socketcand" in done.stdout
+        assert done.stdout.splitlines()[-1] == "5 of 7 as the standard says, 4 left out"
+        assert done.returncode == 1
+        done = barewire("conform", f"{url}&timeout=0.2", "--only", "SDO-05", "--json", "--gentle")
+        assert done.returncode == 0
+        (line,) = map(json.loads, done.stdout.splitlines())
+        assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
+        assert line["heard"] == [["585#4300100092010200"]] * 5
+        done = barewire("conform", f"{url}&timeout=0.2", "--only", "XYZ")
+        assert (done.returncode, done.stderr) == (1, "barewire: --only 'XYZ': no case has a name that begins so\n")
+
+
+def test_the_command_is_told_nonsense() -> None:
+    for arguments, said in (
+        (("can://virtual/nobody?node=5&timeout=0.05",), "node 5"),
+        (("can://virtual/nobody", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
+        (("can://virtual/nobody", "--large", "here"), "--large 'here': expected INDEX:SUB"),
+        (("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
+    ):
+        done = barewire("conform", *arguments)
+        assert done.returncode == 1
+        assert len(done.stderr.splitlines()) == 1
+        assert said in done.stderr

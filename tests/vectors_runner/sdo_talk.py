@@ -1,0 +1,120 @@
+"""sdo-talk, object-value: whole SDO transfers, each side by itself, and values that are no numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from barewire.canopen.cob import cob_id
+from barewire.canopen.datatypes import DATA_TYPES, object_codec
+from barewire.canopen.dictionary import Entry, ObjectDictionary
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo import Block, SdoAbort, SdoServer, download, upload
+from barewire.canopen.times import DAY, TimeDifference, TimeOfDay
+from barewire.conversation import Conversation, Heard, Send
+from barewire.errors import EncodeError
+from tests.vectors_runner.common import Case, check, octets
+
+TYPES = {row.standard: row.name for row in DATA_TYPES}
+
+
+def sdo_talk(case: Case) -> None:
+    """Both sides, each against what the other one says."""
+    if case.get("broken") != "client":
+        run_client(case)
+    if case.get("broken") != "server":
+        run_server(case)
+
+
+def run_client(case: Case) -> None:
+    """Our client, with the server's lines as they stand: it says the client's lines, and ends as told."""
+    node, place = case["node"], (int(case["index"], 16), int(case["sub"], 16))
+    asks = case.get("block")
+    block: Block | bool = Block(**asks) if asks else False
+    value = octets(case["value"])
+    conversation: Conversation[CanFrame, Any]
+    if case["direction"] == "upload":
+        conversation = upload(node, *place, block=block)
+    else:
+        conversation = download(node, *place, value, indicated=case.get("indicated", True), block=block)
+    talk = list(case["talk"])
+    whole = value if case["direction"] == "upload" else None
+    wanted = whole if case["ends"] == "done" else case["ends"]["abort"]
+    assert outcome(conversation, talk, node, in_blocks=bool(block)) == wanted
+    assert talk == []
+
+
+def outcome(conversation: Conversation[CanFrame, Any], talk: list[list[str]], node: int, *, in_blocks: bool) -> Any:
+    """How the conversation ends: with a value, or with the abort that it says or hears. Takes from `talk`."""
+    now = 0.0
+    try:
+        step = next(conversation)
+        while True:
+            if isinstance(step, Send):
+                who, said = talk.pop(0)
+                assert who.startswith("client")
+                assert step.item == CanFrame(cob_id("SDO request", node), octets(said))
+                step = conversation.send(Heard(None, now))
+                continue
+            while talk and talk[0][0] == "server lost":
+                talk.pop(0)
+            if talk and talk[0][0] == "server" and (step.until > now or not in_blocks):
+                now += 0.001
+                step = conversation.send(Heard(CanFrame(cob_id("SDO answer", node), octets(talk.pop(0)[1])), now))
+            else:
+                now = max(now, step.until)
+                step = conversation.send(Heard(None, now))
+    except StopIteration as stop:
+        return stop.value
+    except SdoAbort as abort:
+        return f"{abort.code:08X}"
+
+
+def run_server(case: Case) -> None:
+    """Our server, with the client's lines as they stand: it says the server's lines, and keeps what was written."""
+    node, value = case["node"], octets(case["value"])
+    written = case["direction"] == "download"
+    objects = ObjectDictionary([Entry(0x2100, 0, "value", "domain", "rw", b"" if written else value)])
+    server = SdoServer(node, objects, blksize=case.get("blksize", 127))
+    now = 0.0
+    said: list[str] = []
+    for who, data in case["talk"]:
+        frame = CanFrame(cob_id("SDO request" if who.startswith("client") else "SDO answer", node), octets(data))
+        if who.startswith("client"):
+            assert said == [], "the server said more than the talk has"
+            if who == "client":
+                now += 0.001
+                said += [str(answer) for answer in server.feed(frame, now)]
+            continue
+        while not said:
+            assert server.deadline is not None, f"the server does not say {frame}"
+            now = max(now, server.deadline)
+            said += [str(answer) for answer in server.feed(None, now)]
+        assert said.pop(0) == str(frame)
+    assert said == []
+    if case["ends"] == "done" and written:
+        assert objects.read(0x2100, 0) == value
+
+
+def object_value(case: Case) -> None:
+    """A value and the bytes that an SDO carries."""
+    name = TYPES[case["type"]]
+    codec = object_codec(name)
+
+    def value() -> Any:
+        told = case["value"]
+        if name in ("octets", "domain"):
+            return octets(told)
+        if isinstance(told, dict):
+            if not 0 <= told["milliseconds"] < DAY:
+                raise EncodeError(f"a day has no {told['milliseconds']} ms")
+            total = told["days"] * DAY + told["milliseconds"]
+            return TimeOfDay(total) if name == "time_of_day" else TimeDifference(total)
+        return told
+
+    check(
+        case,
+        encode=lambda: codec.encode(value()),
+        wire=octets(case.get("bytes", "")),
+        decode=lambda: codec.decode(octets(case["bytes"])),
+        value=value() if "value" in case else None,
+    )

@@ -1,0 +1,203 @@
+"""Keeps docs/conform.md: `python tools/conform_page.py` after every change of a case, or of what we answer.
+
+    our column         our own servers are started on real ports and held against the batteries, as `barewire conform`
+                       does; clients are played against tests/modbus/faulty.py
+    strangers          --measure starts those that are installed, and writes tools/conform_measured.json
+    the survey         tools/conform_survey.toml: rows and what others did, measured with the versions named there
+
+A test holds the page against our own answers of the day.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
+from barewire.modbus.conform import Case, shown, taken  # noqa: E402
+from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP  # noqa: E402
+from barewire.rtu import RtuLine  # noqa: E402
+from barewire.shells import open_host  # noqa: E402
+from barewire.shells.conform import conform  # noqa: E402
+from barewire.shells.endpoint import Endpoint  # noqa: E402
+from barewire.tcp import TcpLine  # noqa: E402
+from tests.modbus import faulty  # noqa: E402
+from tools import conform_strangers  # noqa: E402
+
+PAGE = ROOT / "docs" / "conform.md"
+MEASURED = ROOT / "tools" / "conform_measured.json"
+SURVEY = tomllib.loads((ROOT / "tools" / "conform_survey.toml").read_text(encoding="utf-8"))
+BEGIN, END = "<!-- made by tools/conform_page.py -->\n", "<!-- end -->\n"
+BATTERIES: dict[str, tuple[Case, ...]] = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
+OURS = {
+    "tcp": "tcp://127.0.0.1:0",
+    "rtu": "rtu://pty?baudrate=115200&parity=N",
+    "ascii": "ascii://pty?baudrate=115200&parity=N",
+}
+
+Told = Mapping[str, str]
+"""What a server did, by the name of the case: "ok", with what it answered where there is a choice, or what is wrong."""
+
+
+# Servers -------------------------------------------------------------------------------------------------------------
+
+
+def measure(url: str, patience: float = 0.3) -> dict[str, str]:
+    """A battery against the server that is there."""
+    endpoint = Endpoint.parse(url)
+    endpoint = endpoint._replace(options={**endpoint.options, "timeout": str(patience)})
+    return {result.case.name: told(result.case, result.failure, result.heard) for result in conform(endpoint)}
+
+
+def told(case: Case, failure: str | None, heard: Any) -> str:
+    """One result in a cell."""
+    if failure is None:
+        way = taken(case, heard)
+        assert way is not None
+        return "ok" if len(case.ways) == 1 else f"ok: {in_words(way)}"
+    # Of an answer of many bytes the beginning tells enough.
+    answers = [shown(one) for one in heard]
+    return f"**{in_words([answer if len(answer) < 24 else f'{answer[:17]} ...' for answer in answers])}**"
+
+
+def in_words(way: Sequence[str]) -> str:
+    """What is answered, turn by turn."""
+    return ", then ".join(one or "silence" for one in way)
+
+
+def ours(kind: str) -> dict[str, str]:
+    """Our own server of this kind."""
+    with open_host(OURS[kind], units={1: Table(100)}) as host:
+        return measure(host.url)
+
+
+# Clients -------------------------------------------------------------------------------------------------------------
+
+_FOUND = {"right": "ok", "error": "error", "wrong": "**wrong value**"}
+
+
+def played(name: str) -> str:
+    """What our client makes of one fault on an RTU line."""
+    bus = Bus(RtuLine(faulty.TIMING))
+    if name in faulty.SURVIVED:
+        return _FOUND[faulty.outcome(faulty.unit_of(faulty.SURVIVED[name]), bus)]
+    if name in faulty.REFUSED:
+        return _FOUND[faulty.outcome(faulty.unit_of(faulty.REFUSED[name][0]), bus)]
+    if name == "late":
+        return _FOUND[faulty.outcome(faulty.unit_of(lambda good: [(1.5, good)]), bus)] + ", then its own answer"
+    if name == "an echo":
+        request = faulty.rtu("03 0012 0001")
+        unit = faulty.unit_of(lambda good: [(0.001, request), (0.02, good)])
+        return _FOUND[faulty.outcome(unit, bus)]
+    if name == "cancelled":
+        unit, conversation = faulty.unit_of(lambda good: [(0.3, good)]), faulty.ask(bus, 100)
+        faulty.abandon_when_sent(unit, conversation)
+        return "ok" if unit.play(faulty.ask(bus, 200)).registers == (200,) else _FOUND["wrong"]
+    assert name == "an exception", name
+    unit = faulty.unit_of(lambda good: [(0.01, good)])
+    try:
+        unit.play(faulty.ask(bus, 999))
+    except ModbusException:
+        return "at once" if unit.now < 0.1 else f"after {unit.now:g} s"
+    return _FOUND["wrong"]
+
+
+def played_tcp(name: str) -> str:
+    """The same over TCP."""
+    row = faulty.TCP_SURVIVED.get(name) or (lambda good: [(0.01, faulty.TCP_REFUSED[name][0])])
+    return _FOUND[faulty.outcome(faulty.Unit(row, TcpLine()), Bus(TcpLine()))]
+
+
+# The page ------------------------------------------------------------------------------------------------------------
+
+
+def table(head: list[str], rows: list[list[str]]) -> list[str]:
+    """Lines of Markdown."""
+    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def expected(case: Case) -> str:
+    """The ways in which a case may go, in a cell."""
+    return " or<br>".join(dict.fromkeys(in_words(way) for way in case.ways))
+
+
+def battery_lines(kind: str, own: Told, measured: Mapping[str, Mapping[str, Told]]) -> list[str]:
+    """A battery case by case: ours, and the strangers that were measured."""
+    strangers = {name: kinds[kind] for name, kinds in measured.items() if kind in kinds}
+    rows = [
+        [
+            case.name,
+            case.clause,
+            expected(case),
+            own[case.name],
+            *(cells.get(case.name, "-") for cells in strangers.values()),
+        ]
+        for case in BATTERIES[kind]
+    ]
+    return table(["case", "clause", "may be answered", "barewire", *strangers], rows)
+
+
+def survey_lines(kind: str, cell: Any) -> list[str]:
+    """The rows of the survey: our cell is made, the others are what was measured."""
+    part = SURVEY[kind]
+    rows = [[row["says"], cell(row), *row["told"]] for row in part["row"]]
+    return table(["row", "barewire", *part["versions"]], rows)
+
+
+def all_of(told: Told, row: Any) -> str:
+    """The cell of a row that several cases make: ok, or what went wrong."""
+    wrong = [told[name] for name in row["cases"] if not told[name].startswith("ok")]
+    return "; ".join(wrong) or "ok"
+
+
+def several(play: Any, row: Any) -> str:
+    """The cell of a row that several plays make."""
+    return "; ".join(dict.fromkeys(play(name) for name in row["plays"]))
+
+
+def made(own: Mapping[str, Told], measured: Mapping[str, Mapping[str, Told]]) -> str:
+    """All that stands between the two marks."""
+    names = {"tcp": "TCP, TLS, UDP", "rtu": "RTU", "ascii": "ASCII"}
+    lines = ["", "## Servers, in the rows of the survey", "", "### On TCP", ""]
+    lines += survey_lines("tcp", lambda row: all_of(own["tcp"], row))
+    lines += ["", "### RTU, on a line with others", ""]
+    lines += survey_lines("rtu", lambda row: all_of(own["rtu"], row))
+    lines += ["", "## Clients, against a peer that does everything wrong", "", "### RTU", ""]
+    lines += survey_lines("client", lambda row: several(played, row))
+    lines += ["", "### TCP", ""]
+    lines += survey_lines("client_tcp", lambda row: several(played_tcp, row))
+    for kind, title in names.items():
+        lines += ["", f"## Case by case: {title}", ""]
+        lines += battery_lines(kind, own[kind], measured)
+    return "\n".join([*lines, "", ""])
+
+
+def page(own: Mapping[str, Told]) -> str:
+    """The page as it should be."""
+    measured = json.loads(MEASURED.read_text(encoding="utf-8"))
+    text = PAGE.read_text(encoding="utf-8")
+    begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
+    return text[:begin] + made(own, measured) + text[end:]
+
+
+def main() -> None:
+    """Measure the strangers if asked for, then write the page."""
+    if "--measure" in sys.argv[1:]:
+        found: dict[str, dict[str, dict[str, str]]] = {}
+        for name, kind, cells in conform_strangers.measured(lambda url: measure(url, 0.8)):
+            found.setdefault(name, {})[kind] = cells
+            passed = sum(cell.startswith("ok") for cell in cells.values())
+            sys.stdout.write(f"{name} {kind}: {passed} of {len(cells)}\n")
+        MEASURED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    PAGE.write_text(page({kind: ours(kind) for kind in OURS}), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

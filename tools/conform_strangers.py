@@ -1,0 +1,150 @@
+"""Servers of other people, started to be held against the batteries: `python tools/conform_page.py --measure`.
+
+    name, version, {battery: endpoint}      each a hundred registers and coils for unit 1
+
+A stranger that is not installed is named as missing. Everything that is started here is ended here.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+
+from barewire.errors import PortError
+from barewire.shells.pseudo_terminal import PseudoTerminal
+
+ROOT = Path(__file__).parent.parent
+LINE = "baudrate=115200&parity=N"
+PYMODBUS = """
+import asyncio, sys
+from pymodbus import FramerType
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+async def serve(kind, place):
+    bits = [SimData(0, values=[False] * 100, datatype=DataType.BITS)]
+    registers = [SimData(0, values=[0] * 100, datatype=DataType.REGISTERS)]
+    device = SimDevice(id=1, simdata=(bits, bits, registers, registers))
+    if kind == "tcp":
+        server = ModbusTcpServer(device, address=("127.0.0.1", int(place)))
+    else:
+        server = ModbusSerialServer(device, framer=FramerType(kind), port=place, baudrate=115200, parity="N")
+    await server.serve_forever(background=True)
+    print("ready", flush=True)
+    await asyncio.sleep(600)
+
+asyncio.run(serve(*sys.argv[1:]))
+"""
+PYMODBUSTCP = """
+import sys, time
+from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
+bank = DataBank(coils_size=100, d_inputs_size=100, h_regs_size=100, i_regs_size=100)
+about = DeviceIdentification(vendor_name=b"a", product_code=b"b", major_minor_revision=b"1")
+ModbusServer("127.0.0.1", int(sys.argv[2]), no_block=True, data_bank=bank, device_id=about).start()
+print("ready", flush=True)
+time.sleep(600)
+"""
+
+
+@contextmanager
+def running(command: list[str]) -> Iterator[str]:
+    """A program that says a line when it is ready; the line. Killed at the end."""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout is not None
+            ready = process.stdout.readline()
+            if not ready.startswith("ready"):
+                raise RuntimeError(f"{command[0]} did not start")
+            yield ready.strip()
+        finally:
+            process.kill()
+
+
+@contextmanager
+def wire() -> Iterator[tuple[str, str]]:
+    """Two pseudo-terminals that are one line: the paths of its ends."""
+    ends, stop = (PseudoTerminal(), PseudoTerminal()), threading.Event()
+
+    def carry(source: PseudoTerminal, target: PseudoTerminal) -> None:
+        with suppress(PortError):
+            while not stop.is_set():
+                if data := source.receive(0.05):
+                    target.send(data)
+
+    threads = [threading.Thread(target=carry, args=pair, daemon=True) for pair in (ends, ends[::-1])]
+    for thread in threads:
+        thread.start()
+    try:
+        yield ends[0].path, ends[1].path
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join(2)
+        for end in ends:
+            end.close()
+
+
+@contextmanager
+def server(kind: str, command: Callable[[str, str], list[str]]) -> Iterator[tuple[str, str]]:
+    """A stranger on a port of its own: what it said, and the endpoint."""
+    with ExitStack() as stack:
+        if kind == "tcp":
+            with socket.create_server(("127.0.0.1", 0)) as taken:
+                place = str(taken.getsockname()[1])
+            url = f"tcp://127.0.0.1:{place}"
+        else:
+            place, ours = stack.enter_context(wire())
+            url = f"{kind}://{ours}?{LINE}"
+        said = stack.enter_context(running(command(kind, place)))
+        time.sleep(0.3)  # some say that they are ready a little before they are
+        yield said, url
+
+
+def _python(program: str) -> Callable[[str, str], list[str]]:
+    return lambda kind, place: [sys.executable, "-c", program, kind, place]
+
+
+@contextmanager
+def libmodbus() -> Iterator[Path | None]:
+    """The C program of tests/interop, compiled; None without a compiler or the library."""
+    with tempfile.TemporaryDirectory() as where:
+        program = Path(where) / "server"
+        source = ROOT / "tests" / "interop" / "libmodbus_server.c"
+        flags = ["-D_GNU_SOURCE", "-std=c11", "-o", str(program), str(source), "-lmodbus"]
+        compiler = shutil.which("cc")
+        done = compiler and subprocess.run([compiler, *flags], capture_output=True, timeout=60, check=False)
+        yield program if done and done.returncode == 0 else None
+
+
+Measure = Callable[[str], dict[str, str]]
+
+
+def measured(measure: Measure) -> Iterator[tuple[str, str, dict[str, str]]]:
+    """For each stranger that is here, and each battery that it has a carrier for: what it answered, by case."""
+    for name, module, program, kinds in (
+        ("pymodbus", "pymodbus", PYMODBUS, ("tcp", "rtu", "ascii")),
+        ("pyModbusTCP", "pyModbusTCP", PYMODBUSTCP, ("tcp",)),
+    ):
+        if importlib.util.find_spec(module) is None:
+            sys.stderr.write(f"{name} is not installed\n")
+            continue
+        for kind in kinds:
+            with server(kind, _python(program)) as (_, url):
+                yield f"{name} {version(name)}", kind, measure(url)
+    with libmodbus() as program_of_c:
+        if program_of_c is None:
+            sys.stderr.write("libmodbus or a C compiler is not installed\n")
+            return
+        for kind in ("tcp", "rtu"):
+            with server(kind, lambda kind, place: [str(program_of_c), kind, place]) as (said, url):
+                yield f"libmodbus {said.partition(' ')[2]}".strip(), kind, measure(url)
