@@ -21,25 +21,26 @@ from tests.interop.guest import ROOT
 
 ONLY = ("socketcan",)
 BETWEEN_PROCESSES = ("slcan", "socketcand", "socketcan")
+LAST = "7FE#"
 BAREWIRE = (sys.executable, "-m", "barewire.cli")
 
 
 @contextmanager
 def candump() -> Iterator[list[str]]:
-    """What candump has written when it is ended, one line a frame."""
+    """What candump has written when the block ends, one line a frame."""
     before = _listeners()
     # A file, because a full pipe would stop it; and room in its socket for as long as it does not get its turn.
-    with tempfile.TemporaryFile("w+") as written:
+    with tempfile.NamedTemporaryFile("w+") as written:
         with subprocess.Popen(["candump", "-L", "-r", "4000000", "vcan0"], stdout=written) as process:
             lines: list[str] = []
             try:
                 _until(lambda: _listeners() > before)
                 yield lines
-                time.sleep(0.02)
+                cansend(LAST)  # behind everything else: once it is written, all is
+                _until(lambda: LAST in Path(written.name).read_text(encoding="ascii"), 20)
             finally:
                 process.terminate()
-        written.seek(0)
-        lines += written.read().splitlines()
+        lines += [line for line in Path(written.name).read_text(encoding="ascii").splitlines() if LAST not in line]
 
 
 def _listeners() -> int:
@@ -47,8 +48,8 @@ def _listeners() -> int:
     return Path("/proc/net/can/rcvlist_all").read_text(encoding="utf-8").count("  vcan0  ")
 
 
-def _until(true: Callable[[], bool]) -> None:
-    until = time.monotonic() + 5
+def _until(true: Callable[[], bool], seconds: float = 5) -> None:
+    until = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < until
         time.sleep(0.01)
@@ -61,7 +62,10 @@ def agrees(lines: list[str], seen: list[CanFrame]) -> None:
     """
     told = [CanFrame.parse(line.split()[2]) for line in lines]
     for key in {frame.key for frame in (*told, *seen)}:
-        assert [frame for frame in told if frame.key == key] == [frame for frame in seen if frame.key == key]
+        theirs, ours = ([str(frame) for frame in some if frame.key == key] for some in (told, seen))
+        place = next((place for place, pair in enumerate(zip(theirs, ours)) if pair[0] != pair[1]), None)
+        shown = "none" if place is None else f"{place}: {theirs[place : place + 3]}, {ours[place : place + 3]}"
+        assert theirs == ours, f"candump saw {len(theirs)}, we {len(ours)}; the first difference is {shown}"
 
 
 def cansend(text: str) -> None:

@@ -142,7 +142,7 @@ def they_command_our_device(bench: Bench) -> None:
                         ("PRE-OPERATIONAL", NmtState.PRE_OPERATIONAL)):  # fmt: skip
         node.nmt.state = name
         bench.wait(lambda state=state: device.state is state)  # type: ignore[misc]
-        assert node.nmt.wait_for_heartbeat(2.0) == name
+        bench.wait(lambda name=name: node.nmt.wait_for_heartbeat(2.0) == name)  # type: ignore[misc]
 
 
 @exchange("device", "NMT command", "boot-up")

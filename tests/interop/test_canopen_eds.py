@@ -27,6 +27,11 @@ def their_variables(dictionary: Any) -> dict[tuple[int, int], Any]:
     return found
 
 
+THEY_READ = pytest.mark.evidence("canopen", "device", "file", "EDS")
+WE_READ = pytest.mark.evidence("canopen", "master", "file", "EDS")
+
+
+@THEY_READ
 def test_they_read_our_az3(tmp_path: Path) -> None:
     document = export(load("az3"))
     file = tmp_path / "az3.eds"
@@ -46,6 +51,7 @@ def test_they_read_our_az3(tmp_path: Path) -> None:
             assert (one.min, one.max) == (entry.minimum, entry.maximum)
 
 
+@THEY_READ
 def test_they_find_objects_by_name(tmp_path: Path) -> None:
     file = tmp_path / "az3.eds"
     file.write_bytes(export(load("az3")).encode())
@@ -56,6 +62,7 @@ def test_they_find_objects_by_name(tmp_path: Path) -> None:
     assert dictionary.device_information.allowed_baudrates == {20_000, 50_000, 125_000, 250_000, 500_000, 1_000_000}
 
 
+@WE_READ
 @pytest.mark.filterwarnings("ignore:datetime.datetime.utcnow")
 def test_we_read_what_they_write(tmp_path: Path) -> None:
     file = tmp_path / "az3.eds"
@@ -73,6 +80,7 @@ def test_we_read_what_they_write(tmp_path: Path) -> None:
         )
 
 
+@THEY_READ
 def test_they_read_our_dcf(tmp_path: Path) -> None:
     made = eds.to_dcf(export(load("az3")), NODE, {"MODES OF OPERATION": 3}, name="axis", bitrate=500_000)
     file = tmp_path / "axis.dcf"
