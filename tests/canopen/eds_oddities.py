@@ -18,12 +18,13 @@ RECORD = LIST + (
 
 
 class Oddity(NamedTuple):
-    """A file, what is reported as "line rule", and the values at places of the dictionary of node 5."""
+    """A file, what is reported as "line rule", the values at places of the dictionary of node 5, and where seen."""
 
     name: str
     file: str | bytes
     says: tuple[str, ...]
     values: dict[tuple[int, int], Any]
+    seen: str = ""
 
 
 def changed(old: str, new: str, file: str = GOOD) -> str:
@@ -76,7 +77,7 @@ TEXT = [
     one("hash comment", "# made by hand\n" + GOOD, "1 foreign-comment"),
     one("slash comment", "// made by hand\n" + GOOD, "1 foreign-comment"),
     one("blanks around the equals sign", changed("DefaultValue=", "DefaultValue = "), "9 blanks"),
-    one("blank behind the equals sign of a list", changed("1=0x2000", "1= 0x2000"), "3 blanks"),
+    one("blank behind the equals sign of a list", changed("1=0x2000", "1= 0x2000"), ""),
     one("indented key", changed("DefaultValue", "  DefaultValue"), "9 blanks"),
     one("tab before the equals sign", changed("DefaultValue=", "DefaultValue\t="), "9 blanks"),
     one("indented section", changed("[2000]", " [2000]"), "4 blanks"),
@@ -91,15 +92,15 @@ TEXT = [
 ]
 
 NAMES = [
-    one("section in capitals", changed("[ManufacturerObjects]", "[MANUFACTUREROBJECTS]"), "1 wrong-case"),
-    one("section in small letters", changed("[ManufacturerObjects]", "[manufacturerobjects]"), "1 wrong-case"),
-    one("key in small letters", changed("DefaultValue", "defaultvalue"), "9 wrong-case"),
-    one("key in other capitals", changed("DataType", "Datatype"), "7 wrong-case"),
+    one("section in capitals", changed("[ManufacturerObjects]", "[MANUFACTUREROBJECTS]"), ""),
+    one("section in small letters", changed("[ManufacturerObjects]", "[manufacturerobjects]"), ""),
+    one("key in small letters", changed("DefaultValue", "defaultvalue"), ""),
+    one("key in other capitals", changed("DataType", "Datatype"), ""),
     one("prefix in a section", changed("[2000]", "[0x2000]"), "4 section-form"),
     one("suffix in a section", changed("[2000]", "[2000h]"), "4 section-form"),
     one("commissioning spelled rightly", GOOD + "[DeviceCommissioning]\nNodeID=3\n", "11 section-form"),
     one("padded number in a list", changed("1=0x2000", "01=0x2000"), "3 key-form"),
-    one("line of a comment in small letters", GOOD + "[Comments]\nLines=1\nline1=hello\n", "13 wrong-case"),
+    one("line of a comment in small letters", GOOD + "[Comments]\nLines=1\nline1=hello\n", ""),
     one("an index of five digits", GOOD + "[12345]\nParameterName=far\n", "11 sub-range"),
     one("section twice", GOOD + "[2000]\nDenotation=again\n", "11 duplicate-section"),
     one("section twice, other value", GOOD + "[2000]\nDefaultValue=6\n", "11 duplicate-section,12 duplicate-key"),
@@ -107,7 +108,7 @@ NAMES = [
     one("a key of a digit that is none", changed("1=0x2000", "1=0x2000\n\u00b2=x").encode(), "4 not-ascii"),
     one("a key of thousands of digits", changed("1=0x2000", "1=0x2000\n" + "9" * 5000 + "=x"), ""),
     one("key twice", changed("=5\n", "=5\nDefaultValue=6\n"), "10 duplicate-key"),
-    one("key twice in other capitals", changed("=5\n", "=5\ndefaultvalue=6\n"), "10 duplicate-key,10 wrong-case"),
+    one("key twice in other capitals", changed("=5\n", "=5\ndefaultvalue=6\n"), "10 duplicate-key"),
     one("key of another tool", changed("=5\n", "=5\nUnit=rpm\n"), ""),
     one("section of another tool", GOOD + "[MyTool]\nColour=red\n", ""),
     one(
@@ -115,22 +116,22 @@ NAMES = [
         GOOD + "[SupportedModules]\nNrOfEntries=1\n[M1ModuleInfo]\nProductName=IO\n[M1SubExt6000]\nCount=0;4\n",
         "",
     ),
-    one("vendor with leading zeros", GOOD + "[DeviceInfo]\nVendorNumber=001\nOrderCode=001\n", "12 leading-zeros"),
+    one("vendor with leading zeros", GOOD + "[DeviceInfo]\nVendorNumber=001\nOrderCode=001\n", ""),
     one("vendor that is empty", GOOD + "[DeviceInfo]\nVendorName=\nVendorNumber=\n", "13 empty"),
     one("a bit rate in words", GOOD + "[DeviceInfo]\nBaudRate_125=yes\n", "12 number-form"),
     one("granularity of no number", GOOD + "[DeviceInfo]\nGranularity=byte\n", "12 bad-number"),
     one("node in hexadecimal", GOOD + "[DeviceComissioning]\nNodeID=0x05\nNodeName=007\n", ""),
     one("node with leading zeros", GOOD + "[DeviceComissioning]\nNodeID=08\n", "12 leading-zeros"),
     one("dummies in words", GOOD + "[DummyUsage]\nDummy0005=on\nDummy0006=true\n", "12 bad-number,13 number-form"),
-    one("lines of comments with leading zeros", GOOD + "[Comments]\nLines=00\n", "12 leading-zeros"),
+    one("lines of comments with leading zeros", GOOD + "[Comments]\nLines=00\n", ""),
     one("number of entries as the spec has it", GOOD + "[DeviceInfo]\nNrOfRXPDO=0\nNrOfTxPDO=0\n", ""),
 ]
 
 NUMBERS = [
     default("hexadecimal", "0x0003", "0x10", "", 16),
     default("capital prefix", "3", "0X10", "", 16),
-    default("leading zeros", "3", "001", "leading-zeros", 1),
-    default("leading zero that would be octal", "3", "010", "leading-zeros", 10),
+    default("leading zeros", "3", "001", "", 1),
+    default("octal", "3", "010", "leading-zeros", 8),
     default("leading zero that octal has not", "3", "08", "leading-zeros", 8),
     default("no value", "3", "", "", 0),
     default("plus sign", "3", "+5", "number-form", 5),
@@ -179,21 +180,22 @@ NUMBERS = [
     default("VISIBLE_STRING", "9", "AZ3 drive", "", "AZ3 drive"),
     default("VISIBLE_STRING that looks like a number", "9", "001", "", "001"),
     default("OCTET_STRING", "10", "01020A", "", b"\1\2\x0a"),
-    default("OCTET_STRING with blanks", "10", "01 02 0A", "", b"\1\2\x0a"),
-    default("OCTET_STRING of one digit", "10", "0", "number-form", b"\0"),
+    default("OCTET_STRING with blanks", "10", "01 02 0A", "hex-form", b"\1\2\x0a"),
+    default("OCTET_STRING of one digit", "10", "0", "hex-form", b"\0"),
     default("OCTET_STRING that is text", "10", "@ABCD", "bad-hex", b"@ABCD"),
-    default("DOMAIN", "15", "0xFF", "", b"\xff"),
+    default("DOMAIN with a prefix", "15", "0xFF", "hex-form", b"\xff"),
     default("UNICODE_STRING", "11", "speed", "", "speed"),
     default("TIME_OF_DAY as a number of 48 bits", "12", "0x000100000000", "", 24 * 3600 * 1000),
     default("TIME_DIFFERENCE as days and milliseconds", "13", "365 43200000", "number-form", 31579200000),
     default("TIME_OF_DAY with a day of 25 hours", "12", "0x000005555550", "out-of-range", 0),
+    default("a remark of C", "3", "5 // rpm", "foreign-comment", 5),
     default("formula", "7", "$NODEID+0x200", "", 0x205),
-    default("formula the other way round", "7", "0x200+$NODEID", "", 0x205),
+    default("formula the other way round", "7", "0x200+$NODEID", "formula-form", 0x205),
     default("formula with blanks", "7", "$NODEID + 0x200", "", 0x205),
     default("formula of nothing else", "7", "$NODEID", "", 5),
     default("formula in other capitals", "7", "$NodeID+0x200", "formula-form", 0x205),
     default("formula without its sign", "7", "NODEID+0x200", "formula-form", 0x205),
-    default("formula of three terms", "7", "$NODEID+0x200+0x80000000", "formula-form", 0x80000205),
+    default("formula of three terms", "7", "$NODEID+0x200+0x80000000", "", 0x80000205),
     default("formula that subtracts", "7", "$NODEID-1", "bad-formula", 0),
     default("formula that multiplies", "7", "$NODEID*2+0x200", "bad-formula", 0),
     default("formula of two nodes", "7", "$NODEID+$NODEID", "bad-formula", 0),
@@ -208,12 +210,12 @@ OBJECTS = [
     one("missing ObjectType", changed("ObjectType=7\n", ""), ""),
     one("ObjectType with a prefix and zeros", changed("ObjectType=7", "ObjectType=0x07"), ""),
     one("ObjectType of nothing", changed("ObjectType=7", "ObjectType=0"), "6 bad-object-type"),
-    one("ObjectType that is empty", changed("ObjectType=7", "ObjectType="), "6 empty"),
+    one("ObjectType that is empty", changed("ObjectType=7", "ObjectType="), ""),
     one("an object of the type DOMAIN", DOMAIN, "", b"\5"),
     one("no DataType", changed("DataType=3\n", "", BYTES), "4 no-data-type", b"\5"),
     one("DataType nobody knows", changed("DataType=3", "DataType=0x40", BYTES), "7 bad-data-type", b"\5"),
     one("DataType of words", changed("DataType=3", "DataType=INTEGER16", BYTES), "7 bad-data-type,7 bad-number", b"\5"),
-    one("DataType with zeros in place of a prefix", changed("DataType=3", "DataType=0003"), "7 leading-zeros"),
+    one("DataType with zeros in place of a prefix", changed("DataType=3", "DataType=0003"), ""),
     one("DataType in hexadecimal without a prefix", typed("000B", "text"), "7 number-form", "text"),
     one(
         "data type of CanFestival",
@@ -224,12 +226,12 @@ OBJECTS = [
         "7 own-data-type,11 section-form,15 section-form,21 section-form",
     ),
     one("no AccessType", changed("AccessType=rw\n", ""), "4 no-access"),
-    one("AccessType in capitals", changed("=rw", "=RW"), "8 wrong-case"),
-    one("AccessType of no kind", changed("=rw", "=read/write"), "8 bad-access"),
+    one("AccessType in capitals", changed("=rw", "=RW"), "8 access-form"),
+    one("AccessType in full words", changed("=rw", "=read/write"), "8 access-form"),
     one("AccessType for PDOs", changed("=rw", "=rww"), ""),
     one("no ParameterName", changed("ParameterName=Speed\n", ""), "4 no-name"),
     one("an empty ParameterName", changed("=Speed", "="), "5 no-name"),
-    one("PDOMapping that is empty", changed("PDOMapping=1", "PDOMapping="), "10 empty"),
+    one("PDOMapping that is empty", changed("PDOMapping=1", "PDOMapping="), ""),
     one("PDOMapping in words", changed("PDOMapping=1", "PDOMapping=yes"), "10 number-form"),
     one("no PDOMapping", changed("PDOMapping=1\n", ""), ""),
     one("limits", changed("=5\n", "=5\nLowLimit=-10\nHighLimit=10\n"), ""),
@@ -244,8 +246,8 @@ OBJECTS = [
     one("listed without a number", GOOD.replace("1=0x2000", "1=0x2000\n2=none"), "4 bad-number"),
     one("listed in decimal", GOOD.replace("0x2000", "8192"), ""),
     Oddity("a record", RECORD, (), {(0x2000, 0): 1, (0x2000, 1): 7}),
-    Oddity("SubNumber with leading zeros", changed("r=2", "r=02", RECORD), ("7 leading-zeros",), {(0x2000, 1): 7}),
-    Oddity("Sub with a capital", changed("[2000sub1]", "[2000Sub1]", RECORD), ("15 wrong-case",), {(0x2000, 1): 7}),
+    Oddity("SubNumber with leading zeros", changed("r=2", "r=02", RECORD), (), {(0x2000, 1): 7}),
+    Oddity("Sub with a capital", changed("[2000sub1]", "[2000Sub1]", RECORD), (), {(0x2000, 1): 7}),
     Oddity("sub in decimal", changed("[2000sub1]", "[2000sub01]", RECORD), ("15 section-form",), {(0x2000, 1): 7}),
     Oddity("sub with a prefix", changed("[2000sub1]", "[2000sub0x1]", RECORD), ("15 section-form",), {(0x2000, 1): 7}),
     Oddity("sub with a blank", changed("[2000sub1]", "[2000 sub1]", RECORD), ("15 section-form",), {(0x2000, 1): 7}),
@@ -281,4 +283,5 @@ STORAGE = [
            {SPEED: 5}),
 ]  # fmt: skip
 
-ODDITIES = [*TEXT, *NAMES, *NUMBERS, *OBJECTS, *STORAGE]
+MADE = [*TEXT, *NAMES, *NUMBERS, *OBJECTS, *STORAGE]
+"""Thought of beforehand; `eds_field` tells which of them files in the field have, and has more of these."""

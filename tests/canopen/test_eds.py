@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +13,9 @@ from barewire.canopen import CanFrame, Device, Pdo, eds
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.eds.rules import LINT_RULES, RULES
 from barewire.errors import EncodeError
-from tests.canopen.eds_oddities import GOOD, ODDITIES, RECORD, Oddity
+from tests.canopen import eds_table
+from tests.canopen.eds_field import FIELD, LINTED, ODDITIES, SEEN
+from tests.canopen.eds_oddities import GOOD, MADE, RECORD, Oddity
 from tests.helpers import modest
 
 
@@ -42,18 +43,33 @@ def test_an_oddity(oddity: Oddity) -> None:
         assert eds.parse(data_of(oddity), strict=True).encode() == data_of(oddity)
 
 
+@pytest.mark.parametrize("oddity", LINTED, ids=[oddity.name for oddity in LINTED])
+def test_an_oddity_for_lint(oddity: Oddity) -> None:
+    document = eds.parse(data_of(oddity))
+    found = [f"{one.line} {one.rule}" for one in eds.lint(document)]
+    assert set(oddity.says) <= set(found)
+    assert not {one.split()[1] for one in oddity.says} & {one.rule for one in document.diagnostics}
+    assert document.encode() == data_of(oddity)
+    for place, value in oddity.values.items():
+        assert present(document.dictionary(5), *place) == value
+
+
 def test_there_are_enough_and_every_rule_has_one() -> None:
-    assert len(ODDITIES) >= 100
     assert len({oddity.name for oddity in ODDITIES}) == len(ODDITIES)
+    assert SEEN.keys() <= {oddity.name for oddity in MADE}
+    assert all(oddity.seen for oddity in [*FIELD, *LINTED])
+    assert sum(1 for oddity in [*ODDITIES, *LINTED] if oddity.seen) >= 140
     seen = {line.split()[1] for oddity in ODDITIES for line in oddity.says}
-    assert seen | {"bad-text"} == set(RULES)
+    assert seen == set(RULES)
     assert not set(RULES) & set(LINT_RULES)
 
 
 def test_the_page_has_every_rule() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "eds.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `([a-z0-9-]+)` \| (.*) \|$", page, re.MULTILINE)
-    assert dict(rows) == RULES | LINT_RULES
+    text = eds_table.PAGE.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([a-z0-9-]+)` \| (.*) \| (.*) \|$", text, re.MULTILINE)
+    assert {rule: says for rule, says, _ in rows} == RULES | LINT_RULES
+    assert [rule for rule, _, line in rows if not line] == ["missing-section", "missing-object"]
+    assert eds_table.page(text) == text, "python -m tests.canopen.eds_table"
 
 
 def test_text_that_no_visible_string_has() -> None:
@@ -65,7 +81,7 @@ def test_text_that_no_visible_string_has() -> None:
 
 def test_the_error_says_how_many_more() -> None:
     with pytest.raises(eds.EdsError, match=r"^line 1: byte-order-mark: .* \(and 1 more\)$"):
-        eds.parse(b"\xef\xbb\xbf" + GOOD.replace("=5", "=05").encode(), strict=True)
+        eds.parse(b"\xef\xbb\xbf" + GOOD.replace("=5", "=+5").encode(), strict=True)
 
 
 def test_what_is_read() -> None:

@@ -151,6 +151,14 @@ FAULTS = [
     ("01-31-2026", "2026-01-31", "CreationDate=2026-01-31", "date-form"),
     ("12-31-2026", "12-32-2026", "ModificationDate=12-32-2026", "date-form"),
     ("09:30AM", "9:30", "CreationTime=9:30", "time-form"),
+    ("EDSVersion=4.0", "EDSVersion=4", "EDSVersion=4", "version-form"),
+    ("EDSVersion=4.0", "EDSVersion=4.04", "EDSVersion=4.04", "version-form"),
+    ("FileVersion=1", "FileVersion=1.2", "FileVersion=1.2", "version-form"),
+    ("FileRevision=1", "FileRevision=256", "FileRevision=256", "version-form"),
+    ("[1018]", "[1018]\nPDOMapping=0", "PDOMapping=0", "key-not-here"),
+    ("[1018sub1]", "[1018Sub1]", "[1018Sub1]", "capitals"),
+    ("BaudRate_10=", "Baudrate_10=", "Baudrate_10=0", "capitals"),
+    ("Line1=", "line1=", "line1=hello", "capitals"),
     ("12:59PM", "13:00PM", "ModificationTime=13:00PM", "time-form"),
     ("1=0x2000", "1=0x1400", "1=0x1400", "wrong-list"),
     ("2=0x1600", "2=0x2000", "2=0x2000", "wrong-list"),
@@ -225,6 +233,13 @@ def test_every_rule_has_a_fault() -> None:
         ("DefaultValue=0x201", "DefaultValue=0x80000601"),  # switched off
         ("DefaultValue=0x201", "DefaultValue=0x20000601"),  # 29 bits
         ("VendorNumber=0x51", "VendorNumber=81"),
+        ("NrOfRXPDO", "NrOfRxPDO"),  # the standard writes it both ways
+        ("LSS_Supported=0", "LSS_Supported=0\nLMT_ProductName=old"),
+        ("FileVersion=1", "FileVersion=0x01"),
+        (
+            "[1018sub1]",  # FFh tells of the type, and is not counted
+            "[1018subFF]\nParameterName=t\nObjectType=7\nDataType=7\nAccessType=ro\n[1018sub1]",
+        ),
         ("VendorNumber=0x51", "VendorNumber=0"),  # not told
         ("Line1=hello", "Line1=hello ; you"),
         ("HighLimit=100", "HighLimit=$NODEID+1"),
@@ -238,6 +253,6 @@ def test_what_is_no_fault(old: str, new: str) -> None:
 
 
 def test_lint_has_the_oddities_too_in_the_order_of_lines() -> None:
-    found = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=02", 1).replace("09:30AM", "0930").encode()))
-    assert [one.rule for one in found] == ["time-form", "leading-zeros"]
+    found = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
+    assert [one.rule for one in found] == ["time-form", "number-form"]
     assert str(found[0]) == "7: time-form: CreationTime=0930: expected hh:mm with AM or PM"

@@ -13,7 +13,8 @@ from barewire.canopen import eds
 from barewire.canopen.eds.objects import RECORD as RECORD_TYPE
 from barewire.canopen.times import TimeOfDay
 from barewire.errors import EncodeError
-from tests.canopen.eds_oddities import COMPACT, GOOD, ODDITIES, RECORD, typed
+from tests.canopen.eds_field import ODDITIES
+from tests.canopen.eds_oddities import COMPACT, GOOD, RECORD, typed
 from tests.helpers import modest
 
 
@@ -80,6 +81,15 @@ def test_what_cannot_be_written_leaves_the_file(key: str, value: Any, says: str)
     with pytest.raises(EncodeError, match=says):
         document.set(0x2000, 0, key, value)
     assert document.encode() == GOOD.encode()
+
+
+def test_quotes_around_a_text_would_be_lost() -> None:
+    document = eds.parse(typed("9", '"old"').encode())
+    assert document.dictionary().get(0x2000) == "old"
+    with pytest.raises(EncodeError, match="would be read back without its quotes"):
+        document.set(0x2000, 0, "ParameterValue", b'"new"')
+    document.set(0x2000, 0, "DefaultValue", b"new")
+    assert document.dictionary().get(0x2000) == "new"
 
 
 def test_places_that_are_not_there() -> None:

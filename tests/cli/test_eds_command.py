@@ -22,10 +22,10 @@ def test_export_to_a_file_and_lint_it(tmp_path: Path) -> None:
 
 def test_lint_says_line_rule_and_sentence(tmp_path: Path) -> None:
     file = tmp_path / "odd.eds"
-    file.write_bytes(b"[1000]\nDataType=0007\n")
+    file.write_bytes(b"[1000]\nDataType=010\n")
     done = barewire("eds", "lint", str(file))
     assert done.returncode == 1
-    assert f"{file}:2: leading-zeros: [1000] DataType = 0007: leading zeros; read as decimal\n" in done.stdout
+    assert f"{file}:2: leading-zeros: [1000] DataType = 010: a leading zero makes a number octal;" in done.stdout
     assert done.stderr == ""
     rows = [json.loads(line) for line in barewire("eds", "lint", "--json", str(file)).stdout.splitlines()]
     assert {"file", "line", "rule", "text"} == set(rows[0])

@@ -136,7 +136,7 @@ TCP_SURVIVED: dict[str, Callable[[bytes], Reply]] = {
 TCP_REFUSED: dict[str, tuple[bytes, str]] = {
     "two registers for one": (tcp(1, "03 04 0012 0013"), "byte_count 4 where 2 was asked"),
     "function 04 for 03": (tcp(1, "04 02 0012"), "function 04 where 03"),
-    "another transaction": (tcp(2, "03 02 0012"), "a frame from unit 1, function 03"),
+    "another transaction": (tcp(2, "03 02 0012"), "a frame from unit 1, function 03, transaction 2"),
     "another protocol": (
         bytes.fromhex("0001 0001 0005 01 03 02 0012"),
         "protocol identifier is 00 01, Modbus has 00 00",

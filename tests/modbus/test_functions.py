@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -80,3 +80,27 @@ def test_a_code_that_is_taken_is_replaced(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(Blink, "function_code", 0x07)
     register(Blink)
     assert decode_request(unhex("07 0003")) == Blink(3)
+
+
+@pytest.mark.parametrize("what", [int, BlinkResponse, Blink(3), Request])
+def test_only_a_request_can_be_registered(what: Any) -> None:
+    with refused(EncodeError, "register wants a request class, with a function_code, a layout and a response"):
+        register(what)
+
+
+@pytest.mark.parametrize("wrong", [ZeroDivisionError("division"), IndexError("index"), "3", 2.5, -1])
+def test_a_measure_that_fails_is_as_if_nobody_could_count(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is the user's code, called with the first bytes of anything at all: a line must not stumble over it."""
+
+    def measure(pdu: bytes) -> Any:
+        if isinstance(wrong, Exception):
+            raise wrong
+        return wrong
+
+    monkeypatch.setattr(Blink, "measure", staticmethod(measure), raising=False)
+    register(Blink)
+    assert measure_request(unhex("41 0003")) is None
+    line = RtuLine(Timing.of(19200), role="server")
+    line.feed(encode(1, unhex("41 0003")), 1.0)
+    assert line.feed(None, 2.0) in ([], [Adu(1, unhex("41 0003"))])
+    assert line.held == b""

@@ -607,3 +607,23 @@ def test_another_mei_type_is_another_message() -> None:
 def test_an_exception_response_has_bit_7() -> None:
     with refused(DecodeError, "function 03 is no exception: bit 7 is not set"):
         ExceptionResponse.decode(unhex("03 02"))
+
+
+@pytest.mark.parametrize("value", [2, -1, 0xFF00, None, "on", 0.5])
+def test_a_coil_is_on_or_off_and_nothing_else(value: Any) -> None:
+    """FF00h is what the wire has for on; said as a value it was sent, and its echo was not recognised."""
+    for make in (WriteSingleCoil, WriteSingleCoilResponse):
+        with refused(EncodeError, f"value = {value!r}: expected True or False") as caught:
+            make(0, value)
+        assert isinstance(caught.value, EncodeError)
+        assert caught.value.field == "value"
+    with refused(EncodeError, f"bit 1 of 2: {value!r} is not True or False"):
+        WriteMultipleCoils(0, (True, value))
+    with refused(EncodeError, f"bit 1 of 2: {value!r} is not True or False"):
+        ReadCoilsResponse((True, value)).encode()
+
+
+def test_a_coil_may_be_said_as_a_number() -> None:
+    one: Any = 1  # typed as bool; a number is what programs without a type checker give
+    assert WriteSingleCoil(0, one) == WriteSingleCoil(0, True)
+    assert WriteSingleCoil(0, one - 1).read_response(unhex("05 0000 0000")) == WriteSingleCoilResponse(0, False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from barewire.errors import EncodeError
@@ -131,6 +133,23 @@ def test_its_server_id_says_that_it_runs() -> None:
 def test_a_name_that_could_never_be_sent_is_refused_at_once(vendor: str, product: str) -> None:
     with refused(EncodeError, "bytes"):
         Table(vendor=vendor, product=product)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"size": -1}, "size = -1: expected 0..65536"),
+        ({"size": 65537}, "size = 65537: expected 0..65536"),
+        ({"objects": {3: 5}}, "object 03h is 5: expected text or bytes"),
+        ({"files": {0: (1,)}}, "file = 0: expected 1..65535"),
+        ({"files": {70000: (1,)}}, "file = 70000: expected 1..65535"),
+        ({"files": {1: (0,) * 10001}}, "file 1: 10001 records, a file has at most 10000"),
+        ({"files": {1: (0, 70000)}}, "file 1: register 1 of 2: 70000 is not a whole number in 0..65535"),
+    ],
+)
+def test_what_nobody_could_ever_read_is_refused_at_once(options: dict[str, Any], said: str) -> None:
+    with refused(EncodeError, said):
+        Table(**options)
 
 
 # The rarer functions ---------------------------------------------------------------------------------------------

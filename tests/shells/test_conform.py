@@ -7,13 +7,14 @@ import json
 import socket
 import threading
 import time
+from collections.abc import Callable
 from functools import cache
 from itertools import islice
 from pathlib import Path
 
 import pytest
 
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus import Server, Table
 from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.rtu import RtuLine, Timing
@@ -143,3 +144,36 @@ def test_the_command() -> None:
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
     assert (first["ok"], first["clause"], first["heard"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
+
+
+def flood(connection: socket.socket) -> None:
+    """Talks without end, whatever it is asked."""
+    while True:
+        connection.sendall(b"\x00\x01\x00\x00\x00\x03\x01\x83\x02" * 400)
+
+
+def drip(connection: socket.socket) -> None:
+    """Never says much and never stops, until the other side is gone."""
+    while True:
+        connection.sendall(b"\x01")
+        time.sleep(0.002)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "talk"),
+    [("tcp", flood), ("rtu+tcp", flood), ("ascii+tcp", flood), ("rtu+tcp", drip), ("ascii+tcp", drip)],
+)
+def test_a_server_that_never_stops_talking_is_given_up(scheme: str, talk: Callable[[socket.socket], None]) -> None:
+    results = []
+    with peer(talk) as port, refused(NoAnswer, "never stops talking"):
+        for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.06")):
+            results.append(result)
+    failures = [result.failure or "" for result in results[-3:]]
+    assert all("it did not stop talking" in failure and len(failure) < 200 for failure in failures)
+
+
+def test_nothing_can_be_held_against_a_server_that_never_says_anything() -> None:
+    """Silence is what some cases want, so a wrong unit number would pass them."""
+    said = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
+    with peer(lambda connection: print(connection.recv(1))) as port, said:
+        list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))

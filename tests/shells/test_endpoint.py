@@ -41,6 +41,12 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("rtu:///tmp/a%00b", "it names no port"),
         ("rtu:///dev/x?unit=1&unit=2", "an option is said twice"),
         ("rtu:///dev/x?unit=256", "expected 0..255"),
+        ("rtu:///dev/x?bytesize=7", "RTU needs 8 data bits"),
+        ("rtu:///dev/tty#1", "'#' begins nothing in an endpoint, a name has %23 for it"),
+        ("tcp://::1", "an IPv6 address stands in brackets"),
+        ("tcp://fe80::1:502", "an IPv6 address stands in brackets"),
+        ("tcp:///", "it names no port"),
+        ("tcp://127.0.0.1?dead_after=-1", "dead_after=-1: expected 0 (never) or more"),
         ("can://socketcand/127.0.0.1:99999/can0", "is not a number in 0..65535"),
     ],
 )

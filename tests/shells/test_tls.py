@@ -192,6 +192,12 @@ def test_what_is_wrong_with_the_files_is_told_at_once(certificates: Path, url: s
         open_host(url.format(certificates), units={1: Table()})
 
 
+def test_roles_that_are_no_text_are_told_in_one_line(certificates: Path, tmp_path: Path) -> None:
+    (tmp_path / "roles.json").write_bytes(b'{"Viewer\xff": []}')
+    with refused(EncodeError, "not UTF-8 at byte 8"):
+        open_host(tls_url(certificates, "server", roles=str(tmp_path / "roles.json")), units={1: Table()})
+
+
 def test_the_page_about_tls_does_what_it_says(tmp_path: Path) -> None:
     page = Path(__file__, "../../../docs/tls.md").resolve().read_text(encoding="utf-8")
     shell, table, program = (page.partition(f"```{kind}\n")[2].partition("```")[0] for kind in ("sh", "json", "python"))

@@ -6,6 +6,8 @@
      "":         []}                                     the role of a certificate that names none
 
 A request is permitted if one line of its role permits it whole: its function, its unit, and every address it touches.
+What has no addresses (files, diagnostics) is permitted by a line with `addresses` only if that line names its function:
+whoever may touch registers 0 to 9 was not told that all files are his.
 The table is the user's: there is no default, and a role that is not in it may do nothing [MB-TLS R-23, R-27, R-28].
 What is refused gets exception 01 [MB-TLS R-31].
 """
@@ -13,7 +15,7 @@ What is refused gets exception 01 [MB-TLS R-31].
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from barewire.errors import EncodeError
@@ -41,7 +43,10 @@ class Permission(NamedTuple):
             return False
         if self.units is not None and not any(unit in span for span in self.units):
             return False
-        return self.addresses is None or all(self._covers(touched) for touched in touches(request))
+        if self.addresses is None:
+            return True
+        touched = touches(request)
+        return all(map(self._covers, touched)) if touched else self.functions is not None
 
     def _covers(self, touched: range) -> bool:
         assert self.addresses is not None
@@ -65,13 +70,16 @@ class Authorisation:
     @classmethod
     def parse(cls, text: str) -> Authorisation:
         """The table from JSON. EncodeError says what is wrong with it."""
+        form = "a table of roles is JSON, role -> list of permissions"
         try:
-            table = json.loads(text)
-            return cls({str(role): [_permission(role, row) for row in rows] for role, rows in table.items()})
-        except (ValueError, AttributeError, TypeError) as error:
-            if isinstance(error, EncodeError):
-                raise
-            raise EncodeError(f"a table of roles is JSON, role -> list of permissions: {error}") from None
+            table = json.loads(text, object_pairs_hook=_once)
+        except EncodeError:
+            raise
+        except (ValueError, RecursionError) as error:
+            raise EncodeError(f"{form}: {error}") from None
+        if not isinstance(table, dict):
+            raise EncodeError(f"{form}: this is a {type(table).__name__}")
+        return cls({role: _permissions(role, rows) for role, rows in table.items()})
 
     def allows(self, role: str | None, unit: int, request: Request[Any]) -> bool:
         """Whether somebody of this role may ask this of that unit."""
@@ -90,12 +98,27 @@ def touches(request: Request[Any]) -> list[range]:
     return found
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of the JSON. Of a name that is said twice the last would win, and the first be forgotten in silence."""
+    table = dict(pairs)
+    for name, _ in pairs if len(table) < len(pairs) else ():
+        if sum(name == other for other, _ in pairs) > 1:
+            raise EncodeError(f"a table of roles: {name!r} is said twice")
+    return table
+
+
+def _permissions(role: str, rows: Any) -> list[Permission]:
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise EncodeError(f"role {role!r}: expected a list of permissions, each {{...}}")
+    return [_permission(role, row) for row in rows]
+
+
 def _permission(role: str, row: Mapping[str, Any]) -> Permission:
     unknown = set(row) - {"functions", "units", "addresses"}
     if unknown:
         raise EncodeError(f"role {role!r}: unknown {min(unknown)!r}, expected functions, units, addresses")
     functions = row.get("functions")
-    if functions is not None and not all(isinstance(code, int) and 1 <= code <= 127 for code in functions):
+    if functions is not None and not (isinstance(functions, list) and all(map(_is_code, functions))):
         raise EncodeError(f"role {role!r}: functions {functions!r}: expected a list of 1..127", "functions")
     return Permission(
         None if functions is None else frozenset(functions),
@@ -104,17 +127,22 @@ def _permission(role: str, row: Mapping[str, Any]) -> Permission:
     )
 
 
+def _is_code(code: Any) -> bool:
+    return type(code) is int and 1 <= code <= 0x7F  # True is an int too, and no function code
+
+
 def _spans(role: str, name: str, text: Any, last: int) -> tuple[range, ...] | None:
     if text is None:
         return None
     spans = []
-    for part in _parts(text):
-        low, dash, high = part.partition("-")
-        if not low.strip().isdecimal() or (dash and not high.strip().isdecimal()) or int(high or low) > last:
+    for part in str(text).split(","):
+        low, dash, high = (number.strip() for number in part.partition("-"))
+        high = high if dash else low
+        if not (_is_number(low) and _is_number(high) and int(low) <= int(high) <= last):
             raise EncodeError(f"role {role!r}: {name} {text!r}: expected {_NUMBERS}, up to {last}", name)
-        spans.append(range(int(low), int(high or low) + 1))
+        spans.append(range(int(low), int(high) + 1))
     return tuple(spans)
 
 
-def _parts(text: Any) -> Iterable[str]:
-    return str(text).split(",")
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal()

@@ -6,6 +6,7 @@ filled up with zeros [MB-APP 6.1]. Coils can be written, discrete inputs cannot.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -16,6 +17,20 @@ from barewire.modbus.message import Request, Response, check_range
 READ_LIMIT = 2000
 WRITE_LIMIT = 1968
 ON, OFF = 0xFF00, 0x0000
+_BITS = frozenset((False, True))
+
+
+def _packed(bits: Sequence[bool | int]) -> bytes:
+    """A row of bits as bytes; EncodeError for what is none, which would pass for `on`."""
+    if not _BITS.issuperset(bits):
+        place = next(place for place, bit in enumerate(bits) if bit not in _BITS)
+        raise EncodeError(f"bit {place} of {len(bits)}: {bits[place]!r} is not True or False", "bits")
+    return pack_bits(bits)
+
+
+def _check_coil(value: bool | int) -> None:
+    if value not in _BITS:
+        raise EncodeError(f"value = {value!r}: expected True or False", "value")
 
 
 def _bit_fields(found: list[Field], name: str) -> list[Field]:
@@ -54,7 +69,7 @@ class ReadCoilsResponse(Response):
 
     def encode(self) -> bytes:
         """The PDU."""
-        data = pack_bits(self.bits)
+        data = _packed(self.bits)
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
@@ -142,6 +157,7 @@ class WriteSingleCoilResponse(Response):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
+        _check_coil(self.value)
 
     def encode(self) -> bytes:
         """The PDU."""
@@ -187,6 +203,7 @@ class WriteSingleCoil(Request[WriteSingleCoilResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
+        _check_coil(self.value)
 
     def encode(self) -> bytes:
         """The PDU."""
@@ -247,6 +264,7 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
         check_range("quantity", len(self.bits), 1, WRITE_LIMIT)
+        _packed(self.bits)  # each one on or off, or EncodeError
         object.__setattr__(self, "bits", tuple(map(bool, self.bits)))
 
     @property

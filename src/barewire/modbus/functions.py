@@ -44,9 +44,12 @@ _encapsulated: dict[int, type[AnyRequest]] = {}
 def register(request: type[AnyRequest], mei_type: int | None = None) -> type[AnyRequest]:
     """Make a request class known under its function code; usable as a decorator. `mei_type` only for 2B.
 
-    Raises EncodeError for a code outside 1..127, and for 2B without an MEI type. A code that is taken is replaced: some
-    devices speak their own 07.
+    Raises EncodeError for what is no request, for a code outside 1..127, and for 2B without an MEI type. A code that is
+    taken is replaced: some devices speak their own 07.
     """
+    is_request = isinstance(request, type) and issubclass(request, Request)
+    if not is_request or not all(hasattr(request, name) for name in ("function_code", "layout", "response")):
+        raise EncodeError("register wants a request class, with a function_code, a layout and a response")
     if not 1 <= request.function_code <= 0x7F:
         raise EncodeError(f"function code {request.function_code:02X}h: expected 01h..7Fh", "function_code")
     if (mei_type is not None) != (request.function_code == ENCAPSULATED):
@@ -116,7 +119,13 @@ def response_class(pdu: bytes) -> type[Response] | None:
 def _measure(message: type[Message] | None, pdu: bytes) -> int | None:
     if message is None:
         return 2 if pdu == bytes([ENCAPSULATED]) else None
-    return message.measure(pdu)
+    try:
+        size = message.measure(pdu)
+    except Exception:
+        # A `measure` of the user's, called with the first bytes of anything at all. Who fails to count cannot count:
+        # silence ends the frame then, and the line goes on.
+        return None
+    return size if isinstance(size, int) and size > 0 else None
 
 
 def measure_request(pdu: bytes) -> int | None:

@@ -39,6 +39,9 @@ class Identity:
     """
 
     def __init__(self, objects: Mapping[int, str | bytes]) -> None:
+        for number, value in objects.items():
+            if not isinstance(value, (str, bytes, bytearray)):
+                raise EncodeError(f"object {number:02X}h is {value!r}: expected text or bytes", "objects")
         self.objects = {
             number: value.encode() if isinstance(value, str) else bytes(value)
             for number, value in sorted(objects.items())

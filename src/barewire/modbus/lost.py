@@ -83,7 +83,8 @@ class BusCounters:
 def describe(event: Event) -> str:
     """One event in words, for the text of an error."""
     if isinstance(event, Adu):
-        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}"
+        number = "" if event.transaction is None else f", transaction {event.transaction}"
+        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
     if not event.data:
         return event.text or event.reason
     shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")

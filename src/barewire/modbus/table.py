@@ -12,6 +12,8 @@ from array import array
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from barewire.codecs import from_registers
+from barewire.errors import EncodeError
 from barewire.modbus import bits, combined, files, registers
 from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.exceptions import (
@@ -23,7 +25,7 @@ from barewire.modbus.exceptions import (
 from barewire.modbus.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
 from barewire.modbus.identity import Identity
-from barewire.modbus.message import Response
+from barewire.modbus.message import Response, check_range
 
 SIZE = 0x10000
 
@@ -49,6 +51,7 @@ class Table:
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 
     `objects` are identification objects besides the three of every device; `files` are registers by file number.
+    What nobody could ever read is an EncodeError here, and not a surprise later.
     `queues` (register by register, by address) and `exception_status` (eight bits) are for whoever owns the table.
     """
 
@@ -62,6 +65,7 @@ class Table:
         objects: Mapping[int, str | bytes] | None = None,
         files: Mapping[int, Sequence[int]] | None = None,
     ) -> None:
+        check_range("size", size, 0, SIZE)
         self.size = size
         self.coils = bytearray(size)
         self.discrete_inputs = bytearray(size)
@@ -69,7 +73,7 @@ class Table:
         self.input_registers = array("H", bytes(2 * size))
         self.exception_status = 0
         self.queues: dict[int, list[int]] = {}
-        self.files = {number: array("H", content) for number, content in (files or {}).items()}
+        self.files = {number: _file(number, content) for number, content in (files or {}).items()}
         self.identity = Identity({0: vendor, 1: product, 2: revision, **(objects or {})})
 
     @staticmethod
@@ -147,3 +151,16 @@ class Table:
         if record + length > len(self.files.get(file, ())):
             raise ModbusException(ILLEGAL_DATA_ADDRESS)
         return slice(record, record + length)
+
+
+def _file(number: int, content: Sequence[int]) -> array[int]:
+    """The registers of a file, each one checked."""
+    check_range("file", number, 1, 0xFFFF)
+    if len(content) > files.RECORD_LIMIT + 1:
+        most = files.RECORD_LIMIT + 1
+        raise EncodeError(f"file {number}: {len(content)} records, a file has at most {most}", "files")
+    try:
+        from_registers(content)
+    except EncodeError as error:
+        raise EncodeError(f"file {number}: {error}", "files") from None
+    return array("H", content)

@@ -142,7 +142,8 @@ class _Connection(asyncio.BufferedProtocol):
             self._line, server.units, serial=not self._line.numbered, permits=self._permits, counters=server.counters
         )
         self._tls = TlsSession(server.context) if server.context is not None else None
-        self._buffer = bytearray(CHUNK)
+        # Where frames are sought byte by byte, little at a time: whoever talks nonsense keeps the others waiting less.
+        self._buffer = bytearray(CHUNK if self._line.numbered else 512)
         self._timer: asyncio.TimerHandle | None = None
         self._transport: asyncio.Transport | None = None
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from barewire.ascii import encode as ascii_frame
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.conform import SILENCE, Case, Heard, Say, Turn, wrong
@@ -28,6 +28,11 @@ from barewire.tcp import encode as tcp_frame
 PATIENCE = 1.0
 """Seconds after which a server that has not spoken will not: the time-out of an endpoint that names none. libmodbus
 takes half a second for an exception."""
+
+LOUD = 4096
+"""Bytes: no turn has as many in its answers."""
+
+_PATIENT, _KEPT = 3, 8
 
 
 class Result(NamedTuple):
@@ -47,25 +52,40 @@ def battery(endpoint: Endpoint) -> tuple[Case, ...]:
 
 
 def conform(endpoint: Endpoint) -> Iterator[Result]:
-    """Run every case. EncodeError for an endpoint without cases, PortError where nobody is."""
+    """Run every case. EncodeError for an endpoint without cases, PortError where nobody is.
+
+    NoAnswer where holding on makes no sense: the server talks without end, three cases in a row; or, behind the last
+    case, it has not said a word in any: silence is right in some, so nothing was found out.
+    """
     cases = battery(endpoint)
     unit, patience = endpoint.integer("unit", 1), endpoint.seconds("timeout", PATIENCE)
     tester = _Tester(endpoint, unit, patience)
     try:
         for case in cases:
             heard = tester.run(case)
-            yield Result(case, tuple(heard), wrong(case, heard, unit))
+            failure = f"{case.name}: {tester.loud}" if tester.loud else wrong(case, heard, unit)
+            yield Result(case, tuple(heard), failure)
+            if tester.loud_cases >= _PATIENT:
+                raise NoAnswer(f"{str(endpoint)!r} never stops talking: {tester.loud}")
+        if not tester.was_answered:
+            raise NoAnswer(f"nothing was answered in any case: is there a unit {unit} behind {str(endpoint)!r}?")
     finally:
         tester.close()
 
 
 class _Tester:
+    """Says the turns of cases. `loud` is what is wrong with the latest case if the server never stopped talking."""
+
     def __init__(self, endpoint: Endpoint, unit: int, patience: float) -> None:
         self._endpoint = endpoint
         self._unit = unit
         self._patience = patience
         self._dial = dialer(endpoint)
         self._is_tcp = endpoint.envelope == "tcp"
+        self._slow = 600 * 11 / endpoint.integer("baudrate", 19200) if endpoint.is_serial_port else 0.0
+        self.loud = ""
+        self.loud_cases = 0
+        self.was_answered = False
         self._number = 0
         self._last = float("-inf")  # when the last byte was on the wire, ours or theirs
         self._port: Port[bytes] | None = None
@@ -81,12 +101,15 @@ class _Tester:
         """Say every turn; what came back in each."""
         if self._is_tcp:
             self.close()
+        self.loud = ""
         heard = []
         for place, turn in enumerate(case.turns):
             following = case.turns[place + 1].after if place + 1 < len(case.turns) else 0.0
             is_silent = all(way[place] == SILENCE for way in case.ways)
             # Where the next thing is to be said soon, nobody waits longer for an answer that must not come.
             heard.append(self._turn(turn, following if following and is_silent else self._patience))
+        self.was_answered |= any(heard)
+        self.loud_cases = self.loud_cases + 1 if self.loud else 0
         return heard
 
     def _turn(self, turn: Turn, patience: float) -> Heard:
@@ -100,13 +123,20 @@ class _Tester:
             self._last = time.monotonic()
             self._line.sent(self._last)
             until = self._last + patience
+            started, count = self._last, 0
+            limit = (4 + len(turn.says)) * self._patience + self._slow
             while (now := time.monotonic()) < until:
                 wake = until if self._line.deadline is None else min(until, self._line.deadline)
                 data = self._port.receive(max(0.0, wake - now))
                 if data:
                     self._last = time.monotonic()
                     until = self._last + patience
+                    count += len(data)
                 heard += self._frames(data)
+                if count > LOUD or now > started + limit:
+                    self.loud = f"it did not stop talking, {count} bytes in {now - started:.1f} s"
+                    self.close()
+                    return heard[:_KEPT]
                 if len(heard) >= len(turn.says) and not self._line.held:
                     # Nobody answers twice; a last look is enough.
                     until = min(until, time.monotonic() + patience / 10)

@@ -100,6 +100,8 @@ class Endpoint(NamedTuple):
             forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
             forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             raise EncodeError(f"endpoint {url!r}: expected {forms}")
+        if "#" in url:
+            raise EncodeError(f"endpoint {url!r}: '#' begins nothing in an endpoint, a name has %23 for it")
         pairs = parse_qsl(parts.query, keep_blank_values=True)
         options = dict(pairs)
         if len(options) < len(pairs):
@@ -115,7 +117,7 @@ class Endpoint(NamedTuple):
                 raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
         if parts.scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
             place = PSEUDO_TERMINAL
-        if not place or "\0" in place:
+        if not place.strip("/") or "\0" in place:
             raise EncodeError(f"endpoint {url!r}: it names no port")
         endpoint = cls(parts.scheme, place, options)
         if parts.scheme == "can":
@@ -125,6 +127,10 @@ class Endpoint(NamedTuple):
         unit = endpoint.integer("unit", 1)
         if not 0 <= unit <= 255:
             raise EncodeError(f"endpoint {url!r}: unit {unit}: expected 0..255")
+        if (dead_after := endpoint.integer("dead_after", 0)) < 0:
+            raise EncodeError(f"endpoint {url!r}: dead_after={dead_after}: expected 0 (never) or more")
+        if endpoint.scheme == "rtu" and options.get("bytesize") == "7":
+            raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
         return endpoint
 
     def __str__(self) -> str:
@@ -157,6 +163,8 @@ class Endpoint(NamedTuple):
         host, colon, port = self.place.rpartition(":")
         if not colon or port.endswith("]"):
             host, port = self.place, str(_PORTS.get(self.scheme, 502))
+        if ":" in host and not (host.startswith("[") and host.endswith("]")):
+            raise EncodeError(f"endpoint {shown(str(self))}: an IPv6 address stands in brackets, as [::1]:502")
         if not port.isdecimal() or int(port) > 0xFFFF:
             raise EncodeError(f"endpoint {shown(str(self))}: port {port!r} is not a number in 0..65535")
         try:

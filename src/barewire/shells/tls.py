@@ -190,5 +190,8 @@ def roles_of(endpoint: Endpoint) -> Authorisation | None:
         return None
     try:
         return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        text = f"roles {name}: not UTF-8 at byte {error.start}"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles") from None
     except OSError as error:
         raise EncodeError(f"endpoint {str(endpoint)!r}: roles {name}: {reason(error)}", "roles") from None

@@ -21,7 +21,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from barewire.canopen.eds.names import number_of
-from barewire.canopen.eds.objects import RECORD, EdsObject, Item
+from barewire.canopen.eds.objects import RECORD, VAR, EdsObject, Item
 from barewire.canopen.eds.values import Expression, Formula
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def compact_items(reader: Reader, section: Section, highest: int) -> Iterator[It
         if key in values and (found := reader.document.sections.get(f"{section.name.key}value")):
             value = reader.value(found, key, like.type)
         name = names.get(key) or f"{like.name}{sub}"
-        yield replace(like, sub=sub, name=name, value=value, denotation=denotations.get(key, ""))
+        yield replace(like, object_type=VAR, sub=sub, name=name, value=value, denotation=denotations.get(key, ""))
 
 
 def _told(reader: Reader, section: Section, part: str, highest: int) -> dict[str, str]:

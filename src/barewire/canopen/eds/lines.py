@@ -26,6 +26,8 @@ _ENCODINGS = ("ascii", "utf-8", "cp1252", "latin-1")
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\n|\r)|[^\r\n]+")
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 
+_CONFLICT = re.compile(r"(?:<{7}|={7}|>{7}|\|{7})(?: .*)?")
+
 _FREE = re.compile(r"line[0-9]+", re.IGNORECASE)  # lines of [Comments]: nothing in them is a comment of the file
 
 
@@ -93,6 +95,8 @@ def read(piece: str) -> Line:
     bare = body.strip()
     if not bare:
         return Line("blank", after=body, end=end)
+    if _CONFLICT.fullmatch(bare):
+        return Line("junk", after=body, end=end)
     if bare.startswith((";", "#", "//")):
         return Line("comment", after=body, end=end)
     if bare.startswith("["):
@@ -155,9 +159,12 @@ def _rules(line: Line) -> list[str]:
     if _CONTROL.search(line.text[: len(line.text) - len(line.end)]):
         broken.append("control-character")
     if line.kind == "junk":
-        broken.append("no-equals")
-    elif line.kind == "comment" and not line.after.lstrip().startswith(";"):
-        broken.append("foreign-comment")
+        broken.append("conflict" if _CONFLICT.fullmatch(line.after.strip()) else "no-equals")
+    elif line.kind == "comment":
+        if not line.after.lstrip().startswith(";"):
+            broken.append("foreign-comment")
+        elif line.after[0].isspace():
+            broken.append("blanks")
     elif line.kind == "section":
         behind = line.after.partition("]")[2].strip()
         if line.before != "[" or line.after[:1].isspace():
@@ -171,7 +178,7 @@ def _rules(line: Line) -> list[str]:
             broken.append("no-key")
         elif line.between.strip() == ":":
             broken.append("colon")
-        elif line.before or line.between != "=":
+        elif line.before or line.between[:1] != "=":
             broken.append("blanks")
         if line.after.strip():
             broken.append("inline-comment")

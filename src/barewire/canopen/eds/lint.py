@@ -25,6 +25,8 @@ LONGEST_LINE = 255
 _REQUIRED = {"FileInfo": FILE_INFO, "DeviceInfo": DEVICE_INFO} | {name: ["SupportedObjects"] for name in LISTS}
 _DATE = re.compile(r"(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])-[0-9]{4}")
 _TIME = re.compile(r"(0[1-9]|1[0-2]):[0-5][0-9](AM|PM)")
+_OF_ITEMS = ("DataType", "AccessType", "DefaultValue", "PDOMapping", "LowLimit", "HighLimit")
+_VERSION = re.compile(r"[0-9]\.[0-9]")
 _IDENTITY = ((1, "VendorNumber"), (2, "ProductNumber"), (3, "RevisionNumber"))
 _PDOS = (("RPDO", "NrOfRXPDO", 0x1400, 0x1600), ("TPDO", "NrOfTXPDO", 0x1800, 0x1A00))
 
@@ -70,7 +72,12 @@ def _keys(document: Document) -> Iterator[Diagnostic]:
         if section.name.kind == "unknown":
             yield diagnostic(section.line, "unknown-section", f"[{section.name.proper}]")
             continue
+        if section.name.other_capitals(document.lines[section.line - 1].key):
+            yield diagnostic(section.line, "capitals", f"[{document.lines[section.line - 1].key}]")
         for key, name_of in section.names.items():
+            if name_of.capitals:
+                text = document.lines[section.keys[key]].key
+                yield diagnostic(_at(section, key), "capitals", f"[{section.name.proper}] {text}")
             if not name_of.known:
                 yield diagnostic(_at(section, key), "unknown-key", f"[{section.name.proper}] {name_of.proper}")
     for index in MANDATORY:
@@ -82,8 +89,14 @@ def _keys(document: Document) -> Iterator[Diagnostic]:
 
 
 def _forms(document: Document) -> Iterator[Diagnostic]:
-    """Dates and times of [FileInfo]."""
+    """Dates, times and versions of [FileInfo]."""
     section = document.sections.get("fileinfo")
+    for key in ("FileVersion", "FileRevision", "EDSVersion") if section else ():
+        text = document.get("FileInfo", key)
+        number = read_integer(text or "").value
+        fine = _VERSION.fullmatch(text or "") if key == "EDSVersion" else number is not None and 0 <= number <= 255
+        if text and section is not None and not fine:
+            yield diagnostic(_at(section, key), "version-form", f"{key}={text}")
     for word in ("Creation", "Modification") if section else ():
         for key, form, rule in ((f"{word}Date", _DATE, "date-form"), (f"{word}Time", _TIME, "time-form")):
             text = document.get("FileInfo", key)
@@ -123,9 +136,12 @@ def _objects(document: Document) -> Iterator[Diagnostic]:
             yield diagnostic(section.line, "no-object-type", f"[{section.name.proper}]")
         if described.is_record and not described.compact:
             told = _number(document, section.name.proper, "SubNumber")
-            if told != len(described.items):
+            if told != sum(item.sub < 0xFF for item in described.items):  # FFh tells of the type, and is not counted
                 yield diagnostic(_at(section, "SubNumber"), "sub-number", f"[{section.name.proper}] {told}")
             yield from _sub0(document, described)
+            for key in _OF_ITEMS:
+                if document.get(section.name.proper, key):
+                    yield diagnostic(_at(section, key), "key-not-here", f"[{section.name.proper}] {key}")
     for described, item in every_item(document):
         yield from _item(document, described, item)
 

@@ -27,6 +27,11 @@ DEVICE_INFO = [
     *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
     *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported"),
 ]
+RESERVED = [
+    *("ProductVersion", "ProductRevision", "LMT_ManufacturerName", "LMT_ProductName"),
+    *("ExtendedBootUpMaster", "ExtendedBootUpSlave"),
+]
+"""Keys of [DeviceInfo] that older versions had [CiA 306 4.5]."""
 COMMISSIONING = ["NodeID", "NodeName", "Baudrate", "NetNumber", "NetworkName", "CANopenManager", "LSS_SerialNumber"]
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 OBJECT = [
@@ -37,7 +42,7 @@ OBJECT = [
 
 HEADS: dict[str, list[str]] = {
     "FileInfo": [*FILE_INFO, "LastEDS"],
-    "DeviceInfo": [*DEVICE_INFO, "CompactPDO"],
+    "DeviceInfo": [*DEVICE_INFO, "CompactPDO", *RESERVED],
     "DeviceComissioning": [*COMMISSIONING, "NodeRefd", "NetRefd"],
     "DummyUsage": [f"Dummy{index:04X}" for index in range(1, 0x20)],
     "Comments": ["Lines"],
@@ -48,7 +53,12 @@ HEADS: dict[str, list[str]] = {
 }
 """Every head with the keys it may have; numbered keys are not listed."""
 
-TEXTS = frozenset({"vendorname", "productname", "ordercode", "nodename", "networkname", "noderefd", "netrefd"})
+TEXTS = frozenset(
+    {
+        *("vendorname", "productname", "ordercode", "nodename", "networkname", "noderefd", "netrefd"),
+        *(key.casefold() for key in RESERVED),
+    }
+)
 """Keys of [DeviceInfo] and [DeviceComissioning] that hold text; the others hold numbers."""
 
 _COMPACT = {"name": "Name", "value": "Value", "denotation": "Denotation", "objectlinks": "ObjectLinks"}
@@ -64,7 +74,10 @@ _OWN_SPELLINGS = {"nrofrxpdo": "NrOfRxPDO", "nroftxpdo": "NrOfTxPDO", "edsversio
 
 
 class SectionName(NamedTuple):
-    """What a section's name means. `proper` is how CiA 306 spells it, `rule` the one that another spelling breaks."""
+    """What a section's name means. `proper` is how CiA 306 spells it, `rule` the one that another spelling breaks.
+
+    Capitals break none: CiA 306 4.2 compares names without them.
+    """
 
     kind: SectionKind
     proper: str
@@ -78,22 +91,29 @@ class SectionName(NamedTuple):
         """What is compared."""
         return self.proper.casefold()
 
+    def other_capitals(self, name: str) -> bool:
+        """Whether the name as it stands differs from the proper one in capitals only; those of digits are free."""
+        if self.object or self.kind == "object":
+            name, proper = name[4:].replace(f"{self.sub:x}", f"{self.sub:X}"), self.proper[4:]
+        else:
+            proper = self.proper
+        return name != proper and name.casefold() == proper.casefold()
+
 
 def section_name(name: str) -> SectionName:
     """What is meant by the name between the brackets.
 
     >>> section_name("1018Sub1")
-    SectionName(kind='sub', proper='1018sub1', rule='wrong-case', object=4120, sub=1, part='')
+    SectionName(kind='sub', proper='1018sub1', rule='', object=4120, sub=1, part='')
     >>> section_name("DeviceCommissioning").proper
     'DeviceComissioning'
     """
     folded = name.casefold()
     head, listed = _HEAD_OF.get(folded), _LIST_OF.get(folded)
     if head:
-        spelled = "" if name == head else "wrong-case" if folded == head.casefold() else "section-form"
-        return SectionName("head", head, spelled)
+        return SectionName("head", head, "" if folded == head.casefold() else "section-form")
     if listed:
-        return SectionName("list", listed, "" if name == listed else "wrong-case")
+        return SectionName("list", listed)
     match = _OBJECT.fullmatch(name)
     # A short one must have a digit, or [Add] would be an object.
     if match and (len(match[2]) >= 4 or any(letter.isdigit() for letter in match[2])):
@@ -108,16 +128,18 @@ def _object(name: str, match: re.Match[str]) -> SectionName:
     part = _COMPACT.get((match[7] or "").casefold(), "")
     kind: SectionKind = "sub" if match[4] else "compact" if part else "object"
     proper = f"{index:04X}" + (f"sub{sub:X}" if match[4] else part)
-    rule = "" if name == proper else "wrong-case" if name.casefold() == proper.casefold() else "section-form"
+    rule = "" if name.casefold() == proper.casefold() else "section-form"
     return SectionName(kind, proper, rule, index, sub, part)
 
 
 class KeyName(NamedTuple):
-    """What a key means: how it is spelled, whether its section has it, and the rule that another spelling breaks."""
+    """What a key means: how it is spelled, whether its section has it, the rule that another spelling breaks, and
+    whether only its capitals are other ones."""
 
     proper: str
     known: bool
     rule: str = ""
+    capitals: bool = False
 
     @property
     def key(self) -> str:
@@ -128,20 +150,23 @@ class KeyName(NamedTuple):
 def key_name(section: SectionName, key: str) -> KeyName:
     """What is meant by a key of that section.
 
-    >>> key_name(section_name("1018"), "subnumber"), key_name(section_name("OptionalObjects"), "01")
-    (KeyName(proper='SubNumber', known=True, rule='wrong-case'), KeyName(proper='1', known=True, rule='key-form'))
+    >>> key_name(section_name("1018"), "subnumber")
+    KeyName(proper='SubNumber', known=True, rule='', capitals=True)
+    >>> key_name(section_name("OptionalObjects"), "Supported Objects")
+    KeyName(proper='SupportedObjects', known=True, rule='key-form', capitals=False)
     """
-    folded = key.casefold()
+    folded = "".join(key.casefold().split())
     proper = _known(section).get(folded)
     if proper:
-        fine = key == proper or key == _OWN_SPELLINGS.get(folded)
-        return KeyName(proper, True, "" if fine else "wrong-case")
+        if folded != key.casefold():
+            return KeyName(proper, True, "key-form")
+        return KeyName(proper, True, "", key not in (proper, _OWN_SPELLINGS.get(folded)))
     wanted = "Line" if section.proper == "Comments" else ""
-    number = _NUMBERED.fullmatch(key)
+    number = _NUMBERED.fullmatch("".join(key.split()))
     if number and number[1].casefold() == wanted.casefold() and section.kind in ("head", "list", "compact"):
         proper = f"{wanted}{int(number[2])}"
-        rule = "" if key == proper else "wrong-case" if folded == proper.casefold() else "key-form"
-        return KeyName(proper, True, rule)
+        same = key.casefold() == proper.casefold()
+        return KeyName(proper, True, "" if same else "key-form", same and key != proper)
     return KeyName(key, section.kind == "module" or section.proper in _FREE_HEADS)
 
 

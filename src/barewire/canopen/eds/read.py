@@ -23,7 +23,7 @@ from barewire.canopen.eds.objects import (
     Item,
 )
 from barewire.canopen.eds.rules import Diagnostic, diagnostic
-from barewire.canopen.eds.values import Expression, Formula, read_integer, read_value
+from barewire.canopen.eds.values import Expression, Formula, bare_of_comments, read_integer, read_value
 
 if TYPE_CHECKING:
     from barewire.canopen.eds.document import Document, Section
@@ -32,6 +32,14 @@ _ACCESS: dict[str, EdsAccess] = {access: access for access in MAPPABLE}
 _NUMBERS = frozenset(
     {f"i{bits}" for bits in range(8, 65, 8)} | {f"u{bits}" for bits in range(8, 65, 8)} | {"f32", "f64"}
 )
+_ACCESS_WORDS: dict[str, EdsAccess] = {
+    **dict.fromkeys(("r", "readonly", "read"), "ro"),
+    **dict.fromkeys(("w", "writeonly", "write"), "wo"),
+    **dict.fromkeys(("r/w", "wr", "readwrite", "read/write", "readandwrite"), "rw"),
+    "constant": "const",
+}
+_OPTIONAL = frozenset({"objecttype", "pdomapping", "subnumber", "objflags", "compactsubobj", "compactpdo"})
+"""Numbers that may be missing, and so may be empty as well [CiA 306 4.3]."""
 _TYPES_END = 0x1000
 
 
@@ -70,7 +78,8 @@ class Reader:
             return missing
         value, rules = read_integer(self.text(section, key))
         for rule in rules:
-            self.say(section, key, rule)
+            if rule != "empty" or key not in _OPTIONAL:
+                self.say(section, key, rule)
         return missing if value is None else value
 
     def value(self, section: Section, key: str, type: str) -> Expression | None:
@@ -103,6 +112,9 @@ class Reader:
             if "objecttype" in section.keys:
                 self.say(section, "objecttype", "subs-of-variable")
             kind = RECORD
+        if compact and kind == VAR:
+            self.say(section, "compactsubobj", "compact-variable")
+            kind = ARRAY
         if compact and kind in (ARRAY, RECORD):
             if subs:
                 self.say(section, "compactsubobj", "compact-and-subs")
@@ -137,6 +149,9 @@ class Reader:
     def item(self, sub: int, section: Section) -> Item:
         """What one section tells of one sub-index."""
         kind = self.kind(section)
+        if section.name.kind == "sub" and kind not in (VAR, DOMAIN):
+            self.say(section, "objecttype", "sub-type")
+            kind = VAR
         code, type = self.data_type(section, kind)
         low, high = self.limits(section, type)
         return Item(
@@ -183,9 +198,13 @@ class Reader:
             if kind not in (DOMAIN, DEFTYPE, DEFSTRUCT):
                 self.say(section, "", "no-access")
             return "rw" if kind == DOMAIN else "ro"
-        access = _ACCESS.get(text.casefold())
-        if access != text:
-            self.say(section, "accesstype", "bad-access" if access is None else "wrong-case")
+        bare, comments = bare_of_comments(text)
+        word = "".join(bare.casefold().replace("-", " ").split())
+        access = _ACCESS.get(word) or _ACCESS_WORDS.get(word)
+        for rule in comments:
+            self.say(section, "accesstype", rule)
+        if access != bare:
+            self.say(section, "accesstype", "bad-access" if access is None else "access-form")
         return access or "ro"
 
     def limits(self, section: Section, type: str) -> tuple[int | float | Formula | None, int | float | Formula | None]:

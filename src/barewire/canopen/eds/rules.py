@@ -1,14 +1,15 @@
 """What can be odd about an EDS: the closed list of rules, and what is reported when one is broken.
 
-    12: leading-zeros: [1018] SubNumber = 001: leading zeros; read as decimal
-    |   |              |                       |
-    |   |              where, and what         what a rule says, from RULES or LINT_RULES
+    12: number-form: [1018] SubNumber = 3h: another form of a number; read as meant
+    |   |            |                      |
+    |   |            where, and what        what a rule says, from RULES or LINT_RULES
     |   rule
     line of the file, from 1; 0 is the file as a whole
 
-`RULES` are found by reading: each departs from CiA 306, and each has an answer to "what is meant then?", so that the
-file can be used. Only `strict=True` makes them an error. `LINT_RULES` are found by `lint`: the file can be read without
-doubt, but keys are missing, or two places contradict each other.
+`RULES` are found by reading: each departs from CiA 306 (or, as an octal number, from what was probably meant), and each
+has an answer to "what is meant then?", so that the file can be used. Only `strict=True` makes them an error.
+`LINT_RULES` are found by `lint`: the file can be read without doubt, but keys are missing, or two places contradict
+each other.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ RULES: dict[str, str] = {
     "line-ends": "another line end than in the line before",
     "control-character": "a character that is none; read over",
     # The lines
-    "blanks": "blanks before a name or around the equals sign; read over",
+    "blanks": "blanks before or inside a name, or before the equals sign; read over",
     "inline-comment": "a comment behind something; read over",
     "foreign-comment": "comments begin with a semicolon; read as one",
+    "conflict": "a mark of a version control that could not merge; both sides are read",
     "no-equals": "neither a section, a key nor a comment; read over",
     "colon": "a colon in place of the equals sign; read as one",
     "no-key": "a value without a key; read over",
@@ -35,7 +37,6 @@ RULES: dict[str, str] = {
     "section-open": "the section has no closing bracket; the rest of the line is its name",
     "behind-section": "something behind the section; read over",
     # The names
-    "wrong-case": "written with other capitals; read as meant",
     "section-form": "another form of the section's name; read as meant",
     "key-form": "another form of the key's name; read as meant",
     "sub-range": "no such index or sub-index: 0000h to FFFFh, 00h to FFh; read over",
@@ -44,7 +45,7 @@ RULES: dict[str, str] = {
     # Numbers and values
     "bad-number": "no number; read over",
     "number-form": "another form of a number; read as meant",
-    "leading-zeros": "leading zeros; read as decimal",
+    "leading-zeros": "a leading zero makes a number octal; read so, and as decimal if it has an 8 or a 9",
     "decimal-comma": "a comma in a number; read as a point",
     "real-for-integer": "a number with a point for an integer; read as meant",
     "blanks-in-number": "blanks inside a number; read over",
@@ -54,6 +55,7 @@ RULES: dict[str, str] = {
     "formula-form": "another form of $NODEID+number; read as meant",
     "unsigned-decimal": "a negative number written as a decimal without its sign; read as meant",
     "out-of-range": "does not fit the data type; read over",
+    "hex-form": "bytes are pairs of hexadecimal digits, without a prefix or blanks; read as meant",
     "bad-hex": "no hexadecimal digits, two for each byte; read as text",
     "bad-text": "not a value of the data type; read over",
     # Objects
@@ -70,9 +72,12 @@ RULES: dict[str, str] = {
     "own-data-type": "a data type of the file's own; read as what its DEFTYPE says",
     "bad-data-type": "no known data type and no DEFTYPE of it; read as bytes",
     "no-access": "no AccessType; read as ro",
+    "access-form": "another word for the AccessType; read as meant",
     "bad-access": "no AccessType; read as ro",
+    "sub-type": "a sub-index has no sub-indices of its own; read as a variable",
     "limits-crossed": "LowLimit is above HighLimit; both are read over",
     "compact-and-subs": "CompactSubObj and sub-indices; what is told of a sub-index counts",
+    "compact-variable": "CompactSubObj of a variable; read as an array",
     "compact-entry": "names or values for what CompactSubObj does not make; read over",
 }
 
@@ -82,10 +87,13 @@ LINT_RULES: dict[str, str] = {
     "missing-object": "an object that every device must have is missing",
     "unknown-section": "CiA 306 has no such section",
     "unknown-key": "CiA 306 has no such key here",
+    "capitals": "other capitals than in CiA 306; the same to it, but not to every tool",
+    "key-not-here": "the sub-indices tell this, their object does not",
     "no-object-type": "no ObjectType; that is a variable",
     "long-line": "more than 255 characters",
     "date-form": "expected mm-dd-yyyy",
     "time-form": "expected hh:mm with AM or PM",
+    "version-form": "expected a version: x.y for EDSVersion, 0 to 255 for the file",
     "wrong-list": "the object belongs into another list",
     "list-count": "the number of entries is another one",
     "list-gap": "the entries are not numbered from 1 without gaps",
@@ -120,7 +128,7 @@ def diagnostic(line: int, rule: str, what: str) -> Diagnostic:
     """An oddity with the sentence that its rule has.
 
     >>> print(diagnostic(3, "blanks", "1 = 0x1003"))
-    3: blanks: 1 = 0x1003: blanks before a name or around the equals sign; read over
+    3: blanks: 1 = 0x1003: blanks before or inside a name, or before the equals sign; read over
     """
     says = RULES.get(rule) or LINT_RULES[rule]
     shown = what if len(what) <= 80 else what[:77] + "..."

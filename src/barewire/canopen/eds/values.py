@@ -1,7 +1,7 @@
 """What stands behind the equals sign: numbers in every dress, formulas with the node-ID, values of every data type.
 
-        10  0x0A              integers              001  0Ah  1,5  +5       meant as 1, 10, 1.5, 5, and reported
-        $NODEID+0x200         a formula             0x200+$NODEID           the same
+        10  0x0A  012         integers, all ten     0Ah  1,5  +5  08        meant as 10, 1.5, 5, 8, and reported
+        $NODEID+0x200         a formula             0x200+$NODEID           the same, and reported
         1.5  0x3FC00000       REAL32, either way    FFFEh of an INTEGER16   -2
         01020A                OCTET_STRING, DOMAIN  Device type             VISIBLE_STRING, as it stands
 
@@ -59,6 +59,7 @@ _HEX = re.compile(r"0[xX]([0-9A-Fa-f]+)")
 _DECIMAL = re.compile(r"[0-9]+")
 _SUFFIXED = re.compile(r"(?:0[xX])?([0-9A-Fa-f]+)[hH]|(0[xX][0-9A-Fa-f]+|[0-9]+)[uUlL]{1,3}")
 _BARE_HEX = re.compile(r"(?!0[bB])[0-9A-Fa-f]+")
+_HEX_DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _REAL = re.compile(r"(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _SPECIAL = re.compile(r"[+-]?(?:inf|nan|infinity)", re.I)
 _DAYS = re.compile(r"([0-9]{1,4}) ([0-9]{1,8})")  # days and milliseconds, as some tools write a time
@@ -69,7 +70,12 @@ def read_integer(text: str) -> Whole:
     """An integer, whatever it wears.
 
     >>> read_integer("0x1F"), read_integer("001"), read_integer("soon")
-    (Whole(value=31, rules=()), Whole(value=1, rules=('leading-zeros',)), Whole(value=None, rules=('bad-number',)))
+    (Whole(value=31, rules=()), Whole(value=1, rules=()), Whole(value=None, rules=('bad-number',)))
+
+    A leading zero makes a number octal [CiA 306 4.3]. Few authors mean that, so it is told where it matters.
+
+    >>> read_integer("012"), read_integer("08")
+    (Whole(value=10, rules=('leading-zeros',)), Whole(value=8, rules=('leading-zeros',)))
     """
     plain, rules = _undress(text)
     if not plain:
@@ -84,8 +90,9 @@ def read_integer(text: str) -> Whole:
         value = int(match[1], 16)
         rules += ["number-form"] if sign < 0 else []
     elif _DECIMAL.fullmatch(digits):
-        value = int(digits)
-        rules += ["leading-zeros"] if len(digits) > 1 and digits[0] == "0" else []
+        octal = digits[0] == "0" and not {"8", "9"} & set(digits)
+        value = int(digits, 8 if octal else 10)
+        rules += ["leading-zeros"] if digits[0] == "0" and digits != "0" and (not octal or value != int(digits)) else []
     elif match := _SUFFIXED.fullmatch(digits):
         value = int(match[1], 16) if match[1] else int(match[2], 16 if match[2][:2].lower() == "0x" else 10)
         rules.append("number-form")
@@ -106,9 +113,8 @@ def read_integer(text: str) -> Whole:
 def _undress(text: str) -> tuple[str, list[str]]:
     """A number without what does not belong to it: a comment, quotes, blanks inside."""
     plain, rules = text.strip(), []
-    if ";" in plain:
-        plain = plain[: plain.index(";")].rstrip()
-        rules.append("inline-comment")
+    plain, comments = bare_of_comments(plain)
+    rules += comments
     if len(plain) > 1 and plain[0] == plain[-1] and plain[0] in "\"'":
         plain = plain[1:-1].strip()
         rules.append("quoted")
@@ -116,6 +122,17 @@ def _undress(text: str) -> tuple[str, list[str]]:
         plain = "".join(plain.split())
         rules.append("blanks-in-number")
     return plain, rules
+
+
+def bare_of_comments(text: str) -> tuple[str, list[str]]:
+    """What stands before a comment: one of CiA 306, or one that programmers are used to.
+
+    >>> bare_of_comments("0x07 # VAR"), bare_of_comments("5;rpm")
+    (('0x07', ['foreign-comment']), ('5', ['inline-comment']))
+    """
+    at, mark = min(((text.index(mark), mark) for mark in (";", "#", "//") if mark in text), default=(len(text), ""))
+    rules = ["inline-comment"] if mark == ";" else ["foreign-comment"] if mark else []
+    return text[:at].rstrip(), rules
 
 
 def read_expression(text: str) -> Reading:
@@ -126,14 +143,13 @@ def read_expression(text: str) -> Reading:
     """
     if "nodeid" not in text.casefold():
         return Reading(*read_integer(text))
-    bare, _, comment = text.partition(";")
-    rules = ["inline-comment"] if comment or ";" in text else []
+    bare, rules = bare_of_comments(text)
     terms = [term.strip() for term in bare.split("+")]
     nodes = [term for term in terms if term.casefold() in ("$nodeid", "nodeid")]
     numbers = [read_integer(term) for term in terms if term not in nodes]
     if len(nodes) != 1 or any(number.value is None or number.value < 0 for number in numbers):
         return Reading(None, (*rules, "bad-formula"))
-    if nodes[0] != "$NODEID" or len(numbers) > 1:
+    if terms[0] != "$NODEID":
         rules.append("formula-form")
     for number in numbers:
         rules += number.rules
@@ -147,7 +163,8 @@ def read_value(text: str, type: str) -> Reading:
     (-2, Reading(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
     """
     if type in ("string", "unicode"):
-        return Reading(text) if type == "unicode" or _encodes(text) else Reading(None, ("bad-text",))
+        bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
+        return Reading(bare, rules) if type == "unicode" or _encodes(bare) else Reading(None, (*rules, "bad-text"))
     if not text.strip():
         return Reading(None)
     if type in ("octets", "domain"):
@@ -160,6 +177,10 @@ def read_value(text: str, type: str) -> Reading:
     return _of_integer(read_expression(text), type, text)
 
 
+def _is_quoted(text: str) -> bool:
+    return len(text) > 1 and text[0] == text[-1] == '"'
+
+
 def _encodes(text: str) -> bool:
     return all(ord(letter) < 0x100 for letter in text)
 
@@ -167,10 +188,10 @@ def _encodes(text: str) -> bool:
 def _octets(text: str) -> Reading:
     plain = text.strip()
     digits = "".join((plain[2:] if plain[:2] in ("0x", "0X") else plain).split())
-    if not _BARE_HEX.fullmatch(digits):
+    if not _HEX_DIGITS.fullmatch(digits):
         return Reading(text.encode("latin-1", "replace"), ("bad-hex",))
     odd = len(digits) % 2
-    return Reading(bytes.fromhex("0" * odd + digits), ("number-form",) if odd else ())
+    return Reading(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
 
 
 def _real(text: str, type: str) -> Reading:
@@ -234,7 +255,10 @@ def write_value(value: Expression, type: str, like: str = "") -> str:
         return str(value)
     data = codec.encode(value)
     if type in ("string", "unicode"):
-        return str(codec.decode(data))
+        written = str(codec.decode(data))
+        if _is_quoted(written):
+            raise EncodeError(f"{written} would be read back without its quotes")
+        return written
     if type in ("octets", "domain"):
         return data.hex().upper()
     if like[:2].lower() == "0x" or isinstance(codec, Time):
