@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 from collections.abc import Generator
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +25,11 @@ from hypothesis import settings
 # The same examples every day and everywhere: a test that fails for somebody fails for everybody.
 settings.register_profile("steady", derandomize=True, database=None)
 settings.load_profile("steady")
+
+# A shell that starts the tests in the background makes them ignore Ctrl-C, and what they start would too; some tests
+# end a program that way and would wait for ever.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"

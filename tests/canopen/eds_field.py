@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.canopen.eds_oddities import GOOD, LIST, MADE, RECORD, SPEED, Oddity, changed, typed
+from tests.canopen.eds_oddities import GOOD, LIST, MADE, OBJECT, RECORD, SPEED, Oddity, changed, typed
 
 SEEN = {
     # The text
@@ -153,8 +153,6 @@ FIELD = [
            {(0x2000, 0xFF): 7}, "eds-dcf-net: max_subnumber.eds; CiA 306 4.6.3.2"),
 ]  # fmt: skip
 
-BASE = GOOD + "[DeviceInfo]\nNrOfTXPDO=1\n[1018]\nParameterName=Identity\nObjectType=9\nSubNumber=2\n"
-
 
 def linted(name: str, file: str, says: str, seen: str, at: tuple[int, int] = SPEED, value: Any = 5) -> Oddity:
     """A case that is read without doubt, and has something to say against it: the line and rule of lint."""
@@ -215,6 +213,29 @@ LINTED = [
            + RECORD[len(LIST):].replace("2000", "1018").replace("=7\nP", "=255\nP"),
            "2 identity", "canopen: e35.eds"),
     linted("an identifier without its node", pdo("0x20000010", "0x180"), "23 cob-id", "CanOpenSTM32#53"),
+    linted("no [FileInfo]", LIST + OBJECT, "0 missing-section", "lely-core: its DCFs"),
+    linted("no OrderCode", GOOD + "[DeviceInfo]\nVendorName=x\n", "11 missing-key", "CANopenSocket: basicDevice.eds"),
+    linted("no ObjectType", changed("ObjectType=7\n", ""), "4 no-object-type", "40 of 198 public files"),
+    linted("nothing at 1000h", GOOD, "0 missing-object", "canopen: datatypes.eds"),
+    linted("sub-index 0 that is too low", changed("1\nPDOMapping=0\n[2000sub1]", "0\nPDOMapping=0\n[2000sub1]", RECORD),
+           "13 sub0-value", "gocanopen: base.eds", (0x2000, 0), 0),
+    linted("a section of a tool", GOOD + "[ToolInfos]\nItems=1\n", "11 unknown-section", "CAN_M1.dcf"),
+    linted("a key of a tool", changed("=5\n", "=5\nFactor=0.1\n"), "10 unknown-key", "canopen: sample.eds"),
+    linted("a key of the object among values", GOOD.replace("ObjectType=7", "ObjectType=8") + "CompactSubObj=2\n"
+           "[2000Value]\nCompactSubObj=2\n", "13 unknown-key", "CRF: master.dcf", (0x2000, 2)),
+    linted("NodeId and BaudRate", GOOD + "[DeviceComissioning]\nNodeId=5\nBaudRate=500\n", "12 capitals, 13 capitals",
+           "CANopen-monitor: battery.dcf"),
+    linted("NrOfRxPdo", GOOD + "[DeviceInfo]\nNrOfRxPdo=0\n", "12 capitals", "canopen-rpi: node.eds"),
+    linted("line5", GOOD + "[Comments]\nLines=1\nline1=x\n", "13 capitals", "libedssharp#72"),
+    linted("1017h as mandatory", GOOD.replace("2000", "1017").replace("Manufacturer", "Mandatory"), "3 wrong-list",
+           "canopen-rpi: node.eds", (0x1017, 0)),
+    linted("an object of the maker as optional", GOOD.replace("Manufacturer", "Optional"), "3 wrong-list",
+           "ros2_canopen: prbt_0_1.dcf"),
+    linted("a BOOLEAN mapped as 8 bits",
+           changed("DataType=3", "DataType=1", pdo("0x20000008")).replace("=5\nP", "=1\nP"), "39 pdo-mapping",
+           "CANopen-monitor: dxwifi.dcf", SPEED, True),
+    linted("128 bits in a PDO", pdo("0x20000080"), "24 pdo-bits", "CANopen-monitor: c3.dcf"),
+    linted("one record of a PDO", pdo("0x20000010").replace("[1A00", "[1A01"), "8 pdo-pair", "full_features.dcf"),
     linted("more bits than the object has", pdo("0x20000020"), "39 pdo-mapping", "CANopen-monitor: dxwifi.dcf"),
     linted("mapped, and there is no such object", pdo("0x60400010"), "39 pdo-mapping", "canopen: sample.eds"),
     linted("mapped, and not to be", pdo("0x20000010").replace("PDOMapping=1", "PDOMapping=0"), "39 pdo-mapping",

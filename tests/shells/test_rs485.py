@@ -132,7 +132,7 @@ def test_a_line_that_cannot_be_turned_is_a_port_that_failed(fails_at: int) -> No
     def turn(sending: bool) -> None:
         nonlocal calls
         calls += 1
-        if calls == fails_at:
+        if calls >= fails_at:  # from then on: an asyncio client that has its answer already opens the port anew
             raise RuntimeError("no such pin")
 
     async def talk(url: str) -> None:

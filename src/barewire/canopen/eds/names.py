@@ -93,11 +93,10 @@ class SectionName(NamedTuple):
 
     def other_capitals(self, name: str) -> bool:
         """Whether the name as it stands differs from the proper one in capitals only; those of digits are free."""
-        if self.object or self.kind == "object":
-            name, proper = name[4:].replace(f"{self.sub:x}", f"{self.sub:X}"), self.proper[4:]
-        else:
-            proper = self.proper
-        return name != proper and name.casefold() == proper.casefold()
+        if name.casefold() != self.key or self.kind == "object":
+            return False
+        word = "sub" if self.kind == "sub" else self.part
+        return word not in name if word else name != self.proper
 
 
 def section_name(name: str) -> SectionName:
