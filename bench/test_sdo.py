@@ -73,6 +73,9 @@ class Store:
         self.size(index, sub)
         return self.value
 
+    def may_write(self, index: int, sub: int, size: int | None) -> None:
+        self.size(index, sub)
+
     def write(self, index: int, sub: int, data: bytes) -> None:
         self.value = data
 

@@ -1,8 +1,9 @@
-"""Modbus TCP on the loopback: ten registers, again and again, over one connection.
+"""Modbus TCP on the loopback: ten registers, again and again, over one connection; then over many at once.
 
 Client and server are two processes. *Two cores*: each has its own, and the wait for the other one to wake up is in the
 time, as it is wherever the two are not one program. *One core*: both on the same, so nobody ever waits and nothing is
-counted but work; this is the strict one. Every client talks to the same server, every server to the same client.
+counted but work; this is the strict one. *Its own work*: the same, but what is counted is the processor time of the
+client alone, whatever else the machine does. Every client talks to the same server, every server to the same client.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import ctypes
 import ctypes.util
 import socket
 import struct
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from functools import partial
@@ -25,8 +27,11 @@ from bench.servers import CORES, IMAGE, REGISTERS, SERVERS, on_core, start
 PLACES = {"two cores": (CORES[0], CORES[-1]), "one core": (CORES[0], CORES[0])}
 if len(CORES) < 2:
     del PLACES["two cores"]
+OWN_WORK = "its own work"
+CLIENT_PLACES = PLACES | {OWN_WORK: PLACES["one core"]}
 REQUEST = struct.Struct(">HHHBBHH")
-TURN = 0.02
+# Short turns and many of them: of two neighbours in time one is as likely to be disturbed as the other.
+ROUNDS, TURN = 61, 0.01
 Connect = Callable[[int, ExitStack], Work]
 
 
@@ -157,19 +162,48 @@ BLOCKING: dict[str, Connect] = {
 }
 
 
+class OwnWork(Many):
+    """The processor time of this process for one of `count` pieces of work."""
+
+    measures_itself = True
+
+    def __init__(self, run: Callable[[int], Any]) -> None:
+        self._work = run
+        super().__init__(self.measure)
+
+    def __call__(self) -> Any:
+        return self._work(1)
+
+    def measure(self, count: int) -> float:
+        """Seconds."""
+        start = time.process_time()
+        self._work(count)
+        return (time.process_time() - start) / count
+
+
+def _own_work(work: Work) -> Work:
+    def often(count: int) -> Any:
+        for _ in range(count):
+            found = work()
+        return found
+
+    return OwnWork(work.run if isinstance(work, Many) else often)
+
+
 def _client(make: Connect, server: str, place: str) -> Factory:
-    ours, theirs = PLACES[place]
+    ours, theirs = CLIENT_PLACES[place]
 
     def factory(closing: ExitStack) -> Work:
         port = start(server, closing, theirs)
         on_core(ours, closing)
-        return make(port, closing)
+        work = make(port, closing)
+        return _own_work(work) if place == OWN_WORK else work
 
     return factory
 
 
 def _race(family: str, what: str, place: str, contestants: dict[str, Factory], expect: Any) -> Race:
-    return Race(family, what, place, contestants, expect, turn=TURN)
+    return Race(family, what, place, contestants, expect, rounds=ROUNDS, turn=TURN)
 
 
 def blocking(place: str) -> Race:
@@ -255,7 +289,7 @@ ASYNC: dict[str, Callable[[int, int, ExitStack], Awaitable[Ask]]] = {
 
 
 def _in_loop(make: Callable[[int, int, ExitStack], Awaitable[Ask]], flight: int, place: str) -> Factory:
-    ours, theirs = PLACES[place]
+    ours, theirs = CLIENT_PLACES[place]
 
     def factory(closing: ExitStack) -> Work:
         port = start("raw asyncio", closing, theirs)
@@ -276,7 +310,8 @@ def _in_loop(make: Callable[[int, int, ExitStack], Awaitable[Ask]], flight: int,
             return found[0]
 
         way = one_after_the_other if flight == 1 else side_by_side
-        return Many(lambda count: loop.run_until_complete(asyncio.wait_for(way(count), 20.0)))
+        work = Many(lambda count: loop.run_until_complete(asyncio.wait_for(way(count), 20.0)))
+        return _own_work(work) if place == OWN_WORK else work
 
     return factory
 
@@ -303,19 +338,50 @@ def server(flight: int, place: str) -> Race:
     return _race("TCP server", f"10 registers, {flight} at once", place, contestants, REGISTERS)
 
 
+def many_sockets(port: int, closing: ExitStack, count: int) -> Work:
+    """One question on each of so many connections, then all the answers."""
+    connections = [closing.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(count)]
+    for connection in connections:
+        connection.settimeout(5.0)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    question, unpack = REQUEST.pack(1, 0, 6, 1, 3, 0, 10), struct.Struct(">10H").unpack_from
+
+    def ask() -> tuple[int, ...]:
+        for connection in connections:
+            connection.sendall(question)
+        return [unpack(connection.recv(4096), 9) for connection in connections][-1]
+
+    return ask
+
+
+def connections(count: int) -> Race:
+    place = next(iter(PLACES))
+    names = [name for name in SERVERS if name != "raw"]
+    contestants = {name: _client(partial(many_sockets, count=count), name, place) for name in names}
+    family, what = "TCP server, connections", "10 registers of each at once"
+    return Race(family, what, count, contestants, REGISTERS, rounds=ROUNDS, turn=TURN)
+
+
 assert len(IMAGE) == 20
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(blocking, PLACES)))
+@pytest.mark.parametrize(("race", "who"), entries(*map(blocking, CLIENT_PLACES)))
 def test_blocking_client(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
     enter(race, who)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*(asyncio_client(n, place) for n in (1, 16) for place in PLACES)))
+@pytest.mark.parametrize(
+    ("race", "who"), entries(*(asyncio_client(n, place) for n in (1, 16) for place in CLIENT_PLACES))
+)
 def test_asyncio_client(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
     enter(race, who)
 
 
 @pytest.mark.parametrize(("race", "who"), entries(*(server(n, place) for n in (1, 16) for place in PLACES)))
 def test_server(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
+    enter(race, who)
+
+
+@pytest.mark.parametrize(("race", "who"), entries(*map(connections, (1, 4, 16, 64))))
+def test_connections(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
     enter(race, who)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, last_words, play
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, Wire, last_words, play
 from barewire.errors import REASONS, BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused
 from barewire.modbus import ModbusException
 from tests.helpers import refused
@@ -88,6 +88,24 @@ def test_what_a_conversation_raises_comes_out_of_play() -> None:
 
     with refused(NoAnswer, "nobody there"):
         play(gives_up(), silent)
+
+
+def test_on_one_wire_time_goes_on_and_what_is_late_is_heard_by_the_next() -> None:
+    def impatient() -> Talk:
+        yield Send("x")
+        yield Listen(1.0)
+        raise NoAnswer("nobody there")
+
+    wire = Wire(echo_after(4.0))
+    with refused(NoAnswer, "nobody there"):
+        wire.play(impatient())
+    assert (wire.now, wire.coming) == (1.0, [(4.0, "x after 4")])
+    assert wire.play(saying(Send("y"), Listen(9.0), Listen(9.0))) == [
+        Heard(None, 1.0),
+        Heard("x after 4", 4.0),
+        Heard("y after 4", 5.0),
+    ]
+    assert wire.now == 5.0
 
 
 # last_words ------------------------------------------------------------------------------------------------------

@@ -48,6 +48,8 @@ def test_a_hole_is_seen(tool: ModuleType) -> None:
     assert "Modbus, server, rtu+tcp: 18" in tool.holes(rest)
     rest = tuple(row for row in tool.evidence() if row.stranger != "ourselves")
     assert "Modbus, server, udp: 2B/0D" in tool.holes(rest)
+    rest = tuple(row for row in tool.evidence() if row.stranger != "tshark")
+    assert {"Modbus, dissected: 03", "CANopen, dissected: LSS fastscan"} <= set(tool.holes(rest))
 
 
 def test_ourselves_is_not_a_stranger(tool: ModuleType) -> None:
@@ -62,6 +64,9 @@ def test_a_slip_is_seen(tool: ModuleType, field: str, value: str) -> None:
     assert tool.slips([good]) == []
     assert value in tool.slips([good._replace(**{field: value})])[0]
     assert "'3'" in tool.slips([good._replace(services=("3",))])[0]
+    dissected = next(row for row in tool.evidence() if row.role == "frames" and row.carrier == "file")
+    assert tool.slips([dissected]) == []
+    assert "'03'" in tool.slips([dissected._replace(services=("03",))])[0]
 
 
 @pytest.mark.parametrize("seen", [{"03"}, {"03", "06", "10"}])

@@ -13,6 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from bench.goals import goals as wanted  # noqa: E402
+
 PAGE = ROOT / "docs" / "speed.md"
 PLOTS = ROOT / "docs" / "speed"
 
@@ -29,82 +33,13 @@ FAMILIES = {
     "PDO": "Eight bytes on CAN to four named values, and back.",
     "TCP client, blocking": "Everybody asks the same server, which looks at nothing.",
     "TCP client, asyncio": "Everybody asks the same server, a raw asyncio protocol.",
+    "SDO": "A mebibyte in blocks, in memory and over python-can's virtual bus, which takes most of the time there.",
+    "LSS": "Who is on the bus? The waits are the standard's.",
     "TCP server": "The same client, a blocking socket, asks everybody: one request at a time, and 16 in one send.",
+    "TCP server, connections": "One question on each of so many connections, then all the answers.",
     "Import": "Time and resident memory of an import in a new interpreter. The floor here is pymodbus.client.",
     "Idle connections": "What a server keeps for a connection on which nothing happens, beside asyncio's own.",
 }
-
-
-class Goal(NamedTuple):
-    """`who` takes at most `limit` times what `other` takes (of memory, if that is what is meant)."""
-
-    text: str
-    family: str
-    what: str
-    size: int | str
-    other: str
-    limit: float
-    who: str = "barewire"
-    memory: bool = False
-
-
-def _goals() -> list[Goal]:
-    found = [
-        Goal("CRC of 254 bytes: 4 x faster than a table", "CRC-16", "one frame", 254, "byte table", 1 / 4),
-        Goal("... than pymodbus", "CRC-16", "one frame", 254, "pymodbus", 1 / 4),
-        Goal("CRC of 64 KiB: 20 x faster than a table", "CRC-16", "one frame", 65536, "byte table", 1 / 20),
-        Goal("... at most 1.3 x crcmod's C", "CRC-16", "one frame", 65536, "crcmod in C", 1.3),
-        Goal("CRC of 6 bytes: no slower than a table", "CRC-16", "one frame", 6, "byte table", 1.05),
-    ]
-    one = "registers of one answer"
-    for size, limit in ((1, 2.5), (8, 2.5), (62, 1.5), (125, 1.5)):
-        found.append(
-            Goal(f"RTU, {size} registers: at most {limit} x by hand", "RTU response", one, size, "by hand", limit)
-        )
-    found.append(Goal("RTU, 8: 2.5 x faster than pymodbus", "RTU response", one, 8, "pymodbus", 1 / 2.5))
-    found.append(Goal("RTU, 125: 8 x faster than pymodbus", "RTU response", one, 125, "pymodbus", 1 / 8))
-    for envelope in ("ASCII", "TCP"):
-        for size in (8, 125):
-            text = f"{envelope}, {size}: 2 x faster than pymodbus"
-            found.append(Goal(text, f"{envelope} response", one, size, "pymodbus", 1 / 2))
-    for envelope in ("RTU", "ASCII", "TCP"):
-        text, what = f"A request, {envelope}: faster than pymodbus", f"read 10 registers, {envelope}"
-        found.append(Goal(text, "Building a request", what, 10, "pymodbus", 1.0))
-    what = "TPDO of the AZ3 to named values"
-    found.append(Goal("TPDO: 5 x faster than the canopen library", "PDO", what, 4, "canopen", 1 / 5))
-    for place in ("two cores", "one core"):
-        blocking, client, server = "TCP client, blocking", "TCP client, asyncio", "TCP server"
-        found.append(
-            Goal(
-                f"Blocking client, {place}: 0.9 of a raw socket", blocking, "10 registers", place, "raw socket", 1 / 0.9
-            )
-        )
-        for other in ("pymodbus", "pyModbusTCP"):
-            found.append(Goal(f"... ahead of {other}", blocking, "10 registers", place, other, 1.0))
-        what = "10 registers, 1 in flight"
-        found.append(
-            Goal(f"Asyncio client, {place}: 0.8 of a raw protocol", client, what, place, "raw protocol", 1 / 0.8)
-        )
-        for other in ("pymodbus", "tmodbus"):
-            found.append(Goal(f"... ahead of {other}", client, what, place, other, 1.0))
-        what = "10 registers, 16 in flight"
-        text = f"16 in flight, {place}: 3 x one in flight"
-        found.append(Goal(text, client, what, place, "barewire, 1 in flight", 1 / 3))
-        what = "10 registers, 1 at once"
-        found.append(Goal(f"Server, {place}: 0.8 of a raw protocol", server, what, place, "raw asyncio", 1 / 0.8))
-        for other in ("pymodbus", "tmodbus", "pyModbusTCP"):
-            found.append(Goal(f"... ahead of {other}", server, what, place, other, 1.0))
-    for memory in (False, True):
-        word = "memory" if memory else "time"
-        for room in ("rtu", "ascii", "tcp", "codecs"):
-            who, what = f"barewire.{room}", "in a new interpreter"
-            text = f"import {who}, {word}: a tenth of pymodbus.client"
-            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 0.1, who, memory))
-            found.append(Goal("... below minimalmodbus", "Import", what, "each", "minimalmodbus", 1.0, who, memory))
-        who = "barewire blocking TCP client"
-        text = f"{who}, {word}: a third of pymodbus.client"
-        found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 3, who, memory))
-    return found
 
 
 class Entry(NamedTuple):
@@ -173,7 +108,7 @@ def goals(entries: list[Entry]) -> list[str]:
     """What was to be shown, and what this run shows."""
     by_place = {(row.family, row.what, row.size, row.who): row for row in entries}
     lines = ["| goal | wanted | measured | |", "|---|---:|---:|---|"]
-    for goal in _goals():
+    for goal in wanted():
         mine = by_place.get((goal.family, goal.what, goal.size, goal.who))
         other = by_place.get((goal.family, goal.what, goal.size, goal.other))
         if mine is None or other is None:

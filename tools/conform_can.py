@@ -34,9 +34,9 @@ FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#401810000
 145 of 149 as the standard says, 126 left out
 ```
 
-First the objects of the device are read; a case whose objects it does not have is left out and says so. A failure tells
-what was said, what came and what was expected, in the notation of candump with a dot for any digit. The exit status is
-1 if a case failed.
+First the objects of the device are read, behind a reset of its communication unless all cases only read; a case whose
+objects it does not have is left out and says so. A failure tells what was said, what came and what was expected, in
+the notation of candump with a dot for any digit. The exit status is 1 if a case failed, or if no device answers.
 
 | option | what it does |
 |---|---|

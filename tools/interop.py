@@ -83,6 +83,8 @@ CANOPEN_STANDS_IN = {
     ("LSS fastscan", "master"): _NO_SLAVE,
 }
 """Service and role of CANopen for which there is none, and why."""
+NOT_ONE_FRAME = ("PDO mapping", "EDS")
+"""Of CANopen, what no dissector can tell: a mapping is written by SDO, and a file is no frame."""
 
 
 class Evidence(NamedTuple):
@@ -142,7 +144,7 @@ def slips(rows: Iterable[Evidence]) -> list[str]:
     """Marks that name what this page does not know."""
     wrong = []
     for row in rows:
-        if row.role in CANOPEN_ROLES:
+        if row.role in CANOPEN_ROLES or row.carrier in CAN_CARRIERS:
             known_here: tuple[Iterable[str], ...] = (CANOPEN, CAN_CARRIERS, CANOPEN_SERVICES)
         else:
             known_here = ({**MODBUS, **OTHERS}, CARRIERS, functions())
@@ -177,6 +179,9 @@ def holes(rows: tuple[Evidence, ...]) -> list[str]:
         for service in CANOPEN_SERVICES:
             if not strangers(rows, role, service) and (service, role) not in CANOPEN_STANDS_IN:
                 found.append(f"CANopen, {role}: {service}")
+    for service in CANOPEN_SERVICES:
+        if not strangers(rows, "frames", service) and service not in NOT_ONE_FRAME:
+            found.append(f"CANopen, dissected: {service}")
     return found
 
 
@@ -249,14 +254,18 @@ def _canopen(rows: tuple[Evidence, ...]) -> Iterator[str]:
     yield "| who | what |"
     yield "|---|---|"
     for name, what in CANOPEN.items():
-        if any(row.stranger == name and row.role in CANOPEN_ROLES for row in rows):
+        if any(row.stranger == name and row.carrier in CAN_CARRIERS for row in rows):
             yield f"| {name} | {what} |"
     yield ""
-    yield f"| service | {' | '.join(CANOPEN_ROLES.values())} |"
-    yield "|---|---|---|"
+    yield f"| service | {' | '.join(CANOPEN_ROLES.values())} | dissected |"
+    yield "|---|---|---|---|"
     for service in CANOPEN_SERVICES:
         cells = [_canopen_cell(rows, role, service) for role in CANOPEN_ROLES]
-        yield f"| {service} | {' | '.join(cells)} |"
+        yield f"| {service} | {' | '.join(cells)} | {' '.join(strangers(rows, 'frames', service))} |"
+    yield ""
+    yield "Dissected: every kind of single frame as pcapng of link type 227, read by tshark, field by field against"
+    yield "what `barewire explain` says of the same bytes. tshark 4.0 leaves undissected what begins a block transfer"
+    yield "with a CRC; and segments of a block are what they are by their order only."
     if CANOPEN_STANDS_IN:
         yield ""
         yield "### Nobody to talk to, on CAN"

@@ -17,7 +17,7 @@ what it is told.
 A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` is how time passes.
 
 Three interpreters exist and no more: the blocking shell, the asyncio shell, and a test that plays a script in
-virtual time (`play` below). All three mean the same by every word here.
+virtual time (`Wire` below, and `play`). All three mean the same by every word here.
 
 I know: turns and times.  I never know: bytes, frames, sockets, clocks.  Everybody may import me.
 """
@@ -95,6 +95,48 @@ def last_words(conversation: Conversation[Item, Result], why: str = "the convers
     return said
 
 
+class Wire(Generic[Item]):
+    """The third interpreter: virtual time, on which one conversation is played after the other.
+
+    `peer(item, now)` is called for everything sent and returns what it answers as (time, item) pairs; nothing sleeps,
+    so a night on the bus is a test of a millisecond. What is still under way when a conversation ends, or raises, is
+    heard by the next one.
+    """
+
+    def __init__(
+        self,
+        peer: Callable[[Item, float], Iterable[tuple[float, Item]]],
+        *,
+        start: float = 0.0,
+        sending_takes: Callable[[Item], float] = lambda item: 0.0,
+    ) -> None:
+        self.now = start
+        self.coming: list[tuple[float, Item]] = []
+        """What is under way, and when it is there."""
+        self.peer = peer
+        self._sending_takes = sending_takes
+
+    def play(self, conversation: Conversation[Item, Result]) -> Result:
+        """Carry a conversation out, from `now` on. Whatever it raises comes out."""
+        try:
+            step = next(conversation)
+            while True:
+                item: Item | None = None
+                if isinstance(step, Send):
+                    self.now += self._sending_takes(step.item)
+                    self.coming += self.peer(step.item, self.now)
+                    self.coming.sort(key=lambda pair: pair[0])
+                elif self.coming and self.coming[0][0] <= max(step.until, self.now):
+                    when, item = self.coming.pop(0)
+                    self.now = max(self.now, when)
+                else:
+                    self.now = max(self.now, step.until)
+                step = conversation.send(Heard(item, self.now))
+        except StopIteration as stop:
+            result: Result = stop.value
+            return result
+
+
 def play(
     conversation: Conversation[Item, Result],
     peer: Callable[[Item, float], Iterable[tuple[float, Item]]],
@@ -102,28 +144,6 @@ def play(
     start: float = 0.0,
     sending_takes: Callable[[Item], float] = lambda item: 0.0,
 ) -> tuple[Result, float]:
-    """The third interpreter: carry a conversation out in virtual time. Returns the result and the time at the end.
-
-    `peer(item, now)` is called for everything sent and returns what it answers as (time, item) pairs; nothing
-    sleeps, so a night on the bus is a test of a millisecond.
-    """
-    now = start
-    coming: list[tuple[float, Item]] = []
-    try:
-        step = next(conversation)
-        while True:
-            if isinstance(step, Send):
-                now += sending_takes(step.item)
-                coming += peer(step.item, now)
-                coming.sort(key=lambda pair: pair[0])
-                heard: Heard[Item] = Heard(None, now)
-            elif coming and coming[0][0] <= max(step.until, now):
-                when, item = coming.pop(0)
-                now = max(now, when)
-                heard = Heard(item, now)
-            else:
-                now = max(now, step.until)
-                heard = Heard(None, now)
-            step = conversation.send(heard)
-    except StopIteration as stop:
-        return stop.value, now
+    """One conversation on a `Wire` of its own. Returns the result and the time at the end."""
+    wire = Wire(peer, start=start, sending_takes=sending_takes)
+    return wire.play(conversation), wire.now

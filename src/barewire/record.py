@@ -9,6 +9,9 @@
 `import typing` takes three times as long as all of `barewire.rtu`, and most of its memory, for names that only a type
 checker reads. What is needed when a program runs is here; the rest is under `TYPE_CHECKING`.
 
+What `typing` refuses is refused here too: a default before a field without one, a second base, a `__new__` of its own.
+`tests/test_record.py` holds the two against each other. Subclass what was made, if something has to be added to it.
+
 I know: how to make a class.  I never know: of what.  Everybody may import me; only the light rooms need to.
 """
 
@@ -20,7 +23,11 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-_PYTHONS_OWN = {"__annotations__", "__module__", "__qualname__"}
+_LEFT_OUT = {"__annotations__", "__module__", "__qualname__", "__dict__", "__weakref__"}
+"""What Python puts into the body of a class for itself, and a finished class has anyway."""
+_MADE_OF = ("__new__", "__init__", "__slots__", "__getnewargs__", "_fields", "_field_defaults", "_make", "_replace")
+_REFUSED = {*_MADE_OF, "__classcell__"}
+"""What a named tuple is made of; and what says that a method uses `super()`, of which nothing would come."""
 
 
 class _Maker(type):
@@ -29,12 +36,23 @@ class _Maker(type):
     def __new__(cls, name: str, bases: tuple[type, ...], body: dict[str, Any]) -> Any:
         if not bases:
             return super().__new__(cls, name, bases, body)  # NamedTuple itself
-        fields = tuple(body["__annotations__"])
-        defaults = [body[field] for field in fields if field in body]
+        if bases != (NamedTuple,):
+            raise TypeError(f"{name}: a NamedTuple has no other base")
+        if "__annotations__" not in body and any(key.startswith("__annotate") for key in body):
+            raise TypeError(f"{name}: its file has to begin with: from __future__ import annotations")
+        types = body.get("__annotations__", {})
+        fields = tuple(types)
+        with_default = tuple(field for field in fields if field in body)
+        if with_default != fields[len(fields) - len(with_default) :]:
+            raise TypeError(f"{name}: a field without a default stands behind one that has one")
+        if wrong := _REFUSED & body.keys():
+            raise AttributeError(f"{name}: a NamedTuple cannot have its own {', '.join(sorted(wrong))}")
+        defaults = [body[field] for field in with_default]
         made = namedtuple(name, fields, defaults=defaults, module=body["__module__"])  # type: ignore[misc]
-        made.__annotations__ = body["__annotations__"]
+        made.__annotations__ = types
+        made.__qualname__ = body["__qualname__"]
         for key, value in body.items():
-            if key not in fields and key not in _PYTHONS_OWN:
+            if key not in types and key not in _LEFT_OUT:
                 setattr(made, key, value)
         return made
 

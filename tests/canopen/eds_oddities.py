@@ -149,7 +149,7 @@ NUMBERS = [
     default("blank in a number", "7", "0x 1000", "blanks-in-number", 0x1000),
     default("groups of digits", "7", "1 000", "blanks-in-number", 1000),
     default("quotes around a number", "7", '"10"', "quoted", 10),
-    default("words for a number", "7", "not applicable", "bad-number blanks-in-number", 0),
+    default("words for a number", "7", "not applicable", "bad-number", 0),
     default("prefix without digits", "7", "0x", "bad-number", 0),
     default("binary", "7", "0b101", "bad-number", 0),
     one("digits of another script", typed("7", "\u0661\u0662").encode(), "9 bad-number,9 not-ascii", 0),

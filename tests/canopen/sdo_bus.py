@@ -168,6 +168,10 @@ class Store:
             raise SdoAbort(AbortCode.NO_OBJECT, index, sub)
         return self.objects[index, sub]
 
+    def may_write(self, index: int, sub: int, size: int | None) -> None:
+        """Whatever is there."""
+        self.read(index, sub)
+
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Another value."""
         self.read(index, sub)

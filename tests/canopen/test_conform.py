@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from barewire.canopen import CanFrame, Device, NmtState
-from barewire.canopen.conform import Case, Subject, Turn, carry_out, cases, survey
+from barewire.canopen.conform import FLOOD, Case, Subject, Turn, carry_out, cases, survey
 from barewire.canopen.conform_said import Sdo
 from barewire.conversation import play
 from barewire.errors import NoAnswer
@@ -174,6 +174,21 @@ def test_a_difference_is_told_in_one_sentence() -> None:
     outcome, _ = play(carry_out(case), lambda frame, now: [(now + 0.1, CanFrame.parse(answers[str(frame)]))])
     assert outcome.heard == (("585#80",), ("185#01",))
     assert outcome.failure == "after 080#: 185#01, expected silence"
+
+
+def test_a_flood_is_an_answer_that_is_too_long() -> None:
+    """Frames without end, each of them one that the case listens for: it comes to an end, and so does the sentence."""
+    case = Case("X-1", "any", "CiA 301", "reads", ("585",), (Turn(("605#4000100000000000",), ("585#43......",)),))
+
+    def flood(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        return [(now + at / 1e6, CanFrame.parse(f"585#{at:016X}")) for at in range(30_000)]
+
+    outcome, _ = play(carry_out(case), flood)
+    assert outcome.failure is not None
+    assert outcome.failure.startswith("after 605#4000100000000000: 585#0000000000000000, 585#00")
+    assert f"{FLOOD} frames and more, expected 585#43" in outcome.failure
+    assert len(outcome.failure) < 400
+    assert sum(map(len, outcome.heard)) == FLOOD
 
 
 def test_an_accepted_end_ends_the_case() -> None:

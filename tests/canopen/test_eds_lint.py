@@ -146,7 +146,6 @@ FAULTS = [
     ("[1001]", "[1002]", 0, "missing-object"),
     ("DefaultValue=5\n", "DefaultValue=5\nUnit=rpm\n", "Unit=rpm", "unknown-key"),
     ("SupportedObjects=1\n", "SupportedObjects=1\nHint=x\n", "Hint=x", "unknown-key"),
-    ("[2000]\nParameterName=Speed\nObjectType=0x7\n", "[2000]\nParameterName=Speed\n", "[2000]", "no-object-type"),
     ("without fault", "x" * 250, "Description=" + "x" * 250, "long-line"),
     ("01-31-2026", "2026-01-31", "CreationDate=2026-01-31", "date-form"),
     ("12-31-2026", "12-32-2026", "ModificationDate=12-32-2026", "date-form"),
@@ -236,6 +235,8 @@ def test_every_rule_has_a_fault() -> None:
         ("NrOfRXPDO", "NrOfRxPDO"),  # the standard writes it both ways
         ("LSS_Supported=0", "LSS_Supported=0\nLMT_ProductName=old"),
         ("FileVersion=1", "FileVersion=0x01"),
+        ("ParameterName=Speed\nObjectType=0x7\n", "ParameterName=Speed\n"),  # then it is 7 [CiA 306 4.6.3.2]
+        ("EDSVersion=4.0\n", ""),  # then it is 3.0 [CiA 306 4.4]
         (
             "[1018sub1]",  # FFh tells of the type, and is not counted
             "[1018subFF]\nParameterName=t\nObjectType=7\nDataType=7\nAccessType=ro\n[1018sub1]",
@@ -250,6 +251,15 @@ def test_every_rule_has_a_fault() -> None:
 def test_what_is_no_fault(old: str, new: str) -> None:
     assert old in FINE
     assert eds.lint(eds.parse(FINE.replace(old, new, 1).encode())) == ()
+
+
+@pytest.mark.parametrize(
+    ("new", "says"), [("SubNumber=3", "[1018] SubNumber=3, there are 2"), ("", "[1018] no SubNumber, there are 2")]
+)
+def test_a_count_is_said_beside_the_true_one(new: str, says: str) -> None:
+    """Made for a reader: 528 public files had 804 of these, and most said "None"."""
+    found = eds.lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
+    assert [str(one).split(": ")[1:3] for one in found] == [["sub-number", says]]
 
 
 def test_lint_has_the_oddities_too_in_the_order_of_lines() -> None:

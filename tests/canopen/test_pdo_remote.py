@@ -159,4 +159,7 @@ def test_pdos_out_of_a_dictionary() -> None:
         ("TPDO", 5, (), 255, 0x80000000),
     ]
     device.objects.replace(Entry(0x1A01, 0, "entries", "u8", "rw", 0xFE))
+    multiplexed = pdos_of(device.objects, 5)[1]
+    assert (multiplexed.number, multiplexed.mapping, multiplexed.multiplexed) == (2, (), "SAM")
+    device.objects.replace(Entry(0x1A01, 0, "entries", "u8", "rw", 0xF0))  # neither a number of entries nor a word
     assert [pdo.number for pdo in pdos_of(device.objects, 5)] == [1, 5]

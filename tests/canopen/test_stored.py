@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, SdoAbort
+from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, SdoAbort
+from barewire.canopen.own_objects import standard_objects
 
 SUBS = range(1, 5)
 
@@ -74,3 +75,22 @@ def test_only_the_signature_stores() -> None:
             with pytest.raises(SdoAbort, match="0800 0020h"):
                 one.objects.write(index, 1, wrong)
     assert one.stored.values == {}
+
+
+def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> None:
+    """A COB-ID of the predefined connection set is stored as what it is: that of whatever node-ID there is."""
+    address = LssAddress(1, 2, 3, 4)
+    slave = LssSlave(address, store=lambda node, rate: True)
+    objects = ObjectDictionary(
+        [*standard_objects(address), Entry(0x1010, 1, "store", "u32"), Entry(0x6041, 0, "statusword", "u16", "ro", 7)]
+    )
+    device = Device(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("TPDO", 2, ())], lss=slave)
+    device.start(0.0)
+    objects.write(0x1800, 2, b"\x03")
+    for word in (0x8000_0285, 0x2AB):
+        objects.write(0x1801, 1, word.to_bytes(4, "little"))
+    objects.write(0x1010, 1, b"save")
+    for text in ("7E5#0401000000000000", "7E5#1109000000000000", "7E5#0400000000000000", "000#8105"):
+        device.feed(CanFrame.parse(text), 0.0)
+    assert (device.node, objects.get(0x1014), objects.get(0x1800, 1)) == (9, 0x89, 0x189)
+    assert (objects.get(0x1800, 2), objects.get(0x1801, 1)) == (3, 0x2AB)

@@ -23,6 +23,7 @@ from tests.helpers import refused
 
 NAMES = ("Position Actual Value", "Status Word")
 CSD = load("csd-mt")
+BUSY = "exception 06 (server device busy) to function 03; while reading Position Actual Value"
 
 
 # Deadlines, without a wire
@@ -87,7 +88,7 @@ def test_faults_are_shown_and_polling_goes_on() -> None:
         assert process.wait(10) == 0
     failed = [poll for poll in told if "error" in poll]
     assert 0 < len(failed) < 20
-    assert {poll["error"] for poll in failed} == {"exception 06 (server device busy) to function 03"}
+    assert {poll["error"] for poll in failed} == {BUSY}
     errors = done.stderr.splitlines()
     assert done.returncode == 0
     assert len(done.stdout.splitlines()) + len(errors) == 21
@@ -151,6 +152,35 @@ def test_a_plot(suffix: str, tmp_path: Path) -> None:
     assert len(drawn) > 5000
 
 
+def test_a_plot_is_drawn_however_the_watch_ends(tmp_path: Path) -> None:
+    """Ctrl-C before the count is full, or a reader of the output that has had enough: what was watched is not lost."""
+    for ended_by in ("Ctrl-C", "a closed pipe"):
+        file = tmp_path / f"{ended_by}.svg"
+        with simulated("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+            words = ["watch", endpoint, "csd-mt", *NAMES, "--period", "0.02", "--count", "100000", "--plot", str(file)]
+            with subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+                assert process.stdout is not None
+                assert process.stderr is not None
+                for _ in range(3):
+                    assert process.stdout.readline()
+                if ended_by == "Ctrl-C":
+                    process.send_signal(signal.SIGINT)
+                else:
+                    process.stdout.close()
+                assert process.stderr.read().strip() == b""
+                assert process.wait(30) == (130 if ended_by == "Ctrl-C" else 1)
+        assert file.stat().st_size > 5000
+
+
+def test_nothing_to_draw_is_said(tmp_path: Path) -> None:
+    with simulated("adxl", "tcp://127.0.0.1:0") as endpoint:
+        where = ("watch", endpoint, "raw", "holding:40000", "--period", "0.05", "--count", "1")
+        done = barewire(*where, "--plot", f"{tmp_path}/none.svg")
+    assert done.returncode == 1
+    assert done.stderr.endswith("none.svg: no value came, nothing is drawn\n")
+    assert not (tmp_path / "none.svg").exists()
+
+
 def test_nothing_to_draw_is_an_empty_plot(tmp_path: Path) -> None:
     draw(str(tmp_path / "empty.svg"), "nothing", [CSD.find(NAMES[0])], [])
     assert (tmp_path / "empty.svg").exists()
@@ -163,6 +193,9 @@ def test_what_cannot_be_drawn_is_told_before_anything_is_watched(
         check("curve.txt")
     with refused(EncodeError, "there is no such directory"):
         check(f"{tmp_path}/nowhere/curve.svg")
+    (tmp_path / "dir.svg").mkdir()
+    with refused(EncodeError, "dir.svg: that is a directory"):
+        check(f"{tmp_path}/dir.svg")
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with refused(PortError, "drawing needs the extra 'plot': pip install 'barewire[plot]'"):
         check(f"{tmp_path}/curve.svg")

@@ -202,7 +202,11 @@ def test_what_an_object_cannot_be() -> None:
 def test_what_was_written_before_an_abort_is_noted(machine: Machine) -> None:
     with pytest.raises(SdoAbort) as caught:
         write(machine, {"MODES OF OPERATION": 1, "TARGET POSITION": 5, "SPIDAC CHANNEL 2 SCALE": 1.0})
-    assert caught.value.__notes__ == ["written before that: MODES OF OPERATION, TARGET POSITION"]
+    before = "written before that: MODES OF OPERATION, TARGET POSITION"
+    assert caught.value.__notes__ == ["while writing SPIDAC CHANNEL 2 SCALE", before]
+    with pytest.raises(SdoAbort) as caught:
+        read(machine, "TARGET POSITION", "SPIDAC CHANNEL 2 SCALE")
+    assert caught.value.__notes__ == ["while reading SPIDAC CHANNEL 2 SCALE"]
 
 
 def test_nobody_there() -> None:

@@ -211,10 +211,30 @@ def test_what_was_written_before_a_refusal_is_noted(machine: Machine) -> None:
     machine.refuses.add(1080)
     with pytest.raises(ModbusException) as caught:
         write(machine, CSD, {"Control Word": 6, "Mode of Operation": 3, "Current Ratio": 50})
-    assert caught.value.__notes__ == ["written before that: Control Word, Mode of Operation"]
+    before = "written before that: Control Word, Mode of Operation"
+    assert caught.value.__notes__ == ["while writing Current Ratio", before]
     with pytest.raises(ModbusException) as caught:
         write(machine, CSD, {"Current Ratio": 50})
-    assert not hasattr(caught.value, "__notes__")
+    assert caught.value.__notes__ == ["while writing Current Ratio"]
+
+
+def test_a_command_that_the_device_does_not_answer() -> None:
+    """2F03h restarts an ADXL "without any response": a time-out is what was expected. A refusal is still heard."""
+    asked: list[bytes] = []
+
+    def silent(item: bytes, now: float) -> list[tuple[float, bytes]]:
+        asked.append(item)
+        return []
+
+    play(write_modbus(Bus(TcpLine()), 1, ADXL, {"Save and reboot": 5}), silent)
+    assert [item[7:].hex(" ") for item in asked] == ["06 2f 02 00 05"]
+    with pytest.raises(NoAnswer) as caught:
+        play(write_modbus(Bus(TcpLine()), 1, ADXL, {"Motor start command": 1}), silent)
+    assert caught.value.__notes__ == ["while writing Motor start command"]
+    busy = Machine()
+    busy.refuses.add(0x2F02)
+    with pytest.raises(ModbusException):
+        write(busy, ADXL, {"Save and reboot": 5})
 
 
 def test_nobody_there() -> None:

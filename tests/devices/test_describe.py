@@ -17,7 +17,7 @@ from barewire.devices.rows import REQUIRED, RULES
 from tests.devices.test_descriptions import HEAD, HEAD_MISTAKES, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
-KEYS += ["modbus", "object", "bits", "storable", "printed"]
+KEYS += ["modbus", "object", "bits", "storable", "answered", "printed"]
 
 SCHEMA: dict[str, Any] = json.loads((CATALOG / "schema.json").read_text(encoding="utf-8"))
 VALIDATOR = Draft202012Validator(SCHEMA)

@@ -250,10 +250,6 @@ def test_a_set_point_that_is_not_taken(csd: Bench) -> None:
     assert csd.do(csd.drive.move(100, immediately=True)).position == 100
 
 
-def test_homing_without_a_method(csd: Bench) -> None:
-    assert "waiting for homing attained (bits 12 and 10)" in csd.stuck(csd.drive.home(within=1.0))
-
-
 def test_the_drive_is_disabled_by_somebody_else(csd: Bench) -> None:
     def interferes(progress: Progress) -> None:
         if progress.look.position:

@@ -97,8 +97,11 @@ def test_valid_means_that_the_decoders_agree(pdu: bytes, unit: int) -> None:
         except DecodeError as error:
             fault = error
         said = explain("rtu", rtu.encode(unit, pdu), "request" if role == "request" else "response")
-        if fault is None:
-            assert said.valid == bool(pdu[0] & 0x7F)
+        if not pdu[0] & 0x7F:  # whatever its length: there is no function 00
+            assert said.error is not None
+            assert said.error.reason == "function"
+        elif fault is None:
+            assert said.valid
         elif fault.reason != "function":
             assert said.error == (fault.reason, fault.at + 1, fault.text)
 

@@ -17,13 +17,13 @@ from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.devices import load
 from barewire.errors import DecodeError
 from barewire.explain.asc import read_asc
+from barewire.explain.blf import read_blf
 from barewire.explain.can_recording import CanKeeper, is_can_recording, read_recording, replay_can
 from barewire.explain.candump import log_line, parse_frame, read_candump
 from barewire.explain.listen import as_dict, of_device
 from barewire.explain.pcapng import Packet, header, interface, packet
 from barewire.explain.recorded import AnyFrame, Dropped, Item, Recorded, Unread
 from barewire.explain.socketcan import SOCKETCAN, from_packet, to_packet
-from barewire.shells.can_blf import read_blf
 from tests.explain.can_run import DRIVE, recorded
 from tests.helpers import refused, unhex
 

@@ -139,6 +139,7 @@ def test_a_dialect_that_is_agreed_upon_breaks_no_rule() -> None:
     told = listener.feed(CanFrame.parse("605#4B41600000000000"), 0.0)
     assert [event for event in told if isinstance(event, Violation)] == []
     told = listener.feed(CanFrame.parse("606#4B41600000000000"), 0.0)
+    told += listener.feed(CanFrame.parse("586#4B41600037060000"), 0.1)  # so it was no segment of a block
     assert [event.rule for event in told if isinstance(event, Violation)] == ["SDO-RESERVED"]
 
 

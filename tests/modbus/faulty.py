@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from barewire.ascii import encode as encode_ascii
-from barewire.conversation import Abandoned, Conversation, Heard, Send
+from barewire.conversation import Abandoned, Conversation, Heard, Send, Wire
 from barewire.errors import NoAnswer
 from barewire.modbus import Bus, Line, ReadHoldingRegisters, Server, Table
 from barewire.rtu import RtuLine, Timing, encode
@@ -24,7 +24,7 @@ TIMING = Timing.of(19200)
 Reply = list[tuple[float, bytes]]
 
 
-class Unit:
+class Unit(Wire[bytes]):
     """Answers as a good unit does (each register holds its own address), except where `row` says otherwise."""
 
     def __init__(self, row: Callable[[bytes], Reply], line: Line, wrong: int = 1) -> None:
@@ -33,36 +33,18 @@ class Unit:
             table.holding_registers[address] = address
         self.server = Server(line, {1: table}, serial=not line.numbered)
         self.row, self.wrong = row, wrong
-        self.now = 0.0
-        self.coming: Reply = []
+        super().__init__(self.say)
 
     def good(self, request: bytes) -> bytes:
         replies = self.server.feed(request, self.now)
         return replies[0].data if replies else b""
 
-    def play(self, conversation: Conversation[bytes, Any]) -> Any:
-        """Carry a conversation out in virtual time."""
-        try:
-            step = next(conversation)
-            while True:
-                item = None
-                if isinstance(step, Send):
-                    self.say(step.item)
-                elif self.coming and self.coming[0][0] <= max(step.until, self.now):
-                    when, item = self.coming.pop(0)
-                    self.now = max(self.now, when)
-                else:
-                    self.now = max(self.now, step.until)
-                step = conversation.send(Heard(item, self.now))
-        except StopIteration as stop:
-            return stop.value
-
-    def say(self, request: bytes) -> None:
+    def say(self, request: bytes, now: float) -> Reply:
         self.wrong -= 1
         good = self.good(request)
         replies = self.row(good) if self.wrong >= 0 else [(0.01, good)]
-        begin = max([self.now, *(when for when, _ in self.coming)])  # one answer behind the other
-        self.coming += [(begin + after, data) for after, data in replies]
+        begin = max([now, *(when for when, _ in self.coming)])  # one answer behind the other
+        return [(begin + after, data) for after, data in replies]
 
 
 def rtu(pdu: str, unit: int = 1) -> bytes:
@@ -173,7 +155,7 @@ def abandon_when_sent(unit: Unit, conversation: Conversation[bytes, Any]) -> Non
     while not isinstance(step, Send):
         unit.now = max(unit.now, step.until)
         step = conversation.send(Heard(None, unit.now))
-    unit.say(step.item)
+    unit.coming += unit.say(step.item, unit.now)
     conversation.send(Heard(None, unit.now))
     with suppress(Abandoned):
         conversation.throw(Abandoned("cancelled"))

@@ -1,10 +1,10 @@
-"""A unit that answers when it likes, and what plays questions to it in virtual time, one after the other."""
+"""A unit that answers when it likes, and a wire on which questions are played to it, one after the other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from barewire.conversation import Conversation, Heard, Send
+from barewire.conversation import Conversation, Wire
 from barewire.modbus import Line, ReadHoldingRegisters, Server, Table
 from barewire.modbus.bus import Bus
 from barewire.rtu import RtuLine, Timing
@@ -47,37 +47,11 @@ def rtu_bus(**options: object) -> Bus:
     return Bus(RtuLine(TIMING), **options)  # type: ignore[arg-type]
 
 
-class Clock:
-    """Plays one conversation after the other on the same bus, keeping the time and what is still under way."""
+class Clock(Wire[bytes]):
+    """A wire on which sending takes its time."""
 
     def __init__(self, peer: Peer) -> None:
-        self.peer = peer
-        self.now = 0.0
-        self.coming: list[tuple[float, bytes]] = []
-
-    def play(self, conversation: Conversation[bytes, object]) -> object:
-        def peer(data: bytes, now: float) -> list[tuple[float, bytes]]:
-            return list(self.peer(data, now))
-
-        now = self.now
-        try:
-            step = next(conversation)
-            while True:
-                if isinstance(step, Send):
-                    now += TIMING.duration(len(step.item))
-                    self.coming = sorted([*self.coming, *peer(step.item, now)])
-                    heard: Heard[bytes] = Heard(None, now)
-                elif self.coming and self.coming[0][0] <= max(step.until, now):
-                    when, item = self.coming.pop(0)
-                    now = max(now, when)
-                    heard = Heard(item, now)
-                else:
-                    now = max(now, step.until)
-                    heard = Heard(None, now)
-                self.now = now
-                step = conversation.send(heard)
-        except StopIteration as stop:
-            return stop.value
+        super().__init__(peer, sending_takes=lambda data: TIMING.duration(len(data)))
 
 
 def read(bus: Bus, address: int, unit: int = 1, timeout: float = 1.0) -> Conversation[bytes, object]:

@@ -19,10 +19,10 @@ import random
 import sys
 import time
 from collections import Counter
-from typing import Any
+from collections.abc import Iterator
 
 from barewire.ascii import AsciiLine
-from barewire.conversation import Conversation, Heard, Send
+from barewire.conversation import Wire
 from barewire.errors import NoAnswer
 from barewire.modbus import (
     Bus,
@@ -46,7 +46,7 @@ TCP = ("lost", "doubled", "pieces", "slow", "late", "broken")
 CARRIERS = ("rtu", "ascii", "tcp")
 
 
-class Wire:
+class BadWire(Wire[bytes]):
     """A unit behind a bad wire, in virtual time. One message in `rarity` meets a fault."""
 
     def __init__(self, carrier: str, dice: random.Random, rarity: int) -> None:
@@ -54,9 +54,8 @@ class Wire:
         self.table = Table(size=SIZE)
         for address in range(SIZE):
             self.table.holding_registers[address] = self.table.input_registers[address] = address
-        self.now = 0.0
+        super().__init__(self.carry, sending_takes=lambda data: TIMING.duration(len(data)))
         self.faults: Counter[str] = Counter()
-        self.coming: list[tuple[float, bytes]] = []
         self.unseen = 0
         self.connect()
 
@@ -100,55 +99,35 @@ class Wire:
                 return data[:2] + b"\x12\x34" + data[4:]
         return data
 
-    def carry(self, data: bytes) -> None:
+    def carry(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         """A request goes out; what is answered is under way from here on."""
         kind = self.fault() if self.carrier != "tcp" else None
         if kind not in ("slow", "late", "pieces", "doubled"):
             whole, data = data, self.damage(kind, data)
             self.unseen += self.carrier == "rtu" and data != whole and crc16(data) == 0
-        replies = self.server.feed(data, self.now) if data else []
+        replies = self.server.feed(data, now) if data else []
         while not replies and (deadline := self.server.deadline) is not None:
             replies = self.server.feed(None, deadline)
-        for reply in replies:
-            self.answer(reply.data)
+        return [part for reply in replies for part in self.answer(reply.data, now)]
 
-    def answer(self, data: bytes) -> None:
+    def answer(self, data: bytes, now: float) -> Iterator[tuple[float, bytes]]:
         """An answer comes back: in order, whatever happens to it."""
         kind = self.fault()
         data = self.damage(kind, data)
         delay = {"slow": 0.9 * TIMEOUT, "late": TIMEOUT * self.dice.uniform(1.01, 2.5)}.get(kind or "", 0.005)
-        start = self.free_at = max(self.free_at, self.now) + delay
+        start = self.free_at = max(self.free_at, now) + delay
         self.server.line.sent(start)
         cuts = sorted(self.dice.sample(range(1, len(data)), 2)) if kind == "pieces" and len(data) > 3 else []
         for step, (low, high) in enumerate(zip([0, *cuts], [*cuts, len(data)])):
             if high > low:
-                self.coming.append((start + 0.01 * step, data[low:high]))
                 self.free_at = start + 0.01 * step
-        self.coming.sort(key=lambda pair: pair[0])
-
-    def play(self, conversation: Conversation[bytes, Any]) -> Any:
-        """Carry a conversation out."""
-        try:
-            step = next(conversation)
-            while True:
-                item = None
-                if isinstance(step, Send):
-                    self.now += TIMING.duration(len(step.item))
-                    self.carry(step.item)
-                elif self.coming and self.coming[0][0] <= max(step.until, self.now):
-                    when, item = self.coming.pop(0)
-                    self.now = max(self.now, when)
-                else:
-                    self.now = max(self.now, step.until)
-                step = conversation.send(Heard(item, self.now))
-        except StopIteration as stop:
-            return stop.value
+                yield self.free_at, data[low:high]
 
 
 def soak(carrier: str, count: int, *, seed: int = 1, rarity: int = 6) -> Counter[str]:
     """So many exchanges; what became of them and what was done to them. AssertionError for a wrong answer."""
     dice = random.Random(f"{carrier} {seed}")
-    wire = Wire(carrier, dice, rarity)
+    wire = BadWire(carrier, dice, rarity)
     bus = Bus(wire.line("client"), late_window=60.0)
     ends: Counter[str] = Counter()
     for number in range(count):
@@ -157,8 +136,8 @@ def soak(carrier: str, count: int, *, seed: int = 1, rarity: int = 6) -> Counter
         try:
             if kind == 0:
                 value = number & 0xFFFF
-                response = wire.play(bus.ask(1, WriteSingleRegister(SIZE - 1, value), timeout=TIMEOUT, retries=retries))
-                assert (SIZE - 1, value) == (response.address, response.value), number
+                written = wire.play(bus.ask(1, WriteSingleRegister(SIZE - 1, value), timeout=TIMEOUT, retries=retries))
+                assert (SIZE - 1, value) == (written.address, written.value), number
                 assert wire.table.holding_registers[SIZE - 1] == value, number
             else:
                 request = (ReadInputRegisters if kind == 1 else ReadHoldingRegisters)(at, quantity)

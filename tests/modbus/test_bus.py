@@ -234,7 +234,7 @@ def test_whatever_is_late_or_lost_no_value_is_ever_another_ones(
         except ModbusException:
             assert address > 255
             continue
-        assert answer.registers == (address,)  # type: ignore[attr-defined]
+        assert answer.registers == (address,)
     assert len(bus.suspect) <= 16
 
 

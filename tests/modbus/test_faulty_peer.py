@@ -104,14 +104,14 @@ def abandoned_after(steps: int, unit: Unit, conversation: Generator[Any, Any, An
         for _ in range(steps):
             item = None
             if isinstance(step, Send):
-                unit.say(step.item)
+                unit.coming += unit.say(step.item, unit.now)
             elif unit.coming and unit.coming[0][0] <= max(step.until, unit.now):
                 unit.now, item = unit.coming.pop(0)
             else:
                 unit.now = max(unit.now, step.until)
             step = conversation.send(Heard(item, unit.now))
         if isinstance(step, Send):
-            unit.say(step.item)  # nobody knows how much of it went out; here: all of it
+            unit.coming += unit.say(step.item, unit.now)  # nobody knows how much of it went out; here: all of it
         conversation.throw(Abandoned("cancelled"))
     except StopIteration:
         return False

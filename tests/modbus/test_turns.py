@@ -57,3 +57,39 @@ def test_never_more_than_there_are_places_and_everybody_gets_a_turn(
         turns.leave(leaving)
     assert len(had) == len(units)
     assert not turns.holders
+
+
+def test_without_a_ticket_nobody_is_overtaken() -> None:
+    turns = Turns()
+    assert turns.enter(1)
+    assert not turns.enter(1)
+    waiting = turns.join(1)
+    other = turns.join(2)
+    assert not turns.enter(3)
+    assert turns.exit()
+    assert turns.has(other)  # unit 1 had its turn, if without a ticket
+    assert turns.leave(other)
+    assert turns.has(waiting)
+    assert not turns.enter(2)
+    assert not turns.leave(waiting)
+    assert turns.enter(2)
+
+
+@modest
+@given(places=st.integers(1, 4), steps=st.lists(st.tuples(st.booleans(), st.integers(1, 3)), max_size=60))
+def test_with_and_without_tickets_there_are_as_many_places(places: int, steps: list[tuple[bool, int]]) -> None:
+    turns = Turns(places)
+    entered, tickets = 0, list[Ticket]()
+    for arrives, unit in steps:
+        if arrives and turns.enter(unit):
+            entered += 1
+        elif arrives:
+            tickets.append(turns.join(unit))
+        elif entered:
+            turns.exit()
+            entered -= 1
+        elif tickets:
+            turns.leave(tickets.pop(0))
+        inside = entered + len(turns.holders)
+        assert inside == min(places, entered + len(tickets))
+        assert turns.holders <= set(tickets)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import threading
+import time
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, assert_type
 
@@ -25,6 +26,7 @@ from barewire.canopen import (
     scan,
 )
 from barewire.canopen.emcy_consumer import EmcyEvent
+from barewire.canopen.guarding import Guard, GuardEvent
 from barewire.canopen.heartbeat import HeartbeatEvent
 from barewire.canopen.pdo_listen import PdoHeard
 from barewire.canopen.sync import SyncEvent
@@ -176,6 +178,72 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, Device]) -> None:
             assert (await get(times.get(5.0))).stamp.unix == 1709210096.789
             other.stop()
             other._tap.bus.close()
+
+    walk(tour, kind, url)
+
+
+@KINDS
+def test_node_guarding(kind: str, thing: tuple[str, Device]) -> None:
+    async def tour(client: Any) -> None:
+        told: list[GuardEvent] = []
+
+        async def until(*kinds: str) -> None:
+            deadline = time.monotonic() + 30.0
+            while tuple(event.kind for event in told) != kinds:
+                assert time.monotonic() < deadline, told
+                await asyncio.sleep(0.001)
+
+        guarding = client.start_guarding({5: Guard(0.02, 200)}, told.append)
+        await until("answered")
+        await get(client.command(NmtCommand.STOP))
+        await until("answered", "state")
+        assert (told[-1].node, told[-1].state) == (5, NmtState.STOPPED)
+        await get(client.command(NmtCommand.RESET_COMMUNICATION))
+        await until("answered", "state", "booted", "state")
+        guarding.stop()
+        told.clear()
+        gone = client.start_guarding({6: Guard(0.01, 2)}, told.append)
+        await until("lost")
+        gone.stop()
+        with pytest.raises(EncodeError, match="expected a time above 0"):
+            client.start_guarding({5: Guard(0.0)}, print)
+
+    walk(tour, kind, thing[0])
+
+
+@KINDS
+def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, Device]) -> None:
+    """Each of the three with another COB-ID, and an extended one whose number is that of the default."""
+    url, node = thing
+    sync, clock, emcy = (0x80, True), (0x100, True), (0x6B0, False)
+
+    async def tour(client: Any) -> None:
+        moved = ((0x1005, 0x2000_0080), (0x1012, 0x100), (0x1012, 0xA000_0100), (0x1014, 1 << 31), (0x1014, 0x6B0))
+        for index, word in moved:
+            await get(client.download(index, 0, word.to_bytes(4, "little")))
+        await get(client.command(NmtCommand.START))
+        tpdo = await get(client.remote_pdo("TPDO", 1, objects=node.objects))
+        with client.pdos(tpdo) as values, client.emergencies({emcy: 5}) as errors:
+            await get(client.send_sync())
+            await get(client.send_time(1e9))
+            await get(client.send(CanFrame.parse("205#01")))  # too short
+            assert (await get(errors.get(30.0))).message.code == 0x8210
+            assert (await get(values.get(0.0)), node.time.last) == (None, None)
+            await get(client.send_sync(key=sync))
+            assert isinstance(await get(values.get(30.0)), PdoHeard)
+            producer = client.start_sync(0.005, key=sync)
+            assert isinstance(await get(values.get(30.0)), PdoHeard)
+            producer.stop()
+            await get(client.send_time(1709210096.789, key=clock))
+            await get(client.upload(0x1000))
+            assert node.time.last is not None
+            assert node.time.last.stamp.unix == 1709210096.789
+        with client.syncs(key=sync) as beats, client.times(key=clock) as times:
+            with open_canopen(url) as other:
+                other.send_sync(key=sync)
+                other.send_time(1.5e9, key=clock)
+            assert isinstance(await get(beats.get(30.0)), SyncEvent)
+            assert isinstance(await get(times.get(30.0)), TimeHeard)
 
     walk(tour, kind, url)
 

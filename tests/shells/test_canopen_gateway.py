@@ -78,6 +78,56 @@ def test_lines_are_answered_in_their_order_however_they_are_cut() -> None:
     play(body)
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_any_line_end_will_do(end: str) -> None:
+    """Terminal programs send CR alone."""
+
+    async def body() -> None:
+        async with gateway(f"gateway-ends-{end.encode().hex()}") as (made, _):
+            person = await Person.at(made)
+            for part in f"[1] set node 5{end}[2] info version{end}[3] set node 6{end}":
+                person.say(part)
+                await asyncio.sleep(0)
+            for number in (1, 2, 3):
+                assert (await person.hear()).startswith(f"[{number}] ")
+            await person.leave()
+
+    play(body)
+
+
+def test_bytes_that_are_no_text_are_refused_like_any_nonsense() -> None:
+    async def body() -> None:
+        async with gateway("gateway-binary") as (made, _):
+            person = await Person.at(made)
+            person.writer.write(b"\xff\xfb\x01\x00\x80" * 20 + b"\n\0\n[1] \xc3\x28\n")
+            for _ in range(2):
+                assert (await person.hear()).startswith("[0] ERROR:101 #")
+            assert (await person.hear()).startswith("[1] ERROR:101 #")
+            assert await person.ask("[2] set node 5") == "[2] OK"
+            await person.leave()
+
+    play(body)
+
+
+def test_a_bus_without_remote_frames_has_no_guarding() -> None:
+    """It was the end of the gateway for everybody."""
+
+    async def body() -> None:
+        async with gateway("gateway-remote") as (_, client):
+            client.bus.name = "socketcand/127.0.0.1:1/can0"  # what python-can says over it has no remote frames
+            async with await serve_gateway(client) as made:
+                person = await Person.at(made)
+                refusal = await person.ask("[1] 5 enable guarding 20 2")
+                assert refusal.startswith("[1] ERROR:100 #")
+                assert "enable heartbeat" in refusal
+                assert await person.ask("[2] 5 disable guarding") == "[2] OK"
+                assert await person.ask("[3] 5 enable heartbeat 1000") == "[3] OK"
+                assert not made.ended.is_set()
+                await person.leave()
+
+    play(body)
+
+
 def test_who_sends_and_hangs_up_is_still_answered() -> None:
     async def body() -> None:
         async with gateway("gateway-eof") as (made, _):

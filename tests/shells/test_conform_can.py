@@ -32,6 +32,22 @@ def test_our_device_passes(device: str) -> None:
     assert len(results) > 130
 
 
+def test_what_somebody_set_before_is_no_fault_of_the_device(device: str) -> None:
+    """1017h is compared with what it has after a reset, not with what it had when the battery came."""
+    with open_canopen(device) as client:
+        client.download(0x1017, 0, (1234).to_bytes(2, "little"))
+        results = list(conform_can(Endpoint.parse(device), only=("SDO-01",)))
+        assert client.upload(0x1017) == (1234).to_bytes(2, "little")  # these read only: nothing was reset
+    assert [result.failure for result in results] == [None]
+    results = list(conform_can(Endpoint.parse(device), only=("NMT-17", "NMT-18")))
+    assert [result.failure for result in results] == [None, None]
+
+
+def test_a_large_object_that_is_not_there(device: str) -> None:
+    with refused(EncodeError, f"the large object 2FFF:00: node {NODE} has no such object"):
+        list(conform_can(Endpoint.parse(device), large=(0x2FFF, 0)))
+
+
 def test_gentle_leaves_out_what_changes_anything(device: str) -> None:
     results = list(conform_can(Endpoint.parse(device), gentle=True, only=("SDO", "TPD")))
     assert [result.failure for result in results if result.failure] == []

@@ -108,6 +108,27 @@ def test_over_the_limit_the_one_that_was_silent_longest_goes() -> None:
     asyncio.run(talk())
 
 
+@pytest.mark.parametrize("said", [b"", READ[:7]])
+def test_over_the_limit_those_that_never_asked_anything_go_first(said: bytes) -> None:
+    async def talk() -> None:
+        async with serving(connections=3) as server:
+            client = await Client.of(server)
+            await client.ask()
+            strangers = []
+            for _ in range(6):
+                stranger = await Client.of(server)
+                stranger.writer.write(said)
+                strangers.append(stranger)
+            newcomer = await Client.of(server)
+            assert await newcomer.ask() == ANSWER
+            assert await client.ask() == ANSWER  # the same connection as ever, though it was silent longest
+            assert [await stranger.is_gone() for stranger in strangers[:5]] == [True] * 5
+            assert "unused longest of 3 connections" in server.turned_away[-1]
+            await asyncio.gather(*(each.close() for each in (client, newcomer, *strangers)))
+
+    asyncio.run(talk())
+
+
 def test_whoever_is_silent_too_long_goes_and_half_a_request_is_silence_too() -> None:
     async def talk() -> None:
         async with serving(idle=0.3) as server:
@@ -176,5 +197,5 @@ def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept() -> None:
 
 
 def test_a_limit_that_is_none() -> None:
-    with refused(EncodeError, "connections=0: at least one"):
+    with refused(EncodeError, "connections 0: expected 1 or more"):
         asyncio.run(serve("tcp://127.0.0.1:0?connections=0", {1: Table()}))

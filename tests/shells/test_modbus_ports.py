@@ -121,6 +121,12 @@ def test_a_refused_connection() -> None:
         open_modbus(f"tcp://127.0.0.1:{port}")
 
 
+@pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd"])
+def test_a_file_that_is_no_serial_port_is_told(path: str) -> None:
+    with pytest.raises(PortError, match=f"^{path}: it is there, but no serial port$"):
+        open_modbus(f"rtu://{path}")
+
+
 def test_a_serial_port_that_is_not_there() -> None:
     with pytest.raises(PortError, match=r"^/dev/tty-nowhere: no such file or directory$"):
         open_modbus("rtu:///dev/tty-nowhere")

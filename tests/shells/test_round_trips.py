@@ -41,13 +41,18 @@ def travels(device: Device, parameter: Parameter, url: str) -> bool:
     return parameter.modbus is not None
 
 
+def patient(url: str) -> str:
+    """The URL for a client that gives a slow machine its time."""
+    return f"{url}{'&' if '?' in url else '?'}timeout=20"
+
+
 @pytest.mark.parametrize(("name", "url"), LINES, ids=[f"{name}-{url.partition(':')[0]}" for name, url in LINES])
 def test_every_parameter_over_every_real_port(name: str, url: str) -> None:
     device, machine = load(name), simulator(name, time.monotonic())
     where = f"can://socketcand/127.0.0.1:{free_port()}/can0" if url == "can" else url
     units = None if url == "can" else Addressed(machine, 255, 0)
     wrong, done = [], 0
-    with open_host(where, units=units, node=machine.canopen) as host, connect(host.url) as client:
+    with open_host(where, units=units, node=machine.canopen) as host, connect(patient(host.url)) as client:
         if name == "adxl":
             client.write(device, MENU)
         for parameter in [one for one in device.parameters if travels(device, one, url)]:

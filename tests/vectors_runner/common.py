@@ -70,5 +70,6 @@ def refuse(
             decode()
         assert caught.value.reason == case["reason"], str(caught.value)
     else:
+        assert case["reason"] in ("mismatch", "checksum"), "each half is well formed, so nothing else can be wrong"
         assert decode() != value
         assert encode() != wire

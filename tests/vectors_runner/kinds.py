@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tests.vectors_runner import canopen, codecs, devices, lines, modbus, sdo_talk, services
+from tests.vectors_runner import canopen, codecs, devices, lines, modbus, sdo_talk, services, talk
 from tests.vectors_runner.common import Case
 
 RUNNERS: dict[str, Callable[[Case], None]] = {
@@ -20,9 +20,9 @@ RUNNERS: dict[str, Callable[[Case], None]] = {
     "rtu-frame": lines.rtu_frame,
     "ascii-frame": lines.ascii_frame,
     "tcp-frame": lines.tcp_frame,
-    "rtu-talk": lines.rtu_talk,
-    "ascii-talk": lines.ascii_talk,
-    "tcp-talk": lines.tcp_talk,
+    "rtu-talk": talk.rtu_talk,
+    "ascii-talk": talk.ascii_talk,
+    "tcp-talk": talk.tcp_talk,
     "can-text": canopen.can_text,
     "cob-id": canopen.cob_ids,
     "cob-restricted": canopen.cob_restricted,

@@ -47,6 +47,7 @@ def lss(case: Case) -> None:
 
 def node_talk(case: Case) -> None:
     """A machine and what it says."""
+    assert case["result"] == "valid"
     node = case["node"]
     machine: GuardedNode | LssSlave
     if node["machine"] == "guarded-node":

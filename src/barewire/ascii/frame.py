@@ -46,7 +46,8 @@ def decode(data: bytes) -> Adu:
     digits = data[1:-2]
     if digits.translate(None, DIGITS):  # what is left without the digits
         at = next(at for at, character in enumerate(digits, start=1) if character not in DIGITS)
-        raise DecodeError("character", data, at, f"{bytes([data[at]])!r} is no hexadecimal digit")
+        found = f"{chr(data[at])!r}" if 0x20 <= data[at] < 0x7F else f"{data[at]:02X}h"
+        raise DecodeError("character", data, at, f"{found} is no hexadecimal digit")
     if len(data) < SHORTEST:
         text = f"an ASCII frame has at least {SHORTEST} characters, here are {len(data)}"
         raise DecodeError("short", data, len(data), text)

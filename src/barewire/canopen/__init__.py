@@ -14,13 +14,14 @@ CAN delivers whole frames, so there is no envelope and no noise here. Which file
     sync         the beat that PDOs follow                     time_stamp   what time it is
     pdo          which bits of a frame are which object        pdo_records  how a PDO is configured
     pdo_live, pdo_engine            when it travels            pdo_remote   the PDOs of another device
+    mpdo         an object in a frame that says which it is
     pdo_listen   the same as named values                      nmt_wait     wait for what a node says of itself
     presence     who was heard, and when                       claims       who may talk now, where many want to
     lss          messages that give a node-ID                  lss_slave, lss_master, lss_scan    who says them
     survey       who is on the bus, and why we believe it
     datatypes, times    which type has how many bytes          dictionary   the objects of one device
     eds/         the same objects as a file, read and written without loss
-    own_objects, error_control, device_sync, stored            its services, as their objects say
+    own_objects, error_control, device_sync, device_sdo, stored    its services, as their objects say
     device       all of it together: one node
 
 Two nodes meet as two machines, or as a conversation and a machine; neither knows a bus or a clock.
@@ -36,6 +37,7 @@ from barewire.door import lazy
 if TYPE_CHECKING:
     from barewire.canopen.cob import CobEntry, Service, check_node, classify, cob_id, is_restricted
     from barewire.canopen.device import Device
+    from barewire.canopen.device_sdo import client_channel
     from barewire.canopen.dictionary import Entry, ObjectDictionary
     from barewire.canopen.emcy import Emergency, error_text, register_names, register_of
     from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.lss_scan import Assigned, fastscan, find_all
     from barewire.canopen.lss_slave import LssSlave
+    from barewire.canopen.mpdo import Mpdo
     from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
     from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
     from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
@@ -161,6 +164,7 @@ __all__ = [
     "TimeHeard",
     "Mapped",
     "PdoMapping",
+    "Mpdo",
     "Pdo",
     "pdos_of",
     "PdoEngine",
@@ -198,6 +202,7 @@ __all__ = [
     "Device",
     "StoredParameters",
     "standard_objects",
+    "client_channel",
 ]
 
 # Loaded when asked for, the light ones first: a bus shell needs `frame` only and must not pay for a whole node.
@@ -221,6 +226,7 @@ _FILES = (
     "sdo",
     "pdo",
     "dictionary",
+    "mpdo",
     "own_objects",
     "stored",
     "emcy_producer",
@@ -229,6 +235,7 @@ _FILES = (
     "pdo_remote",
     "pdo_listen",
     "survey",
+    "device_sdo",
     "device",
 )
 

@@ -28,7 +28,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss import LssAddress
 from barewire.canopen.lss_master import identify_slaves
 from barewire.canopen.nmt import NmtCommand
-from barewire.canopen.sdo.aborts import SdoAbort
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.upload import upload
 from barewire.conversation import Conversation, Listen, Send
@@ -44,6 +44,9 @@ BOOT = 3.0
 """Seconds that a reset may take."""
 SETTLE = 0.01
 """Seconds of silence behind the last answer of a case: nobody answers twice."""
+FLOOD = 500
+"""So many frames in one turn are no answer; the longest, a block, has 128."""
+_SHOWN = 8
 
 
 class Turn(NamedTuple):
@@ -178,6 +181,24 @@ def _look(
         return
 
 
+def is_there(node: int, index: int, sub: int, *, timeout: float = PATIENCE) -> Conversation[CanFrame, bool]:
+    """Whether a device has an object: it is asked for, and given up at once, for it may be long."""
+    place = bytes((index & 0xFF, index >> 8, sub))
+    heard = yield Send(CanFrame(0x600 + check_node(node), b"\x40" + place + bytes(4)))
+    until = heard.now + timeout
+    while heard.now < until:
+        heard = yield Listen(until)
+        frame = heard.item
+        if frame is None or frame.key != (0x580 + node, False) or frame.data[1:4] != place:
+            continue
+        if frame.data[0] == 0x80:
+            return int.from_bytes(frame.data[4:], "little") not in (AbortCode.NO_OBJECT, AbortCode.NO_SUB)
+        if not frame.data[0] & 2:
+            yield Send(CanFrame(0x600 + node, b"\x80" + place + AbortCode.GENERAL.to_bytes(4, "little")))
+        return True
+    return False
+
+
 def cases(subject: Subject) -> tuple[Case, ...]:
     """The whole battery for one device."""
     from barewire.canopen import conform_long, conform_lss, conform_network, conform_pdo, conform_sdo
@@ -224,6 +245,8 @@ def carry_out(case: Case, *, patience: float = PATIENCE) -> Conversation[CanFram
                 if place + 1 < len(case.turns):
                     break
                 until = min(until, heard.now + SETTLE)
+            if len(came) >= FLOOD:
+                return Outcome(case, (*told, tuple(came)), _difference(turn, came))
             heard = yield Listen(until)
             if heard.item is not None and str(heard.item).startswith(case.hears):
                 came.append(str(heard.item))
@@ -262,4 +285,7 @@ def _pattern(frame: str) -> str:
 def _difference(turn: Turn, came: list[str]) -> str:
     said = ", ".join(turn.says) or "a while"
     expected = " or ".join(way or "silence" for way in dict.fromkeys((*turn.ways, *turn.ends)))
-    return f"after {said}: {', '.join(came) or 'silence'}, expected {expected}"
+    heard = ", ".join(came[:_SHOWN]) or "silence"
+    if len(came) > _SHOWN:
+        heard += f" ... {len(came)} frames{' and more' if len(came) >= FLOOD else ''}"
+    return f"after {said}: {heard}, expected {expected}"

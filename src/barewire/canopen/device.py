@@ -3,6 +3,7 @@
                                   +------------ objects (the dictionary) ------------+
         000h    NMT command  ---> |  nmt        which state, and so who may speak    |
         600h+n  SDO request  ---> |  sdo        answers out of the dictionary        | ---> 580h+n
+        1201h   SDO request  ---> |  channels   the same on further channels         | ---> 1201h
         080h    SYNC         ---> |  sync       heard, or produced                   | ---> 080h
         200h+n  RPDO ...     ---> |  pdo        process data out of and into it      | ---> 180h+n ...
         100h    TIME         ---> |  time       what time it is                      |
@@ -30,6 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable
 
 from barewire.canopen.cob import NODE_MAX, CobEntry, check_node
+from barewire.canopen.device_sdo import FurtherServers, guard_channels
 from barewire.canopen.device_sync import WRONG_LENGTH, DeviceSync, guard_sync_objects
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.emcy_consumer import EmcyConsumer
@@ -67,8 +69,8 @@ class Device:
     has none yet. `emergencies` are those of the nodes that 1028h lists.
     """
 
-    __slots__ = ("_emcy_subs", "_listens", "_on", "_pdos", "_silent_until", "control", "dialect", "emergencies",
-                 "errors", "lss", "nmt", "node", "objects", "on_reset", "pdo", "sdo", "stored", "sync",
+    __slots__ = ("_emcy_subs", "_listens", "_on", "_pdos", "_silent_until", "channels", "control", "dialect",
+                 "emergencies", "errors", "lss", "nmt", "node", "objects", "on_reset", "pdo", "sdo", "stored", "sync",
                  "time")  # fmt: skip
 
     def __init__(
@@ -96,6 +98,7 @@ class Device:
         self._listens = False
         guard_sync_objects(objects)
         guard_consumer_entries(objects)
+        guard_channels(objects)
         for sub in self._emcy_subs:
             guard(objects, EMCY_CONSUMER, sub, self._listen_to)
         guard_cob_id(objects, TIME_OBJECT, lambda entry: entry.bit30 or entry.bit31)
@@ -113,8 +116,10 @@ class Device:
         self.errors.renumber(place)
         self.nmt = NmtSlave(place)
         self.sdo = SdoServer(place, self.objects, self.dialect)
+        self.channels = FurtherServers(place, self.objects, self.dialect)
         self.pdo = PdoEngine(place, self.objects, self._pdos, self.errors)
         self.control = ErrorControl(place, self.objects)
+        self.stored.put_back()
 
     def renumber(self, node: int | None) -> None:
         """Another node-ID, or none, that does not come from LSS. To be called before `start` or in `on_reset`."""
@@ -137,7 +142,13 @@ class Device:
             return None
         dues = [self.control.deadline]
         if self._may_speak:
-            dues += [self.sdo.deadline, self.pdo.deadline, self.errors.deadline, self.sync.deadline]
+            dues += [
+                self.sdo.deadline,
+                self.channels.deadline,
+                self.pdo.deadline,
+                self.errors.deadline,
+                self.sync.deadline,
+            ]
         first = min((due for due in dues if due is not None), default=None)
         return None if first is None else max(first, self._silent_until)
 
@@ -153,6 +164,7 @@ class Device:
         self.nmt.state = NmtState.INITIALISING
         self.pdo.stop()
         self.sdo.reset()
+        self.channels.reset()
         self.sync.stop()
         if self.node is None:
             return []
@@ -178,9 +190,10 @@ class Device:
             if change.before is not change.after:
                 self._be(change.after, now)
         if self._may_speak:
-            said += self.sdo.feed(frame, now)
+            said += self.sdo.feed(frame, now) + self.channels.feed(frame, now)
         else:
             self.sdo.forget()
+            self.channels.forget()
         self._follow(now)
         frames, missed = self.control.feed(frame, now)
         said += frames
@@ -202,6 +215,13 @@ class Device:
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
         """That error is gone; said with 0000h and the register that is left."""
         return self.errors.gone(code, now, source=source, info=info)
+
+    def bus_off(self, now: float) -> None:
+        """The CAN controller left the bus, or somebody is missed on it: what 1029h says."""
+        after = self.control.after_error(self.nmt.state)
+        if after is not self.nmt.state:
+            self.nmt.state = after
+            self._be(after, now)
 
     def recovered(self, now: float) -> list[CanFrame]:
         """The CAN controller was bus-off and is back: said as 8140h, and at once as over."""
@@ -229,10 +249,7 @@ class Device:
         if gone:
             return self.errors.gone(HEARTBEAT_ERROR, now, source=source, info=info)
         said = self.errors.come(HEARTBEAT_ERROR, now, source=source, info=info)
-        after = self.control.after_error(self.nmt.state)
-        if after is not self.nmt.state:
-            self.nmt.state = after
-            self._be(after, now)
+        self.bus_off(now)
         return said
 
     def _be(self, state: NmtState, now: float) -> None:
@@ -258,6 +275,7 @@ class Device:
     def _follow(self, now: float) -> None:
         """What the communication objects say now."""
         self.control.follow(now)
+        self.channels.follow()
         if self._may_speak:
             self.sync.follow(now)
         entry = CobEntry.unpack(number(self.objects, TIME_OBJECT, default=0x8000_0100))

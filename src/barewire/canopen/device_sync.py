@@ -33,7 +33,7 @@ def guard_sync_objects(objects: ObjectDictionary) -> None:
             raise SdoAbort(AbortCode.INVALID_VALUE, OVERFLOW, 0)
 
     guard(objects, OVERFLOW, 0, overflow)
-    guard_cob_id(objects, COB_ID, lambda entry: entry.bit30)
+    guard_cob_id(objects, COB_ID, lambda entry: entry.bit30, heard=True)
 
 
 class DeviceSync:

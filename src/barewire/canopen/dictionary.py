@@ -149,6 +149,27 @@ class ObjectDictionary:
             raise SdoAbort(AbortCode.WRITE_ONLY, index, sub)
         return entry.codec.encode(self.get(index, sub))
 
+    def may_write(self, index: int, sub: int, size: int | None) -> None:
+        """Refuse now what `write` would refuse whatever the bytes are."""
+        entry = self.entry(index, sub)
+        if entry.access in ("ro", "const"):
+            raise SdoAbort(AbortCode.READ_ONLY, index, sub)
+        if size is None:
+            return
+        least = entry.codec.size or 0
+        most = least if entry.codec.size is not None else self._longest(entry)
+        if size > most:
+            raise SdoAbort(AbortCode.TOO_LONG, index, sub)
+        if size < least:
+            raise SdoAbort(AbortCode.TOO_SHORT, index, sub)
+
+    @staticmethod
+    def _longest(entry: Entry) -> float:
+        """The most bytes that a value of no fixed length may have."""
+        if entry.maximum is None:
+            return math.inf
+        return entry.maximum * (2 if entry.type == "unicode" else 1)
+
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Take bytes as the new value, if it may be written and they are one."""
         entry = self.entry(index, sub)
@@ -190,6 +211,10 @@ class ObjectDictionary:
         """Another value, whatever the rights; EncodeError if it is none of the type. No hook is called."""
         self.entry(index, sub).codec.encode(value)
         self._values[index, sub] = value
+
+    def default(self, index: int, sub: int = 0) -> Value:
+        """What the value is after a reset."""
+        return self._default(self.entry(index, sub))
 
     def restore(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
         """Defaults again for the indices `first` to `last`: what a reset does. No hook is called."""

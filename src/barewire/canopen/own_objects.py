@@ -63,17 +63,28 @@ def change(objects: ObjectDictionary, entry: Entry) -> None:
         objects.set(entry.index, entry.sub, value)
 
 
-def guard_cob_id(objects: ObjectDictionary, index: int, in_use: Callable[[CobEntry], bool]) -> None:
-    """A COB-ID may get another identifier only while its service is off, and never one that belongs to others."""
+def guard_cob_id(
+    objects: ObjectDictionary,
+    index: int,
+    in_use: Callable[[CobEntry], bool],
+    sub: int = 0,
+    *,
+    heard: bool = False,
+) -> None:
+    """A COB-ID may get another identifier only while its service is off, and never one that belongs to others.
+
+    A service that is off may have any: 8000 0000h is how masters switch off. `heard`: the identifier is listened to
+    even when nothing is said with it, so it has to be a lawful one at any time.
+    """
 
     def check(word: int) -> None:
-        new, old = CobEntry.unpack(word), CobEntry.unpack(number(objects, index))
+        new, old = CobEntry.unpack(word), CobEntry.unpack(number(objects, index, sub))
         same = (new.identifier, new.extended) == (old.identifier, old.extended)
-        taken = not new.extended and is_restricted(new.identifier)
-        if not same and (taken or (in_use(old) and in_use(new))):
-            raise SdoAbort(AbortCode.INVALID_VALUE, index, 0)
+        taken = not new.extended and is_restricted(new.identifier) and (heard or in_use(new))
+        if (taken and not (same and in_use(old))) or (not same and in_use(old) and in_use(new)):
+            raise SdoAbort(AbortCode.INVALID_VALUE, index, sub)
 
-    guard(objects, index, 0, check)
+    guard(objects, index, sub, check)
 
 
 def standard_objects(
@@ -85,11 +96,13 @@ def standard_objects(
     history: int = 8,
     watched: int = 4,
     heard: int = 0,
+    servers: int = 1,
 ) -> list[Entry]:
     """The communication objects of a usual device: everything of the drawing above but storing parameters.
 
     `heartbeat` is the time of 1017h in ms, `history` the room of 1003h, `watched` how many nodes 1016h can watch,
-    `heard` up to which node 1028h can list whose emergencies are taken.
+    `heard` up to which node 1028h can list whose emergencies are taken, `servers` how many SDO servers there are: those
+    beyond the first are switched off until somebody gives them a channel.
 
     >>> objects = ObjectDictionary(standard_objects(LssAddress(0x360, 1, 2, 3), heartbeat=1000))
     >>> objects.get(0x1017), identity(objects).vendor == 0x360
@@ -120,6 +133,17 @@ def standard_objects(
         *(Entry(0x1028, sub, f"emergency consumer {sub}", "u32", "rw", 0x8000_0000) for sub in range(1, heard + 1)),
         Entry(0x1029, 1, "communication error", "u8", "rw"),
     ]
+    if servers > 1:
+        entries += [
+            Entry(0x1200, sub, what, "u32", "ro", base)
+            for sub, what, base in ((1, "COB-ID client -> server", 0x600), (2, "COB-ID server -> client", 0x580))
+        ]
+    for index in range(0x1201, 0x1200 + servers):
+        entries += [
+            Entry(index, 1, "COB-ID client -> server", "u32", "rw", 0x8000_0000),
+            Entry(index, 2, "COB-ID server -> client", "u32", "rw", 0x8000_0000),
+            Entry(index, 3, "node-ID of the SDO client", "u8", "rw", 0),
+        ]
     if name:
         entries.append(Entry(0x1008, 0, "manufacturer device name", "string", "const", name))
     return entries

@@ -14,6 +14,7 @@ whose COB-ID allows it (bit 30 is 0).
         8210h  an RPDO was shorter than mapped, and not used           info: received, mapped length
         8220h  one was longer: used as far as mapped                   info: received, mapped length
         8250h  no RPDO for the event timer of its record               info: index of the record
+        8230h  a DAM MPDO names an object that is not here             info: index, sub-index
 
 Each of these errors is said once; it is gone when a good one came.
 """
@@ -26,12 +27,13 @@ from functools import partial
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.emcy_producer import EmcyProducer
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.mpdo import SIZE, Mpdo, MpdoIn
 from barewire.canopen.pdo_live import LivePdo
 from barewire.canopen.pdo_records import RTR_AT_SYNC, Pdo, add_records
 from barewire.canopen.sync import SYNC_KEY, sync_counter
 from barewire.errors import DecodeError, EncodeError
 
-TOO_SHORT, TOO_LONG, MISSED = 0x8210, 0x8220, 0x8250
+TOO_SHORT, TOO_LONG, MISSED, NO_DESTINATION = 0x8210, 0x8220, 0x8250, 0x8230
 
 
 class PdoEngine:
@@ -70,19 +72,19 @@ class PdoEngine:
     def _forget(self, pdo: Pdo) -> None:
         """A record was written: that PDO begins anew, the others go on."""
         gone = self._live.pop(pdo, None)
-        self._refused += 0 if gone is None else gone.refused
+        self._refused += 0 if gone is None else gone.all_refused
         self._pdos_changed = True
 
     @property
     def refused(self) -> int:
         """Values that the dictionary did not take from an RPDO, or did not fit the bits of a TPDO."""
-        return self._refused + sum(live.refused for live in self._live.values())
+        return self._refused + sum(live.all_refused for live in self._live.values())
 
     @property
     def live(self) -> Iterable[LivePdo]:
         """Every PDO as configured now, in the order in which the device lists them."""
         if self._pdos_changed:
-            self._live = {pdo: self._live.get(pdo) or LivePdo(pdo, self.objects) for pdo in self.pdos}
+            self._live = {pdo: self._live.get(pdo) or LivePdo(pdo, self.objects, self.node) for pdo in self.pdos}
             self._pdos_changed = False
         return self._live.values()
 
@@ -137,12 +139,14 @@ class PdoEngine:
         for live in self.live:
             if live.is_tpdo or not live.is_on or frame.key != live.key:
                 continue
-            said += self._judge(live, len(frame.data), now)
-            size = live.mapping.size
+            size = live.mapping.size if live.into is None else SIZE
+            said += self._judge(live, len(frame.data), size, now)
             if len(frame.data) < size:
                 continue
             live.heard_at = now
-            if not live.on_sync:
+            if live.into is not None:
+                said += self._dispatch(live, live.into, frame._replace(data=frame.data[:size]), now)
+            elif not live.on_sync:
                 live.take(frame.data[:size])
             elif self.window and self._synced_at is not None and now > self._synced_at + self.window:
                 self.outside_window += 1
@@ -150,9 +154,39 @@ class PdoEngine:
                 live.held = frame.data[:size]
         return said
 
-    def _judge(self, live: LivePdo, length: int, now: float) -> list[CanFrame]:
+    def _dispatch(self, live: LivePdo, into: MpdoIn, frame: CanFrame, now: float) -> list[CanFrame]:
+        """A multiplexed RPDO: to where it says itself, or our list."""
+        try:
+            message = Mpdo.decode(frame)
+        except DecodeError:
+            into.refused += 1
+            return []
+        taken, source = into.take(message), live.pdo.number
+        if taken is None or into.addressing == "SAM":
+            return []
+        if taken:
+            return self.errors.gone(NO_DESTINATION, now, source=source)
+        info = message.index.to_bytes(2, "little") + bytes([message.sub])
+        return self.errors.come(NO_DESTINATION, now, source=source, info=info)
+
+    def tell(self, number: int, message: Mpdo, now: float) -> list[CanFrame]:
+        """Say something to another node, or to all (node 0), by TPDO `number`, which has to be a DAM MPDO.
+
+        It waits for the inhibit time like any other. EncodeError if there is no such TPDO, or the device is not
+        operational.
+        """
+        for live in self.live if self._running else ():
+            out = live.out
+            if live.pdo.number == number and live.is_on and out is not None:
+                if out.addressing != message.addressing or out.addressing == "SAM":
+                    break
+                out.tell(message)
+                return self.feed(None, now)
+        raise EncodeError(f"TPDO{number} is no DAM MPDO that is in use now")
+
+    def _judge(self, live: LivePdo, length: int, size: int, now: float) -> list[CanFrame]:
         """The errors that an RPDO of this length brings, and those that it takes away."""
-        size, source = live.mapping.size, live.pdo.number
+        source = live.pdo.number
         wrong = TOO_SHORT if length < size else TOO_LONG if length > size else 0
         said = self.errors.come(wrong, now, source=source, info=bytes([length, size])) if wrong else []
         for code in (TOO_SHORT, TOO_LONG, MISSED):
@@ -184,7 +218,7 @@ class PdoEngine:
         """A remote frame: whoever owns its identifier says it."""
         said: list[CanFrame] = []
         for live in self.live:
-            if not live.is_tpdo or not live.is_on or live.cob.bit30 or frame.key != live.key:
+            if not live.is_tpdo or not live.is_on or live.cob.bit30 or frame.key != live.key or live.out is not None:
                 continue
             if live.type != RTR_AT_SYNC:
                 said.append(self._send(live, now))
@@ -193,5 +227,5 @@ class PdoEngine:
         return said
 
     def _send(self, live: LivePdo, now: float) -> CanFrame:
-        live.sent, live.sent_at = live.sample(), now
+        live.sent, live.sent_at = live.next_data(), now
         return CanFrame(live.key[0], live.sent, live.key[1])

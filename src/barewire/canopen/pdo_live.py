@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from barewire.canopen.cob import CobEntry
 from barewire.canopen.dictionary import ObjectDictionary
+from barewire.canopen.mpdo import COUNTS, MpdoIn, MpdoOut
 from barewire.canopen.pdo import PdoMapping
 from barewire.canopen.pdo_records import LAST_CYCLIC, RTR_AT_ONCE, RTR_AT_SYNC, Pdo, resolve
 from barewire.codecs import Value
@@ -16,10 +17,11 @@ from barewire.errors import BarewireError
 class LivePdo:
     """One PDO at work."""
 
-    __slots__ = ("cob", "event_timer", "heard_at", "held", "inhibit", "is_on", "is_tpdo", "key", "mapping", "objects",
-                 "pdo", "refused", "sent", "sent_at", "start", "syncs", "type", "waits_for_start")  # fmt: skip
+    __slots__ = ("cob", "event_timer", "heard_at", "held", "inhibit", "into", "is_on", "is_tpdo", "key", "mapping",
+                 "objects", "out", "pdo", "refused", "sent", "sent_at", "start", "syncs", "type",
+                 "waits_for_start")  # fmt: skip
 
-    def __init__(self, pdo: Pdo, objects: ObjectDictionary) -> None:
+    def __init__(self, pdo: Pdo, objects: ObjectDictionary, node: int) -> None:
         def number(index: int, sub: int) -> int:
             return int(objects.get(index, sub))
 
@@ -32,9 +34,14 @@ class LivePdo:
         self.inhibit = number(pdo.communication, 3) / 10_000
         self.event_timer = number(pdo.communication, 5) / 1000
         self.start = number(pdo.communication, 6)
-        words = tuple(number(pdo.map, sub) for sub in range(1, number(pdo.map, 0) + 1))
+        count = number(pdo.map, 0)
+        kind = COUNTS.get(count)
+        self.out = MpdoOut(kind, node, objects) if kind and self.is_tpdo else None
+        self.into = MpdoIn(kind, node, objects) if kind and not self.is_tpdo else None
+        words = () if kind else tuple(number(pdo.map, sub) for sub in range(1, count + 1))
         self.mapping: PdoMapping = resolve(objects, pdo.direction, words)
-        self.is_on = not self.cob.bit31 and bool(self.mapping.entries)
+        has_content = self.type > RTR_AT_ONCE if kind else bool(self.mapping.entries)
+        self.is_on = not self.cob.bit31 and has_content
         self.held: bytes | None = None  # an RPDO that waits for SYNC
         self.heard_at: float | None = None  # an RPDO that has a deadline
         self.sent: bytes | None = None  # what a TPDO said last, or sampled for who will ask
@@ -42,6 +49,11 @@ class LivePdo:
         self.syncs = 0
         self.waits_for_start = self.start != 0
         self.refused = 0
+
+    @property
+    def all_refused(self) -> int:
+        """Values that were not taken, or could not be said."""
+        return self.refused + sum(one.refused for one in (self.out, self.into) if one is not None)
 
     @property
     def on_sync(self) -> bool:
@@ -55,11 +67,23 @@ class LivePdo:
             return None if self.heard_at is None or not self.event_timer else self.heard_at + self.event_timer
         if self.on_sync or self.type in (RTR_AT_SYNC, RTR_AT_ONCE):
             return None
+        if self.out is not None and self.out.next() is None:
+            return None
         if self.sent_at is None:
             return float("-inf")
+        if self.out is not None:
+            return self.sent_at + self.inhibit
         if self.sample() != self.sent:
             return self.sent_at + self.inhibit
         return self.sent_at + max(self.event_timer, self.inhibit) if self.event_timer else None
+
+    def next_data(self) -> bytes:
+        """The data of the frame that goes out now."""
+        if self.out is None:
+            return self.sample()
+        data = self.out.next() or b""
+        self.out.said(data)
+        return data
 
     def sample(self) -> bytes:
         """The data of a TPDO as it would be now. With a value that its bits cannot hold all go as 0, counted."""

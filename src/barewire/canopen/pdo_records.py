@@ -2,7 +2,7 @@
 
         communication 1400h+ (RPDO), 1800h+ (TPDO)         mapping 1600h+ (RPDO), 1A00h+ (TPDO)
 
-        00  highest sub-index                              00  how many entries are in force
+        00  highest sub-index                              00  how many entries are in force; FEh, FFh: see `mpdo`
         01  COB-ID u32, bit 31: switched off               01  index 2 | sub 1 | bits 1
         02  transmission type u8                           02  ...
         03  inhibit time u16, in 100 us
@@ -29,6 +29,7 @@ from typing import Literal
 
 from barewire.canopen.cob import CobEntry, ServiceName, cob_id, is_restricted
 from barewire.canopen.dictionary import Entry, ObjectDictionary
+from barewire.canopen.mpdo import COUNTS, Addressing
 from barewire.canopen.pdo import BITS_MAX, ENTRIES_MAX, Mapped, PdoMapping
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
@@ -36,6 +37,8 @@ from barewire.errors import EncodeError
 
 Direction = Literal["RPDO", "TPDO"]
 
+PDOS_MAX = 512
+"""PDOs of each direction."""
 LAST_CYCLIC, RTR_AT_SYNC, RTR_AT_ONCE = 240, 252, 253
 
 _DIRECTIONS: tuple[Direction, ...] = ("RPDO", "TPDO")
@@ -73,6 +76,14 @@ class Pdo:
     event_timer: int = 0
     sync_start: int = 0
     slots: int = 8  # room for entries, if not more are mapped
+    multiplexed: Addressing | None = None  # then it maps nothing, and says with each object which it is: see `mpdo`
+
+    def __post_init__(self) -> None:
+        # Behind the last record of one kind begins another: 1800h + 512 would be a mapping.
+        if self.direction not in _COMMUNICATION:
+            raise EncodeError(f"direction {self.direction!r}: expected RPDO or TPDO")
+        if not 1 <= self.number <= PDOS_MAX:
+            raise EncodeError(f"{self.direction}{self.number}: expected a number in 1..{PDOS_MAX}")
 
     @property
     def communication(self) -> int:
@@ -83,6 +94,11 @@ class Pdo:
     def map(self) -> int:
         """Index of the mapping record."""
         return _MAPPING[self.direction] + self.number - 1
+
+    @property
+    def count(self) -> int:
+        """What stands in sub-index 00 of the mapping."""
+        return next((count for count, kind in COUNTS.items() if kind == self.multiplexed), len(self.mapping))
 
     def cob_entry(self, node: int) -> CobEntry:
         """The COB-ID with the node-ID in it."""
@@ -95,24 +111,24 @@ class Pdo:
 def pdos_of(objects: ObjectDictionary, node: int) -> list[Pdo]:
     """The PDOs that a dictionary describes by itself, as one out of an EDS does: what `Device` wants to be given.
 
-    A COB-ID of the predefined connection set stays tied to the node-ID. Multiplexed PDOs (FEh and FFh) are left out.
+    A COB-ID of the predefined connection set stays tied to the node-ID.
     """
     found = []
     for direction in _DIRECTIONS:
-        for number in range(1, 513):
+        for number in range(1, PDOS_MAX + 1):
             pdo = Pdo(direction, number, ())
             if (pdo.communication, 1) not in objects or (pdo.map, 0) not in objects:
                 continue
             told = {sub: _number(objects, pdo.communication, sub) for sub in (1, 2, 3, 5, 6)}
             count = _number(objects, pdo.map, 0)
-            if count > ENTRIES_MAX:
+            multiplexed = COUNTS.get(count)
+            if count > ENTRIES_MAX and multiplexed is None:
                 continue
-            words = tuple(_number(objects, pdo.map, sub) for sub in range(1, count + 1))
+            words = () if multiplexed else tuple(_number(objects, pdo.map, sub) for sub in range(1, count + 1))
             own = number <= 4 and told[1] == pdo.cob_entry(node).pack()
             slots = max(objects.subs(pdo.map))
-            found.append(
-                Pdo(direction, number, words, told[2], None if own else told[1], told[3], told[5], told[6], slots)
-            )
+            times = told[3], told[5], told[6]
+            found.append(Pdo(direction, number, words, told[2], None if own else told[1], *times, slots, multiplexed))
     return found
 
 
@@ -128,8 +144,6 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
     called when a write has been accepted, just before it is stored. Raises EncodeError if the factory setting itself
     breaks a rule.
     """
-    if not 1 <= pdo.number <= 512:
-        raise EncodeError(f"{pdo.direction}{pdo.number}: expected a number in 1..512")
     if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
         raise EncodeError(f"{pdo.direction}{pdo.number}: there is no transmission type {pdo.type} for it")
     resolve(objects, pdo.direction, pdo.mapping)
@@ -149,7 +163,7 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
     put(at, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
     put(at, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(at, 6))
     slots = min(max(pdo.slots, len(pdo.mapping)), ENTRIES_MAX)
-    put(pdo.map, 0, "entries", "u8", len(pdo.mapping), rules.count)
+    put(pdo.map, 0, "entries", "u8", pdo.count, rules.count)
     for sub in range(1, slots + 1):
         word = pdo.mapping[sub - 1] if sub <= len(pdo.mapping) else 0
         put(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
@@ -220,6 +234,8 @@ class _Rules:
         index = self.pdo.map
         if self._is_on():
             raise SdoAbort(AbortCode.UNSUPPORTED_ACCESS, index, 0)
+        if value in COUNTS and int(self.objects.get(self.pdo.communication, 2)) > RTR_AT_ONCE:
+            return
         if (index, value) not in self.objects:
             raise SdoAbort(AbortCode.PDO_TOO_LONG, index, 0)
         words = tuple(int(self.objects.get(index, sub)) for sub in range(1, value + 1))

@@ -66,7 +66,12 @@ class StoredParameters:
         for entry in self.objects:
             own = entry.on_read is not None or entry.index in (STORE, RESTORE)
             if first <= entry.index <= last and entry.access == "rw" and not own:
-                self.values[entry.index, entry.sub] = self.objects.get(entry.index, entry.sub)
+                place = entry.index, entry.sub
+                value = self.objects.get(*place)
+                if value == self.objects.default(*place):
+                    self.values.pop(place, None)
+                else:
+                    self.values[place] = value
 
     def _load(self, first: int, last: int) -> None:
         self.values = {place: value for place, value in self.values.items() if not first <= place[0] <= last}
@@ -74,6 +79,10 @@ class StoredParameters:
     def restore(self, first: int, last: int) -> None:
         """A reset of these indices: the defaults, and over them what was stored."""
         self.objects.restore(first, last)
+        self.put_back(first, last)
+
+    def put_back(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
+        """What was stored of these indices, over what is there."""
         for (index, sub), value in self.values.items():
             if first <= index <= last:
                 self.objects.set(index, sub, value)

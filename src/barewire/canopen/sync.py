@@ -35,19 +35,19 @@ class Sync:
 
     counter: int | None = None
 
-    def encode(self) -> CanFrame:
-        """The frame with COB-ID 080h."""
+    def encode(self, key: tuple[int, bool] = SYNC_KEY) -> CanFrame:
+        """The frame, with COB-ID 080h if 1005h does not say another."""
         if self.counter is None:
-            return CanFrame(cob_id("SYNC"))
+            return CanFrame(key[0], b"", key[1])
         if not 1 <= self.counter <= COUNTER_MAX:
             raise EncodeError(f"SYNC counter {self.counter}: expected 1..{COUNTER_MAX}")
-        return CanFrame(cob_id("SYNC"), bytes([self.counter]))
+        return CanFrame(key[0], bytes([self.counter]), key[1])
 
     @classmethod
-    def decode(cls, frame: CanFrame) -> Sync:
+    def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> Sync:
         """Raises DecodeError for another identifier, for more than one byte, for a counter of 0 or above 240."""
-        if frame.key != SYNC_KEY or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: that has COB-ID 080h")
+        if frame.key != key or frame.remote:
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: that has COB-ID {key[0]:03X}h")
         return cls(sync_counter(frame.data))
 
 

@@ -40,7 +40,10 @@ class TimeStamp:
     @classmethod
     def of_unix(cls, seconds: float) -> TimeStamp:
         """The time so many seconds after 1 January 1970, to the nearest millisecond. Raises EncodeError."""
-        moment = TimeOfDay(round((seconds - EPOCH) * 1000))
+        try:
+            moment = TimeOfDay(round((seconds - EPOCH) * 1000))
+        except (ValueError, OverflowError):
+            raise EncodeError(f"{seconds} s is no moment") from None
         _CODEC.encode(moment)
         return cls(moment)
 

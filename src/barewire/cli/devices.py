@@ -47,7 +47,7 @@ def _list(as_json: bool) -> None:
 def _show(device: Device) -> None:
     """A line for each parameter, its name first, and under it whatever else there is to say. Plain, to be grepped."""
     print(f"{device.title}: {len(device.parameters)} parameters")
-    width = max(len(parameter.name) for parameter in device.parameters)
+    width = max((len(parameter.name) for parameter in device.parameters), default=0)
     for parameter in device.parameters:
         print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _facts(parameter)))}")
         for line in _details(parameter):

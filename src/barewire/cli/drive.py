@@ -18,6 +18,7 @@ from barewire.cli.arguments import device_argument, endpoint_argument, json_opti
 from barewire.devices import load
 from barewire.devices.drive_report import Look, Progress, bit_names
 from barewire.devices.parameter import show
+from barewire.errors import NoAnswer, PortError
 from barewire.shells import connect
 from barewire.shells.drive import DriveClient
 
@@ -72,6 +73,10 @@ def word(name: str, *, moves: bool = False) -> Callable[[Conduct], click.Command
                 except KeyboardInterrupt:
                     if moves:
                         conductor.quick_stop()
+                    raise
+                except (NoAnswer, PortError) as error:
+                    if moves and conductor.drive.control is not None:
+                        error.add_note(f"{name}: the motor may still be turning")
                     raise
             if not as_json:
                 print(f"{look.state_name}{_values(look)}; status word {look.status_word:04X}h: {_bits(look)}")

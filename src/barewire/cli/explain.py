@@ -8,11 +8,11 @@ import click
 
 from barewire.canopen.frame import CanFrame
 from barewire.cli.arguments import json_option, print_json
-from barewire.cli.sniff_can import known_nodes, recorded
+from barewire.cli.sniff_can import known_nodes
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain import Explanation, explain_text
 from barewire.explain.can import explain_can, explain_segment
-from barewire.explain.can_recording import Heard
+from barewire.explain.can_recording import Heard, read_recording
 from barewire.explain.candump import log_line
 from barewire.explain.listen import Listener, as_dict, in_words
 from barewire.explain.listen.events import Gap, Loss, Violation
@@ -78,7 +78,11 @@ def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, a
     except OSError as error:
         raise PortError(f"{name}: {error.strerror or error}") from None
     heard, wrong = Heard(known_nodes(devices, nodes)), 0
-    for item in recorded(data):
+    try:
+        items = read_recording(data)
+    except DecodeError as error:
+        raise EncodeError(f"{name}: {error.text}") from None
+    for item in items:
         if isinstance(item, Recorded):
             listener = heard.listener(item.bus)
             said = None if listener is None else told(item.frame, listener)

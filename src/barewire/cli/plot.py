@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,12 +16,44 @@ Samples = Sequence[tuple[float, Sequence[Value]]]
 """(seconds, a value for each parameter)."""
 
 
+class Kept:
+    """What is kept to be drawn, of a watch that may go on for weeks: at most `most` polls, evenly spread.
+
+    >>> kept = Kept(most=4)
+    >>> for number in range(11):
+    ...     kept.add(float(number), [number])
+    >>> [time for time, _ in kept.samples], kept.every
+    ([0.0, 4.0, 8.0], 4)
+    """
+
+    def __init__(self, most: int = 20_000) -> None:
+        self.most = most
+        self.samples: list[tuple[float, Sequence[Value]]] = []
+        self.every = 1
+        """One of so many polls is kept."""
+        self._came = 0
+
+    def add(self, time: float, values: Sequence[Value]) -> None:
+        """One poll."""
+        if self._came % self.every == 0:
+            self.samples.append((time, values))
+        self._came += 1
+        if len(self.samples) > self.most:
+            self.samples = self.samples[::2]
+            self.every *= 2
+
+
 def check(file: str) -> None:
     """Whether it can be drawn at the end, told before anything is watched."""
-    if Path(file).suffix.lower() not in FORMATS:
+    path = Path(file).absolute()
+    if path.suffix.lower() not in FORMATS:
         raise EncodeError(f"--plot {file}: expected a name that ends in {', '.join(FORMATS)}")
-    if not Path(file).absolute().parent.is_dir():
+    if not path.parent.is_dir():
         raise EncodeError(f"--plot {file}: there is no such directory")
+    if path.is_dir():
+        raise EncodeError(f"--plot {file}: that is a directory")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise EncodeError(f"--plot {file}: no permission to write there")
     try:
         import matplotlib  # noqa: F401
     except ModuleNotFoundError:

@@ -87,6 +87,8 @@ def simulate(
     def end(number: int, frame: Any) -> None:
         stop.set()
 
+    if "?order=" in device:
+        raise EncodeError(f"{device!r}: the order is the machine's own: --set its register, if it has one")
     faults = None if fault is None else parse_faults(fault)
     machine = None if device == TABLE else delivered(device, [Endpoint.parse(endpoint) for endpoint in endpoints])
     _preset(device, machine, values, world)

@@ -13,9 +13,9 @@ from typing import Any, BinaryIO
 import click
 
 from barewire.cli.arguments import json_option
-from barewire.cli.sniff_can import events_of, known_nodes, live, print_events, recorded
-from barewire.errors import EncodeError, PortError
-from barewire.explain.can_recording import is_can_recording
+from barewire.cli.sniff_can import events_of, known_nodes, live, print_events
+from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.explain.can_recording import is_can_recording, read_recording
 from barewire.explain.overheard import as_dict, in_words
 from barewire.explain.packets import MODBUS_PORTS, Packer
 from barewire.explain.pcapng import header, packet
@@ -25,6 +25,8 @@ from barewire.rtu import encode as rtu_frame
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.listen import listen
 from barewire.tcp import encode as tcp_frame
+
+FORMS = "a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes in hexadecimal"
 
 
 @click.command()
@@ -73,7 +75,7 @@ def sniff(
     data = b"" if endpoint is not None else _content(source, seconds)
     if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
         known = known_nodes(devices, nodes)
-        items: Iterator[Any] = recorded(data) if endpoint is None else live(endpoint, seconds)
+        items: Iterator[Any] = read_recording(data) if endpoint is None else live(endpoint, seconds)
         with ExitStack() as stack:
             file = None if write is None else stack.enter_context(_opened(write))
             keep = None if file is None else partial(_keep, file)
@@ -85,7 +87,7 @@ def sniff(
             raise EncodeError(f"{option} is for a CAN bus, and {source} is none")
     with ExitStack() as stack:
         if endpoint is None:
-            events = replay(data, window=window, ports=MODBUS_PORTS | set(ports))
+            events = _replayed(source, data, window, ports)
         else:
             events = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         keeper = None if write is None else _Keeper(stack.enter_context(_opened(write)))
@@ -100,13 +102,23 @@ def sniff(
             return
 
 
+def _replayed(source: str, data: bytes, window: float, ports: tuple[int, ...]) -> Iterator[Overheard]:
+    try:
+        yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports))
+    except DecodeError as error:
+        raise EncodeError(f"{source}: {error.text}; expected {FORMS}") from None
+
+
 def _content(source: str, seconds: float | None) -> bytes:
     if seconds is not None:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
     try:
-        return Path(source).read_bytes()
+        data = Path(source).read_bytes()
     except OSError as error:
-        raise PortError(f"{source}: {error.strerror}") from None
+        raise PortError(f"{source}: {error.strerror or error}") from None
+    if not data:
+        raise EncodeError(f"{source}: the file is empty; expected {FORMS}")
+    return data
 
 
 def _opened(write: str) -> BinaryIO:

@@ -12,11 +12,11 @@ from barewire.canopen.eds import parse
 from barewire.cli.arguments import print_json
 from barewire.devices.load import load
 from barewire.errors import EncodeError, PortError
-from barewire.explain.can_recording import BLF, CanKeeper, Heard, read_recording
+from barewire.explain.can_recording import BUSES_MAX, CanKeeper, Heard
 from barewire.explain.listen import KnownNode, as_dict, in_words, kind, of_device, of_dictionary, repeated
 from barewire.explain.listen.events import Event
 from barewire.explain.listen.words import KINDS
-from barewire.explain.recorded import Item, Recorded
+from barewire.explain.recorded import Item, Recorded, Unread
 from barewire.shells.endpoint import Endpoint
 
 LIVE = "can0"
@@ -47,15 +47,6 @@ def _known(name: str, node: int | None) -> KnownNode:
     if node is None:
         raise EncodeError(f"{name}: an EDS fits any node, say which with --node")
     return of_dictionary(document.dictionary(node), node, name)
-
-
-def recorded(data: bytes) -> Iterator[Item]:
-    """The frames of a recording in whatever form."""
-    if data[: len(BLF)] == BLF:
-        from barewire.shells.can_blf import read_blf
-
-        return read_blf(data)
-    return read_recording(data)
 
 
 def live(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
@@ -89,7 +80,7 @@ def events_of(
     name: str,
 ) -> Iterator[tuple[str, Event]]:  # fmt: skip
     """What was heard; each frame is given to `keep` in the form of a file called `name`."""
-    heard, keeper = Heard(known, bus), CanKeeper(name)
+    heard, keeper, buses = Heard(known, bus), CanKeeper(name), dict[str, None]()
     if keep is not None:
         keep(keeper.start)
     for item in items:
@@ -101,8 +92,12 @@ def events_of(
             continue
         if keep is not None and isinstance(item, Recorded) and bus in (None, item.bus):
             keep(keeper.put(item.at, item.bus, item.frame))
+        if not isinstance(item, Unread) and len(buses) < BUSES_MAX:
+            buses[item.bus] = None
         yield from heard.feed(item)
     yield from heard.end()
+    if bus is not None and buses and bus not in buses:
+        raise EncodeError(f"--bus {bus}: nothing was heard on it, but on {', '.join(buses)}")
 
 
 def print_events(

@@ -130,7 +130,9 @@ def _remark(parameter: Parameter, value: Value) -> None:
 
 
 def _how(parameter: Parameter, endpoint: str) -> str:
-    """How a value was written: as it is, or as a part of what travels."""
+    """How a value was written: as it is, as a part of what travels, or without an answer that would say so."""
+    if not parameter.answered:
+        return "sent: the device does not answer it"
     if endpoint.startswith("can:"):
         part = "object" if parameter.object is not None and parameter.object.bit is not None else ""
     else:

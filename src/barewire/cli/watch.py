@@ -8,8 +8,8 @@ from __future__ import annotations
 import csv
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -67,7 +67,7 @@ class Source:
         except BarewireError as error:
             if isinstance(error, PortError):
                 self.close()
-            return Poll(time, (), str(error))
+            return Poll(time, (), "; ".join([str(error), *getattr(error, "__notes__", [])]))
 
     def close(self) -> None:
         """Give the port back."""
@@ -117,33 +117,48 @@ def watch(
     if as_json and as_csv:
         raise click.UsageError("--json and --csv: one of them")
     if not 0 < period < 1e6:
-        raise click.UsageError(f"--period {period:g}: expected seconds, above 0")
+        raise click.UsageError(f"--period {period:g}: expected seconds, above 0 and below 1000000")
     machine = device_with(device, names)
     parameters = [machine.find(name) for name in names]
     if plot is not None:
         from barewire.cli.plot import check
 
         check(plot)
-    samples: list[tuple[float, list[Value]]] = []
     answered = False
     source = Source(endpoint, machine, names)
-    try:
-        with told(parameters, as_json, as_csv) as teller:
-            for poll in polls(source, period, count):
-                teller.tell(poll)
-                answered = answered or bool(poll.readings)
-                if plot is not None and poll.readings:
-                    samples.append((poll.time, _values(poll)))
-    except KeyboardInterrupt:
-        if count is not None:
-            raise
-    finally:
-        source.close()
-    if plot is not None:
-        from barewire.cli.plot import draw
-
-        draw(plot, machine.title, parameters, samples)
+    with ExitStack() as stack:
+        # Drawn in any case: after Ctrl-C, and when whoever read the output has had enough.
+        keep = stack.enter_context(drawn(plot, machine.title, parameters))
+        stack.callback(source.close)
+        if count is None:
+            stack.enter_context(suppress(KeyboardInterrupt))
+        teller = stack.enter_context(told(parameters, as_json, as_csv))
+        for poll in polls(source, period, count):
+            if poll.readings:
+                answered = True
+                keep(poll)
+            teller.tell(poll)
     return 0 if answered else 1
+
+
+@contextmanager
+def drawn(plot: str | None, title: str, parameters: list[Parameter]) -> Iterator[Callable[[Poll], None]]:
+    """Who keeps the polls, and draws them at the end, however it ends."""
+    if plot is None:
+        yield lambda poll: None
+        return
+    from barewire.cli.plot import Kept, draw
+
+    kept = Kept()
+    try:
+        yield lambda poll: kept.add(poll.time, _values(poll))
+    finally:
+        if kept.samples:
+            draw(plot, title, parameters, kept.samples)
+        else:
+            print(f"barewire: --plot {plot}: no value came, nothing is drawn", file=sys.stderr)
+        if kept.every > 1:
+            print(f"barewire: --plot {plot}: one poll of {kept.every} is drawn", file=sys.stderr)
 
 
 def _values(poll: Poll) -> list[Value]:

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Sequence
 from barewire.canopen import STANDARD, CanFrame, Channel, Dialect, download, fit, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.asked import Name, Values, naming, reading, telling, to_read, to_write
+from barewire.devices.asked import Name, Values, naming, reading, to_read, to_write, unanswered, writing
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter, Reading
 from barewire.devices.plan import Block, Writing, plan_reads, plan_writes
@@ -110,7 +110,7 @@ def _write_modbus(
     coming = iter(pairs)
     done: list[str] = []
     for write in writes:
-        with telling(done):
+        with writing((member.parameter for member in write.members), done):
             content: list[int] = []
             if write.keep:
                 content += yield from _read_entries(bus, unit, write.read_function, write.address, 1, timeout)
@@ -118,7 +118,8 @@ def _write_modbus(
                 parameter, value = next(coming)
                 new = _registers(parameter, value, content)
                 content = list(new) if write.keep else [*content, *new]
-            yield from _write_entries(bus, unit, write.function, write.address, content, timeout)
+            with unanswered(member.parameter for member in write.members):
+                yield from _write_entries(bus, unit, write.function, write.address, content, timeout)
         done += [member.parameter.name for member in write.members]
 
 
@@ -169,7 +170,8 @@ def _read_canopen(
         place = _object(device, parameter)
         key = (place.index, place.sub, parameter.object_size)
         if key not in contents:
-            contents[key] = yield from _upload(channel, parameter, place, timeout)
+            with reading([parameter]):
+                contents[key] = yield from _upload(channel, parameter, place, timeout)
         readings.append(Reading(parameter, parameter.from_object(contents[key])))
     return readings
 
@@ -204,14 +206,15 @@ def _write_canopen(
     done: list[str] = []
     for parameter, value in pairs:
         place = _object(device, parameter)
-        with telling(done):
+        with writing([parameter], done):
             old = b""
             if place.bit is not None:
                 old = yield from _upload(channel, parameter, place, timeout)
             data = parameter.to_object(value, old)
             if channel.dialect.lengths == "in four":
                 data = data.ljust(4, b"\0")
-            yield from download(channel, place.index, place.sub, data, timeout=timeout)
+            with unanswered([parameter]):
+                yield from download(channel, place.index, place.sub, data, timeout=timeout)
         done.append(parameter.name)
 
 

@@ -13,10 +13,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TypeAlias
 
-from barewire.codecs import Value
+from barewire.codecs import Value, codec
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show
-from barewire.errors import BarewireError, EncodeError
+from barewire.errors import BarewireError, EncodeError, NoAnswer
 
 Name: TypeAlias = str | Parameter
 # A Mapping is told its keys exactly, so each way of naming stands here by itself.
@@ -46,6 +46,14 @@ def to_write(device: Device, values: Values, force: bool) -> list[tuple[Paramete
     return found
 
 
+def sendable(parameter: Parameter, value: Value) -> None:
+    """Whether the value can travel at all: in range, on a step of the scale, of the type; EncodeError names it."""
+    raw = parameter.to_raw(value)
+    if parameter.type not in ("bool", "text"):
+        with naming(parameter, value):
+            codec(parameter.type).encode(raw)
+
+
 @contextmanager
 def naming(parameter: Parameter, value: Value) -> Iterator[None]:
     """A codec does not know whose value it refuses; the error must."""
@@ -63,17 +71,33 @@ def reading(parameters: Iterable[Parameter]) -> Iterator[None]:
     try:
         yield
     except BarewireError as error:
-        names = [parameter.name for parameter in parameters]
-        error.add_note(f"while reading {', '.join(names[:3])}" + (f" and {len(names) - 3} more" if names[3:] else ""))
+        error.add_note(f"while reading {_some(parameter.name for parameter in parameters)}")
         raise
 
 
 @contextmanager
-def telling(done: Sequence[str]) -> Iterator[None]:
-    """When one write of several fails, the others before it have happened: the error notes which."""
+def writing(parameters: Iterable[Parameter], done: Sequence[str]) -> Iterator[None]:
+    """When one write of several fails, the error notes whose it was, and which have happened before it."""
     try:
         yield
     except BarewireError as error:
+        error.add_note(f"while writing {_some(parameter.name for parameter in parameters)}")
         if done:
             error.add_note(f"written before that: {', '.join(done)}")
         raise
+
+
+@contextmanager
+def unanswered(parameters: Iterable[Parameter]) -> Iterator[None]:
+    """Silence is right where the description says that nothing answers. A refusal is still one."""
+    try:
+        yield
+    except NoAnswer:
+        if all(parameter.answered for parameter in parameters):
+            raise
+
+
+def _some(names: Iterable[str]) -> str:
+    """The first three names, and how many more there are."""
+    known = list(names)
+    return ", ".join(known[:3]) + (f" and {len(known) - 3} more" if known[3:] else "")

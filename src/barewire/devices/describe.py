@@ -34,5 +34,6 @@ def describe(parameter: Parameter) -> dict[str, Any]:
         "object": None if place is None else {"index": place.index, "sub": place.sub, "bit": place.bit},
         "bits": {str(number): text for number, text in parameter.bits.items()},
         "storable": parameter.storable,
+        "answered": parameter.answered,
         "printed": dict(parameter.printed),
     }

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from barewire.codecs.order import Order
 from barewire.devices.parameter import Parameter, TableName
 from barewire.errors import BarewireError
+
+UNORDERED = ("bool", "text")
 
 
 class UnknownName(BarewireError, LookupError):
@@ -25,6 +28,7 @@ class ModbusSide(NamedTuple):
     write_limit: int = 123
     read_functions: Mapping[TableName, int] = {"holding": 3, "input": 4, "coil": 1, "discrete": 2}
     write_functions: Mapping[TableName, tuple[int, ...]] = {"holding": (6, 16), "coil": (5, 15)}
+    order: Order = "ABCD"
 
 
 class Pdo(NamedTuple):
@@ -64,6 +68,8 @@ class DriveSide(NamedTuple):
     acceleration: str = ""
     deceleration: str = ""
     homing_method: str = ""
+    homing_speed_switch: str = ""
+    homing_speed_zero: str = ""
     modes: Mapping[str, int] = {}
     stays_in_quick_stop: bool = False
     settle: float = 0.0
@@ -92,6 +98,22 @@ class Device:
         if found is None:
             raise UnknownName(f"{self.name} has no parameter {name!r}{suggest(name, self._by_name, self._named)}")
         return found
+
+    def in_order(self, order: Order) -> Device:
+        """The same machine, laying its numbers in registers in another order than described.
+
+        What a row of the description orders by itself keeps its order.
+        """
+        if self.modbus is None:
+            return self
+        usual = self.modbus.order
+        moved = tuple(
+            replace(parameter, modbus=place._replace(order=order))
+            if (place := parameter.modbus) is not None and place.order == usual and parameter.type not in UNORDERED
+            else parameter
+            for parameter in self.parameters
+        )
+        return replace(self, parameters=moved, modbus=self.modbus._replace(order=order))
 
     def _named(self, folded: str) -> str:
         return self._by_name[folded].name

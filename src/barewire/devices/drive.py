@@ -12,7 +12,8 @@
 
 Each is a conversation that ends with the last `Look`, or with `DriveStuck`, which says in which state and why. Whoever
 wants to follow gives `progress`, a function that is called with a `Progress` after every look. A fault is never
-reset on the way: somebody must have seen it.
+reset on the way: somebody must have seen it. A target that is reached is taken for ours only if mode, target and
+control word are still what was written: another master's halt says "reached" too.
 
 Conversations over Modbus carry bytes, over CANopen frames; here nobody asks which.
 
@@ -21,175 +22,32 @@ I know: states, modes, hand-shakes.  I never know: registers, objects, clocks. T
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import Generic, TypeVar
+from math import isclose, isfinite
+from typing import TypeVar
 
 from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.cia402 import Command, State, next_control_word
-from barewire.devices.device import Device, DriveSide
-from barewire.devices.drive_access import Access
-from barewire.devices.drive_report import (
-    FAULTED,
-    MODE_BIT,
-    MODE_ERROR,
-    REACHED,
-    SWITCHED_OFF,
-    DriveStuck,
-    Look,
-    Progress,
-    stuck,
-)
-from barewire.devices.parameter import Reading, show
-from barewire.errors import BarewireError, EncodeError
+from barewire.devices.asked import sendable
+from barewire.devices.cia402 import Command, State
+from barewire.devices.drive_report import LIMITED, MODE_BIT, MODE_ERROR, REACHED, Look
+from barewire.devices.drive_states import DriveStates, seconds
+from barewire.devices.parameter import Parameter, show
+from barewire.errors import EncodeError, Refused
 
 Item = TypeVar("Item")
 
 ENABLED = int(Command.ENABLE_OPERATION)
 NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
-WATCHED = ("status_word", "mode_display", "position", "velocity")
+DEFINED = 0x01FF
+"""The bits of the control word that CiA 402 gives a meaning in these modes."""
+
 _AT_ONCE = float("-inf")
 
 
-class Drive(Generic[Item]):
-    """One drive. `timeout` is how long each step may take, `period` the seconds between two looks at it."""
-
-    def __init__(
-        self,
-        access: Access[Item],
-        device: Device,
-        *,
-        timeout: float = 3.0,
-        period: float = 0.02,
-        progress: Callable[[Progress], None] | None = None,
-    ) -> None:
-        if device.drive is None:
-            raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
-        self.access = access
-        self.device = device
-        self.parts: DriveSide = device.drive
-        self.timeout = timeout
-        self.period = period
-        self.progress = progress
-        self.control: int | None = None
-        """The last control word that was written."""
-        self._watched = {part: name for part in WATCHED if (name := getattr(self.parts, part))}
-
-    # Looking
-
-    def look(self, action: str = "status", waiting_for: str = "") -> Conversation[Item, Look]:
-        """What the drive says now."""
-        readings = yield from self.access.read(list(self._watched.values()))
-        now = yield from self.access.rest(_AT_ONCE)
-        said = dict(zip(self._watched, (reading.value for reading in readings)))
-        look = Look(now, int(said["status_word"]), said.get("mode_display"), said.get("position"), said.get("velocity"))
-        if self.progress is not None:
-            self.progress(Progress(action, waiting_for, look))
-        return look
-
-    def _until(
-        self, action: str, waiting_for: str, there: Callable[[Look], bool], within: float, *, enabled: bool = True
-    ) -> Conversation[Item, Look]:
-        """Look until it is so. While `enabled` has to stay, leaving operation enabled ends the waiting."""
-        began: float | None = None
-        while True:
-            look = yield from self.look(action, waiting_for)
-            began = look.now if began is None else began
-            lost = enabled and look.state not in (State.OPERATION_ENABLED, None)
-            if not lost and there(look):
-                return look
-            if lost or look.now >= began + within:
-                raise (yield from self._stuck(action, waiting_for, None if lost else within, look))
-            yield from self.access.rest(min(look.now + self.period, began + within))
-
-    def _stuck(self, action: str, waiting_for: str, waited: float | None, look: Look) -> Conversation[Item, DriveStuck]:
-        error: Reading | None = None
-        if self.parts.error_code:
-            with suppress(BarewireError):  # what is known already is worth more than why this question failed
-                (error,) = yield from self.access.read([self.parts.error_code])
-        return stuck(action, waiting_for, waited, look, self.control, error)
-
-    # States
-
-    def _command(self, word: int) -> Conversation[Item, None]:
-        yield from self.access.write({self.parts.control_word: word})
-        self.control = word
-
-    def _go(self, action: str, goal: State) -> Conversation[Item, Look]:
-        """Command after command until the drive is at its goal. A command that had no effect is repeated.
-
-        Where the current is to be off, a fault is as good: it has switched it off.
-        """
-        waiting_for = f"{goal.value!r}"
-        began: float | None = None
-        before: State | None = None
-        while True:
-            look = yield from self.look(action, waiting_for)
-            began = look.now if began is None else began
-            if look.state is goal or (look.state is State.FAULT and goal is State.SWITCH_ON_DISABLED):
-                return look
-            if look.state is State.FAULT:
-                raise (yield from self._stuck(action, waiting_for, None, look))
-            if look.now >= began + self.timeout:
-                raise (yield from self._stuck(action, waiting_for, self.timeout, look))
-            if look.state is before:
-                yield from self.access.rest(min(look.now + self.period, began + self.timeout))
-            before = look.state
-            if look.state is not None:
-                word = next_control_word(look.state, goal, stays_in_quick_stop=self.parts.stays_in_quick_stop)
-                if word is not None:
-                    yield from self._command(word)
-
-    def enable(self) -> Conversation[Item, Look]:
-        """To operation enabled, and then the pause that the motor needs."""
-        return self._enable("enable")
-
-    def _enable(self, action: str) -> Conversation[Item, Look]:
-        look = yield from self.look(action, f"{State.OPERATION_ENABLED.value!r}")
-        if look.state is State.OPERATION_ENABLED:
-            return look
-        look = yield from self._go(action, State.OPERATION_ENABLED)
-        yield from self.access.rest(look.now + self.parts.settle)
-        return (yield from self.look(action, "the motor to settle"))
-
-    def disable(self) -> Conversation[Item, Look]:
-        """Current off. A drive with a fault has it off already, and stays in its fault."""
-        return self._go("disable", State.SWITCH_ON_DISABLED)
-
-    def quick_stop(self, *, within: float = 30.0) -> Conversation[Item, Look]:
-        """Brake on the quick stop ramp, and wait until the shaft stands or the current is off."""
-        yield from self._command(int(Command.QUICK_STOP))
-
-        def stands(look: Look) -> bool:
-            if look.state is State.QUICK_STOP_ACTIVE:
-                return self.parts.stays_in_quick_stop and look.has(REACHED)
-            return look.state not in (State.OPERATION_ENABLED, State.FAULT_REACTION_ACTIVE, None)
-
-        return (yield from self._until("quick stop", "standstill", stands, within, enabled=False))
-
-    def reset(self) -> Conversation[Item, Look]:
-        """Out of a fault. The edge is given again until it is taken: a cause may need its time to go."""
-
-        def off(look: Look) -> bool:
-            return look.state not in (*FAULTED, None)
-
-        look = yield from self.look("reset", SWITCHED_OFF)
-        began = look.now
-        while not off(look):
-            if look.now >= began + self.timeout:
-                raise (yield from self._stuck("reset", SWITCHED_OFF, self.timeout, look))
-            if look.state is State.FAULT:
-                yield from self._command(int(Command.DISABLE_VOLTAGE))
-                yield from self._command(int(Command.FAULT_RESET))
-            look = yield from self.look("reset", SWITCHED_OFF)
-            if not off(look):
-                yield from self.access.rest(min(look.now + self.period, began + self.timeout))
-        if self.control == Command.FAULT_RESET:
-            yield from self._command(int(Command.DISABLE_VOLTAGE))
-        return look
-
-    # Motion
+class Drive(DriveStates[Item]):
+    """One drive: its states, and its motion."""
 
     def move(
         self,
@@ -209,19 +67,25 @@ class Drive(Generic[Item]):
         range or a part that the description lacks.
         """
         values = {"profile_velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
-        settings = self._settings("move", "position", {**values, "target_position": target})
+        settings = self._settings("move", "position", {**values, "target_position": target}, within)
         set_point = ENABLED | (RELATIVE if relative else 0) | (IMMEDIATELY if immediately else 0)
-        return self._move(settings, set_point, within)
+        return self._move(settings, set_point, target, within)
 
-    def _move(self, settings: Mapping[str, Value], set_point: int, within: float) -> Conversation[Item, Look]:
-        yield from self._prepare("move", settings, within)
+    def _move(
+        self, settings: Mapping[str, Value], set_point: int, target: float, within: float
+    ) -> Conversation[Item, Look]:
+        begun = yield from self._prepare("move", settings, within)
         yield from self._command(set_point)
         ready, taken = "bit 12 to fall (set-point acknowledge)", "bit 12 to rise (set-point acknowledge)"
         yield from self._until("move", ready, lambda look: not look.has(MODE_BIT), self.timeout)
         yield from self._command(set_point | NEW_SET_POINT)
         yield from self._until("move", taken, lambda look: look.has(MODE_BIT), self.timeout)
         yield from self._command(set_point)
-        return (yield from self._until("move", "target reached", lambda look: look.has(REACHED), within))
+        look = yield from self._until("move", "target reached", lambda look: look.has(REACHED), within)
+        goal = target + float(begun.position or 0) if set_point & RELATIVE else target
+        if look.has(LIMITED) and look.position is not None and look.position != goal:
+            raise (yield from self._stuck("move", "target reached", None, look, [f"position {show(look.position)}"]))
+        return (yield from self._still_ours("move", "target reached", settings, look))
 
     def velocity(
         self,
@@ -236,20 +100,40 @@ class Drive(Generic[Item]):
         Reached is what the drive calls so: some have a wide velocity window.
         """
         values = {"acceleration": acceleration, "deceleration": deceleration, "target_velocity": target}
-        return self._velocity(self._settings("velocity", "velocity", values), within)
+        return self._velocity(self._settings("velocity", "velocity", values, within), target, within)
 
-    def _velocity(self, settings: Mapping[str, Value], within: float) -> Conversation[Item, Look]:
+    def _velocity(self, settings: Mapping[str, Value], target: float, within: float) -> Conversation[Item, Look]:
         look = yield from self._prepare("velocity", settings, within)
         yield from self._command(ENABLED)  # takes a halt away
         # A drive that turned already says "reached" until it has seen the new target.
         yield from self.access.rest(look.now + self.period)
-        return (yield from self._until("velocity", "target reached", lambda look: look.has(REACHED), within))
+
+        def reached(look: Look) -> bool:
+            # A limit switch holds the shaft, and the drive says that standing is what is wanted now.
+            held = look.has(LIMITED) and target and look.velocity is not None and float(look.velocity) * target <= 0
+            return look.has(REACHED) and not held
+
+        look = yield from self._until("velocity", "target reached", reached, within)
+        return (yield from self._still_ours("velocity", "target reached", settings, look))
 
     def home(self, method: int | None = None, *, within: float = 60.0) -> Conversation[Item, Look]:
         """Homing, with the method that is set in the drive or the one given; enables the drive first."""
-        return self._home(self._settings("home", "homing", {"homing_method": method}), within)
+        settings = self._settings("home", "homing", {"homing_method": method}, within)
+        if method is not None:
+            self._known_method(self.device.find(self.parts.homing_method), method)
+        return self._home(settings, within)
+
+    def _known_method(self, parameter: Parameter, method: Value) -> None:
+        """A search by a method that is none would be waited for in vain."""
+        if parameter.values and method not in parameter.values:
+            known = ", ".join(map(str, parameter.values))
+            raise EncodeError(f"home: {parameter.name} {show(method)} is no method: expected one of {known}")
 
     def _home(self, settings: Mapping[str, Value], within: float) -> Conversation[Item, Look]:
+        name = self.parts.homing_method
+        if name and name not in settings and self.device.find(name).readable:
+            (method,) = yield from self.access.read([name])
+            self._known_method(method.parameter, method.value)
         yield from self._prepare("home", settings, within)
         yield from self._command(ENABLED)
         yield from self._command(ENABLED | NEW_SET_POINT)
@@ -262,11 +146,39 @@ class Drive(Generic[Item]):
         look = yield from self._until("home", "homing attained (bits 12 and 10)", ended, within)
         if look.has(MODE_ERROR):
             raise (yield from self._stuck("home", "homing attained, but the drive says homing error (13)", None, look))
+        yield from self._still_ours("home", "homing attained", settings, look)
         yield from self._command(ENABLED)
         return look
 
-    def _settings(self, action: str, mode: str, values: Mapping[str, int | float | None]) -> dict[str, Value]:
+    def _still_ours(
+        self, action: str, waiting_for: str, settings: Mapping[str, Value], look: Look
+    ) -> Conversation[Item, Look]:
+        """A following error, and a halt by somebody else, in another mode or for another target, say "reached" too."""
+        if look.has(MODE_ERROR) and action != "home":
+            raise (yield from self._stuck(action, waiting_for, None, look, ["a following error, bit 13"]))
+        parts = (self.parts.mode, self.parts.target_position, self.parts.target_velocity)
+        wanted = {name: value for name, value in settings.items() if name in parts}
+        wanted[self.parts.control_word] = self.control or 0
+        readable = [name for name in wanted if self.device.find(name).readable]
+        changed, found = [], []
+        if readable:
+            with suppress(Refused):  # a drive that does not show its commands is believed
+                found = yield from self.access.read(readable)
+        for reading in found:
+            if reading.name == self.parts.control_word:
+                if (int(reading.value) ^ int(wanted[reading.name])) & DEFINED:
+                    changed.append(f"somebody else wrote {reading.name} {int(reading.value):04X}h")
+            elif not isclose(float(reading.value), float(wanted[reading.name]), rel_tol=1e-6):  # an f32 rounds
+                changed.append(f"somebody else wrote {reading.name} {show(reading.value)}")
+        if changed:
+            raise (yield from self._stuck(action, waiting_for, None, look, changed))
+        return look
+
+    def _settings(
+        self, action: str, mode: str, values: Mapping[str, int | float | None], within: float
+    ) -> dict[str, Value]:
         """What is to be written, the mode first, by name and checked; EncodeError before anything is sent."""
+        seconds("within", within)
         if mode not in self.parts.modes:
             raise EncodeError(f"{action}: the description of {self.device.name} has no {mode!r} in modes of [drive]")
         settings: dict[str, Value] = {self.parts.mode: self.parts.modes[mode]}
@@ -276,7 +188,9 @@ class Drive(Generic[Item]):
             name = getattr(self.parts, part)
             if not name:
                 raise EncodeError(f"{action}: the description of {self.device.name} names no {part} in [drive]")
-            self.device.find(name).to_raw(value)
+            sendable(self.device.find(name), value)
+            if not isfinite(value):  # a float without a range could carry it, and nobody knows where that is
+                raise EncodeError(f"{name} = {show(value)}: expected a number with an end", name)
             settings[name] = value
         return settings
 

@@ -8,11 +8,12 @@ I know: what the bits of a status word mean when nothing happens.  I never know:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from barewire.codecs import Value
 from barewire.devices.cia402 import State, state_of
-from barewire.devices.parameter import Parameter, Reading
+from barewire.devices.parameter import Parameter, Reading, show
 from barewire.errors import BarewireError, DecodeError
 
 VOLTAGE_ENABLED, REMOTE, REACHED, LIMITED, MODE_BIT, MODE_ERROR = 4, 9, 10, 11, 12, 13
@@ -107,11 +108,17 @@ def bit_names(word: int) -> list[str]:
 
 
 def stuck(
-    action: str, waiting_for: str, waited: float | None, look: Look, control: int | None, error: Reading | None
+    action: str,
+    waiting_for: str,
+    waited: float | None,
+    look: Look,
+    control: int | None,
+    error: Reading | None,
+    more: Sequence[str] = (),
 ) -> DriveStuck:
-    """The error, told whole. `waited` is None where waiting longer would not help."""
+    """The error, told whole. `waited` is None where waiting longer would not help; `more` is what no look tells."""
     after = "" if waited is None else f" after {waited:g} s"
-    reasons = why(action, look, error)
+    reasons = [*why(action, look, error), *whether_it_turns(look), *more]
     said = ", ".join(bit_names(look.status_word)) or "no bit set"
     last = "" if control is None else f"; last control word {control:04X}h"
     because = f": {'; '.join(reasons)}" if reasons else ""
@@ -137,6 +144,15 @@ def why(action: str, look: Look, error: Reading | None) -> list[str]:
     if look.has(LIMITED):
         reasons.append("a limit of the drive is active, bit 11")
     return reasons
+
+
+def whether_it_turns(look: Look) -> list[str]:
+    """With the current on: a motor that stands waits for something, one that turns may need longer."""
+    if look.state is not State.OPERATION_ENABLED or look.velocity is None:
+        return []
+    if look.velocity:
+        return [f"the motor still turns, velocity {show(look.velocity)}"]
+    return ["the motor stands"]
 
 
 SWITCHED_OFF = "'switch on disabled'"

@@ -17,9 +17,10 @@ import tomllib
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 from barewire.codecs import ORDERS
+from barewire.codecs.order import Order
 from barewire.devices.check import (
     Block,
     DescriptionError,
@@ -60,9 +61,21 @@ def load(name_or_path: str | Path) -> Device:
     >>> load("AZ3").find("status word").modbus
     ModbusAt(table='input', address=24, words=1, half=None, bit=None, order='CDAB')
 
+    `?order=` behind it says how the machine lays the words of long values now, where it can be told to.
+
+    >>> load("csd-mt?order=ABCD").find("Target Position").modbus.order
+    'ABCD'
+
     A device of the catalogue is read once. Raises UnknownName for what is neither, DescriptionError with file, line
     and key for a description that is not as the format says.
     """
+    plain, mark, option = str(name_or_path).rpartition("?")
+    if mark and not os.path.isdir(name_or_path):
+        key, _, order = option.partition("=")
+        if key != "order" or order.upper() not in ORDERS:
+            known = ", ".join(ORDERS)
+            raise UnknownName(f"device {shown(str(name_or_path))}: expected ?order= and one of {known} behind the name")
+        return load(plain).in_order(cast(Order, order.upper()))
     wanted = fold(str(name_or_path)).replace("_", "-")
     if wanted in names():
         return _from_catalog(wanted)
@@ -200,7 +213,7 @@ def _modbus(file: Block) -> tuple[ModbusSide | None, Counting]:
         return None, Counting()
     values = block.read(_MODBUS)
     first = values.pop("first_register", {}) | values.pop("first_coil", {})
-    counting = Counting(first, values.pop("order", "ABCD"))
+    counting = Counting(first, values.get("order", "ABCD"))
     for key in ("read_functions", "write_functions"):
         if key in values:
             values[key] = MappingProxyType(values[key])

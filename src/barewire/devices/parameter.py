@@ -15,7 +15,6 @@ told in the unit, after scaling, because that is how people think of them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -24,6 +23,7 @@ from typing import Literal, NamedTuple
 from barewire.codecs import Codec, Text, Value, codec, from_registers, to_registers
 from barewire.codecs.bits import Half, get_bit, get_half, set_bit, set_half
 from barewire.codecs.order import Order
+from barewire.devices.parse import parse
 from barewire.errors import DecodeError, EncodeError, shown
 
 TableName = Literal["holding", "input", "coil", "discrete"]
@@ -76,6 +76,8 @@ class Parameter:
     bits: Mapping[int, str] = field(default_factory=dict)
     firmware: str = ""
     storable: bool | None = None
+    answered: bool = True
+    """Whether the device answers when it is written: some restart instead."""
     note: str = ""
     printed: Mapping[str, str] = field(default_factory=dict)
     modbus: ModbusAt | None = None
@@ -113,7 +115,8 @@ class Parameter:
         if not (reaches and (self.maximum is None or value <= self.limit(self.maximum, 1))):
             low = "" if self.minimum is None else show(self.minimum)
             high = "" if self.maximum is None else show(self.maximum)
-            raise EncodeError(f"{self.name} = {show(value)}: expected {low}..{high} {self.unit}".rstrip(), self.name)
+            reach = low if low == high else f"{low}..{high}"
+            raise EncodeError(f"{self.name} = {show(value)}: expected {reach} {self.unit}".rstrip(), self.name)
         return value
 
     def limit(self, limit: int | float, side: int) -> int | float:
@@ -122,22 +125,7 @@ class Parameter:
 
     def parse(self, text: str) -> Value:
         """What a person typed, as a value: a number (0x for hexadecimal), on/off, or the name of one of its values."""
-        plain = text.strip()
-        for named, title in self.values.items():
-            if plain.casefold() == title.casefold():
-                return named
-        if self.type == "text":
-            return text
-        if self.type == "bool" and plain.lower() in ("on", "off", "true", "false"):
-            return plain.lower() in ("on", "true")
-        try:
-            number: int | float = int(plain, 0) if _looks_whole(plain) else float(plain)
-            if isinstance(number, float) and math.isinf(number) and "inf" not in plain.lower():
-                raise ValueError(f"{plain} is more than a float can hold")
-        except ValueError:
-            names = f", or one of: {', '.join(self.values.values())}" if self.values else ""
-            raise EncodeError(f"{self.name} = {shown(text)}: expected a number{names}", self.name) from None
-        return number
+        return parse(self, text)
 
     def text(self, value: Value) -> str:
         """The value with its unit, and in words where its values or bits have names.
@@ -303,8 +291,3 @@ def show(value: Value) -> str:
         short = f"{value:.7g}"
         return short if abs(float(short) - value) <= abs(value) * 6e-8 else repr(value)
     return str(value) if isinstance(value, str) else shown(value)
-
-
-def _looks_whole(text: str) -> bool:
-    digits = text.lstrip("+-").lower()
-    return digits.isdecimal() or digits.startswith(("0x", "0b"))

@@ -19,7 +19,7 @@ from barewire.devices.parameter import Parameter
 WATCHED = ("status_word", "mode_display", "error_code", "position", "velocity")
 COMMANDED = (
     *("control_word", "mode", "target_position", "target_velocity", "profile_velocity"),
-    *("acceleration", "deceleration", "homing_method"),
+    *("acceleration", "deceleration", "homing_method", "homing_speed_switch", "homing_speed_zero"),
 )
 MODES = ("position", "velocity", "homing")
 

@@ -74,6 +74,7 @@ RULES: dict[str, Rule] = {
     "bits": numbered,
     "firmware": text,
     "storable": truth,
+    "answered": truth,
     "note": text,
     "printed": printed,
 }
@@ -105,6 +106,7 @@ def read_row(block: Block, modbus: ModbusSide | None, counting: Counting, has_ca
         bits=MappingProxyType(row.get("bits", {})),
         firmware=row.get("firmware", ""),
         storable=row.get("storable"),
+        answered=row.get("answered", True),
         note=row.get("note", ""),
         printed=MappingProxyType(row.get("printed", {})),
         modbus=_modbus_place(block, row, modbus, counting),

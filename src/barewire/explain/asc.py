@@ -35,14 +35,14 @@ _KNOWN = re.compile(
     r"\d+\.\d+\s+(start of|sv:|log |can\s+\d+\s+status|\d+\s+statistic|\d+\s+overloadframe|cantp|tfs:|gps|"
     r"lin|l\d|j1939|li\s|fr|eth|more|test|%|[a-z]+\s*:))"
 )
-_OVERRUN = re.compile(r"(?i)^\s*(\d+\.\d+)\s+(?:can\s+)?(\d+)\s+.*overrun")
-_ERROR = re.compile(r"(?i)^\s*(\d+\.\d+)\s+(?:canfd\s+)?(\d+)\s+(?:rx\s+|tx\s+)?errorframe")
+_OVERRUN = re.compile(r"(?i)^\s*(\d{1,12}\.\d{1,12})\s+(?:can\s+)?(\d+)\s+.*overrun")
+_ERROR = re.compile(r"(?i)^\s*(\d{1,12}\.\d{1,12})\s+(?:canfd\s+)?(\d+)\s+(?:rx\s+|tx\s+)?errorframe")
 _FRAME = re.compile(
-    r"(?i)^\s*(?P<at>\d+\.\d+)\s+(?P<bus>\d+)\s+(?P<id>[0-9a-f]+)(?P<x>x?)\s+(?P<dir>rx|tx|txrq)\s+"
+    r"(?i)^\s*(?P<at>\d{1,12}\.\d{1,12})\s+(?P<bus>\d+)\s+(?P<id>[0-9a-f]+)(?P<x>x?)\s+(?P<dir>rx|tx|txrq)\s+"
     r"(?P<kind>[dr])(?P<rest>.*)$"
 )
 _FD = re.compile(
-    r"(?i)^\s*(?P<at>\d+\.\d+)\s+canfd\s+(?P<bus>\d+)\s+(?P<dir>rx|tx|txrq)\s+(?P<id>[0-9a-f]+)(?P<x>x?)\s+"
+    r"(?i)^\s*(?P<at>\d{1,12}\.\d{1,12})\s+canfd\s+(?P<bus>\d+)\s+(?P<dir>rx|tx|txrq)\s+(?P<id>[0-9a-f]+)(?P<x>x?)\s+"
     r"(?:(?P<name>(?![01]\s+[01]\s+[0-9a-f]\s+\d)\S+)\s+)?(?P<brs>[01])\s+(?P<esi>[01])\s+(?P<code>[0-9a-f])\s+"
     r"(?P<length>\d+)(?P<rest>.*)$"
 )

@@ -1,7 +1,7 @@
 """A recording of a CAN bus, whatever its form, listened to once more; and frames written down.
 
 candump      what it prints and what it logs           Vector ASC      text, too
-pcapng, pcap SocketCAN frames, link type 227           (BLF is read by the shells, through python-can)
+pcapng, pcap SocketCAN frames, link type 227           Vector BLF      bytes
 
 Each bus in a recording has a listener of its own.
 """
@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from barewire.errors import DecodeError
 from barewire.explain import pcapng
 from barewire.explain.asc import is_asc, read_asc
+from barewire.explain.blf import FILE, read_blf
 from barewire.explain.candump import is_candump, log_line, read_candump
 from barewire.explain.listen.events import Event
 from barewire.explain.listen.known import KnownNode
@@ -21,8 +22,8 @@ from barewire.explain.recorded import AnyFrame, Dropped, Item, Recorded, Unread,
 from barewire.explain.socketcan import SOCKETCAN, from_packet, is_can, to_packet
 
 BUSES_MAX = 64
-BLF = b"LOGG"
-"""What a file of Vector's binary format begins with."""
+_LOOKED_AT = 0x1_0000
+"""So much of a text is looked at to find out what it is."""
 
 
 def is_can_recording(data: bytes) -> bool:
@@ -31,18 +32,23 @@ def is_can_recording(data: bytes) -> bool:
     >>> is_can_recording(b"(1.5) can0 705#05"), is_can_recording(b"12.5 01 03 00 00 00 02 C4 0B")
     (True, False)
     """
-    if data[:4] == BLF:
+    if data[:4] == FILE:
         return True
     if pcapng.is_capture(data):
         try:
             return any(is_can(packet) for packet in pcapng.packets(data))
         except DecodeError:
             return False
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return False
+    text = _text(data[:_LOOKED_AT])
     return is_asc(text) or is_candump(text)
+
+
+def _text(data: bytes) -> str:
+    """The text that the bytes are: UTF-8, or what programs on Windows write for the letters in names and remarks."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
 
 
 def read_recording(data: bytes) -> Iterator[Item]:
@@ -53,14 +59,13 @@ def read_recording(data: bytes) -> Iterator[Item]:
     """
     if pcapng.is_capture(data):
         return _read_capture(data)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
-    if is_asc(text):
-        return read_asc(text)
-    if is_candump(text):
-        return read_candump(text)
+    if data[:4] == FILE:
+        return read_blf(data)
+    begin = _text(data[:_LOOKED_AT])
+    if is_asc(begin):
+        return read_asc(_text(data))
+    if is_candump(begin):
+        return read_candump(_text(data))
     raise DecodeError("value", data[:16], 0, "no recording of CAN: expected candump, ASC, BLF, pcapng or pcap")
 
 

@@ -31,7 +31,8 @@ ERROR_FLAG = 0x2000_0000
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _DROPS = re.compile(r"DROPCOUNT: dropped (\d+) CAN frames? on '([^']*)'")
-_LOG = re.compile(r"\((\d+(?:\.\d+)?)\)\s+(\S+)\s+([0-9A-Fa-f]+#\S*)(?:\s+[RT])?\s*$")
+_LOG = re.compile(r"\((\d{1,12}(?:\.\d{1,12})?)\)\s+(\S+)\s+([0-9A-Fa-f]+#\S*)(?:\s+[RT])?\s*$")
+_NUMBER = re.compile(r"\d{1,12}(?:\.\d{1,12})?", re.ASCII)
 _TIME = re.compile(r"\(([^)]*)\)\s*")
 _COLUMNS = re.compile(
     r"(?P<bus>\S+)\s+(?:(?:RX|TX)\s+[-B]\s+[-E]\s+)?(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+"
@@ -152,6 +153,13 @@ def _bytes(rest: str, length: int, text: str) -> bytes:
         raise _wrong("character", text, 0, f"{' '.join(tokens)[:24]!r} is not bytes in hexadecimal") from None
 
 
+def _seconds(stamp: str) -> float:
+    """A time as a number. Raises ValueError, also for what only Python takes for one."""
+    if not _NUMBER.fullmatch(stamp):
+        raise ValueError(stamp)
+    return float(stamp)
+
+
 class _Times:
     """What the stamps of the screen mean: absolute ones count from 1970, small ones from the first or the last line."""
 
@@ -166,7 +174,7 @@ class _Times:
         elif "-" in stamp:
             self._now = datetime.fromisoformat(stamp).replace(tzinfo=UTC).timestamp()
         else:
-            number = float(stamp)
+            number = _seconds(stamp)
             self._now = self._now + number if self._differences else number
         return self._now
 
@@ -179,7 +187,7 @@ def _are_differences(lines: list[str]) -> bool:
         if match is None:
             continue
         try:
-            number = float(match[1])
+            number = _seconds(match[1])
         except ValueError:
             return False
         if number >= 1e8:

@@ -1,10 +1,11 @@
 """Capture files, in and out: pcapng as Wireshark writes it, and its forerunner pcap. Pure: bytes to packets and back.
 
     | type 4 | length 4 | body, filled up to 4 | length 4 |       a block; which end comes first is told by the section
-    section header 0A0D0D0A     interface 1: link type, units of time     packet 6, 3: interface, time, length, bytes
+    section header 0A0D0D0A     interface 1: link type, units of time     packet 6, 3, 2: interface, time, length, bytes
 
 Written is one section, little-endian, times in microseconds. Read is what is needed of the rest:
-several sections and interfaces, both byte orders, other units of time; unknown blocks are passed over.
+several sections and interfaces, both byte orders, other units of time, times from another start; unknown blocks are
+passed over.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from typing import NamedTuple
 from barewire.errors import DecodeError
 
 ETHERNET = 1
-_SECTION, _INTERFACE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 3, 6
+_SECTION, _INTERFACE, _OLD, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _MAGIC = 0x1A2B3C4D
 _PCAP = {0xA1B2C3D4: 1_000_000, 0xA1B23C4D: 1_000_000_000}
 """What a pcap file begins with, and so many units of its times are a second."""
-_RESOLUTION, _NAME = 9, 2
-"""The options of an interface that say in which units times are counted, and what it is called."""
+_RESOLUTION, _NAME, _OFFSET = 9, 2, 14
+"""The options of an interface: in which units times are counted, what it is called, seconds to add to its times."""
 _DROPPED = 4
 """The option of a packet that says how many before it were lost."""
 
@@ -55,7 +56,7 @@ def packet(at: float, data: bytes, interface: int = 0) -> bytes:
     >>> read(header() + packet(12.5, b"abc"))[0][:3]
     (12.5, b'abc', 1)
     """
-    micros = max(0, round(at * 1e6))
+    micros = min(max(0, round(at * 1e6)), 0xFFFF_FFFF_FFFF_FFFF)
     start = struct.pack("<IIIII", interface, micros >> 32, micros & 0xFFFFFFFF, len(data), len(data))
     return _block(_ENHANCED, start + data)
 
@@ -107,7 +108,7 @@ def _read_pcap(data: bytes) -> Iterator[Packet]:
 
 def _read_pcapng(data: bytes) -> Iterator[Packet]:
     order = "<"
-    interfaces: list[tuple[int, int, str]] = []
+    interfaces: list[_Interface] = []
     at = 0
     while at < len(data):
         if at + 12 > len(data):
@@ -123,21 +124,38 @@ def _read_pcapng(data: bytes) -> Iterator[Packet]:
             raise _cut(data, at)
         body = data[at + 8 : at + size - 4]
         if kind == _INTERFACE and len(body) >= 8:
-            options = dict(_options(body[8:], order))
-            name = options.get(_NAME, b"").decode("utf-8", "replace") or (str(len(interfaces)) if interfaces else "")
-            interfaces.append((struct.unpack_from(f"{order}H", body)[0], _unit(options), name))
-        elif kind == _ENHANCED and len(body) >= 20:
+            interfaces.append(_interface(body, order, len(interfaces)))
+        elif kind in (_ENHANCED, _OLD) and len(body) >= 20:
             number, high, low, captured, _ = struct.unpack_from(f"{order}5I", body)
-            if number < len(interfaces):
-                link, unit, name = interfaces[number]
-                behind = dict(_options(body[20 + captured + -captured % 4 :], order))
-                dropped = int.from_bytes(behind.get(_DROPPED, b""), "little" if order == "<" else "big")
-                yield Packet(((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
+            behind = dict(_options(body[20 + captured + -captured % 4 :], order))
+            dropped = int.from_bytes(behind.get(_DROPPED, b""), "little" if order == "<" else "big")
+            if kind == _OLD:
+                number, dropped = struct.unpack_from(f"{order}HH", body)
+                dropped = 0 if dropped == 0xFFFF else dropped  # not known
+            if number >= len(interfaces):
+                text = f"a packet of the interface {number} at byte {at}, and there are {len(interfaces)}"
+                raise DecodeError("value", data[at : at + 16], 8, text)
+            link, unit, name, start = interfaces[number]
+            yield Packet(start + ((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
         elif kind == _SIMPLE and len(body) >= 4 and interfaces:
-            yield Packet(0.0, body[4 : 4 + struct.unpack_from(f"{order}I", body)[0]], interfaces[0][0])
+            yield Packet(0.0, body[4 : 4 + struct.unpack_from(f"{order}I", body)[0]], interfaces[0].link)
         elif at == 0 and kind != _SECTION:
             raise DecodeError("value", data[:12], 0, "neither a pcapng nor a pcap file")
         at += size
+
+
+class _Interface(NamedTuple):
+    link: int
+    unit: int
+    name: str
+    start: int
+
+
+def _interface(body: bytes, order: str, number: int) -> _Interface:
+    options = dict(_options(body[8:], order))
+    name = options.get(_NAME, b"").decode("utf-8", "replace") or (str(number) if number else "")
+    start = int.from_bytes(options.get(_OFFSET, b""), "little" if order == "<" else "big", signed=True)
+    return _Interface(struct.unpack_from(f"{order}H", body)[0], _unit(options), name, start)
 
 
 def _options(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:

@@ -22,23 +22,26 @@ in the order in which it was asked. A second master on the line defeats it, as i
 
 A write that got no answer may have been carried out: its error is `WriteOutcomeUnknown`, and it is never repeated
 unless the caller says so.
+
+Nearly every question on TCP is one send and one read. Whoever carries it out may do so without a conversation:
+
+    ask(unit, request)   =   begin(unit, request) -> the frame; send it; what comes is the answer: answered(unit, now)
+                                                                         it is anything else:      rest(unit, ...)
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from copy import copy
 from typing import Any, Literal, TypeVar
 
-from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send
+from barewire.conversation import Abandoned, Conversation, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu
 from barewire.modbus.diagnostics import RETURN_QUERY_DATA, Diagnostics
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.line import Event, Line
-from barewire.modbus.lost import KEPT, NEVER, BusCounters, Known, LateReply, Lost, WriteOutcomeUnknown, describe, note
+from barewire.modbus.line import Line
+from barewire.modbus.lost import NEVER, Known, Memory, describe, note, unknown
 from barewire.modbus.message import Request, Response
 
 R = TypeVar("R", bound=Response)
@@ -46,7 +49,7 @@ Recovery = Literal["probe", "wait"]
 _new = tuple.__new__  # what Send(...) and Listen(...) do, without the function around it
 
 
-class Bus:
+class Bus(Memory):
     """The owner of a line. One conversation at a time; whoever runs several sees to the turns.
 
     `late_window` is the silence, in seconds, after which a lost answer is taken for gone; three time-outs if not given.
@@ -54,7 +57,6 @@ class Bus:
     `dead_after` questions in a row without an answer a unit is left alone for a while, longer each time, up to
     `dead_longest` seconds: None never gives up.
 
-    `line` may be replaced between two questions, when a connection was made anew: what was lost may still come.
     """
 
     def __init__(
@@ -68,32 +70,11 @@ class Bus:
         dead_after: int | None = None,
         dead_longest: float = 30.0,
     ) -> None:
-        self.line = line
+        super().__init__(
+            line, late_window=late_window, gap=gap, gaps=gaps, dead_after=dead_after, dead_longest=dead_longest
+        )
         self.recovery: Recovery = recovery
-        self.late_window = late_window
-        self.counters = BusCounters()
-        self._gap = gap
-        self._gaps = gaps or {}
-        self._dead_after = dead_after
-        self._dead_longest = dead_longest
-        self._lost: deque[Lost] = deque(maxlen=KEPT)
-        self._units: dict[int, Known] = {}
         self._nonce = 0
-
-    @property
-    def suspect(self) -> list[tuple[int, Request[Any]]]:
-        """The questions whose answers may still come."""
-        return [(lost.unit, lost.request) for lost in self._lost]
-
-    def beside(self, line: Line) -> Bus:
-        """A bus for another line to the same units: several questions under way on one connection.
-
-        What is known of the units and the counters are shared.
-        """
-        other = copy(self)
-        other.line = line
-        other._lost = deque(maxlen=KEPT)
-        return other
 
     def ask(
         self, unit: int, request: Request[R], *, timeout: float = 1.0, retries: int = 0, repeat_writes: bool = False
@@ -119,6 +100,22 @@ class Bus:
                     raise
                 retries -= 1
 
+    def begin(self, unit: int, request: Request[Any]) -> bytes | None:
+        """The frame of a question that may go out at once; None where something has to be heard, waited for or proved
+        before it, which is what `ask` is for.
+
+        Whoever sends it owes `answered` or `rest`.
+        """
+        line, known = self.line, self._units.get(unit)
+        if known is None or known.dead_until > NEVER or self.pauses or not line.numbered:
+            return None
+        self.counters.asked += 1
+        return line.request(unit, request.encode())
+
+    def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
+        """What is left of `ask` when a frame of `begin` is out: it listens first."""
+        return self._exchange(unit, request, timeout, sent_at=sent_at)
+
     def tell(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
         """Broadcast to every unit on a serial line. Nobody answers; `turnaround` is their time to act, in seconds.
 
@@ -138,10 +135,6 @@ class Bus:
             heard = yield Listen(until)
             self._pass_over(heard)
 
-    def overhear(self, data: bytes | None, now: float) -> None:
-        """Bytes that came when nobody was asking."""
-        self._pass_over(Heard(data, now))
-
     def _clear(self, unit: int, request: Request[Any], timeout: float, known: Known) -> Conversation[bytes, float]:
         """Until the unit may be asked: the line silent, its pause over, no lost answer under way. Returns the time."""
         now = yield from self.hush(timeout)
@@ -154,24 +147,28 @@ class Bus:
         return (yield from self._prove_gone(unit, request, timeout, known, now))
 
     def _exchange(
-        self, unit: int, request: Request[R], timeout: float, *, is_probe: bool = False
+        self, unit: int, request: Request[R], timeout: float, *, is_probe: bool = False, sent_at: float | None = None
     ) -> Conversation[bytes, R]:
-        """When the unit may be asked, send it and wait for its answer. Nothing keeps a probe from being sent."""
+        """When the unit may be asked, send it and wait for its answer. Nothing keeps a probe from being sent.
+
+        With `sent_at` it is out already.
+        """
         line = self.line
         known = self._units.get(unit)
         if known is None:
             known = self._units[unit] = Known()
-        now = known.free_at
+        now = known.free_at if sent_at is None else sent_at
         # An answer with a number answers nothing else: then there is nothing to hear out before asking.
-        if not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
+        if sent_at is None and not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
             now = yield from self._clear(unit, request, timeout, known)
-        self.counters.asked += 1
         passed_over: list[str] = []
         try:
             # From here on an answer may come, however this ends.
-            heard = yield _new(Send, (line.request(unit, request.encode()),))
-            now = heard.now
-            line.sent(now)
+            if sent_at is None:
+                self.counters.asked += 1
+                heard = yield _new(Send, (line.request(unit, request.encode()),))
+                now = heard.now
+                line.sent(now)
             until = now + timeout
             while now < until:
                 wake = line.deadline
@@ -182,12 +179,12 @@ class Bus:
                         try:
                             response = request.read_response(event.pdu)
                         except ModbusException:
-                            self._answered(known, unit, now)
+                            self.answered(unit, now)
                             raise
                         except DecodeError as error:
                             why = str(error)
                         else:
-                            self._answered(known, unit, now)
+                            self.answered(unit, now)
                             return response
                     else:
                         why = describe(event)
@@ -198,7 +195,7 @@ class Bus:
         except (Abandoned, GeneratorExit) as gone:
             self._lose(unit, request, now, timeout)
             if request.writes and isinstance(gone, Abandoned):
-                raise _unknown(f"unit {unit}, {request.name}: {gone}") from gone
+                raise unknown(f"unit {unit}, {request.name}: {gone}") from gone
             raise
         self._lose(unit, request, now, timeout)
         if line.broken is None and (silence := request.without_answer(listens_only=known.listens_only)) is not None:
@@ -213,7 +210,7 @@ class Bus:
                 note(passed_over, f"{len(line.held)} bytes without an end")
             instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
-        raise _unknown(text) if request.writes else NoAnswer(text)
+        raise unknown(text) if request.writes else NoAnswer(text)
 
     def hush(self, patience: float) -> Conversation[bytes, float]:
         """Hear the line out until it may be spoken on; returns the time. What comes now answers nothing of ours.
@@ -272,60 +269,3 @@ class Bus:
             heard = yield Listen(until)
             if self._pass_over(heard) >= until:
                 self._lost.clear()
-
-    def _confusable(self, unit: int, request: Request[Any]) -> list[Lost]:
-        """The lost questions whose answers could pass for this one's: the same function is enough, for an exception
-        response says no more than that."""
-        code = request.function_code
-        return [lost for lost in self._lost if lost.unit == unit and lost.request.function_code == code]
-
-    def _lose(self, unit: int, request: Request[Any], now: float, timeout: float) -> None:
-        self.counters.lost += 1
-        if not self.line.numbered:
-            window = 3 * timeout if self.late_window is None else self.late_window
-            self._lost.append(Lost(unit, request, now + window))
-
-    def _forget(self, unit: int) -> None:
-        self._lost = deque((lost for lost in self._lost if lost.unit != unit), maxlen=KEPT)
-
-    def _answered(self, known: Known, unit: int, now: float) -> None:
-        """The unit answered: everything it was asked before is settled."""
-        self.counters.answered += 1
-        if known.silent or known.unproven:
-            known.silent = 0
-            known.unproven = 0
-            known.dead_until = NEVER
-        gap = self._gaps.get(unit, self._gap)
-        if gap:
-            known.free_at = now + gap
-        if self._lost:
-            self._forget(unit)
-
-    def _unanswered(self, known: Known, now: float) -> None:
-        known.silent += 1
-        if self._dead_after is not None and known.silent >= self._dead_after:
-            known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), self._dead_longest)
-
-    def _pass_over(self, heard: Heard[bytes]) -> float:
-        for event in self.line.feed(heard.item, heard.now):
-            self._stray(event, heard.now)
-        return heard.now
-
-    def _stray(self, event: Event, now: float) -> None:
-        """Something that answers nothing we wait for: a late reply if it fits a lost question, weather otherwise."""
-        self.counters.strays += 1
-        if not isinstance(event, Adu):
-            return
-        for place, lost in enumerate(self._lost):
-            if lost.could_be(event):
-                # It answers in the order in which it was asked: what was lost before this will not come any more.
-                kept = (other for at, other in enumerate(self._lost) if at > place or other.unit != lost.unit)
-                self._lost = deque(kept, maxlen=KEPT)
-                self._units[lost.unit].unproven = 0
-                self.counters.late += 1
-                self.counters.replies.append(LateReply(lost.unit, lost.request, event.pdu, now))
-                return
-
-
-def _unknown(text: str) -> WriteOutcomeUnknown:
-    return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown")

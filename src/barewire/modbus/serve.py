@@ -199,7 +199,8 @@ class Server:
         if pdu is None:
             return []
         self.tally.replies += 1
-        self._said = Adu(adu.unit, pdu)
+        if self.serial:
+            self._said = Adu(adu.unit, pdu)
         return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
 
     def _overload(self, pdu: bytes) -> bytes | None:

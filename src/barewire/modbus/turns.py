@@ -3,8 +3,9 @@
     waiting   unit 1: a b c d      unit 2: e      unit 3: f g
     turns     a e f b g c d
 
-A unit that is asked a hundred things does not keep the others waiting. The queue is pure: the shells wait with a
-condition or with futures, whoever tests it needs neither.
+A unit that is asked a hundred things does not keep the others waiting. Where there is a place and nobody waits, `enter`
+and `exit` do without a ticket. The queue is pure: the shells wait with a condition or with futures, whoever tests it
+needs neither.
 """
 
 from __future__ import annotations
@@ -41,18 +42,32 @@ class Turns:
 
     @property
     def holders(self) -> frozenset[Ticket]:
-        """Those whose turn it is."""
+        """Those whose turn it is, as far as they have a ticket."""
         return frozenset(self._holders)
 
     def has(self, ticket: Ticket) -> bool:
         """Whether it is this one's turn."""
         return ticket in self._holders
 
+    def enter(self, unit: int | None) -> bool:
+        """Take a place at once, if nobody is kept waiting by that. Whoever entered exits."""
+        if not self._free or self._waiting:
+            return False
+        self._free -= 1
+        self._count += 1
+        self._served[unit] = self._count
+        return True
+
+    def exit(self) -> bool:
+        """The turn of one who entered is over. Whether it is somebody else's turn now."""
+        self._free += 1
+        return bool(self._waiting) and self._admit()
+
     def join(self, unit: int | None) -> Ticket:
         """Stand in the queue. Whoever joins leaves, whether it got its turn or gave up before."""
         ticket = Ticket(unit)
-        if self._free and not self._waiting:
-            self._enter(ticket)  # nobody is kept waiting by that
+        if self.enter(unit):
+            self._holders.add(ticket)
         else:
             self._waiting.setdefault(unit, deque()).append(ticket)
         return ticket
@@ -61,8 +76,7 @@ class Turns:
         """The turn is over, or no longer wanted. Whether it is somebody else's turn now."""
         if ticket in self._holders:
             self._holders.remove(ticket)
-            self._free += 1
-            return bool(self._waiting) and self._admit()
+            return self.exit()
         queue = self._waiting.get(ticket.unit)
         if queue is not None and ticket in queue:
             queue.remove(ticket)
@@ -75,13 +89,10 @@ class Turns:
             # The one whose last turn is longest ago; of those that had none, the first that came.
             unit = min(self._waiting, key=lambda unit: self._served.get(unit, 0))
             queue = self._waiting[unit]
-            self._enter(queue.popleft())
+            self._holders.add(queue.popleft())
+            self._free -= 1
+            self._count += 1
+            self._served[unit] = self._count
             if not queue:
                 del self._waiting[unit]
         return True
-
-    def _enter(self, ticket: Ticket) -> None:
-        self._holders.add(ticket)
-        self._free -= 1
-        self._count += 1
-        self._served[ticket.unit] = self._count

@@ -1,7 +1,8 @@
 """THE ONLY ROOM WITH CLOCKS AND SOCKETS. Here conversations are carried out on real ports.
 
     blocking       the engine that waits                 aio            the same engine with await
-    modbus_client  the blocking client, by URL           aio_client     the asyncio client, the same words
+    modbus_client  the blocking client, by URL           aio_client, aio_connection    the same words for asyncio
+    plain          the exchange in which nothing goes wrong, without a conversation
     verbs          read_holding_registers and the like, for both
     client         CANopen, and any client by URL        aio_canopen    the same words for asyncio
     can_verbs, can_verbs_more    upload, tell_nmt, fastscan and the like, for both; can_words  how that is done
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from barewire.shells.aio_server import serve, serve_tcp
     from barewire.shells.blocking import Port, run
     from barewire.shells.can_fan import CanBus
-    from barewire.shells.can_tap import Lost
+    from barewire.shells.can_tap import Back, Gone, Lost
     from barewire.shells.client import CanopenClient, connect, open_bus, open_canopen
     from barewire.shells.endpoint import Endpoint
     from barewire.shells.host import Host, open_host
@@ -51,6 +52,8 @@ __all__ = [
     "open_bus",
     "CanBus",
     "Lost",
+    "Gone",
+    "Back",
     "AsyncModbusClient",
     "AsyncCanopenClient",
     "open_canopen_async",

@@ -14,12 +14,16 @@ from typing import Protocol, TypeVar, cast
 
 from barewire.conversation import Conversation, Heard, Send
 from barewire.errors import BarewireError, PortError
+from barewire.modbus.bus import Bus
+from barewire.modbus.message import Request, Response
 from barewire.shells.blocking import farewell
+from barewire.shells.plain import answer, listening
 from barewire.shells.tcp_socket import CHUNK, attend, reason
 from barewire.shells.tls import tls_reason
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+R = TypeVar("R", bound=Response)
 
 
 class AsyncPort(Protocol[Item]):
@@ -33,11 +37,13 @@ class AsyncPort(Protocol[Item]):
     async def receive(self, timeout: float) -> Item | None: ...
 
 
-async def run(conversation: Conversation[Item, Result], port: AsyncPort[Item]) -> Result:
-    """Carry a conversation out. Cancelling the task abandons it: it may say its last words."""
+async def run(
+    conversation: Conversation[Item, Result], port: AsyncPort[Item], heard: Heard[Item] | None = None
+) -> Result:
+    """Carry a conversation out; one that listens already is given `heard`. Cancelled, it may say its last words."""
     clock = asyncio.get_running_loop().time
     try:
-        step = next(conversation)
+        step = next(conversation) if heard is None else conversation.send(heard)
         while True:
             item: Item | None = None
             if isinstance(step, Send):
@@ -53,10 +59,36 @@ async def run(conversation: Conversation[Item, Result], port: AsyncPort[Item]) -
         result: Result = stop.value
         return result
     except BaseException as gone:
-        for item in farewell(conversation, gone):
-            with contextlib.suppress(BarewireError):
-                port.write(item)
+        break_off(conversation, port, gone)
         raise
+
+
+def break_off(conversation: Conversation[Item, Result], port: AsyncPort[Item], gone: BaseException) -> None:
+    """Cut a conversation off, and send what it still wants to say, if that can be done."""
+    for item in farewell(conversation, gone):
+        with contextlib.suppress(BarewireError):
+            port.write(item)
+
+
+async def exchange(bus: Bus, unit: int, request: Request[R], timeout: float, port: AsyncPort[bytes]) -> R:
+    """The plain exchange of `barewire.shells.plain`, with await. Where answers are numbered, what is written is out."""
+    frame = bus.begin(unit, request) if timeout > 0.0 else None
+    if frame is None:
+        return await run(bus.ask(unit, request, timeout=timeout), port)
+    clock = asyncio.get_running_loop().time
+    now = 0.0  # not out yet
+    try:
+        port.write(frame)
+        now = clock()
+        data = await port.receive(timeout)
+        response = answer(bus, unit, request, data, now)
+        if response is not None:
+            return response
+        heard = Heard(data, clock())
+    except BaseException as gone:
+        break_off(listening(bus, unit, request, timeout, now), port, gone)
+        raise
+    return await run(listening(bus, unit, request, timeout, now), port, heard)
 
 
 _heard = tuple.__new__  # what Heard(...) does, without the function around it
@@ -72,23 +104,28 @@ class Mailbox:
         self.lost: str | None = None
         """Why nothing will come any more."""
         self._write = write
-        self._chunks: deque[bytes] = deque()
+        self.chunks: deque[bytes] = deque()
+        """What lies here."""
         self._waiting = 0
-        self._waiter: asyncio.Future[None] | None = None
+        self._waiter: asyncio.Future[bytes | None] | None = None
         self._until = 0.0  # when the waiter gives up
         self._timer: asyncio.TimerHandle | None = None
         self._loop = asyncio.get_running_loop()
 
     def put(self, data: bytes) -> None:
         """Bytes came. Whoever sends more than anybody takes is hung up on: the memory is not theirs."""
+        waiter = self._waiter
+        if waiter is not None and not self.chunks and not waiter.done():
+            waiter.set_result(data)  # from hand to hand
+            return
         if self.lost is not None:
             return
         self._waiting += len(data)
         if self._waiting > MAILBOX:
-            self._chunks.clear()
+            self.chunks.clear()
             self.fail(f"more than {MAILBOX} bytes came that nobody asked for")
             return
-        self._chunks.append(data)
+        self.chunks.append(data)
         self._wake()
 
     def fail(self, why: str) -> None:
@@ -135,8 +172,8 @@ class Mailbox:
 
     def take(self) -> bytes | None:
         """What is here already; PortError if nothing is and nothing will come."""
-        if self._chunks:
-            taken = self._chunks.popleft()
+        if self.chunks:
+            taken = self.chunks.popleft()
             self._waiting -= len(taken)
             return taken
         if self.lost is not None:
@@ -145,14 +182,22 @@ class Mailbox:
 
     async def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds, or None; PortError if the connection is gone."""
-        if not self._chunks and self.lost is None and timeout > 0:
-            self._waiter = self._loop.create_future()
-            self._arm(self._loop.time() + timeout)
-            try:
-                await self._waiter
-            finally:
-                self._waiter = None
-        return self.take()
+        for _ in range(2 if timeout <= 0 and not self.chunks else 0):
+            await asyncio.sleep(0)  # the first lets the loop look at its ports, the second hand over what came there
+        if self.chunks or self.lost is not None or timeout <= 0:
+            return self.take()
+        waiter = self._waiter = self._loop.create_future()
+        self._arm(self._loop.time() + timeout)
+        try:
+            data = await waiter
+        except asyncio.CancelledError:
+            if waiter.done() and not waiter.cancelled() and (given := waiter.result()) is not None:
+                self.chunks.appendleft(given)  # it came, and who waited for it was cancelled: the next one hears it
+                self._waiting += len(given)
+            raise
+        finally:
+            self._waiter = None
+        return self.take() if data is None else data
 
 
 class AsyncLink(Protocol):
@@ -169,8 +214,9 @@ class Connected(asyncio.BufferedProtocol):
     It reads into a buffer of its own: asyncio would make one of 256 KiB for each answer of thirty bytes.
     """
 
-    def __init__(self, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
-        self._receive = receive
+    receive: Callable[[bytes], None]
+
+    def __init__(self, lose: Callable[[str], None]) -> None:
         self._lose = lose
         self._transport: asyncio.Transport | None = None
         self._together: list[bytes] = []
@@ -190,7 +236,7 @@ class Connected(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         """asyncio: bytes came."""
-        self._receive(bytes(self._buffer[:nbytes]))
+        self.receive(bytes(self._buffer[:nbytes]))
 
     def connection_lost(self, exc: Exception | None) -> None:
         """asyncio: the connection is gone."""
@@ -219,10 +265,11 @@ class Connected(asyncio.BufferedProtocol):
 
 
 class Datagrams(asyncio.DatagramProtocol):
-    """UDP to one server."""
+    """UDP to one server. `receive` is given what comes, `lose` why nothing comes any more."""
 
-    def __init__(self, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
-        self._receive = receive
+    receive: Callable[[bytes], None]
+
+    def __init__(self, lose: Callable[[str], None]) -> None:
         self._lose = lose
         self._transport: asyncio.DatagramTransport | None = None
 
@@ -233,7 +280,7 @@ class Datagrams(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         """asyncio: a datagram came."""
-        self._receive(data)
+        self.receive(data)
 
     def error_received(self, exc: Exception) -> None:
         """asyncio: the other machine says that nobody is there."""

@@ -2,8 +2,10 @@
 
         reader (thread) --> AsyncTap --call_soon_threadsafe, once for all that came meanwhile--> the task
 
-It is one mechanism for every interface of python-can, whether it has a file descriptor or not, and blocking and asyncio
-clients may share one bus.
+One mechanism for every interface of python-can. Of those only some have a file descriptor for `loop.add_reader`, slcan
+may hold half a frame behind it, and `recv` of others blocks. A second mechanism for the few would save them a wake-up
+and lose three things: frames have the time at which they came although the loop is busy, what nobody takes
+is counted here instead of lost in the kernel, and blocking and asyncio clients may share one bus.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.shells.can_fan import PATIENCE, CanBus, no_room
 from barewire.shells.can_stream import ROOM, Events, Listener, Report
-from barewire.shells.can_tap import LONGEST, Arrived, Key, Tap
+from barewire.shells.can_tap import LONGEST, Arrived, Key, Tap, seconds
 from barewire.shells.can_tap import ROOM as TAP_ROOM
 
 E = TypeVar("E")
@@ -97,6 +99,24 @@ class AsyncTap(Tap):
         return None
 
 
+async def wait_open(bus: CanBus, patience: float) -> None:
+    """Where the bus is being opened anew, give it so many seconds."""
+    if bus.failure is None:
+        return
+    loop, there = asyncio.get_running_loop(), asyncio.Event()
+
+    def wake() -> None:
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(there.set)
+
+    if not bus.when_open(wake):
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(there.wait(), patience)
+        finally:
+            bus.wake_no_more(wake)
+
+
 @contextlib.asynccontextmanager
 async def turn(bus: CanBus, keys: Keys | None) -> AsyncIterator[None]:
     """Wait until nobody talks who would be disturbed, and then be the one who talks."""
@@ -145,6 +165,7 @@ class AsyncStream(Generic[E]):
 
         Raises PortError if the bus is gone.
         """
+        seconds(timeout)
         events, clock = self._events, time.monotonic
         until = float("inf") if timeout is None else clock() + timeout
         while not events.ready:

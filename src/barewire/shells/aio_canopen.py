@@ -20,7 +20,7 @@ from barewire.canopen.sdo.dialect import Dialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, EncodeError
 from barewire.shells.aio import run
-from barewire.shells.aio_can import AsyncStream, AsyncTap, turn
+from barewire.shells.aio_can import AsyncStream, AsyncTap, turn, wait_open
 from barewire.shells.aio_run import AsyncRunning
 from barewire.shells.blocking import Port
 from barewire.shells.can_fan import CanBus
@@ -83,7 +83,8 @@ class AsyncCanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         return await self.carry_out(Talk(conversation, None, None))
 
     async def carry_out(self, talk: Talk[T]) -> T:
-        """What every verb does: wait for its turn, then talk."""
+        """What every verb does: wait for its turn, then talk. A bus that is being opened anew is given our time-out."""
+        await wait_open(self.bus, self.timeout)
         async with turn(self.bus, talk.claims):
             with AsyncTap(self.bus, talk.hears) as tap:
                 try:

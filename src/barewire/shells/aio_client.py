@@ -13,7 +13,6 @@ waits for any more, or is taken care of by the bus.
 
 from __future__ import annotations
 
-import asyncio
 import copy
 import random
 from collections.abc import Callable, Coroutine, Mapping
@@ -25,14 +24,11 @@ from barewire.conversation import Conversation
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus.bus import Bus
 from barewire.modbus.message import Request, Response
-from barewire.modbus.turns import Ticket, Turns
-from barewire.shells.aio import AsyncLink, Mailbox, run
-from barewire.shells.aio_dial import dial
+from barewire.shells.aio_connection import AsyncConnection
 from barewire.shells.back_off import BackOff
-from barewire.shells.carriers import bus_options, modbus_endpoint, modbus_line, unit_of
-from barewire.shells.endpoint import Endpoint, Turn
+from barewire.shells.carriers import bus_options, modbus_endpoint, unit_of
+from barewire.shells.endpoint import Turn
 from barewire.shells.verbs import Verbs
-from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
     from barewire.codecs import Value
@@ -41,133 +37,6 @@ if TYPE_CHECKING:
 
 R = TypeVar("R", bound=Response)
 T = TypeVar("T")
-
-
-class Lane:
-    """One question under way: its bus, and where its answers arrive."""
-
-    def __init__(self, bus: Bus) -> None:
-        self.bus = bus
-        self.box: Mailbox | None = None
-
-
-class AsyncConnection:
-    """The connection of a client: opened when it is needed, dropped when it failed; its lanes, taken in turns."""
-
-    def __init__(self, endpoint: Endpoint, in_flight: int, back_off: BackOff, options: dict[str, Any]) -> None:
-        if not 1 <= in_flight <= 16:
-            raise EncodeError(f"in_flight {in_flight}: expected 1..16 questions under way [MB-TCP 4.2.1]", "in_flight")
-        bus = Bus(modbus_line(endpoint, "client"), **options)
-        if in_flight > 1 and not bus.line.numbered:
-            raise EncodeError("in_flight: answers without numbers cannot be told apart, so one at a time", "in_flight")
-        self.lanes = [Lane(bus), *(Lane(bus.beside(bus.line)) for _ in range(in_flight - 1))]
-        self.back_off = back_off
-        self._endpoint = endpoint
-        self._link: AsyncLink | None = None
-        self._turns = Turns(in_flight)
-        self._free = list(self.lanes)
-        self._waiters: dict[Ticket, asyncio.Future[None]] = {}
-        self._opening = asyncio.Lock()
-        self._closed = False
-
-    async def run(self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float) -> T:
-        """Carry a conversation out when it is this unit's turn, on a lane that is free."""
-        ticket = self._turns.join(unit)
-        try:
-            if not self._turns.has(ticket):
-                waiter = self._waiters[ticket] = asyncio.get_running_loop().create_future()
-                await waiter
-            lane = self._free.pop()
-            try:
-                box = self._standing(lane) or await self.open(lane, patience)
-                try:
-                    return await run(make(lane.bus), box)
-                except BaseException as error:
-                    failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
-                    if lane.box is box and (failed or lane.bus.line.broken):
-                        self.drop(str(lane.bus.line.broken or box.lost or error))
-                    raise
-            finally:
-                self._free.append(lane)
-        finally:
-            if self._waiters:
-                self._waiters.pop(ticket, None)
-            if self._turns.leave(ticket):
-                for holder in self._turns.holders & self._waiters.keys():
-                    if not self._waiters[holder].done():
-                        self._waiters[holder].set_result(None)
-
-    def _standing(self, lane: Lane) -> Mailbox | None:
-        """The lane's mailbox, if its connection stands. What came when nobody asked is heard first."""
-        box = lane.box
-        if box is None or box.lost is not None:
-            return None
-        while (data := box.take()) is not None:
-            lane.bus.overhear(data, asyncio.get_running_loop().time())
-        return box if lane.bus.line.broken is None else None
-
-    async def open(self, lane: Lane, patience: float) -> Mailbox:
-        """The lane's mailbox on a connection that stands, made anew if it has to be."""
-        async with self._opening:
-            now = asyncio.get_running_loop().time()
-            box = self._standing(lane)
-            if box is not None:
-                return box
-            self.drop("the connection was given up")
-            if self._closed:
-                raise PortError("the client was closed")
-            if (wait := self.back_off.wait(now)) > patience:
-                raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
-            await asyncio.sleep(wait)
-            return await self._connect(lane)
-
-    async def _connect(self, lane: Lane) -> Mailbox:
-        clock = asyncio.get_running_loop().time
-        fan = _Fan(self._endpoint, len(self.lanes))
-        try:
-            self._link, boxes = await dial(self._endpoint, len(self.lanes), fan.receive)
-        except PortError as error:
-            self.back_off.failed(clock(), str(error))
-            raise
-        self.back_off.worked()
-        fan.boxes = boxes
-        for each, box, line in zip(self.lanes, boxes, fan.lines):
-            each.bus.line, each.box = line, box
-            line.sent(clock())  # who opens a line waits for its silence before speaking
-        return boxes[self.lanes.index(lane)]
-
-    def drop(self, why: str) -> None:
-        """Give up a connection that failed: whoever waits on it is told."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-        for lane in self.lanes:
-            if lane.box is not None:
-                lane.box.fail(why)
-                lane.box = None
-
-    def close(self) -> None:
-        """Give the port back, for good."""
-        self._closed = True
-        self.drop("the client was closed")
-
-
-class _Fan:
-    """What comes, given to the lanes: all to the only one, or to each its own by number."""
-
-    def __init__(self, endpoint: Endpoint, lanes: int) -> None:
-        self.boxes: list[Mailbox] = []
-        self._fan: FanOut | None = None
-        if lanes > 1:
-            self._fan = FanOut(lanes, datagrams=endpoint.scheme == "udp", any_unit=endpoint.flag("any_unit"))
-        self.lines = self._fan.lines if self._fan else [modbus_line(endpoint, "client")]
-
-    def receive(self, data: bytes) -> None:
-        if self._fan is None:
-            self.boxes[0].put(data)
-            return
-        for place, frame in self._fan.feed(data):
-            self.boxes[place].put(frame)
 
 
 class AsyncModbusClient(Verbs):
@@ -234,7 +103,7 @@ class AsyncModbusClient(Verbs):
 
         if retries and (repeat_writes or not request.writes):
             return self._ask_again(asking, at, retries)
-        return self.connection.run(asking, at, self.timeout)
+        return self.connection.ask(at, request, limit, self.timeout)
 
     async def _ask_again(self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int) -> R:
         while True:
@@ -247,7 +116,8 @@ class AsyncModbusClient(Verbs):
 
     async def fetch(self, request: Request[R], take: Callable[[R], T]) -> T:
         """Ask and take something of the answer: what the verbs do."""
-        return take(await self.ask(request))
+        limit = self.timeout
+        return take(await self.connection.ask(1 if self.unit is None else self.unit, request, limit, limit))
 
     async def tell(self, request: Request[R], *, turnaround: float = 0.1) -> None:
         """Broadcast to every unit of a serial line; nobody answers."""

@@ -12,17 +12,20 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.shells.aio_can import AsyncTap
 from barewire.shells.can_fan import CanBus
-from barewire.shells.can_run import Speaker, begin, feed
+from barewire.shells.can_run import Ears, Speaker, begin
 from barewire.shells.can_tap import LONGEST, Key
 
 
 class AsyncRunning:
-    """A machine at work in a task, until it is stopped or the bus is gone. `refused` counts what was not taken."""
+    """A machine at work in a task, until it is stopped or the bus is gone for good.
+
+    `refused` counts what the bus did not take.
+    """
 
     def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
         self.refused = 0
-        self._tap = AsyncTap(bus, keys, node=True)
+        self._tap = AsyncTap(bus, keys, node=True, reports=True)
         self._task = asyncio.create_task(self._live())
 
     def __enter__(self) -> Self:
@@ -32,7 +35,7 @@ class AsyncRunning:
         self.stop()
 
     async def _live(self) -> None:
-        machine, clock = self.machine, time.monotonic
+        machine, ears, clock = self.machine, Ears(self.machine), time.monotonic
         with self._tap:
             said = begin(machine, clock())
             while True:
@@ -40,10 +43,10 @@ class AsyncRunning:
                     await self._say(frame)
                 deadline = machine.deadline
                 try:
-                    heard = await self._tap.receive(LONGEST if deadline is None else deadline - clock())
+                    arrived = await self._tap.pull_async(LONGEST if deadline is None else deadline - clock())
                 except PortError:
                     return
-                said = feed(machine, heard, clock())
+                said = ears.hear(arrived, clock())
                 await asyncio.sleep(0)
 
     async def _say(self, frame: CanFrame) -> None:

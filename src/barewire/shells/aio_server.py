@@ -3,9 +3,9 @@
     async with await serve("tcp://0.0.0.0:502", {1: Table()}) as server:
         ...
 
-Limits hold for connections (TCP, TLS, RTU and ASCII over TCP). Over `connections` the one that was silent longest is
-closed; with `idle` whoever is silent for so many seconds. A client that asks and does not read is not listened to until
-it does; it takes no more memory than one read and the system's buffers. Nobody waits for anybody else.
+Limits hold for connections (TCP, TLS, RTU and ASCII over TCP). Over `connections` the longest silent one goes, of those
+that were never answered if there are any: who only opens connections takes nobody's. With `idle` goes whoever is silent
+for so many seconds. Who asks and does not read is not listened to until then. Nobody waits for anybody else.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections import OrderedDict, deque
 from collections.abc import Mapping
 from typing import Any, Self
 
-from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.errors import DecodeError, PortError
 from barewire.modbus import Authorisation, Request, Server, Unit
 from barewire.modbus.serve import counters_for
 from barewire.shells.aio_port_servers import DatagramServer, SerialServer, Spoil
@@ -49,8 +49,6 @@ class StreamServer:
         self.context: ssl.SSLContext | None = None
         self.authorisation = authorisation
         self.most = endpoint.integer("connections", CONNECTIONS)
-        if self.most < 1:
-            raise EncodeError(f"endpoint {str(endpoint)!r}: connections={self.most}: at least one", "connections")
         self.idle = endpoint.seconds("idle", 0.0)
         self.counters = counters_for(modbus_line(endpoint, "server"))
         """By unit, for the envelopes of serial lines: a unit counts what it sees, over whatever connection."""
@@ -79,13 +77,10 @@ class StreamServer:
 
     async def listen(self, listener: socket.socket | None = None) -> None:
         """Begin to listen; on a socket that is bound already, if there is one."""
-        loop = asyncio.get_running_loop()
-        host, port = self.endpoint.host_and_port
+        loop, (host, port) = asyncio.get_running_loop(), self.endpoint.host_and_port
+        where: dict[str, Any] = {"host": host, "port": port} if listener is None else {"sock": listener}
         try:
-            if listener is not None:
-                self._server = await loop.create_server(lambda: _Connection(self), sock=listener, backlog=CONNECTIONS)
-            else:
-                self._server = await loop.create_server(lambda: _Connection(self), host, port, backlog=CONNECTIONS)
+            self._server = await loop.create_server(lambda: _Connection(self), backlog=CONNECTIONS, **where)
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
 
@@ -100,17 +95,17 @@ class StreamServer:
         await self._server.wait_closed()
 
     def arrived(self, connection: _Connection) -> None:
-        """A new connection; if it is one too many, the one that was silent longest has to go."""
+        """A new connection; if it is one too many, another one has to go."""
         while len(self.connections) >= self.most:
-            oldest = next(iter(self.connections))
+            oldest = next((each for each in self.connections if not each.was_answered), next(iter(self.connections)))
             self.turn_away(oldest, f"unused longest of {self.most} connections")
-        self.heard(connection)
+        self.heard(connection, asyncio.get_running_loop().time())
         if self.idle and self._timer is None:
             self._watch()
 
-    def heard(self, connection: _Connection) -> None:
+    def heard(self, connection: _Connection, now: float) -> None:
         """A connection is in use."""
-        self.connections[connection] = asyncio.get_running_loop().time()
+        self.connections[connection] = now
         self.connections.move_to_end(connection)
 
     def turn_away(self, connection: _Connection, why: str) -> None:
@@ -135,6 +130,7 @@ class _Connection(asyncio.BufferedProtocol):
 
     def __init__(self, server: StreamServer) -> None:
         self.peer = "?"
+        self.was_answered = False
         self._all = server
         self._loop = asyncio.get_running_loop()
         self._line = modbus_line(server.endpoint, "server", tuple(server.units))
@@ -156,8 +152,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._transport = transport
         host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
         self.peer = f"{host}:{port}"
-        raw = transport.get_extra_info("socket")
-        if raw is not None:
+        if (raw := transport.get_extra_info("socket")) is not None:
             attend(raw)
         self._all.arrived(self)
         if self._tls is not None:
@@ -186,14 +181,15 @@ class _Connection(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        self._all.heard(self)
+        now = self._loop.time()
+        self._all.heard(self, now)
         data = bytes(self._buffer[:nbytes])
         if self._tls is None:
-            self._feed(data)
+            self._feed(data, now)
         else:
-            self._decrypt(self._tls, data)
+            self._decrypt(self._tls, data, now)
 
-    def _decrypt(self, tls: TlsSession, data: bytes) -> None:
+    def _decrypt(self, tls: TlsSession, data: bytes, now: float) -> None:
         assert self._transport is not None
         why, said = "", []
         try:
@@ -204,34 +200,39 @@ class _Connection(asyncio.BufferedProtocol):
             why = tls_reason(error)
         self._transport.write(tls.outgoing())  # the alert too, so that the client knows why
         for part in said:
-            self._feed(part)
+            self._feed(part, now)
         if why or tls.ended:
             self._hang_up(why)
 
-    def _feed(self, data: bytes | None) -> None:
-        assert self._transport is not None
-        if self._transport.is_closing():
+    def _feed(self, data: bytes | None, now: float) -> None:
+        if self._transport is None or self._transport.is_closing():
             return
-        replies = self._server.feed(data, self._loop.time())
+        replies = self._server.feed(data, now)
         if replies:
+            self.was_answered = True
             if self._all.spoil is not None:
                 for reply in replies:
                     self._all.spoil(reply.data, self._write)
             else:
                 # The answers to all that came in one read leave in one send.
                 self._write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
-            self._line.sent(self._loop.time())
+        if not self._line.numbered:
+            self._keep_time(bool(replies))
         if self._line.broken is not None:
             # Nobody knows any more where a frame begins: the only honest answer is to hang up.
             self._hang_up(str(self._line.broken))
+
+    def _keep_time(self, has_spoken: bool) -> None:
+        """The silences of a serial line, which something behind a tunnel may be."""
+        if has_spoken:
+            self._line.sent(self._loop.time())
         if self._timer is not None:
             self._timer.cancel()
-        deadline = self._server.deadline
-        self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None)
+        at = self._server.deadline
+        self._timer = None if at is None else self._loop.call_at(at, self._feed, None, at)
 
     def _write(self, data: bytes) -> None:
-        assert self._transport is not None
-        if self._transport.is_closing():
+        if self._transport is None or self._transport.is_closing():
             return
         if self._tls is not None:
             self._tls.say(data)

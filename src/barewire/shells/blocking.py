@@ -31,13 +31,18 @@ class Port(Protocol[Item]):
     def close(self) -> None: ...
 
 
-def run(conversation: Conversation[Item, Result], port: Port[Item], clock: Clock = time.monotonic) -> Result:
-    """Carry a conversation out. Whatever it raises comes out.
+def run(
+    conversation: Conversation[Item, Result],
+    port: Port[Item],
+    clock: Clock = time.monotonic,
+    heard: Heard[Item] | None = None,
+) -> Result:
+    """Carry a conversation out. Whatever it raises comes out. One that listens already is given `heard` first.
 
     If the port fails or the user interrupts, the conversation is abandoned first: it may say its last words.
     """
     try:
-        step = next(conversation)
+        step = next(conversation) if heard is None else conversation.send(heard)
         while True:
             item: Item | None = None
             if isinstance(step, Send):
@@ -51,10 +56,15 @@ def run(conversation: Conversation[Item, Result], port: Port[Item], clock: Clock
         return result
     except BaseException as gone:
         # A conversation that raised is over and has nothing to say; one that was cut off may have.
-        for item in farewell(conversation, gone):
-            with contextlib.suppress(BarewireError):
-                port.send(item)
+        break_off(conversation, port, gone)
         raise
+
+
+def break_off(conversation: Conversation[Item, Result], port: Port[Item], gone: BaseException) -> None:
+    """Cut a conversation off, and send what it still wants to say, if that can be done."""
+    for item in farewell(conversation, gone):
+        with contextlib.suppress(BarewireError):
+            port.send(item)
 
 
 def farewell(conversation: Conversation[Item, Result], gone: BaseException) -> list[Item]:

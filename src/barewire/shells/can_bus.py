@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import logging
+import select
 import socket
 import time
 from collections import deque
@@ -24,6 +25,9 @@ except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an e
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
 _OURS = ("node", "timeout", "bitrate")
+
+GARBLED_MAX = 256
+"""Pieces of nonsense in a row after which a carrier is broken."""
 
 PATIENCE = 1.0
 """Seconds that a frame waits for room in the controller's buffer: a full bus empties the longest one sooner."""
@@ -49,13 +53,16 @@ class _Fresh(can.Message):
 class CanPort:
     """An open bus.
 
-    Error frames and CAN FD frames are not CANopen's: `others` counts them, `strange` keeps the last of them.
+    Error frames and CAN FD frames are not CANopen's: `others` counts them, `strange` keeps the last of them. `garbled`
+    counts what came over the carrier (a serial line, the network) and is no frame at all: noise, and no reason to end.
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
         interface, _, channel = endpoint.place.partition("/")
         self.name = f"{interface}/{channel}"
         self.others = 0
+        self.garbled = 0
+        self._nonsense = 0  # in a row
         self.strange: deque[ErrorFrame | FdFrame] = deque(maxlen=64)
         extra: dict[str, Any] = {key: _plain(value) for key, value in endpoint.options.items() if key not in _OURS}
         if interface == "socketcand" and "host" not in extra:
@@ -119,17 +126,47 @@ class CanPort:
 
     def receive_any(self, timeout: float) -> CanFrame | ErrorFrame | FdFrame | None:
         """The same, and what is no classical frame as well."""
-        try:
-            message = self._bus.recv(timeout if timeout > 0 else 0.0)
-        except (can.CanError, OSError, ValueError) as error:
-            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+        until = time.monotonic() + min(timeout, 3600.0)
+        while True:
+            try:
+                message = self._bus.recv(max(0.0, timeout))
+                break
+            except Exception as error:
+                # Each interface raises its own, for a port that failed and for a byte that makes no sense.
+                cause = error if error.__cause__ is None else error.__cause__
+                if isinstance(cause, (can.CanError, OSError)) or self._nonsense >= GARBLED_MAX:
+                    raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+                self._skip()
+                timeout = until - time.monotonic()
         if message is None:
+            self._check_open()
             return None
+        self._nonsense = 0
         if message.is_error_frame or message.is_fd:
             return _strange(message)
         if message.is_remote_frame:
             return CanFrame(message.arbitration_id, b"", message.is_extended_id, True, message.dlc)
         return CanFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
+
+    def _skip(self) -> None:
+        """What python-can could not make a frame of is counted, and thrown away where it is still held."""
+        self.garbled += 1
+        self._nonsense += 1
+        held = getattr(self._bus, "_buffer", None)  # slcan keeps a line that is no text, and stumbles over it again
+        if isinstance(held, bytearray):
+            held.clear()
+
+    def _check_open(self) -> None:
+        """Whether a socketcand server has hung up: python-can would look at the dead socket for ever."""
+        connection = getattr(self._bus, "_SocketCanDaemonBus__socket", None)
+        if connection is None:
+            return
+        try:
+            if not select.select([connection], [], [], 0)[0] or connection.recv(1, socket.MSG_PEEK):
+                return
+        except (OSError, ValueError) as error:
+            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+        raise PortError(f"can://{self.name}: the server hung up")
 
     def close(self) -> None:
         """Leave the bus."""

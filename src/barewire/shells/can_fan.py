@@ -6,7 +6,8 @@
 
 A tap holds what nobody has taken yet, as much as it has room for. What is more is lost, and counted: a stream is told
 so in its place (`Lost`), a conversation has it as if the bus had lost it. Reports of the controller (`ErrorFrame`,
-bus-off among them) go to every stream; a port that fails is told to all, by PortError, and to whoever comes later.
+bus-off among them) go to every stream. A port that fails is told to all by PortError, and to whoever comes later; where
+it can be opened anew (`can_reopen`), streams hear `Gone` and `Back` in its place and go on.
 
 What one of us sends all others on the same bus object hear as well: nodes of one process are on one bus too.
 
@@ -29,7 +30,8 @@ from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import Dialect
 from barewire.errors import PortError
 from barewire.shells.blocking import Port
-from barewire.shells.can_tap import Item, Tap
+from barewire.shells.can_reopen import Dial, Reopening, taker
+from barewire.shells.can_tap import Back, Gone, Item, Tap
 
 if TYPE_CHECKING:
     from barewire.shells.taps import Direction
@@ -47,15 +49,16 @@ class CanBus:
     """A bus that many share. Closing it ends its reader, and all who hear it are told.
 
     `port` is a `CanPort`, or anything else that sends and receives frames. `watch(direction, frame)` is told of
-    everything that passes.
+    everything that passes. With `dial`, a port that failed is replaced by another one that this opens; `failure` says
+    what is wrong meanwhile.
     """
 
-    def __init__(self, port: Port[CanFrame], *, watch: Watch | None = None) -> None:
+    def __init__(self, port: Port[CanFrame], *, watch: Watch | None = None, dial: Dial | None = None) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
         self.presence = Presence()
         self.failure: str | None = None
-        self._receive: Callable[[float], Item | None] = getattr(port, "receive_any", port.receive)
+        self._receive = taker(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
         self._watch = watch
         self._taps: set[Tap] = set()
@@ -68,6 +71,9 @@ class CanBus:
         self._claims = Claims()
         self._line = threading.Lock()
         self._closed = False
+        self._over = False  # it failed, or was closed, and does not come back
+        self._reopening = None if dial is None else Reopening(dial, threading.Event())
+        self._waiting: set[Callable[[], None]] = set()
         self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
         self._reader.start()
 
@@ -80,23 +86,30 @@ class CanBus:
     # Frames in
 
     def _read(self) -> None:
-        clock, receive = time.monotonic, self._receive
+        while not self._closed:
+            try:
+                item = self._receive(POLL)
+            except Exception as error:
+                # A PortError says what it is; the rest is python-can's, and whoever hears this bus must know of it too.
+                name = "" if isinstance(error, PortError) else f"reading {self.name} ended: {type(error).__name__}: "
+                if not self._renew(f"{name}{error}"):
+                    return
+                continue
+            if item is not None and not self._take(item):
+                return
+
+    def _take(self, item: Item) -> bool:
         try:
-            while not self._closed:
-                item = receive(POLL)
-                if item is None:
-                    continue
-                if isinstance(item, CanFrame):
-                    if self._watch is not None:
-                        self._watch("received", item)
-                    self._hand_out(item, clock(), None)
-                else:
-                    self._report(item, clock())
-        except PortError as error:
-            self._fail(str(error))
-        except Exception as error:
-            # A watcher's, or python-can's own: whoever hears this bus must know that nothing comes any more.
+            if isinstance(item, CanFrame):
+                if self._watch is not None:
+                    self._watch("received", item)
+                self._hand_out(item, time.monotonic(), None)
+            else:
+                self._report(item, time.monotonic())
+        except Exception as error:  # a watcher's
             self._fail(f"reading {self.name} ended: {type(error).__name__}: {error}")
+            return False
+        return True
 
     def _hand_out(self, frame: CanFrame, at: float, by: Tap | None) -> None:
         if by is None or by.node:
@@ -116,11 +129,70 @@ class CanBus:
                 tap.put(item, at)
 
     def _fail(self, why: str) -> None:
+        """The end."""
         with self._changing:
             self.failure = self.failure or why
+            self._over = True
             taps = tuple(self._taps)
         for tap in taps:
             tap.fail(why)
+        self._wake()
+
+    def _renew(self, why: str) -> bool:
+        """Another port in place of the one that failed; False if that is not wanted, or no longer."""
+        if self._reopening is None or self._closed:
+            self._fail(why)
+            return False
+        since = time.monotonic()
+        with self._changing:
+            self.failure = why
+            taps = tuple(self._taps)
+        for tap in taps:
+            if tap.reports:
+                tap.put(Gone(why), since)
+            else:
+                tap.fail(why)
+        opened = self._reopening.reopen(self.port, why)
+        if opened is None:
+            return False
+        with self._sending:
+            self.port, first = opened
+            self._receive, self._try_send = taker(self.port), getattr(self.port, "try_send", None)
+        with self._changing:
+            if self._over:
+                return False  # closed meanwhile: `close` waits for us, and closes the port
+            self.failure = None
+        self._report(Back(time.monotonic() - since), time.monotonic())
+        self._wake()
+        return first is None or self._take(first)
+
+    def _wake(self) -> None:
+        with self._changing:
+            waiting, self._waiting = self._waiting, set()
+        for wake in waiting:
+            wake()
+
+    def when_open(self, wake: Callable[[], None]) -> bool:
+        """Whether the bus is there, or will never be again. Otherwise `wake` is called when one of the two is so."""
+        with self._changing:
+            if self.failure is None or self._over:
+                return True
+            self._waiting.add(wake)
+            return False
+
+    def wake_no_more(self, wake: Callable[[], None]) -> None:
+        """Whoever waited for the bus does so no longer."""
+        with self._changing:
+            self._waiting.discard(wake)
+
+    def wait_open(self, patience: float) -> None:
+        """Where the bus is being opened anew, give it so many seconds."""
+        if self.failure is None:
+            return
+        there = threading.Event()
+        if not self.when_open(there.set):
+            there.wait(patience)
+            self.wake_no_more(there.set)
 
     # Frames out
 
@@ -155,8 +227,10 @@ class CanBus:
     def add(self, tap: Tap) -> None:
         """One hearer more."""
         with self._changing:
-            if self.failure is not None:
+            if self.failure is not None and (self._over or not tap.reports):
                 raise PortError(self.failure)
+            if self.failure is not None:
+                tap.put(Gone(self.failure), time.monotonic())
             self._taps.add(tap)
             if tap.keys is None:
                 self._all = (*self._all, tap)
@@ -199,6 +273,8 @@ class CanBus:
     def close(self) -> None:
         """End the reader and leave the bus."""
         self._closed = True
+        if self._reopening is not None:
+            self._reopening.stop.set()
         self._fail(f"{self.name}: the bus was closed")
         if self._reader is not threading.current_thread():
             self._reader.join()

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
-from barewire.canopen.frame import CanFrame
+from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.errors import PortError
 from barewire.shells.can_fan import CanBus
-from barewire.shells.can_tap import LONGEST, Key, Tap
+from barewire.shells.can_tap import LONGEST, Arrived, Key, Tap
+
+_BUS_OFF, _RESTARTED = 0x40, 0x100
 
 
 class Speaker(Protocol):
@@ -32,8 +34,63 @@ def begin(machine: Speaker, now: float) -> list[CanFrame]:
     return said + machine.feed(None, now)
 
 
+class Teller:
+    """A machine that both speaks and reports, such as the master of node guarding: its frames go to the bus, everything
+    else is given to `tell`, in the thread or task in which the machine is at work."""
+
+    def __init__(self, machine: Any, tell: Callable[[Any], object]) -> None:
+        self.machine = machine
+        self.tell = tell
+
+    @property
+    def deadline(self) -> float | None:
+        """That of the machine."""
+        due: float | None = self.machine.deadline
+        return due
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        """The frames among what the machine says."""
+        said = []
+        for item in self.machine.feed(frame, now):
+            if isinstance(item, CanFrame):
+                said.append(item)
+            else:
+                self.tell(item)
+        return said
+
+
+class Ears:
+    """What a machine on a bus is to be told: frames, time, and that the controller is back on the bus.
+
+    A node that goes bus-off obeys its error behaviour, and says itself that it is back (emergency 8140h) as soon as
+    something goes through again: the controller was restarted, or a frame came. A bus that is opened anew goes on for
+    the machine as if it had only been silent.
+    """
+
+    def __init__(self, machine: Speaker) -> None:
+        self.machine = machine
+        self._off = False
+
+    def hear(self, arrived: Arrived | None, now: float) -> list[CanFrame]:
+        """What the machine says now. One that hears nothing is never given a frame."""
+        item = None if arrived is None else arrived.item
+        frame = item if isinstance(item, CanFrame) else None
+        classes = item.classes if isinstance(item, ErrorFrame) else 0
+        said: list[CanFrame] = []
+        if self._off and (frame is not None or classes & _RESTARTED):
+            self._off = False
+            recovered = getattr(self.machine, "recovered", None)
+            said = [] if recovered is None else recovered(now)
+        if classes & _BUS_OFF:
+            self._off = True
+            bus_off = getattr(self.machine, "bus_off", None)
+            if bus_off is not None:
+                bus_off(now)
+        return said + self.machine.feed(frame, now)  # type: ignore[arg-type]
+
+
 class Running:
-    """A machine at work in a thread of its own, until it is stopped or the bus is gone.
+    """A machine at work in a thread of its own, until it is stopped or the bus is gone for good.
 
     `refused` counts what the bus did not take: without anybody to acknowledge, a frame is no reason to die.
     """
@@ -41,7 +98,7 @@ class Running:
     def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
         self.refused = 0
-        self._tap = Tap(bus, keys, node=True)
+        self._tap = Tap(bus, keys, node=True, reports=True)
         self._thread = threading.Thread(target=self._live, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
 
@@ -52,7 +109,7 @@ class Running:
         self.stop()
 
     def _live(self) -> None:
-        machine, clock = self.machine, time.monotonic
+        machine, ears, clock = self.machine, Ears(self.machine), time.monotonic
         with self._tap:
             said = begin(machine, clock())
             while True:
@@ -60,10 +117,10 @@ class Running:
                     self._say(frame)
                 deadline = machine.deadline
                 try:
-                    heard = self._tap.receive(LONGEST if deadline is None else deadline - clock())
+                    arrived = self._tap.pull(LONGEST if deadline is None else deadline - clock())
                 except PortError:
                     return
-                said = feed(machine, heard, clock())
+                said = ears.hear(arrived, clock())
 
     def _say(self, frame: CanFrame) -> None:
         try:
@@ -78,8 +135,3 @@ class Running:
             self._thread.join()
 
     close = stop
-
-
-def feed(machine: Speaker, frame: CanFrame | None, now: float) -> list[CanFrame]:
-    """What the machine says now. One that hears nothing is never given a frame."""
-    return machine.feed(frame, now)  # type: ignore[arg-type]

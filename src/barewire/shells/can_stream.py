@@ -6,6 +6,8 @@
                 case EmcyEvent(): ...           what the stream is about
                 case Lost(frames): ...          so many frames came while nobody took any, and are gone
                 case ErrorFrame(): ...          the controller says something about the bus
+            case Gone(why): ...             the port failed, and is being opened anew
+            case Back(after): ...           it is there again
 
 A machine listens, and is fed in the thread or task of whoever takes: no callback ever runs in the reader. Frames have
 the time at which they came, so taking late changes no event but those of silence.
@@ -22,7 +24,7 @@ from typing import Generic, Protocol, Self, TypeAlias, TypeVar
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
 from barewire.shells.can_fan import CanBus
-from barewire.shells.can_tap import Arrived, Key, Lost, Tap
+from barewire.shells.can_tap import Arrived, Back, Gone, Key, Lost, Tap, seconds
 
 EventOut = TypeVar("EventOut", covariant=True)
 E = TypeVar("E")
@@ -30,7 +32,7 @@ E = TypeVar("E")
 ROOM = 1024
 """Frames that a stream holds for somebody who is busy with something else."""
 
-Report: TypeAlias = Lost | ErrorFrame | FdFrame
+Report: TypeAlias = Lost | ErrorFrame | FdFrame | Gone | Back
 
 
 class Listener(Protocol[EventOut]):
@@ -99,6 +101,7 @@ class Stream(Generic[E]):
 
         Raises PortError if the bus is gone.
         """
+        seconds(timeout)
         events, clock = self._events, time.monotonic
         until = float("inf") if timeout is None else clock() + timeout
         while not events.ready:

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import BarewireError, PortError
+from barewire.errors import BarewireError, EncodeError, PortError
 
 if TYPE_CHECKING:
     from barewire.shells.can_fan import CanBus
@@ -30,13 +30,31 @@ Key: TypeAlias = tuple[int, bool]
 """Who speaks: (identifier, extended)."""
 
 
+def seconds(timeout: float | None) -> None:
+    """EncodeError for a time-out that would never be over (nan), or was over before it began."""
+    if timeout is not None and not timeout >= 0:
+        raise EncodeError(f"time-out {timeout} s: expected 0 or more")
+
+
 class Lost(NamedTuple):
     """So many frames came here that nobody took in time; they are gone."""
 
     frames: int
 
 
-Item: TypeAlias = CanFrame | ErrorFrame | FdFrame | Lost
+class Gone(NamedTuple):
+    """The port of the bus failed: nothing comes and nothing goes until `Back`."""
+
+    why: str
+
+
+class Back(NamedTuple):
+    """The bus is there again, after so many seconds."""
+
+    after: float
+
+
+Item: TypeAlias = CanFrame | ErrorFrame | FdFrame | Lost | Gone | Back
 
 
 class Arrived(NamedTuple):
@@ -50,7 +68,8 @@ class Tap:
     """What one hearer has of a bus: a port of its own. One thread takes from it.
 
     `keys` are the identifiers it hears, None for all. `lost` counts what it had no room for. With `reports` it hears
-    of losses and of the controller too. `node` says that a node speaks here, and not somebody who asks nodes.
+    of losses and of the controller too, and outlasts a bus that is opened anew; without, it fails with it. `node` says
+    that a node speaks here, and not somebody who asks nodes.
     """
 
     def __init__(

@@ -17,6 +17,7 @@ from typing import Any
 from barewire.canopen import Channel, NmtCommand, NmtMessage, download, upload, upload_to
 from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.guarding import Guard, GuardEvent, GuardingMaster
 from barewire.canopen.heartbeat import HeartbeatConsumer, HeartbeatEvent, NodeState
 from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
 from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
@@ -24,13 +25,13 @@ from barewire.canopen.sdo.options import BlockWish
 from barewire.canopen.sdo.servers import find_channel
 from barewire.canopen.sdo.stream import LIMIT, Progress
 from barewire.canopen.survey import Survey, scan
-from barewire.canopen.sync import Sync, SyncEvent, SyncMonitor, SyncProducer
-from barewire.canopen.time_stamp import TimeConsumer, TimeHeard, TimeProducer, TimeStamp
+from barewire.canopen.sync import SYNC_KEY, Sync, SyncEvent, SyncMonitor, SyncProducer
+from barewire.canopen.time_stamp import TIME_KEY, TimeConsumer, TimeHeard, TimeProducer, TimeStamp
 from barewire.codecs import Value
 from barewire.devices.access import read_canopen, write_canopen
 from barewire.devices.device import Device
 from barewire.devices.parameter import Reading
-from barewire.shells.can_run import Speaker
+from barewire.shells.can_run import Speaker, Teller
 from barewire.shells.can_stream import Frames
 from barewire.shells.can_tap import Key
 from barewire.shells.can_words import NOBODY, SILENCE, At, Going, Talk, Verb, Watch, Watching, Words, say, sdo
@@ -166,6 +167,14 @@ class MasterVerbs(Words):
         """Who boots, who is alive, who changes its state; and for the nodes of `times`, who is silent for so long."""
         return Watch(HeartbeatConsumer(times or {}), STATES)
 
+    @Going
+    def start_guarding(
+        self, guards: Mapping[int, Guard], tell: Callable[[GuardEvent], object]
+    ) -> tuple[Speaker, frozenset[Key]]:
+        """Guard nodes the older way, by asking each in its time, until it is stopped. `tell` is called with what
+        changes, in the thread or task that asks."""
+        return Teller(GuardingMaster(guards, time.monotonic()), tell), STATES
+
     # EMCY, SYNC, TIME
 
     @Watching
@@ -175,37 +184,38 @@ class MasterVerbs(Words):
         return Watch(EmcyConsumer(cob_ids), frozenset(keys))
 
     @Verb
-    def send_sync(self, counter: int | None = None) -> Talk[None]:
-        """One SYNC."""
-        return say(Sync(counter).encode())
+    def send_sync(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> Talk[None]:
+        """One SYNC. `key` is its (identifier, extended) where 1005h of the devices says another than 80h."""
+        return say(Sync(counter).encode(key))
 
     @Going
-    def start_sync(self, period: float, *, overflow: int = 0) -> tuple[Speaker, frozenset[Key]]:
+    def start_sync(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY) -> tuple[Speaker, frozenset[Key]]:
         """Be the SYNC producer: a beat every `period` seconds, counting up to `overflow`, until it is stopped."""
-        return SyncProducer(period, overflow=overflow), SILENCE
+        return SyncProducer(period, overflow=overflow, key=key), SILENCE
 
     @Watching
-    def syncs(self, period: float | None = None, *, overflow: int | None = None) -> Watch[SyncEvent]:
+    def syncs(
+        self, period: float | None = None, *, overflow: int | None = None, key: Key = SYNC_KEY
+    ) -> Watch[SyncEvent]:
         """The beats of somebody else, as `SyncMonitor` judges them."""
-        monitor = SyncMonitor(period, overflow=overflow)
-        return Watch(monitor, frozenset({monitor.key}))
+        return Watch(SyncMonitor(period, overflow=overflow, key=key), frozenset({key}))
 
     @Verb
-    def send_time(self, unix: float | None = None) -> Talk[None]:
-        """One TIME message: the time of this machine, or the one given in seconds since 1 January 1970."""
+    def send_time(self, unix: float | None = None, *, key: Key = TIME_KEY) -> Talk[None]:
+        """One TIME message: the time of this machine, or the one given in seconds since 1 January 1970. `key` is its
+        (identifier, extended) where 1012h of the devices says another than 100h."""
         stamp = TimeStamp.of_unix(time.time() if unix is None else unix)
-        return say(stamp.encode())
+        return say(stamp.encode(key))
 
     @Going
-    def start_time(self, period: float) -> tuple[Speaker, frozenset[Key]]:
+    def start_time(self, period: float, *, key: Key = TIME_KEY) -> tuple[Speaker, frozenset[Key]]:
         """Say the time of this machine at once and every `period` seconds, until it is stopped."""
-        return TimeProducer(period, time.time() - time.monotonic()), SILENCE
+        return TimeProducer(period, time.time() - time.monotonic(), key=key), SILENCE
 
     @Watching
-    def times(self) -> Watch[TimeHeard]:
+    def times(self, *, key: Key = TIME_KEY) -> Watch[TimeHeard]:
         """The TIME messages of somebody else."""
-        consumer = TimeConsumer()
-        return Watch(consumer, frozenset({consumer.key}))
+        return Watch(TimeConsumer(key), frozenset({key}))
 
     # Anything
 

@@ -29,7 +29,7 @@ from barewire.shells.blocking import Port
 from barewire.shells.can_fan import CanBus
 from barewire.shells.can_run import Speaker
 from barewire.shells.can_stream import Listener
-from barewire.shells.can_tap import Key
+from barewire.shells.can_tap import Key, seconds
 
 if TYPE_CHECKING:
     from barewire.shells.aio_can import AsyncStream
@@ -85,6 +85,8 @@ class Verb(Generic[P, T]):
             return self
 
         def said(*args: P.args, **kwargs: P.kwargs) -> Any:
+            timeout: Any = kwargs.get("timeout")
+            seconds(timeout)
             return client.carry_out(self.make(client, *args, **kwargs))
 
         said.__doc__ = self.__doc__
@@ -146,7 +148,8 @@ class Going(Generic[P]):
 
 
 def say(frame: CanFrame) -> Talk[None]:
-    """One frame, and that is all."""
+    """One frame, and that is all. EncodeError if no wire carries it."""
+    CanFrame.checked(frame.id, frame.data, extended=frame.extended, remote=frame.remote, requested=frame.requested)
     return Talk(_said(frame), NOBODY, SILENCE)
 
 
@@ -179,6 +182,7 @@ class Words:
             if dialect not in DIALECTS:
                 raise EncodeError(f"SDO dialect {dialect!r}: expected one of {', '.join(DIALECTS)}")
             dialect = DIALECTS[dialect]
+        seconds(timeout)
         self.bus = bus if isinstance(bus, CanBus) else CanBus(bus)
         self.owns_bus = self.bus is not bus
         self.node = node
@@ -187,6 +191,7 @@ class Words:
 
     def at(self, node: int | None = None, timeout: float | None = None) -> Self:
         """The same client, on the same bus, speaking to another node or with another patience."""
+        seconds(timeout)
         other = copy.copy(self)
         other.node = self.node if node is None else node
         other.timeout = self.timeout if timeout is None else timeout

@@ -13,6 +13,7 @@ I know: sockets, one client of a bus, sessions.  I never know: what a line means
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from typing import Self
 
@@ -31,6 +32,7 @@ CONNECTIONS = 32
 UNREAD = 0x10000
 """Bytes that may wait for somebody who does not read; more is lost."""
 CHUNK = 4096
+_LINE_END = re.compile(rb"[\r\n]")
 
 _CONTROLLER, _BUS_OFF = 0x04, 0x40
 _PASSIVE = 0x30
@@ -108,7 +110,8 @@ class _Connection:
         self._client = client
         self._reader = reader
         self._writer = writer
-        self._session = Session(gateway.net, version=gateway.version, channel=client.channel)
+        remote = not client.bus.name.startswith("socketcand/")  # which has no word for remote frames
+        self._session = Session(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
         self._tap = AsyncTap(client.bus, None, reports=True)
         self._lost = 0
         self._tasks: tuple[asyncio.Task[None], ...] = ()
@@ -143,7 +146,7 @@ class _Connection:
                 chunk = await self._reader.read(CHUNK)
             except OSError:
                 return
-            *lines, held = (held + chunk).split(b"\n")
+            *lines, held = _LINE_END.split(held + chunk)  # CR LF is two; an empty line is nothing
             for line in lines:
                 if skipping:
                     skipping = False
@@ -163,7 +166,7 @@ class _Connection:
         if too_long:
             self.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")])
         else:
-            text = line.decode("utf-8", "replace").strip("\r")
+            text = line.decode("utf-8", "replace")
             self.write(await self._client.carry_out(self._talk(text)))
             self._tell_now(None, time.monotonic())
             self._tap.wake()  # the line may have changed how long the other task has to wait

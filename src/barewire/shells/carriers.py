@@ -49,7 +49,7 @@ def modbus_line(endpoint: Endpoint, role: Role, units: Container[int] = ()) -> L
         from barewire.rtu.line import RtuLine  # it counts bytes, so it needs all the messages
 
         line = RtuLine(_timing(endpoint), role=role, units=units, patience=patience(endpoint))
-    echo = endpoint.choice("echo", "0", ("0", "1", "auto"))
+    echo = endpoint.choice("echo", "0")
     if echo == "0":
         return line
     from barewire.modbus.echo import EchoLine
@@ -64,7 +64,7 @@ def patience(endpoint: Endpoint) -> float | None:
     """The longest pause forgiven inside an RTU frame; None for the letter of the standard."""
     if endpoint.options.get("patience") == "strict":
         return None
-    latency = endpoint.choice("latency", "usb" if endpoint.is_serial_port else "tunnel", tuple(LATENCIES))
+    latency = endpoint.choice("latency", "usb" if endpoint.is_serial_port else "tunnel")
     return endpoint.seconds("patience", LATENCIES[latency])
 
 
@@ -122,7 +122,7 @@ def open_serial(endpoint: Endpoint) -> Port[bytes]:
 
 def bus_options(endpoint: Endpoint) -> dict[str, Any]:
     """What a URL says about how a bus is to be treated: arguments of `Bus`."""
-    options: dict[str, Any] = {"recovery": endpoint.choice("recovery", "probe", ("probe", "wait"))}
+    options: dict[str, Any] = {"recovery": endpoint.choice("recovery", "probe")}
     options["gap"] = endpoint.seconds("gap", 0.0)
     if "late_window" in endpoint.options:
         options["late_window"] = endpoint.seconds("late_window", 0.0)

@@ -27,12 +27,12 @@ from barewire.canopen.claims import Keys
 from barewire.canopen.sdo.dialect import Dialect
 from barewire.conversation import Conversation
 from barewire.devices.device import Device
-from barewire.errors import BarewireError, EncodeError
+from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.shells.blocking import Port, run
 from barewire.shells.can_fan import CanBus
 from barewire.shells.can_run import Running, Speaker
 from barewire.shells.can_stream import Listener, Stream
-from barewire.shells.can_tap import Key, Tap
+from barewire.shells.can_tap import Key, Tap, seconds
 from barewire.shells.can_verbs import MasterVerbs
 from barewire.shells.can_verbs_more import LssVerbs, PdoVerbs
 from barewire.shells.can_words import Talk
@@ -65,6 +65,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         self._mine: WeakSet[Running | Stream[Any]] = WeakSet()
         self._taking = threading.Lock()
         self._everything: list[Tap] = []
+        self._ended = False
 
     def __enter__(self) -> Self:
         return self
@@ -74,6 +75,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
 
     def close(self) -> None:
         """End what this client began: its streams, what it has running, and the bus, unless that is shared."""
+        self._ended = True
         for tap in self._everything:
             tap.close()
         for one in list(self._mine):
@@ -86,7 +88,8 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         return self.carry_out(Talk(conversation, None, None))
 
     def carry_out(self, talk: Talk[T]) -> T:
-        """What every verb does: wait for its turn, then talk."""
+        """What every verb does: wait for its turn, then talk. A bus that is being opened anew is given our time-out."""
+        self.bus.wait_open(self.timeout)
         with turn(self.bus, talk.claims), Tap(self.bus, talk.hears) as tap:
             try:
                 return run(talk.conversation, tap)
@@ -108,10 +111,18 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
         """The next frame on the bus, whosever it is, from the first call on. `frames` gives a stream."""
+        patience = self.timeout if timeout is None else timeout
+        seconds(patience)
         with self._taking:
             if not self._everything:
+                self.bus.wait_open(patience)
                 self._everything.append(Tap(self.bus, None))
-            return self._everything[0].receive(self.timeout if timeout is None else timeout)
+            try:
+                return self._everything[0].receive(patience)
+            except PortError:
+                if not self._ended:
+                    self._everything.clear()  # a bus that is opened anew has a new tap for us
+                raise
 
     def drive(self, device: Device, *, progress: Callable[[Progress], None] | None = None) -> DriveClient:
         """The device as a drive of CiA 402: enable it, move it. `progress` is called after every look at it."""
@@ -138,13 +149,14 @@ Client = ModbusClient | CanopenClient
 
 
 def open_bus(url: str, *, watch: Watch | None = None) -> CanBus:
-    """The bus of a can:// URL, to be shared. `watch(direction, frame)` is told of everything that passes."""
+    """The bus of a can:// URL, to be shared. `watch(direction, frame)` is told of everything that passes. A port that
+    fails later is opened anew (`can_reopen`)."""
     from barewire.shells.can_bus import CanPort
 
     endpoint = Endpoint.parse(url)
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {url!r}: CANopen goes over can://")
-    return CanBus(CanPort(endpoint), watch=watch)
+    return CanBus(CanPort(endpoint), watch=watch, dial=lambda: CanPort(endpoint))
 
 
 def manners(url: str) -> dict[str, Any]:

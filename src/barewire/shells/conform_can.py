@@ -2,8 +2,9 @@
 
     for result in conform_can(Endpoint.parse("can://socketcan/can0?node=5")): ...
 
-First the device's objects are read, so that it is asked only what it has. Then come the cases one by one, each behind a
-reset of the communication where it or the one before changes anything. A `gentle` battery reads only.
+First the device's objects are read, so that it is asked only what it has; behind a reset of the communication, if any
+case changes anything. Then come the cases one by one, each behind a reset where it or the one before changes anything.
+A `gentle` battery reads only.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from barewire.canopen.conform import (
     Outcome,
     carry_out,
     cases,
+    is_there,
     prepare,
     survey,
     wants_reset,
@@ -56,9 +58,16 @@ def conform_can(
     node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", PATIENCE)
     port: Port[CanFrame] = CanPort(endpoint)
     try:
-        subject = run(survey(node, timeout=patience, large=large), port)
-        before: Case | None = None
         boot = BOOT
+        subject = run(survey(node, timeout=patience, large=large), port)
+        if large is not None and not run(is_there(node, *large, timeout=patience), port):
+            raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
+        chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
+        if not gentle and any(case.effect != "reads" for case in chosen):
+            # Somebody may have set it up otherwise: what it has after a reset is what it has in the cases.
+            boot = boot if run(prepare(subject), port) else patience
+            subject = run(survey(node, timeout=patience, large=large), port)
+        before: Case | None = None
         for case in cases(subject):
             if not case.name.startswith(only):
                 continue

@@ -50,6 +50,29 @@ _KNOWN = {
     "rtu+tcp": _TUNNEL | {"latency"},
     "ascii+tcp": _TUNNEL,
 }
+_WHOLE: dict[str, tuple[int, int | None]] = {
+    "unit": (0, 255),
+    "node": (1, 127),
+    "dead_after": (0, None),
+    "connections": (1, None),
+    "baudrate": (1, None),
+    "bitrate": (1, None),
+}
+"""Options that are whole numbers: the smallest, and the largest if there is one."""
+_SECONDS = {"timeout", "gap", "late_window", "idle", "patience"}
+_WORDS = {
+    "parity": ("N", "E", "O"),
+    "stopbits": ("1", "1.5", "2"),
+    "bytesize": ("7", "8"),
+    "latency": tuple(LATENCIES),
+    "echo": ("0", "1", "auto"),
+    "rs485": ("off", "kernel", "rts"),
+    "recovery": ("probe", "wait"),
+    "any_unit": ("0", "1"),
+    "any_transaction": ("0", "1"),
+    "pace": ("0", "1"),
+}
+"""Options that are one of a few words."""
 MODBUS = tuple(_KNOWN)
 SCHEMES = (*MODBUS, "can")
 _PORTS = {"tls": 802}
@@ -102,6 +125,8 @@ class Endpoint(NamedTuple):
             raise EncodeError(f"endpoint {url!r}: expected {forms}")
         if "#" in url:
             raise EncodeError(f"endpoint {url!r}: '#' begins nothing in an endpoint, a name has %23 for it")
+        if "?" in parts.query:
+            raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&', a name has %3F for it")
         pairs = parse_qsl(parts.query, keep_blank_values=True)
         options = dict(pairs)
         if len(options) < len(pairs):
@@ -124,14 +149,20 @@ class Endpoint(NamedTuple):
             socketcand_address(place.partition("/")[2])
         elif not endpoint.is_serial_port:
             _ = endpoint.host_and_port  # a wrong one is told before anything is opened
-        unit = endpoint.integer("unit", 1)
-        if not 0 <= unit <= 255:
-            raise EncodeError(f"endpoint {url!r}: unit {unit}: expected 0..255")
-        if (dead_after := endpoint.integer("dead_after", 0)) < 0:
-            raise EncodeError(f"endpoint {url!r}: dead_after={dead_after}: expected 0 (never) or more")
+        for key in options:
+            endpoint._check(key)
         if endpoint.scheme == "rtu" and options.get("bytesize") == "7":
             raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
         return endpoint
+
+    def _check(self, key: str) -> None:
+        """An option is wrong from the start, not when somebody asks for it: who asks may be somebody else."""
+        if key in _WHOLE:
+            _ = self.integer(key, 1)
+        elif key in _WORDS:
+            _ = self.choice(key, "")
+        elif key in _SECONDS and not (key == "patience" and self.envelope == "rtu" and self.options[key] == "strict"):
+            _ = self.seconds(key, 0.0)
 
     def __str__(self) -> str:
         query = "&".join(f"{key}={value}" for key, value in self.options.items())
@@ -178,14 +209,19 @@ class Endpoint(NamedTuple):
         text = self.options.get(key)
         if text is None:
             return default
+        least, most = _WHOLE.get(key, (None, None))
         try:
-            return int(text, 0)
+            number = int(text, 0)
         except ValueError:
             raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a whole number") from None
+        if (least is not None and number < least) or (most is not None and number > most):
+            expected = f"{least}..{most}" if most else f"{least} or more"
+            raise EncodeError(f"endpoint {str(self)!r}: {key} {number}: expected {expected}")
+        return number
 
     def flag(self, key: str) -> bool:
         """An option that is 0 or 1; 0 if it is not said."""
-        return self.choice(key, "0", ("0", "1")) == "1"
+        return self.choice(key, "0") == "1"
 
     def seconds(self, key: str, default: float) -> float:
         """An option that is a time in seconds, not negative."""
@@ -198,10 +234,10 @@ class Endpoint(NamedTuple):
             raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a number of seconds")
         return number
 
-    def choice(self, key: str, default: str, choices: tuple[str, ...]) -> str:
+    def choice(self, key: str, default: str) -> str:
         """An option that is one of a few words."""
         text = self.options.get(key, default)
-        for one in choices:
+        for one in _WORDS[key]:
             if text.lower() == one.lower():
                 return one
-        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(choices)}")
+        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(_WORDS[key])}")

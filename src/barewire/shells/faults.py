@@ -43,6 +43,9 @@ USUAL = 0.1
 LATE = 1.5
 """Seconds: longer than the time-out that clients have without being told."""
 
+LATEST = 3600.0
+"""An answer that is to come later than in an hour is a mistake."""
+
 PAUSE = 0.02
 """Seconds between the two parts of a split answer: what a USB adapter does to a line."""
 
@@ -191,6 +194,8 @@ class Faults(Generic[Item]):
         for kind in faults:
             if kind not in wire.kinds:
                 raise EncodeError(f"fault {kind!r} does not happen on this wire: expected {', '.join(wire.kinds)}")
+        if not 0 <= late < LATEST:
+            raise EncodeError(f"late = {late:g}: expected seconds, from 0 on and below {LATEST:g}")
         self.struck: Counter[str] = Counter()
         """How often each fault has struck."""
         self._wire, self._faults, self._late, self._told = wire, faults, late, told

@@ -100,7 +100,8 @@ def open_faulty(
         on_bus = Faults(Frames(), faults, dice, late=late, told=told)
         host = open_inner(url)
         assert isinstance(host, CanHost)
-        host.port = FaultyPort(host.port, on_bus)
+        dial = host.dial
+        host.port, host.dial = FaultyPort(host.port, on_bus), lambda: FaultyPort(dial(), on_bus)
         return host
     on_line = Faults(Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp"), faults, dice, late=late, told=told)
     host = open_inner(url)

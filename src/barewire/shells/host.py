@@ -25,6 +25,7 @@ from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.modbus import Server, Unit
 from barewire.shells.aio_server import server_at
 from barewire.shells.blocking import Port
+from barewire.shells.can_reopen import Reopening
 from barewire.shells.carriers import modbus_line, open_serial
 from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint, Turn, socketcand_address
 from barewire.shells.pseudo_terminal import PseudoTerminal
@@ -144,13 +145,14 @@ class SerialHost(Host):
                 for reply in self._server.feed(data, clock()):
                     time.sleep(max(0.0, reply.at - clock()))
                     self.port.send(reply.data)
-                    self._line.sent(clock())
+                    # Who hears us at once may speak a silence later: that must not be too early for us.
+                    self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
         finally:
             self.port.close()
 
 
 class CanHost(Host):
-    """A CANopen node on a bus."""
+    """A CANopen node on a bus. A port that fails is opened anew; for the node the bus has only been silent."""
 
     def __init__(self, endpoint: Endpoint, node: CanopenNode) -> None:
         from barewire.shells.can_bus import CanPort
@@ -158,19 +160,27 @@ class CanHost(Host):
         super().__init__()
         self._node = SharedNode(node)
         self._hub = _hub(endpoint)
-        self.port: Port[CanFrame] = CanPort(endpoint)
+        self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
+        self.port: Port[CanFrame] = self.dial()
         self.url = str(endpoint)
 
     def run(self, stop: threading.Event) -> None:
         """Be a node until `stop` is set."""
-        clock = time.monotonic
+        clock, reopening = time.monotonic, Reopening(self.dial, stop)
         try:
             self._send(self._node.start(clock()))
             self._send(self._node.feed(None, clock()))
             while not stop.is_set():
                 deadline = self._node.deadline
                 wait = _LOOK if deadline is None else min(_LOOK, max(0.0, deadline - clock()))
-                frame = self.port.receive(wait)
+                try:
+                    frame = self.port.receive(wait)
+                except PortError as error:
+                    opened = reopening.reopen(self.port, str(error))
+                    if opened is None:
+                        return
+                    self.port, first = opened
+                    frame = first if isinstance(first, CanFrame) else None
                 self._send(self._node.feed(frame, clock()))
         finally:
             self.port.close()
@@ -200,8 +210,8 @@ def _hub(endpoint: Endpoint) -> SocketcandHub | None:
 def open_host(
     url: str, *, units: Mapping[int, Unit] | None = None, node: CanopenNode | None = None, turn: Turn | None = None
 ) -> Host:
-    """The host for a URL: `units` for Modbus, `node` for can. The port is taken at once. `turn(sending)` turns the
-    direction of a two-wire line.
+    """The host for a URL: `units` for Modbus, `node` for can. The port is taken at once, and served once the host is
+    started: by `with`, `start()` or `run(stop)`. `turn(sending)` turns the direction of a two-wire line.
 
     Raises EncodeError for a URL that does not fit what is to be hosted, PortError for a port that cannot be had.
     """

@@ -20,14 +20,16 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.conversation import Conversation
 from barewire.errors import NoAnswer, PortError
+from barewire.modbus.adu import BROADCAST
 from barewire.modbus.bus import Bus
 from barewire.modbus.line import Line
 from barewire.modbus.message import Request, Response
-from barewire.modbus.turns import Turns
+from barewire.modbus.turns import Ticket, Turns
 from barewire.shells.back_off import BackOff
 from barewire.shells.blocking import Port, run
 from barewire.shells.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
 from barewire.shells.endpoint import Turn
+from barewire.shells.plain import exchange
 from barewire.shells.taps import Direction, Trace
 from barewire.shells.verbs import Verbs
 
@@ -64,24 +66,50 @@ class Connection:
 
     def run(self, conversation: Conversation[bytes, T], unit: int | None, patience: float) -> T:
         """Carry a conversation out when it is this unit's turn, alone on the line."""
-        turns = self._turns
-        with self._alone:
-            ticket = turns.join(unit)
+        ticket = self._enter(unit)
         try:
-            if not turns.has(ticket):
-                with self._changed:
-                    self._changed.wait_for(lambda: turns.has(ticket))
-            port = self.open(patience)
-            try:
-                return run(conversation, port)
-            except BaseException as error:
-                if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
-                    self.drop()
-                raise
+            return run(conversation, self.open(patience))
+        except BaseException as error:
+            self._failed(error)
+            raise
         finally:
-            with self._alone:
-                if turns.leave(ticket):
-                    self._changed.notify_all()
+            self._leave(ticket)
+
+    def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
+        """`run` of `bus.ask`, without a conversation where none is needed."""
+        if unit == BROADCAST and not self.bus.line.numbered:
+            return self.run(self.bus.ask(unit, request), unit, patience)  # raises: nobody answers
+        ticket = self._enter(unit)
+        try:
+            return exchange(self.bus, unit, request, timeout, self.open(patience))
+        except BaseException as error:
+            self._failed(error)
+            raise
+        finally:
+            self._leave(ticket)
+
+    def _enter(self, unit: int | None) -> Ticket | None:
+        """Wait until it is this unit's turn. There is a ticket for whoever had to stand in the queue."""
+        with self._alone:
+            if self._turns.enter(unit):
+                return None
+            ticket = self._turns.join(unit)
+        try:
+            with self._changed:
+                self._changed.wait_for(lambda: self._turns.has(ticket))
+        except BaseException:
+            self._leave(ticket)
+            raise
+        return ticket
+
+    def _leave(self, ticket: Ticket | None) -> None:
+        with self._alone:
+            if self._turns.exit() if ticket is None else self._turns.leave(ticket):
+                self._changed.notify_all()
+
+    def _failed(self, error: BaseException) -> None:
+        if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
+            self.drop()
 
     def open(self, patience: float) -> Port[bytes]:
         """The port, made anew if there is none or it has failed. Waits for the back-off, `patience` seconds at most."""
@@ -178,10 +206,12 @@ class ModbusClient(Verbs):
 
         `retries` repeats a read that got no answer, on a new connection if the old one failed.
         """
-        at = self._unit(unit)
+        at = self._unit(unit) if unit is None else unit
         link = self.connection
         limit = self.timeout if timeout is None else timeout
         left = retries if repeat_writes or not request.writes else 0
+        if not left:
+            return link.ask(at, request, limit, self.timeout)
         while True:
             asking = link.bus.ask(at, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
             try:
@@ -193,7 +223,8 @@ class ModbusClient(Verbs):
 
     def fetch(self, request: Request[R], take: Callable[[R], T]) -> T:
         """Ask and take something of the answer: what the verbs do."""
-        return take(self.ask(request))
+        limit = self.timeout
+        return take(self.connection.ask(1 if self.unit is None else self.unit, request, limit, limit))
 
     def tell(self, request: Request[R], *, turnaround: float = 0.1) -> None:
         """Broadcast to every unit of a serial line; nobody answers."""

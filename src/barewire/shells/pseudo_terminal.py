@@ -43,10 +43,15 @@ class PseudoTerminal:
                 self.close()
                 raise PortError(f"{link}: {reason(error)}") from None
         self.name = link or self.path
+        self.sent_at = time.monotonic()
+        """When the latest bytes arrived at the other end; `send` returns a little later, or much on a busy machine."""
 
     def send(self, item: bytes) -> None:
-        """Put bytes on the line; takes as long as `pace` says."""
-        ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
+        """Put bytes on the line; takes as long as `pace` says. They arrive when the last one would: whoever answers
+        sooner than that would speak while we still do."""
+        if self._pace:
+            time.sleep(self._pace.duration(len(item)))
+        self.sent_at = time.monotonic()
         try:
             left = memoryview(item)
             while left:
@@ -56,7 +61,6 @@ class PseudoTerminal:
                 left = left[os.write(self._ours, left) :]
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
-        time.sleep(max(0.0, ends - time.monotonic()))
 
     def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds, or None."""

@@ -46,9 +46,9 @@ class SerialSettings(NamedTuple):
         """From the options of a URL."""
         return cls(
             endpoint.integer("baudrate", 19200),
-            int(endpoint.choice("bytesize", "8", ("7", "8"))),
-            endpoint.choice("parity", "E", ("N", "E", "O")),
-            float(endpoint.choice("stopbits", "1", ("1", "1.5", "2"))),
+            int(endpoint.choice("bytesize", "8")),
+            endpoint.choice("parity", "E"),
+            float(endpoint.choice("stopbits", "1")),
         )
 
     @property
@@ -94,7 +94,7 @@ class SerialPort:
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialPort:
         """The port of a URL."""
-        turned = endpoint.choice("rs485", "off", ("off", "kernel", "rts"))
+        turned = endpoint.choice("rs485", "off")
         return cls(
             endpoint.place, SerialSettings.of(endpoint), pace=endpoint.flag("pace"), rs485=turned, turn=endpoint.turn
         )
@@ -197,5 +197,7 @@ def _say(error: Exception) -> str:
     if "readiness to read" in text:
         return "the device is gone"
     # "Could not configure port: (25, 'Inappropriate ioctl for device')", or termios's own (5, 'Input/output error').
-    system = re.search(r"\(\d+, '([^']+)'\)", text)
-    return system[1][:1].lower() + system[1][1:] if system else text
+    system = re.search(r"\((\d+), '([^']+)'\)", text)
+    if system and int(system[1]) == errno.ENOTTY:
+        return "it is there, but no serial port"
+    return system[2][:1].lower() + system[2][1:] if system else text

@@ -6,6 +6,7 @@ import contextlib
 import os
 import select
 import socket
+import struct
 from collections.abc import Callable
 
 from barewire.errors import PortError
@@ -17,6 +18,8 @@ LONGEST_WAIT = 3600.0
 """Seconds that are waited at once: endless is not a number for the system."""
 UNHEARD = 10_000
 """Milliseconds that bytes may go unacknowledged before the system calls the connection dead, where it can be told."""
+AT_ONCE = getattr(socket, "MSG_DONTWAIT", 0)
+"""The flag of a call that must not wait, on a socket that may. Windows has none: there no socket of ours may wait."""
 
 
 class TcpPort:
@@ -25,8 +28,9 @@ class TcpPort:
     def __init__(self, host: str, port: int, *, timeout: float = CONNECT) -> None:
         self.name = f"{host}:{port}"
         self._socket = self._connect(host, port, timeout)
-        self._socket.setblocking(False)  # waiting is done by `_is_ready`, and by nothing else
+        self._socket.setblocking(False)
         self._is_ready = readiness(self._socket)
+        self._waited = self._limit = 0.0
 
     def _connect(self, host: str, port: int, timeout: float) -> socket.socket:
         try:
@@ -41,7 +45,7 @@ class TcpPort:
     def send(self, item: bytes) -> None:
         """Hand the bytes to the system, which nearly always takes them at once."""
         try:
-            taken = self._socket.send(item)
+            taken = self._socket.send(item, AT_ONCE)
         except BlockingIOError:
             taken = 0
         except OSError as error:
@@ -51,26 +55,43 @@ class TcpPort:
 
     def _press(self, rest: bytes) -> None:
         """The other side does not read: it is given some time to."""
+        before = self._socket.gettimeout()
         try:
             self._socket.settimeout(CONNECT)
             self._socket.sendall(rest)
-            self._socket.setblocking(False)
+            self._socket.settimeout(before)
         except OSError as error:
             raise PortError(f"{self.name}: {self._why(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds; PortError when the other side hung up."""
         try:
-            if not self._is_ready(timeout):
-                return None
-            data = self._socket.recv(CHUNK)
+            if timeout == self._limit and timeout:
+                data = self._socket.recv(CHUNK)
+            else:
+                if timeout and timeout == self._waited:
+                    self._keep(timeout)
+                self._waited = timeout or self._waited
+                if not self._is_ready(timeout):
+                    return None
+                data = self._socket.recv(CHUNK, AT_ONCE)
         except BlockingIOError:
-            return None  # said to be there, and was not
+            return None  # nothing within the limit; or it was said to be there, and was not
         except (OSError, ValueError) as error:
             raise PortError(f"{self.name}: {self._why(error)}") from None
         if not data:
             raise PortError(f"{self.name}: the other side closed the connection")
         return data
+
+    def _keep(self, timeout: float) -> None:
+        """The same time-out again: from now on the system keeps it, so waiting that long is one call and not two."""
+        if not AT_ONCE or not 1e-3 <= timeout < LONGEST_WAIT:
+            return
+        with contextlib.suppress(OSError):  # where it wants another form of time
+            limit = struct.pack("@ll", int(timeout), int(timeout % 1.0 * 1e6))
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
+            self._socket.setblocking(True)
+            self._limit = timeout
 
     def _why(self, error: Exception) -> str:
         return "the port was closed" if self._socket.fileno() < 0 else reason(error)
@@ -122,7 +143,7 @@ def readiness(connection: socket.socket) -> Callable[[float], object]:
     watched = select.poll()
     watched.register(connection, select.POLLIN)
     poll = watched.poll
-    return lambda timeout: poll(1e3 * timeout if timeout < LONGEST_WAIT else 1e3 * LONGEST_WAIT)
+    return lambda timeout: poll(1e3 * min(timeout, LONGEST_WAIT) if timeout else 0)
 
 
 def attend(connection: socket.socket) -> None:

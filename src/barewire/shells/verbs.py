@@ -46,7 +46,7 @@ class Verb(Generic[P, R, V]):
     def __init__(self, request: Callable[P, Request[R]], take: Callable[[R], V]) -> None:
         self._find: Any = request  # what finds it, when it is needed: see `messages`
         self.take = take
-        self._said: Callable[..., Any] | None = None
+        self._name = ""
 
     @cached_property
     def request(self) -> Callable[P, Request[R]]:
@@ -61,21 +61,23 @@ class Verb(Generic[P, R, V]):
     def __get__(self, client: AsyncModbusClient, kind: type) -> Callable[P, Coroutine[Any, Any, V]]: ...
 
     @overload
-    def __get__(self, client: None, kind: type) -> Verb[P, R, V]: ...
+    def __get__(self, client: None, kind: type) -> Callable[..., V | Coroutine[Any, Any, V]]: ...
 
     def __get__(self, client: Any, kind: type) -> Any:
-        said = self._said or self._say()
-        return self if client is None else MethodType(said, client)
-
-    def _say(self) -> Callable[..., Any]:
+        """Asked for the first time: from now on a plain function stands in this place, which is quicker to call. What
+        makes its requests is its `request`."""
         request, take = self.request, self.take
 
         def said(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
             return client.fetch(request(*args, **kwargs), take)
 
-        said.__doc__ = self.__doc__ = request.__doc__
-        self._said = said
-        return said
+        said.__name__, said.__doc__ = self._name, request.__doc__
+        said.request = request  # type: ignore[attr-defined]
+        setattr(Verbs, self._name, said)
+        return said if client is None else MethodType(said, client)
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
 
 
 def _nothing(answer: Response) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.tcp.frame import BEGINNING, LENGTHS, LONGEST, PREFIX, SHORTEST, check_header, decode, encode
+from barewire.tcp.frame import BEGINNING, HEADER, LENGTHS, LONGEST, PREFIX, SHORTEST, check_header, decode, encode
 
 _adu = tuple.__new__  # what Adu(...) does, without the function around it
 
@@ -40,7 +40,7 @@ class TcpLine:
         self._held = b""
         self._transaction = 0
         self._unit = 0
-        self._number = number or self._count
+        self._number = number
         self.broken: DecodeError | None = None
         """Why nothing that comes can be trusted any more; None while all is well."""
 
@@ -61,12 +61,10 @@ class TcpLine:
 
     def request(self, unit: int, pdu: bytes) -> bytes:
         """The frame of a request, under the next transaction number."""
-        self._transaction = self._number()
+        number = self._number() if self._number is not None else self._transaction + 1 & 0xFFFF
+        self._transaction = number
         self._unit = unit
-        return encode(unit, pdu, self._transaction)
-
-    def _count(self) -> int:
-        return self._transaction + 1 & 0xFFFF
+        return encode(unit, pdu, number)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """The frame of an answer: the request's unit and transaction come back unchanged [MB-TCP 4.4.2.3]."""
@@ -79,6 +77,21 @@ class TcpLine:
         """The transaction and the unit of the last request."""
         this = not self.numbered or adu.transaction == self._transaction
         return this and (self._any_unit or adu.unit == self._unit)
+
+    def answer_in(self, data: bytes) -> bytes | None:
+        """The PDU, if these bytes are the whole answer to the last request and nothing else; None where it takes `feed`
+        to find out what they are. Nothing is remembered.
+
+        >>> line = TcpLine()
+        >>> line.request(1, b"\\x07") and line.answer_in(bytes.fromhex("00 01 00 00 00 03 01 07 6D"))
+        b'\\x07m'
+        """
+        size = len(data)
+        if SHORTEST <= size <= LONGEST and not self._held and self.broken is None:
+            transaction, protocol, length, unit = HEADER.unpack_from(data)
+            if transaction == self._transaction and length == size - PREFIX and unit == self._unit and not protocol:
+                return data[7:]
+        return None
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
         """As many frames as are whole. After a header that cannot be right everything is Noise."""

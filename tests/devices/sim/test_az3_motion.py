@@ -186,3 +186,15 @@ def test_the_torque_limit(bench: Bench) -> None:
     bench.now += SETTLE
     assert bench.read("TORQUE ACTUAL VALUE") == 200
     assert bench.read("TORQUE ACTUAL VALUE NM") == pytest.approx(0.46)
+
+
+def test_a_target_velocity_above_the_motor_s_is_limited_and_says_so(bench: Bench) -> None:
+    bench.write("MAX MOTOR SPEED", 600)
+    enable(bench)
+    bench.write("TARGET VELOCITY", -900)
+    bench.now += SETTLE
+    assert bench.read("VELOCITY ACTUAL VALUE") == -600
+    assert int(bench.read("STATUS WORD")) & 0x0C00 == 0x0C00  # internal limit active, target reached
+    bench.write("TARGET VELOCITY", -600)
+    bench.now += SETTLE
+    assert int(bench.read("STATUS WORD")) & 0x0C00 == 0x0400

@@ -22,7 +22,8 @@ from barewire.canopen.eds.rules import Diagnostic, diagnostic
 from barewire.canopen.eds.values import Formula, read_integer
 
 LONGEST_LINE = 255
-_REQUIRED = {"FileInfo": FILE_INFO, "DeviceInfo": DEVICE_INFO} | {name: ["SupportedObjects"] for name in LISTS}
+_FILE_INFO = [key for key in FILE_INFO if key != "EDSVersion"]  # without it the version is 3.0 [CiA 306 4.4]
+_REQUIRED = {"FileInfo": _FILE_INFO, "DeviceInfo": DEVICE_INFO} | {name: ["SupportedObjects"] for name in LISTS}
 _DATE = re.compile(r"(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])-[0-9]{4}")
 _TIME = re.compile(r"(0[1-9]|1[0-2]):[0-5][0-9](AM|PM)")
 _OF_ITEMS = ("DataType", "AccessType", "DefaultValue", "PDOMapping", "LowLimit", "HighLimit")
@@ -132,12 +133,13 @@ def _objects(document: Document) -> Iterator[Diagnostic]:
         section = document.sections.get(f"{described.index:04x}")
         if section is None:
             continue
-        if "objecttype" not in section.keys:
-            yield diagnostic(section.line, "no-object-type", f"[{section.name.proper}]")
         if described.is_record and not described.compact:
             told = _number(document, section.name.proper, "SubNumber")
-            if told != sum(item.sub < 0xFF for item in described.items):  # FFh tells of the type, and is not counted
-                yield diagnostic(_at(section, "SubNumber"), "sub-number", f"[{section.name.proper}] {told}")
+            there = sum(item.sub < 0xFF for item in described.items)  # FFh tells of the type, and is not counted
+            if told != there:
+                number = "no SubNumber" if told is None else f"SubNumber={told}"
+                what = f"[{section.name.proper}] {number}, there are {there}"
+                yield diagnostic(_at(section, "SubNumber"), "sub-number", what)
             yield from _sub0(document, described)
             for key in _OF_ITEMS:
                 if document.get(section.name.proper, key):

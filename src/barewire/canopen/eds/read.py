@@ -91,6 +91,10 @@ class Reader:
             self.say(section, key, rule)
         return reading.value
 
+    def unjudged(self, section: Section, key: str, type: str) -> Expression | None:
+        """As `value`, with nothing to say about its form."""
+        return read_value(self.text(section, key), type).value if key in section.keys else None
+
     # Objects
 
     def object(self, index: int) -> EdsObject:
@@ -153,17 +157,19 @@ class Reader:
             self.say(section, "objecttype", "sub-type")
             kind = VAR
         code, type = self.data_type(section, kind)
+        # Nobody knows in which form a value of an unknown type stands, so that has been said once and is enough.
+        value = self.value if code in BY_CODE or type != "domain" or kind == DOMAIN else self.unjudged
         low, high = self.limits(section, type)
         return Item(
             sub,
             self.name(section),
             type,
             self.access(section, kind),
-            self.value(section, "defaultvalue", type),
+            value(section, "defaultvalue", type),
             low,
             high,
             self.number(section, "pdomapping") != 0,
-            self.value(section, "parametervalue", type),
+            value(section, "parametervalue", type),
             self.text(section, "denotation"),
             self.number(section, "objflags"),
             code,

@@ -105,8 +105,8 @@ def read_integer(text: str) -> Whole:
     elif _REAL.fullmatch(digits) and float(digits.replace(",", ".")).is_integer():
         value = int(float(digits.replace(",", ".")))
         rules += ["decimal-comma"] if "," in digits else ["real-for-integer"]
-    else:
-        return Whole(None, (*rules, "bad-number"))
+    else:  # words: their blanks and quotes are no oddities of a number
+        return Whole(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
     return Whole(sign * value, tuple(rules))
 
 

@@ -72,10 +72,20 @@ HELP = """\
 types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a comment"""
 
 
+class _NotThisType(Exception):
+    """A value came, and is none of the type that was asked for; the node has no part in it."""
+
+    def __init__(self, code: AbortCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+        self.text = text
+
+
 class Session:
     """The settings of one connection, and its lines carried out.
 
     `channel` gives the SDO channel to a node, for connections that share a bus; without it the session keeps its own.
+    `remote`: whether the bus carries remote frames, without which nobody is guarded.
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
@@ -84,9 +94,16 @@ class Session:
     """
 
     def __init__(
-        self, net: int = 1, *, version: str = "", dialect: Dialect = STANDARD, channel: Channels | None = None
+        self,
+        net: int = 1,
+        *,
+        version: str = "",
+        dialect: Dialect = STANDARD,
+        channel: Channels | None = None,
+        remote: bool = True,
     ) -> None:
         self.net = net
+        self._remote = remote
         self.notices = Notices(net)
         self._version = version
         self._channels: dict[int, Channel] = {}
@@ -109,6 +126,8 @@ class Session:
             said = yield from self._carry_out(line)
         except GatewayError as error:
             return [error_line(sequence, error.code, str(error))]
+        except _NotThisType as error:
+            return [error_line(sequence, error.code, error.text)]
         except SdoAbort as error:
             return [error_line(sequence, error.code, str(error))]
         except LssRefused as error:
@@ -192,8 +211,9 @@ class Session:
             return to_text(request.type, data)
         except DecodeError as error:
             code = AbortCode.LENGTH if is_wrong_length(error) else AbortCode.INVALID_VALUE
-            why = f"{request.type} does not fit what came: {error.text}"
-            raise SdoAbort(code, request.index, request.sub, why=why) from None
+            raise _NotThisType(
+                code, f"{request.index:04X}h:{request.sub:02X}: {error.text}: {data[:16].hex(' ')}"
+            ) from None
 
     def _control(
         self, line: Line, request: Guarding | Heartbeat | BootUpIndication | SetPdo | ReadPdo | WritePdo
@@ -204,6 +224,9 @@ class Session:
         elif isinstance(request, Heartbeat):
             notices.heartbeat(self._node(line.node), request.time / 1000)
         elif isinstance(request, Guarding):
+            if request.time and not self._remote:
+                text = "this bus carries no remote frames: enable heartbeat tells the same"
+                raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
             now = yield from _time()
             notices.guard(self._node(line.node), request.time / 1000, request.factor, now)
         elif isinstance(request, SetPdo):

@@ -32,6 +32,7 @@ from barewire.canopen.sdo.segment_messages import SEGMENT, Segment, SegmentTaken
 from barewire.canopen.sdo.stream import Outgoing, Progress
 from barewire.canopen.sdo.transfer import Transfer
 from barewire.conversation import Conversation, Heard, Listen
+from barewire.errors import EncodeError
 
 BURST = 16
 """Segments of a block that are said before we listen again: an abort is heard so many frames late at most."""
@@ -69,6 +70,8 @@ def download(
     """
     channel = channel_to(node, dialect)
     transfer = Transfer(channel, "download", index, sub, timeout)
+    if isinstance(data, str):
+        raise EncodeError(f"{data!r} is text: an object takes bytes, or pieces of bytes")
     if isinstance(data, (bytes, bytearray, memoryview)):
         whole = bytes(data)
         options = block_options(block, channel, len(whole))

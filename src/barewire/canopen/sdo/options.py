@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.canopen.sdo.block_messages import BLOCK_MAX
 from barewire.canopen.sdo.channel import Channel
+from barewire.errors import EncodeError
 
 WORTH_IT = 28
 """The longest value, in bytes, that needs no more frames in segments than in blocks."""
@@ -41,6 +42,8 @@ def block_options(wish: BlockWish, channel: Channel, length: int | None = None) 
     """
     if isinstance(wish, Block):
         return wish
+    if isinstance(wish, str) and wish != "auto":
+        raise EncodeError(f"block = {wish!r}: expected True, False, 'auto' or a Block")
     if wish != "auto":
         return Block() if wish else None
     small = length is not None and length <= WORTH_IT

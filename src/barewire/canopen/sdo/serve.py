@@ -216,20 +216,21 @@ class SdoServer:
         if isinstance(request, ExpeditedDownload):
             self.objects.write(index, sub, self._trimmed(request))
             return DownloadInitiated(index, sub).encode()
+        write = partial(self.objects.write, index, sub)
         if isinstance(request, InitiateDownload):
-            self.objects.size(index, sub)
-            write = partial(self.objects.write, index, sub)
-            self._session = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
-            return DownloadInitiated(index, sub).encode()
-        if isinstance(request, InitiateBlockUpload) and self.blksize:
+            session: Session = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
+            answer: DownloadInitiated | BlockDownloadInitiated = DownloadInitiated(index, sub)
+        elif isinstance(request, InitiateBlockUpload) and self.blksize:
             return self._block_upload(request, now)
-        if isinstance(request, InitiateBlockDownload) and self.blksize:
-            self.objects.size(index, sub)
-            write = partial(self.objects.write, index, sub)
+        elif isinstance(request, InitiateBlockDownload) and self.blksize:
             limits = request.size, self.limit, self.blksize
-            self._session = BlockDownload(write, *limits, request.crc, self.timeout, now)
-            return BlockDownloadInitiated(index, sub, self.blksize).encode()
-        raise SdoAbort(AbortCode.COMMAND, index, sub)
+            session = BlockDownload(write, *limits, request.crc, self.timeout, now)
+            answer = BlockDownloadInitiated(index, sub, self.blksize)
+        else:
+            raise SdoAbort(AbortCode.COMMAND, index, sub)
+        self.objects.may_write(index, sub, request.size)
+        self._session = session
+        return answer.encode()
 
     def _upload(self, request: InitiateUpload, value: bytes, now: float) -> bytes:
         if 1 <= len(value) <= 4:

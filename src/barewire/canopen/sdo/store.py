@@ -15,6 +15,10 @@ class ObjectStore(Protocol):
     def read(self, index: int, sub: int) -> bytes:
         """Its value, little-endian."""
 
+    def may_write(self, index: int, sub: int, size: int | None) -> None:
+        """A value of so many bytes (None: nobody knows) is about to come in segments or blocks: refuse it now if it
+        would be refused whatever the bytes are, and not after a megabyte of them."""
+
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Take a value, or refuse it."""
 

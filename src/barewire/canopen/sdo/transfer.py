@@ -7,6 +7,10 @@
         left      abandoned, or our own data or sink failed: our abort 0800 0000h             as it was raised
 
 A request is never said twice on its own account: when the time is up nobody knows whether the first one arrived.
+
+A server that refuses because it was somewhere else (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) has heard something
+that we did not mean, a frame twice perhaps, and may answer that as well. As after a time-out the channel is quiet for a
+time before the next transfer, or this answer would confirm it.
 """
 
 from __future__ import annotations
@@ -20,11 +24,13 @@ from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.initiate_messages import Abort
 from barewire.canopen.sdo.messages import M, Message
 from barewire.conversation import Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError, NoAnswer
+from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 Result = TypeVar("Result")
 
 ABORT = 0x80
+# An abort with one of these shows that the server was not where we thought that it is.
+_OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
 
 _new = tuple.__new__
 
@@ -36,6 +42,8 @@ class Transfer:
     __slots__ = ("channel", "index", "now", "sub", "timeout", "until", "verb")
 
     def __init__(self, channel: Channel, verb: str, index: int, sub: int, timeout: float) -> None:
+        if not timeout >= 0:
+            raise EncodeError(f"time-out {timeout} s: expected 0 or more")
         self.channel = channel
         self.verb = verb
         self.index = index
@@ -54,7 +62,9 @@ class Transfer:
         try:
             yield from channel.settle()
             return (yield from body)
-        except SdoAbort:
+        except SdoAbort as refusal:
+            if refusal.code in _OUT_OF_STEP:
+                channel.quiet_until = self.now + self.timeout
             raise
         except Breach as breach:
             yield from self._end(breach.code)

@@ -27,7 +27,7 @@ class Addressed(Mapping[int, ModbusFace]):
 
     def __init__(self, machine: Simulator, *also: int) -> None:
         if machine.modbus is None:
-            raise EncodeError(f"{machine.device.name} has no Modbus: it speaks CANopen")
+            raise EncodeError(f"{machine.device.name} has no Modbus: no table [modbus] in its description")
         self._machine, self._face, self._also = machine, machine.modbus, also
 
     def _has(self, address: object) -> bool:

@@ -179,6 +179,9 @@ class Axis:
             self._stop(now)
         elif velocity > 0:
             self.way.move(now, self._goal, velocity, *self._rates, jerky=self.settings.without_ramp(velocity))
+        elif self._goal != self.way.position(now):
+            self._stop(now)
+            self._reached = False  # at a profile velocity of 0 no target is ever reached
 
     def may_go(self, way: float) -> bool:
         """A place for limit switches: whether the shaft may go up (a `way` above 0) or down."""

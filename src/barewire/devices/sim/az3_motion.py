@@ -21,7 +21,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 from barewire.devices.cia402 import State, Transition
-from barewire.devices.sim.axis import CURRENT_ON, HALT, NEW_SET_POINT, POSITION, Axis
+from barewire.devices.sim.axis import CURRENT_ON, HALT, NEW_SET_POINT, POSITION, VELOCITY, Axis
 
 if TYPE_CHECKING:
     from barewire.devices.sim.az3 import Az3
@@ -111,7 +111,9 @@ class Az3Motion:
         return self.store.number(name) / 1000 if self.store["BRAKE ACTIVATION"] else 0.0
 
     def is_limited(self) -> bool:
-        """Whether a soft limit holds the target position."""
+        """Whether a soft limit holds the target position, or MAX MOTOR SPEED the target velocity."""
+        if self.mode() == VELOCITY:
+            return abs(self.store.number("TARGET VELOCITY")) > self.store.number("MAX MOTOR SPEED")
         return self.mode() == POSITION and self._limited() != self.store.number("TARGET POSITION")
 
     def _limited(self) -> float:

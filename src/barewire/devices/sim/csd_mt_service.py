@@ -60,7 +60,6 @@ class Service:
             ("Restore All Default Parameters", self._restore),
             ("Reset Error Logs", self._clear_log),
             ("Read Temperature", lambda value: store.cell("Read Temperature").set(0)),
-            ("Little Endian / Big Endian", self._turn_words),
         ):
             store.after(name, act)
         store.veto("Enable SW bit 7", self._not_with("Enable SW bit 15"))
@@ -84,6 +83,8 @@ class Service:
             store.measure(f"Drive Alarm Code {place}", partial(self._alarm, place, 1))
         self._motor(store["Motor Code"])
         store.after("Motor Code", self._motor)
+        order = store.cell("Little Endian / Big Endian")
+        store.words_reversed = lambda: order.held == 0  # described little-endian, register 1162 = 1
 
     # Time
 
@@ -100,7 +101,6 @@ class Service:
         """The log is in memory that stays; a save that was still going on is lost (ch. 12, registers 1260, 1261)."""
         self._saving = None
         self.encoder_reset_waits = False
-        self._turn_words(self.drive.store["Little Endian / Big Endian"])
         self._motor(self.drive.store["Motor Code"])
 
     # Alarms
@@ -138,9 +138,6 @@ class Service:
         self._motor(store["Motor Code"])
 
     # Small registers
-
-    def _turn_words(self, value: Value) -> None:
-        self.drive.store.words_reversed = value == 0  # described little-endian, register 1162 = 1
 
     def _motor(self, code: Value) -> None:
         """Registers 1117 to 1120 show the digits of Motor Code; the default code equals 1544h (ch. 12, table 24)."""

@@ -138,8 +138,8 @@ class Store:
 
     def __init__(self, parameters: Iterable[Parameter]) -> None:
         self.cells = {fold(parameter.name): Cell(parameter) for parameter in parameters}
-        self.words_reversed = False
-        """Whether values of several registers now lie the other way round than described."""
+        self.words_reversed: Callable[[], bool] = lambda: False
+        """Asked whether values of several registers now lie the other way round than described."""
         wholes: dict[tuple[int, int], Cell] = {}
         for cell in self:
             place = cell.parameter.object
@@ -208,7 +208,7 @@ class Store:
         return cell.free.from_registers(registers[::-1] if self._is_reversed(cell) else registers)
 
     def _is_reversed(self, cell: Cell) -> bool:
-        return self.words_reversed and cell.parameter.type != "text"
+        return cell.parameter.type != "text" and self.words_reversed()
 
 
 def _default(parameter: Parameter) -> Value:

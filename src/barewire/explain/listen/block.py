@@ -93,7 +93,7 @@ class BlockListener:
                 self.transfer.again += 1
                 return True
             if BlockEnd.pattern.matches(data[0]):
-                self._end(BlockEnd.decode(data.ljust(3, b"\0")))
+                self._end(BlockEnd.decode(data.ljust(3, b"\0")), now)
                 return True
         return False
 
@@ -123,10 +123,11 @@ class BlockListener:
             self.transfer.again += 1
             return
         if held is not None:
-            if number != 1:
-                self.told.append(("SDO-BLOCK-SEQNO", f"segment {number} came again with other bytes"))
-                return
-            self._lacks(1, "a new block begins, and no acknowledgement is in the recording", now, data=False)
+            if number == 1:
+                self._lacks(1, "a new block begins, and no acknowledgement is in the recording", now, data=False)
+            else:  # how much of the block before was acknowledged is as unknown as how this one began
+                text = f"segment {number} again, with other bytes: the beginning of its block is not in the recording"
+                self._lacks(number, text, now)
             self._commit(max(self._parts))
             self._parts, self._final = {}, 0
         self._parts[number] = body
@@ -205,7 +206,7 @@ class BlockListener:
         size = self.transfer.size
         return self._pending if size is None else self._pending[: max(0, size - self.transfer.count)]
 
-    def _end(self, end: BlockEnd) -> None:
+    def _end(self, end: BlockEnd, now: float) -> None:
         self._finish(self._pending[: len(self._pending) - end.unused])
         transfer = self.transfer
         if not self.crc:
@@ -213,7 +214,13 @@ class BlockListener:
             transfer.crc_told = "unused" if self.crc is False else "ok" if agrees else "unknown"
         elif transfer.whole and not self._doubtful():
             transfer.crc_told = "ok" if end.crc == transfer.crc else "wrong"
-            if end.crc != transfer.crc and not transfer.gapped:
+            if end.crc != transfer.crc and transfer.size is not None and transfer.count < transfer.size:
+                # Whole blocks may lack, and nothing in what is left shows it: length and CRC do, both of them.
+                missing = -(-(transfer.size - transfer.count) // SEGMENT)
+                text = f"{transfer.count} of {transfer.size} bytes, and the CRC is that of others"
+                self._lacks(missing, f"{text}: not all segments are in the recording", now)
+                transfer.crc_told = "unknown"
+            elif end.crc != transfer.crc and not transfer.gapped:
                 self.told.append(
                     ("SDO-BLOCK-CRC", f"the CRC is {end.crc:04X}h, of the bytes it is {transfer.crc:04X}h")
                 )

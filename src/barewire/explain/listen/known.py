@@ -15,6 +15,7 @@ from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.pdo_records import Direction, Pdo, pdos_of
 from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
+from barewire.canopen.times import TimeDifference, TimeOfDay
 from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show
@@ -36,7 +37,13 @@ class Known(NamedTuple):
         """The value of a raw number, with its unit, in words."""
         if self.parameter is not None:
             return self.parameter.text(self.parameter.from_raw(raw))
-        return repr(raw) if isinstance(raw, (bytes, str)) else show(raw)
+        if isinstance(raw, bytes):
+            return raw.hex(" ").upper()
+        if isinstance(raw, TimeOfDay):
+            return str(raw.datetime)
+        if isinstance(raw, TimeDifference):
+            return str(raw.timedelta)
+        return repr(raw) if isinstance(raw, str) else show(raw)
 
     def read(self, data: bytes) -> str:
         """The bytes of the object as its value in words; empty if they are not one."""

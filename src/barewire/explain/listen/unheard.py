@@ -31,9 +31,13 @@ if TYPE_CHECKING:
 
 
 def is_block_under_way(channel: SdoListener, speaker: Side, data: bytes) -> bool:
-    """At the beginning: two frames of one side behind each other, numbered so. Nothing but a block does that."""
+    """Two frames of one side behind each other, numbered so. Nothing but a block does that.
+
+    Three, or a first one that would be odd, where a transfer is under way whose end may be what is not recorded.
+    """
     last_asks, last = channel.last
     first = (channel.open is None and not channel.given_up) or (channel.open is not None and channel.open.began is None)
+    first = first or channel.run > 0 or bool(channel.held_back)
     if not first or not last or (channel.open is not None and channel.open.block is not None):
         return False
     return last_asks == (speaker == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from math import isfinite
 from typing import Any
 
 from barewire.canopen.emcy import error_text, register_names
@@ -213,7 +214,7 @@ def _pdo(event: Pdo) -> str:
 
 
 def as_dict(event: Event) -> dict[str, Any]:
-    """For programs: ready for `json.dumps`; bytes are hexadecimal. `event` says what it is.
+    """For programs: ready for `json.dumps`; bytes are hexadecimal, NaN is a text. `event` says what it is.
 
     >>> as_dict(Command(1.0, 1, 5))
     {'event': 'nmt', 'at': 1.0, 'command': 1, 'node': 5}
@@ -235,6 +236,8 @@ def as_dict(event: Event) -> dict[str, Any]:
 def _plain(value: object) -> object:
     if isinstance(value, bytes):
         return value.hex()
+    if isinstance(value, float) and not isfinite(value):
+        return str(value)
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, tuple) else value

@@ -1,0 +1,88 @@
+"""What the benchmarks have to show: ratios between neighbours of one run. `tools/bench_page.py` says which are met."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Goal(NamedTuple):
+    """`who` takes at most `limit` times what `other` takes (of memory, if that is what is meant)."""
+
+    text: str
+    family: str
+    what: str
+    size: int | str
+    other: str
+    limit: float
+    who: str = "barewire"
+    memory: bool = False
+
+
+def goals() -> list[Goal]:
+    """All of them, as the page shows them."""
+    found = [
+        Goal("CRC of 254 bytes: 4 x faster than a table", "CRC-16", "one frame", 254, "byte table", 1 / 4),
+        Goal("... than pymodbus", "CRC-16", "one frame", 254, "pymodbus", 1 / 4),
+        Goal("CRC of 64 KiB: 20 x faster than a table", "CRC-16", "one frame", 65536, "byte table", 1 / 20),
+        Goal("... at most 1.3 x crcmod's C", "CRC-16", "one frame", 65536, "crcmod in C", 1.3),
+        Goal("CRC of 6 bytes: no slower than a table", "CRC-16", "one frame", 6, "byte table", 1.05),
+    ]
+    one = "registers of one answer"
+    for size, limit in ((1, 2.5), (8, 2.5), (62, 1.5), (125, 1.5)):
+        found.append(
+            Goal(f"RTU, {size} registers: at most {limit} x by hand", "RTU response", one, size, "by hand", limit)
+        )
+    found.append(Goal("RTU, 8: 2.5 x faster than pymodbus", "RTU response", one, 8, "pymodbus", 1 / 2.5))
+    found.append(Goal("RTU, 125: 8 x faster than pymodbus", "RTU response", one, 125, "pymodbus", 1 / 8))
+    for envelope in ("ASCII", "TCP"):
+        for size in (8, 125):
+            text = f"{envelope}, {size}: 2 x faster than pymodbus"
+            found.append(Goal(text, f"{envelope} response", one, size, "pymodbus", 1 / 2))
+    for envelope in ("RTU", "ASCII", "TCP"):
+        text, what = f"A request, {envelope}: faster than pymodbus", f"read 10 registers, {envelope}"
+        found.append(Goal(text, "Building a request", what, 10, "pymodbus", 1.0))
+    what = "TPDO of the AZ3 to named values"
+    found.append(Goal("TPDO: 5 x faster than the canopen library", "PDO", what, 4, "canopen", 1 / 5))
+    for how in ("the client alone", "in memory", "python-can's virtual bus"):
+        for verb in ("upload", "download"):
+            what, text = f"block {verb}, {how}", f"SDO block {verb}, {how}: 3 x faster than the canopen library"
+            found.append(Goal(text, "SDO", what, 1 << 20, "canopen", 1 / 3))
+    what, text = "upload, each with its own server, python-can", "SDO upload, each with its own server: 3 x faster"
+    found.append(Goal(text, "SDO", what, 1 << 14, "canopen", 1 / 3))
+    for place in ("two cores", "one core"):
+        blocking, client, server = "TCP client, blocking", "TCP client, asyncio", "TCP server"
+        found.append(
+            Goal(
+                f"Blocking client, {place}: 0.9 of a raw socket", blocking, "10 registers", place, "raw socket", 1 / 0.9
+            )
+        )
+        for other in ("pymodbus", "pyModbusTCP"):
+            found.append(Goal(f"... ahead of {other}", blocking, "10 registers", place, other, 1.0))
+        what = "10 registers, 1 in flight"
+        found.append(
+            Goal(f"Asyncio client, {place}: 0.8 of a raw protocol", client, what, place, "raw protocol", 1 / 0.8)
+        )
+        for other in ("pymodbus", "tmodbus"):
+            found.append(Goal(f"... ahead of {other}", client, what, place, other, 1.0))
+        what = "10 registers, 16 in flight"
+        text = f"16 in flight, {place}: 3 x one in flight"
+        found.append(Goal(text, client, what, place, "barewire, 1 in flight", 1 / 3))
+        what = "10 registers, 1 at once"
+        found.append(Goal(f"Server, {place}: 0.8 of a raw protocol", server, what, place, "raw asyncio", 1 / 0.8))
+        for other in ("pymodbus", "tmodbus", "pyModbusTCP"):
+            found.append(Goal(f"... ahead of {other}", server, what, place, other, 1.0))
+    many = "10 registers of each at once"
+    for other in ("raw asyncio", "pyModbusTCP"):
+        text = f"Server, 64 connections: ahead of {other}"
+        found.append(Goal(text, "TCP server, connections", many, 64, other, 1.0))
+    for memory in (False, True):
+        word = "memory" if memory else "time"
+        for room in ("rtu", "ascii", "tcp", "codecs"):
+            who, what = f"barewire.{room}", "in a new interpreter"
+            text = f"import {who}, {word}: a tenth of pymodbus.client"
+            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 0.1, who, memory))
+            found.append(Goal("... below minimalmodbus", "Import", what, "each", "minimalmodbus", 1.0, who, memory))
+        who = "barewire blocking TCP client"
+        text = f"{who}, {word}: a third of pymodbus.client"
+        found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 3, who, memory))
+    return found

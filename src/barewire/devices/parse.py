@@ -1,0 +1,63 @@
+"""What a person typed -> a value of a parameter, as `NAME=VALUE` on a command line has it.
+
+    "3000"  "0x0BB8"  "0b101"  "-2.5e3"     a number; a hexadecimal one is the number, whatever the type
+    "on"  "off"  "true"  "false"            a bit
+    "Starter ready"                         the name of one of the parameter's values, whatever its case
+    "Hall 4"                                text, as it stands
+
+I know: how people write values.  I never know: ranges, types, the wire. Whether a value fits is asked later.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from barewire.codecs import Value
+from barewire.errors import EncodeError, shown
+
+if TYPE_CHECKING:
+    from barewire.devices.parameter import Parameter
+
+SWITCHED = {"on": True, "true": True, "off": False, "false": False}
+
+
+def parse(parameter: Parameter, text: str) -> Value:
+    """The value that the text stands for; EncodeError says what was expected.
+
+    >>> from barewire.devices.parameter import Parameter
+    >>> relay = Parameter("Relay", "bool")
+    >>> parse(relay, "on"), parse(relay, "0")
+    (True, 0)
+    >>> parse(Parameter("Tariff", "u8"), "02")  # digits are decimal, whatever zeros stand before them
+    2
+    >>> parse(relay, "open")
+    Traceback (most recent call last):
+      ...
+    barewire.errors.EncodeError: Relay = 'open': expected on or off
+    """
+    plain = text.strip()
+    for named, title in parameter.values.items():
+        if plain.casefold() == title.casefold():
+            return named
+    if parameter.type == "text":
+        return text
+    if parameter.type == "bool" and plain.lower() in SWITCHED:
+        return SWITCHED[plain.lower()]
+    try:
+        number: int | float = int(plain, _base(plain)) if _looks_whole(plain) else float(plain)
+        if isinstance(number, float) and math.isinf(number) and "inf" not in plain.lower():
+            raise ValueError(f"{plain} is more than a float can hold")
+    except ValueError:
+        wanted = "on or off" if parameter.type == "bool" else "a number"
+        names = f", or one of: {', '.join(parameter.values.values())}" if parameter.values else ""
+        raise EncodeError(f"{parameter.name} = {shown(text)}: expected {wanted}{names}", parameter.name) from None
+    return number
+
+
+def _looks_whole(text: str) -> bool:
+    return text.lstrip("+-").isdecimal() or _base(text) != 10
+
+
+def _base(text: str) -> int:
+    return {"0x": 16, "0b": 2}.get(text.lstrip("+-")[:2].lower(), 10)
