@@ -56,6 +56,8 @@ IMPORTS = {
     "barewire.codecs": "import barewire.codecs",
     "barewire.modbus messages": "from barewire.modbus import ReadHoldingRegisters",
     "barewire blocking TCP client": "from barewire.shells import open_modbus; import barewire.shells.tcp_socket",
+    "barewire blocking TCP client, with its first message": "from barewire.shells import open_modbus; "
+    "import barewire.shells.tcp_socket; from barewire.modbus import ReadHoldingRegisters",
     "barewire asyncio client": "from barewire.shells import open_async",
 }
 _memory: dict[str, list[int]] = {}

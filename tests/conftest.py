@@ -26,10 +26,11 @@ from hypothesis import settings
 settings.register_profile("steady", derandomize=True, database=None)
 settings.load_profile("steady")
 
-# A shell that starts the tests in the background makes them ignore Ctrl-C, and what they start would too; some tests
-# end a program that way and would wait for ever.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A shell that starts the tests in the background makes them ignore Ctrl-C, and nohup the loss of the terminal; what
+# they start would ignore it too, and some tests end a program that way. A signal that is caught is not inherited so.
+for ignored in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(ignored) is signal.SIG_IGN:
+        signal.signal(ignored, lambda *_: None)
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"

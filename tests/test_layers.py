@@ -29,7 +29,7 @@ PICTURE: dict[str, set[str]] = {
     "errors": set(),
     "door": set(),
     "record": set(),
-    "conversation": {"errors"},
+    "conversation": {"errors", "record"},
     "codecs": {"errors", "record"},
     "modbus": BASE,
     "canopen": BASE,

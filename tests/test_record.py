@@ -94,3 +94,39 @@ def test_rows_of_the_light_rooms_can_be_copied_kept_and_compared(row: Any) -> No
     assert type(row)._make(row) == row
     assert row._replace() == row
     assert row.__doc__
+
+
+def test_a_row_may_have_a_parameter_as_typings_may() -> None:
+    source = (
+        "Item = TypeVar('Item', bound=int)\nclass Row(NamedTuple, Generic[Item]):\n    item: Item\n    at: float = 0.0"
+    )
+    source = f"from __future__ import annotations\n{source}\nwith_brackets = Row[int](3)"
+    for words in (typing, record):
+        space: dict[str, Any] = {"__name__": "somewhere", **vars(words)}
+        exec(source, space)
+        assert repr(space["with_brackets"]) == "Row(item=3, at=0.0)"
+        assert isinstance(space["with_brackets"], space["Row"])
+        assert space["Row"](3) == space["with_brackets"] == (3, 0.0)
+
+
+def test_what_stands_in_the_brackets_of_a_class_is_for_type_checkers() -> None:
+    source = """
+Item, Said = TypeVar("Item"), ParamSpec("Said")
+
+class Port(Protocol[Item]):
+    def send(self, item: Item) -> None: ...
+
+class Tap(Generic[Said, Item]):
+    def __init__(self, behind: Port[Item]) -> None:
+        self.behind = behind
+
+class Two(Tap[[str], bytes]):
+    pass
+
+made = Two("behind"), Tap[[str], int]("behind")
+"""
+    for words in (typing, record):
+        space: dict[str, Any] = {"__name__": "somewhere", **vars(words)}
+        exec("from __future__ import annotations\n" + source, space)
+        assert [one.behind for one in space["made"]] == ["behind", "behind"]
+        assert isinstance(space["made"][0], space["Tap"])

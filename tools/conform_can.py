@@ -36,7 +36,9 @@ FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#401810000
 
 First the objects of the device are read, behind a reset of its communication unless all cases only read; a case whose
 objects it does not have is left out and says so. A failure tells what was said, what came and what was expected, in
-the notation of candump with a dot for any digit. The exit status is 1 if a case failed, or if no device answers.
+the notation of candump with a dot for any digit. The exit status is 1 if a case failed, or if no device answers. One
+that falls silent in the midst of it has three seconds to come back; then the run ends with a line that says behind
+which case it was, and how many cases were not run (with `--json` an object `unfinished`, `not_run`), and with status 1.
 
 | option | what it does |
 |---|---|

@@ -25,9 +25,14 @@ I know: turns and times.  I never know: bytes, frames, sockets, clocks.  Everybo
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from barewire.errors import BarewireError
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+else:
+    from barewire.record import Generic, NamedTuple, Protocol, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -58,7 +63,10 @@ class Heard(NamedTuple, Generic[Item]):
     now: float
 
 
-Conversation: TypeAlias = Generator[Send[Item] | Listen, Heard[Item], Result]
+if TYPE_CHECKING:
+    Conversation: TypeAlias = Generator[Send[Item] | Listen, Heard[Item], Result]
+else:
+    Conversation = Generator
 
 
 class Machine(Protocol[ItemIn, EventOut]):

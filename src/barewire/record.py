@@ -2,12 +2,13 @@
 
     TYPE_CHECKING = False  # which type checkers take for True
     if TYPE_CHECKING:
-        from typing import NamedTuple, Literal
+        from typing import Generic, NamedTuple, Literal, TypeVar
     else:
-        from barewire.record import NamedTuple
+        from barewire.record import Generic, NamedTuple, TypeVar
 
 `import typing` takes three times as long as all of `barewire.rtu`, and most of its memory, for names that only a type
-checker reads. What is needed when a program runs is here; the rest is under `TYPE_CHECKING`.
+checker reads. What is needed when a program runs is here: named tuples, and the words that stand in the head of a class
+(`Generic[Item]`), which mean nothing then. The rest is under `TYPE_CHECKING`.
 
 What `typing` refuses is refused here too: a default before a field without one, a second base, a `__new__` of its own.
 `tests/test_record.py` holds the two against each other. Subclass what was made, if something has to be added to it.
@@ -30,14 +31,37 @@ _REFUSED = {*_MADE_OF, "__classcell__"}
 """What a named tuple is made of; and what says that a method uses `super()`, of which nothing would come."""
 
 
+class Generic:
+    """The base of a class that has parameters. Which, is for type checkers: `Generic[Item]` is `Generic`.
+
+    `typing.Protocol` does not know these: a protocol of typing's cannot extend one of them when a program runs.
+    """
+
+    __slots__ = ()
+
+    def __class_getitem__(cls, parameters: object) -> type:
+        return cls
+
+
+Protocol = Generic
+
+
+def TypeVar(name: str, *kinds: type, **rules: object) -> str:
+    """A parameter: its name, to stand in `Generic[...]`."""
+    return name
+
+
+ParamSpec = TypeVar
+
+
 class _Maker(type):
     """Takes the body of a class apart: annotations are fields, their values defaults, the rest stays."""
 
     def __new__(cls, name: str, bases: tuple[type, ...], body: dict[str, Any]) -> Any:
         if not bases:
             return super().__new__(cls, name, bases, body)  # NamedTuple itself
-        if bases != (NamedTuple,):
-            raise TypeError(f"{name}: a NamedTuple has no other base")
+        if bases not in ((NamedTuple,), (NamedTuple, Generic)):
+            raise TypeError(f"{name}: a NamedTuple has no other base than Generic")
         if "__annotations__" not in body and any(key.startswith("__annotate") for key in body):
             raise TypeError(f"{name}: its file has to begin with: from __future__ import annotations")
         types = body.get("__annotations__", {})

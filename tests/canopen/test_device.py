@@ -316,3 +316,47 @@ def test_a_fifth_pdo_is_off_until_it_gets_an_identifier() -> None:
     assert answer(device, "23 04 18 01 A0 06 00 00") == "ok"
     hear(device, "000#0105")
     assert hear(device, "080#") == ["6A0#3706"]
+
+
+def in_a_block(*pdos: Pdo) -> Device:
+    """A device to which a long value is on its way, in blocks."""
+    objects = ObjectDictionary([*az3_objects(), Entry(0x2F00, 0, "long", "domain", "rw", b"")])
+    device = Device(5, objects, pdos)
+    device.start(0.0)
+    for text in ("000#0105", "605#C6002F0010270000"):
+        device.feed(CanFrame.parse(text), 0.0)
+    return device
+
+
+def segment(device: Device, now: float) -> list[str]:
+    """The next segment of the block, and what is said then."""
+    session = device.sdo._session
+    assert session is not None
+    frame = CanFrame(0x605, bytes([session.next_segment]) + bytes(7))
+    return [str(frame) for frame in device.feed(frame, now)]
+
+
+def test_inside_a_block_everything_else_goes_on() -> None:
+    device = in_a_block(Pdo("TPDO", 1, (0x60410010,)))
+    assert [segment(device, 0.01) for _ in range(3)] == [[], [], []]
+    device.objects.set(0x6041, 0, 0x1237)
+    assert segment(device, 0.02) == ["185#3712"]
+    device.objects.set(0x1017, 0, 100)
+    said = [text for step in range(40) for text in segment(device, 0.1 + step / 100)]
+    assert said == ["705#05"] * 4
+    assert [str(frame) for frame in device.error(0x4210, 0.49)] == ["085#1042090000000000"]
+    assert device.sdo.counters.requests == 45
+    assert segment(device, 0.5) == ["705#05"]
+    assert device.feed(CanFrame.parse("000#0205"), 0.51) == []
+    assert device.sdo.deadline is None  # STOPPED: no SDO, and so no segment either
+    assert device.feed(CanFrame.parse("605#2D00000000000000"), 0.52) == []
+
+
+def test_an_object_that_is_computed_is_looked_at_each_time() -> None:
+    times = [0]
+    device = device_with()
+    device.objects.replace(Entry(0x1017, 0, "heartbeat time", "u16", "rw", on_read=lambda: times[0]))
+    device.feed(None, 1.0)
+    times[0] = 500
+    assert [str(frame) for frame in device.feed(None, 2.0)] == ["705#05"]
+    assert device.deadline == 2.5

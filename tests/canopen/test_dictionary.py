@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from barewire.canopen import AbortCode, Entry, ObjectDictionary, SdoAbort
@@ -168,3 +170,58 @@ def test_restore_brings_the_defaults_of_a_range_back() -> None:
     assert (objects.get(0x1017), objects.get(0x2000)) == (1000, 1)
     objects.restore()
     assert (objects.get(0x2000), objects.get(0x2001)) == (5, "")
+
+
+def test_by_name_or_number() -> None:
+    objects = ObjectDictionary([Entry(0x1018, 1, "Vendor-ID", "u32", "ro", 7), Entry(0x2000, 0, "speed", "i16")])
+    objects["SPEED"] = -5
+    objects[0x1018, 1] = 9
+    assert (objects[0x2000], objects["speed"], objects["vendor-id"]) == (-5, -5, 9)
+    for place, text in (("spedd", "no object is called 'spedd'"), (0x2001, "no object 2001h:00"), ((1, 2), "0001h:02")):
+        with pytest.raises(EncodeError, match=text):
+            assert objects[place]
+    with pytest.raises(EncodeError, match=r"index 'speed': expected a number; by name it is objects\['speed'\]"):
+        objects.get("speed")  # type: ignore[arg-type]
+    with pytest.raises(EncodeError, match="access 'readwrite': expected one of ro, wo, rw, const"):
+        ObjectDictionary([Entry(0x2000, 0, "a", "u8", "readwrite")])  # type: ignore[arg-type]
+
+
+def test_functions_for_an_entry_that_is_there() -> None:
+    seen: list[Value] = []
+
+    def check(value: Value) -> None:
+        if value == 13:
+            raise SdoAbort(AbortCode.INVALID_VALUE, 0x2000, 0)
+
+    objects = ObjectDictionary([Entry(0x2000, 0, "speed", "i16", default=7, on_write=check)])
+    objects.hook("speed", on_write=seen.append)
+    assert objects["speed"] == 7
+    objects.write(0x2000, 0, b"\x05\0")
+    with pytest.raises(SdoAbort):
+        objects.write(0x2000, 0, b"\x0d\0")
+    objects["speed"] = 9  # the device itself: no hook
+    assert seen == [5]
+    objects.hook(0x2000, on_read=lambda: 11)
+    objects.write(0x2000, 0, b"\x06\0")
+    assert (objects["speed"], seen, objects.computed) == (11, [5, 6], {0x2000})
+
+
+def test_whatever_may_change_a_value_is_counted() -> None:
+    objects = ObjectDictionary([Entry(0x2000, 0, "a", "u8"), Entry(0x2001, 0, "b", "u8", on_read=lambda: 1)])
+    assert objects.computed == {0x2001}
+    before = objects.changes
+    changes: list[Callable[[], object]] = [
+        lambda: objects.set(0x2000, 0, 1),
+        lambda: objects.write(0x2000, 0, b"\2"),
+        objects.restore,
+        lambda: objects.replace(Entry(0x2000, 0, "a", "u8", on_read=lambda: 3)),
+        lambda: objects.add(Entry(0x2002, 0, "c", "u8")),
+    ]
+    for change in changes:
+        change()
+        assert objects.changes > before
+        before = objects.changes
+    assert objects.computed == {0x2000, 0x2001}
+    with pytest.raises(SdoAbort):
+        objects.write(0x2001, 0, b"")
+    assert objects.changes == before

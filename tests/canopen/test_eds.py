@@ -76,7 +76,8 @@ def test_text_that_no_visible_string_has() -> None:
     file = GOOD.replace("DataType=3", "DataType=9").replace("=5\n", "=€\n").encode()
     document = eds.parse(file)
     assert [one.rule for one in document.diagnostics] == ["bad-text", "not-ascii"]
-    assert document.dictionary().get(0x2000) == ""
+    entry = document.dictionary().entry(0x2000)
+    assert entry.codec.encode(entry.default) == "€".encode()  # what a device that was made of this file says
 
 
 def test_the_error_says_how_many_more() -> None:

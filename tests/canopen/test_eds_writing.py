@@ -49,7 +49,7 @@ def test_one_line_changes_and_keeps_its_dress() -> None:
         ("10", "01", b"\1\xff", "01FF"),
         ("12", "0", TimeOfDay.of(datetime(1984, 1, 2)), "0x000100000000"),
         ("7", "0x200", eds.Formula(0x180), "$NODEID+0x180"),
-        ("7", "0x200", eds.Formula(0), "$NODEID"),
+        ("7", "0x200", eds.Formula(0), "$NODEID+0x0"),
         ("7", "0x200", "$NODEID+1", "$NODEID+1"),
     ],
 )

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import (
+    CanFrame,
+    Device,
+    Entry,
+    ObjectDictionary,
+    Pdo,
+    PdoManner,
+    RemotePdo,
+    read_pdo,
+    standard_objects,
+    write_pdo,
+)
 from barewire.canopen.mpdo import Mpdo, dispatched, scanned
 from barewire.canopen.pdo_records import pdos_of
 from barewire.errors import DecodeError, EncodeError
@@ -200,3 +211,33 @@ def test_configured_by_sdo_and_read_from_a_dictionary() -> None:
     assert hear(device, "605#2300180185010000") == ["585#6000180100000000"]
     assert hear(device, "000#0105") == ["185#0501640101000000"]
     assert [(pdo.multiplexed, pdo.count) for pdo in pdos_of(device.objects, 5)] == [("SAM", 0xFE)]
+
+
+def test_a_type_that_does_not_go_with_it_is_refused_and_not_silently_off() -> None:
+    device = node(7, Pdo("TPDO", 1, (), multiplexed="SAM"), *scanner(0x01_6401_01))
+    for number in ("00", "01", "F0", "FC", "FD"):
+        assert hear(device, f"607#2F001802{number}000000") == ["587#8000180230000906"]
+    assert hear(device, "607#2F001802FE000000")[0] == "587#6000180200000000"
+    for type in (1, 252, 253):
+        with pytest.raises(EncodeError, match=f"TPDO1 is multiplexed: expected type 254 or 255, here is {type}"):
+            Device(7, objects(), [Pdo("TPDO", 1, (), type=type, multiplexed="SAM")])
+    with pytest.raises(EncodeError, match="TPDO1 is multiplexed, so it maps nothing"):
+        Pdo("TPDO", 1, (0x20000110,), multiplexed="DAM")
+
+
+@pytest.mark.parametrize("manner", [PdoManner(), PdoManner(skip_equal=True), PdoManner(order="first")])
+def test_a_master_reads_and_writes_it(manner: PdoManner) -> None:
+    device = Device(7, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (0x64010110,), type=1)])
+    bus = VirtualBus()
+    bus.add(device, said=device.start(0.0))
+    wanted = Pdo("TPDO", 1, (), type=254, cob_id=0x187, inhibit=100, multiplexed="SAM")
+    bus.run(write_pdo(7, wanted, manner=manner))
+    assert bus.run(read_pdo(7, "TPDO", 1)) == wanted
+    bus.run(write_pdo(7, wanted, manner=manner))
+    assert "187#0701640101000000" in [str(frame) for frame in device.feed(CanFrame.parse("000#0107"), bus.now)]
+    with pytest.raises(EncodeError, match="TPDO1 of node 7 is a multiplexed PDO"):
+        RemotePdo.of(7, wanted)
+    device.feed(CanFrame.parse("000#8007"), bus.now)
+    plain = Pdo("TPDO", 1, (0x64010110,), type=254, cob_id=0x187)
+    bus.run(write_pdo(7, plain, manner=manner))
+    assert bus.run(read_pdo(7, "TPDO", 1)) == plain

@@ -120,7 +120,9 @@ def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
         bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,)), manner=PdoManner(mapping="variable")))
     with pytest.raises(SdoAbort):
         bus.run(read_pdo(5, "RPDO", 1))
-    with pytest.raises(DecodeError, match="a multiplexed PDO"):
+    assert bus.run(read_pdo(5, "TPDO", 2)).multiplexed == "DAM"
+    device.objects.set(0x1A01, 0, 65)
+    with pytest.raises(DecodeError, match="1A01h:00 = 65: that is no number of entries"):
         bus.run(read_pdo(5, "TPDO", 2))
 
 

@@ -28,7 +28,10 @@ def heard(*lines: tuple[float, str]) -> Presence:
         (((8.0, "705#7F"), (9.5, "185#00")), "node 5 last heard 0.5 s ago, pre-operational"),
         (((7.0, "605#4000100000000000"),), "node 5 was never heard"),
         (((7.0, "00000585#4000100000000000"),), "1 frame on extended 00000585h, which is another identifier"),
-        (((7.0, "706#7F"), (7.0, "706#7F")), "node 5 was never heard, 0 frames on 585h, 2 frames on the bus"),
+        (
+            ((7.0, "706#7F"), (7.0, "706#7F")),
+            "node 5 was never heard (heard so far: node 6), 0 frames on 585h, 2 frames on the bus",
+        ),
     ],
 )
 def test_why_a_node_was_silent(lines: tuple[tuple[float, str], ...], told: str) -> None:
@@ -92,3 +95,14 @@ def test_waiting_for_what_a_node_says() -> None:
         listening(wait_for_state(5, [NmtState.OPERATIONAL], timeout=0.35), *beats)
     with pytest.raises(NoAnswer, match="no node said within 1 s that it has booted"):
         listening(wait_for_boot_up(timeout=1.0))
+
+
+def test_a_wrong_node_id_shows() -> None:
+    presence = Presence()
+    mark = presence.mark(0x585)
+    presence.feed(CanFrame.parse("581#0000000000000000"), 1.0)
+    text = "node 5 was never heard (heard so far: node {}), 0 frames on 585h, {} on the bus meanwhile"
+    assert presence.explain(5, 0x585, mark, 2.0, answers=0) == text.format("1", "1 frame")
+    for node in (2, 3, 4, 6, 7):
+        presence.feed(CanFrame.parse(f"{0x700 + node:03X}#05"), 1.0)
+    assert presence.explain(5, 0x585, mark, 2.0, answers=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")

@@ -94,3 +94,15 @@ def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> N
         device.feed(CanFrame.parse(text), 0.0)
     assert (device.node, objects.get(0x1014), objects.get(0x1800, 1)) == (9, 0x89, 0x189)
     assert (objects.get(0x1800, 2), objects.get(0x1801, 1)) == (3, 0x2AB)
+
+
+def test_a_channel_that_was_given_for_a_while_is_not_stored() -> None:
+    objects = ObjectDictionary([*standard_objects(servers=3), Entry(0x1010, 1, "store", "u32")])
+    one = Device(5, objects)
+    one.start(0.0)
+    for_a_while, for_good = 1 << 30 | 0x6A0, 0x6A1
+    for index, word in ((0x1201, for_a_while), (0x1202, for_good)):
+        objects.write(index, 1, word.to_bytes(4, "little"))
+    objects.write(0x1010, 1, b"save")
+    one.feed(CanFrame.parse("000#8205"), 1.0)
+    assert [objects.get(index, 1) for index in (0x1201, 0x1202)] == [1 << 31, for_good]

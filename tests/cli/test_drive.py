@@ -63,6 +63,30 @@ def test_ctrl_c_is_a_quick_stop() -> None:
         assert out("read", endpoint, "csd-mt", "Velocity Actual Value").startswith("Velocity Actual Value = 0 ")
 
 
+@pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP", "closed"])
+def test_whatever_ends_it_is_a_quick_stop(how: str) -> None:
+    """Whether it is ended, its terminal goes away, or nobody reads what it says: the motor stops."""
+    with simulated("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--json"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if json.loads(line)["velocity"]:
+                    break
+            if how == "closed":
+                process.stdout.close()
+            else:
+                process.send_signal(getattr(signal, how))
+                assert json.loads(process.stdout.read().splitlines()[-1])["state"] == "quick stop active"
+            assert process.wait(20) == {"SIGTERM": 143, "SIGHUP": 129, "closed": 1}[how]
+        assert out("read", endpoint, "csd-mt", "Velocity Actual Value").startswith("Velocity Actual Value = 0 ")
+
+
+def test_what_is_no_drive_is_told_before_anything_is_opened() -> None:
+    said = failing("drive", "tcp://127.0.0.1:1", "adxl", "enable")
+    assert "is no drive: its description has no table [drive]" in said
+
+
 def test_a_fault_is_one_line_that_says_which() -> None:
     machine = simulator("csd-mt", time.monotonic())
     assert isinstance(machine, CsdMt)

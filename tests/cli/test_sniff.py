@@ -187,7 +187,7 @@ def test_explain_on_recordings_and_with_names(tmp_path: Path) -> None:
         EXCHANGE + "(1.3) can0 605#C600210007000000\n(1.4) can0 585#A40021007F000000\n(1.5) can0 605#8100010203040506\n"
     )
     said = out("explain", "can", str(log), "--device", "az3", "--node", "5")
-    assert "valid: SDO answer from node 5: initiate upload, 6041h:00, 2 bytes: 0637h" in said
+    assert "valid: SDO answer from node 5: initiate upload, 6041h:00 STATUS WORD, 2 bytes: 0637h" in said
     assert "valid: RPDO1 to node 5: CONTROL WORD = 15 (" in said
     assert "605#8100010203040506  valid: SDO request to node 5: segment 1 of a block, the last" in said
     assert "    1.200000  node 6    VIOLATION" not in said
@@ -195,6 +195,17 @@ def test_explain_on_recordings_and_with_names(tmp_path: Path) -> None:
     assert barewire("explain", "can", str(log), "--check").returncode == 1
     lines = [json.loads(line) for line in out("explain", "can", str(log), "--json").splitlines()]
     assert [line["frame"] for line in lines if "frame" in line and "fields" in line][1] == "605#4041600000000000"
+    sdo = tmp_path / "sdo.log"
+    sdo.write_text(
+        "(1.0) can0 605#4041600000000000\n(1.1) can0 585#4B41600037060000\n(1.2) can0 585#4108100004000000\n"
+    )
+    first, second, third, *_ = out("explain", "can", str(sdo), "--device", "az3", "--node", "5").splitlines()
+    assert first.endswith("SDO request to node 5: initiate upload, 6041h:00 STATUS WORD")
+    assert "initiate upload, 6041h:00 STATUS WORD, 2 bytes: 0637h, 1591 (ready to switch on, " in second
+    assert third.endswith("initiate upload, 1008h:00")  # which the description does not have
+    rows = out("explain", "can", "585#4B41600037060000", "--device", "az3", "--node", "5").splitlines()
+    assert rows[2].split() == ["1", "41", "60", "index", "6041h", "STATUS", "WORD"]
+    assert "1591 (ready to switch on, " in rows[4]
     one = out("explain", "can", "205#0F00A8610000", "--device", "az3", "--node", "5")
     assert "TARGET VELOCITY" in one
     assert "not valid: 6 bytes are mapped, here are 2" in out(

@@ -11,13 +11,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from barewire.cli.plot import check, draw
-from barewire.cli.watch import Poll, Source, due, polls
-from barewire.devices import Reading, load
+from barewire.cli.polling import Poll, Source, due, polls
+from barewire.devices import Device, Reading, load
+from barewire.devices.raw import device_with
 from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.modbus import ModbusException, Table
+from barewire.shells import open_host
 from tests.cli.test_command import COMMAND, ENVIRONMENT, barewire, failing, free_port, out, simulated
 from tests.helpers import refused
 
@@ -58,6 +62,61 @@ def test_a_poll_that_failed_is_told_and_polling_goes_on() -> None:
 
 
 # As a person types it
+
+
+def test_a_name_that_is_refused_takes_no_other_with_it() -> None:
+    """The first eight registers are there, number 100 is not; a coil is, in another table."""
+    with open_host("tcp://127.0.0.1:0", units={1: Table(8)}) as host:
+        watch = ("watch", host.url, "raw", "holding:0", "holding:100", "coil:0", "--count", "3", "--period", "0.05")
+        plain = out(*watch).splitlines()
+        assert len(plain) == 3
+        for line in plain:
+            assert "holding:0 = 0; coil:0 = off; holding:100: exception 02 (illegal data address)" in line
+        for told in map(json.loads, out(*watch, "--json").splitlines()):
+            assert told["values"] == {"holding:0": 0, "coil:0": False}
+            assert list(told["refused"]) == ["holding:100"]
+        done = barewire(*watch, "--csv")
+        assert [row[1:] for row in csv.reader(done.stdout.splitlines()[1:])] == [["0", "", "0"]] * 3
+        assert len(done.stderr.splitlines()) == 1
+        assert "holding:100: exception 02" in done.stderr
+        done = barewire("watch", host.url, "raw", "holding:100", "coil:99", "--count", "2", "--period", "0.05")
+        assert done.returncode == 1
+        assert all("error: exception 02" in line for line in done.stdout.splitlines())
+
+
+class Fussy:
+    """A client of a device that refuses some names, alone or with others."""
+
+    def __init__(self) -> None:
+        self.refuses: set[str] = set()
+        self.asked: list[tuple[str, ...]] = []
+
+    def read(self, device: Device, *names: str) -> list[Reading]:
+        self.asked.append(names)
+        if self.refuses & set(names):
+            raise ModbusException(2, 3)
+        return [Reading(device.find(name), 1) for name in names]
+
+
+def test_a_name_that_is_refused_is_apart_from_the_others_no_longer_than_that() -> None:
+    names, client = ("holding:0", "holding:1", "holding:2"), Fussy()
+    source = Source.__new__(Source)
+    source.device, source.names, source.apart = device_with("raw", names), names, set()
+    source.client = cast(Any, client)
+    client.refuses = {"holding:1"}
+    poll = source.poll(0.0)
+    assert ([one.name for one in poll.readings], list(poll.refused)) == (["holding:0", "holding:2"], ["holding:1"])
+    assert client.asked == [names, *((name,) for name in names)]
+    client.asked.clear()
+    assert source.poll(1.0).refused == poll.refused
+    assert client.asked == [("holding:0", "holding:2"), ("holding:1",)]
+    client.refuses = set()
+    assert source.poll(2.0).refused == {}
+    client.asked.clear()
+    assert [one.name for one in source.poll(3.0).readings] == list(names)
+    assert client.asked == [names]
+    client.refuses = set(names)
+    assert "exception 02" in source.poll(4.0).error
 
 
 def test_lines_json_and_csv() -> None:

@@ -52,7 +52,11 @@ def test_objects_are_hexadecimal_in_any_form() -> None:
         ("holding:1:u17", "type 'u17': expected one of u8, i8, u16"),
         ("holding:1:u32:ACDB", "order 'ACDB': expected one of ABCD, CDAB, BADC, DCBA"),
         ("holding:1:u16:ABCD:x", "is no place"),
-        ("holding:1:text0", "there are no 0 registers"),
+        ("holding:1:text0", "type 'text0': expected text1..text125, text in so many registers"),
+        ("holding:1:text300", "type 'text300': expected text1..text125"),
+        ("holding:1:text", "type 'text': expected text1..text125"),
+        ("holding:1:text9999999999", "expected text1..text125"),
+        ("holding:65535:text2", "there are no 2 registers from address 65535 on"),
         ("coil:1:u16", "a coil is a bool"),
         ("object:6041h", "is no place"),
         ("object:10000h:u8", "'10000h' is no number in 0..65535"),
@@ -63,6 +67,39 @@ def test_objects_are_hexadecimal_in_any_form() -> None:
 def test_what_is_none(text: str, said: str) -> None:
     with refused(EncodeError, said):
         device_with("raw", [text])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("coil:5", "0", False),
+        ("coil:5", "1", True),
+        ("coil:5", "on", True),
+        ("holding:5:bool", "0x1", True),
+        ("holding:5", "64h", 100),
+        ("holding:5", "0FB1h", 0x0FB1),
+        ("holding:5", "FFFFh", 0xFFFF),
+        ("holding:5", "-0x10", -16),
+        ("holding:5", "-10h", -16),
+        ("holding:5", "1", 1),
+    ],
+)
+def test_values_as_people_type_them(name: str, text: str, value: Value) -> None:
+    found = place(name).parse(text)
+    assert (found, type(found)) == (value, type(value))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("coil:5", "yes", "expected on or off"),
+        ("holding:5", "each", "expected a number"),
+        ("holding:5", "h", "a number"),
+    ],
+)
+def test_values_that_are_none(name: str, text: str, said: str) -> None:
+    with refused(EncodeError, said):
+        place(name).parse(text)
 
 
 def test_a_place_beside_the_names_of_a_device_has_its_word_order() -> None:

@@ -118,3 +118,10 @@ def test_any_text_is_explained_or_refused_in_one_line(protocol: Protocol, text: 
 def test_text_that_is_nearly_right_is_explained_or_refused(protocol: Protocol, text: str) -> None:
     with suppress(DecodeError):
         assert explain_text(protocol, text).lines()
+
+
+@thorough
+@given(st.sampled_from(["rtu", "ascii", "tcp"]), st.text("013479abcx\\\"'{}[]<>();:=,- \n.|", max_size=40))
+def test_text_in_nearly_the_dress_of_a_program_is_explained_or_refused(protocol: Protocol, text: str) -> None:
+    with suppress(DecodeError):
+        assert explain_text(protocol, text).lines()

@@ -203,6 +203,39 @@ def test_a_cut_field_keeps_its_name() -> None:
     assert (said.fields[-1].name, said.fields[-1].value, said.fields[-1].meaning) == ("address", None, "cut short")
 
 
+@pytest.mark.parametrize(
+    ("frame", "role", "crc"),
+    [
+        ("01 03 0000 000A", "request", "C5 CD"),
+        ("01 83 02", "response", "C0 F1"),
+        ("01 03 02 0001", "response", "79 84"),
+    ],
+)
+def test_a_frame_without_its_crc_is_taught_and_not_valid(frame: str, role: Role, crc: str) -> None:
+    said = explain("rtu", bytes.fromhex(frame))
+    whole = explain("rtu", bytes.fromhex(frame + crc))
+    assert (said.role, whole.role, said.valid, whole.valid) == (role, role, False, True)
+    assert said.error is not None
+    assert said.error.text.startswith(f"no CRC; with {crc} it is a {role} ")
+    assert [one[2:] for one in said.fields[:-1]] == [one[2:] for one in whole.fields[:-1]]
+    assert (said.fields[-1].length, said.fields[-1].meaning) == (0, f"is missing; it would be {crc}")
+
+
+def test_an_ascii_frame_without_its_lrc_is_taught_and_not_valid() -> None:
+    for typed in (b":01030000000A", b":01030000000A\r\n"):
+        said = explain_ascii(typed, typed=True)
+        assert said.error is not None
+        assert said.error.text == "no LRC; with F2 it is a request to unit 1, Read Holding Registers, 10 from 0000h"
+        assert field(said, "quantity").value == 10
+        assert not said.valid
+
+
+def test_characters_that_were_not_typed_are_not_counted() -> None:
+    said = explain_ascii(b":", typed=True)
+    assert said.error is not None
+    assert said.error.text == "an ASCII frame has at least 9 characters, here are 1 and no CR LF"
+
+
 def test_a_crc_the_wrong_way_round_is_recognised() -> None:
     said = explain("rtu", bytes.fromhex("01040FB10002F822"))
     assert said.verdict == "not valid: CRC is F8 22, should be 22 F8: the low byte comes first (byte 6)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -28,6 +29,114 @@ from barewire.explain.text import parse_ascii, parse_can, parse_hex
 )
 def test_hexadecimal_in_any_dress(text: str) -> None:
     assert parse_hex(text) == bytes.fromhex("01040FB1")
+
+
+ASK = bytes.fromhex("01 03 00 00 00 0A C5 CD")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{0x01, 0x03, 0x00, 0x00, 0x00, 0x0a, 0xc5, 0xcd};",
+        "const uint8_t ask[8] = { 0x01, 0x03, 0, 0, 0, 0x0A, 0xC5, 0xCD };".replace("0,", "0x0,"),
+        "[01][03][00][00][00][0A][C5][CD]",
+        "<01> <03> <00> <00> <00> <0A> <C5> <CD>",
+        "<01 03 00 00 00 0A C5 CD>",
+        r"b'\x01\x03\x00\x00\x00\n\xc5\xcd'",
+        r"bytearray(b'\x01\x03\x00\x00\x00\n\xc5\xcd')",
+        r'"\x01\x03\x00\x00\x00\x0a\xc5\xcd"',
+        "b'01030000000ac5cd'",
+        "frame = bytes.fromhex('01 03 0000 000A C5CD')",
+        "bytes([1, 3, 0, 0, 0, 10, 197, 205])",
+        "[1, 3, 0, 0, 0, 10, -59, -51]",
+        "1 3 0 0 0 10 197 205",
+        "1,3,0,0,0,10,197,205",
+        "00000000  01 03 00 00 00 0a c5 cd                           |........|\n00000008",
+        "00000000: 0103 0000 000a c5cd                      ........",
+        "0000   01 03 00 00 00 0a c5 cd                            ........",
+        "0000  01 03 00 00 00 0a c5 cd   ........",
+        "00000040  01 03 00 00\n00000044  00 0a c5 cd",
+        "0010  01 03 00 00 00 0a c5 cd   ........",
+        "0000000 01 03 00 00 00 0a c5 cd\n0000010",
+    ],
+)
+def test_bytes_as_programs_and_tools_print_them(text: str) -> None:
+    assert parse_hex(text) == ASK
+
+
+def test_a_dump_of_many_lines() -> None:
+    frame = bytes(range(0x30, 0x55))
+    lines = [frame[at : at + 16] for at in range(0, len(frame), 16)]
+    plain = "".join(f"{16 * n:04x}  {part.hex(' '):<47}   {part.decode()}\n" for n, part in enumerate(lines))
+    octal = "".join(f"{16 * n:07o} {part.hex(' ')}\n" for n, part in enumerate(lines)) + f"{len(frame):07o}\n"
+    assert parse_hex(plain) == parse_hex(octal) == frame
+
+
+@pytest.mark.parametrize(
+    ("text", "data"),
+    [
+        ("0001  00 00 00 06 01 03 00 00 00 01", "0001 0000 0006 0103 0000 0001"),
+        ("0000 0000 0006 01 03 0000 0001", "0000 0000 0006 0103 0000 0001"),
+        ("10 20 30", "10 20 30"),
+        ("[10, 0A]", "10 0A"),
+    ],
+)
+def test_what_could_be_plain_hexadecimal_is(text: str, data: str) -> None:
+    assert parse_hex(text) == bytes.fromhex(data)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1 3 10", "'1 3 10': hexadecimal or decimal?"),
+        ("[10, 20, 30]", "hexadecimal or decimal?"),
+        ("1 3 300", "'300' at 4: a byte is a number from 0 to 255"),
+        ("(12.5) 01 03", "'(' at 0"),
+        (r"b'\xg1'", "is no escape of a byte"),
+        ("0000000 0301 0000 0a00 cdc5\n0000008", "hexdump -C"),
+        ("00000000: 0103\n*\n00000010: 0103", "line 2: '*' is no line of the dump"),
+        ("00000000: 0103\n00000010: 0103", "line 2: the dump goes on at 10h, expected 2h"),
+    ],
+)
+def test_what_could_be_two_things_is_asked_back_about(text: str, words: str) -> None:
+    with pytest.raises(DecodeError, match=re.escape(words)):
+        parse_hex(text)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "text", "words"),
+    [
+        ("tcp", "01 03 00 00 00 0A C5 CD", "; as rtu it is a request to unit 1, Read Holding Registers, 10 from 0000h"),
+        ("tcp", "01 03 00 00 00 0A", "; as rtu: no CRC; with C5 CD it is a request"),
+        ("rtu", "000700000006010300000001", "; as tcp it is a request to unit 1"),
+        ("rtu", ":01040FB1000239", "; as ascii it is a request to unit 1"),
+        ("rtu", ":01030000000A", "; as ascii: no LRC; with F2 it is a request to unit 1"),
+        ("ascii", "01 04 0F B1 00 02 22 F8", "; as rtu it is a request to unit 1"),
+    ],
+)
+def test_a_frame_of_another_protocol_is_recognised(protocol: str, text: str, words: str) -> None:
+    said = explain_text(protocol, text)
+    assert said.error is not None
+    assert words in said.error.text
+
+
+@pytest.mark.parametrize(
+    ("protocol", "text", "words"),
+    [
+        ("rtu", r":01040FB1000239\r\n", "; as ascii it is a request"),
+        ("tcp", "605#4041600000000000", "; as can it is SDO request to node 5"),
+    ],
+)
+def test_what_cannot_be_read_may_be_another_protocol_too(protocol: str, text: str, words: str) -> None:
+    with pytest.raises(DecodeError, match=re.escape(words)):
+        explain_text(protocol, text)
+
+
+@pytest.mark.parametrize("text", ["01 03 00 00 00 0A C5 CE", "0007 0000 0006 01 03 0000 0000"])
+def test_a_damaged_frame_of_its_own_protocol_gets_no_hint(text: str) -> None:
+    said = explain_text("rtu" if len(text) < 25 else "tcp", text)
+    assert said.error is not None
+    assert "; as " not in said.error.text
 
 
 @pytest.mark.parametrize(

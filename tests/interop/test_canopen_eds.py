@@ -62,6 +62,14 @@ def test_they_find_objects_by_name(tmp_path: Path) -> None:
     assert dictionary.device_information.allowed_baudrates == {20_000, 50_000, 125_000, 250_000, 500_000, 1_000_000}
 
 
+@THEY_READ
+def test_they_find_a_value_that_is_the_node_id(tmp_path: Path) -> None:
+    item = eds.Item(0, "Node ID", "u8", default=eds.Formula(0))
+    file = tmp_path / "node.eds"
+    file.write_bytes(eds.compose([eds.EdsObject(0x2000, "Node ID", 7, (item,))]).encode())
+    assert canopen.import_od(str(file), NODE)[0x2000].default == NODE
+
+
 @WE_READ
 @pytest.mark.filterwarnings("ignore:datetime.datetime.utcnow")
 def test_we_read_what_they_write(tmp_path: Path) -> None:

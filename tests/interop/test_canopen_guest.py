@@ -71,3 +71,9 @@ def _running() -> str:
         with suppress(OSError):
             said.append(file.read_text(errors="replace"))
     return "\n".join(said)
+
+
+def test_a_link_that_goes_down_and_comes_up() -> None:
+    with in_guest([sys.executable, "-m", "tests.interop.link_down"], {}) as done:
+        assert done.status == 0, str(done)
+        assert done.out.count("gone and back: ") == 2, str(done)

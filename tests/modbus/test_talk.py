@@ -158,7 +158,8 @@ def test_silence_is_no_answer_when_the_time_is_up() -> None:
     [
         (rtu_frame(2, VALUE.encode()), "a frame from unit 2, function 03"),
         (rtu_frame(1, unhex("84 02")), "function 84 where 03 (Read Holding Registers) was expected"),
-        (b"\xff\xfe\x00", "3 bytes FF FE 00: 3 bytes, then silence"),
+        (b"\xff\xfe\x00", "3 bytes FF FE 00, then silence"),
+        (b"\x01", "1 byte 01, then silence"),
         (bytes(20), "20 bytes " + "00 " * 16 + "...: CRC is 00 00, should be"),
     ],
 )

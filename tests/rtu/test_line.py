@@ -539,7 +539,8 @@ def test_what_is_too_short_for_a_frame_is_noise(role: Role, strict: bool) -> Non
     for length in range(1, 4):
         line = line_of(role, strict=strict)
         line.feed(b"\x01" * length, 1.0)
-        assert silence(line) == [Noise(b"\x01" * length, "short", f"{length} bytes, then silence")]
+        size = "1 byte" if length == 1 else f"{length} bytes"
+        assert silence(line) == [Noise(b"\x01" * length, "short", f"{size}, then silence")]
 
 
 def test_the_longest_request_is_counted() -> None:

@@ -100,7 +100,7 @@ def test_sdo(kind: str, thing: tuple[str, Device]) -> None:
         parts: list[bytes] = []
         assert await get(client.upload_to(0x2100, 0, parts.append)) == 5000
         assert b"".join(parts) == value
-        with pytest.raises(NoAnswer, match=r"node 9 was never heard, 0 frames on 589h"):
+        with pytest.raises(NoAnswer, match=r"node 9 was never heard .*, 0 frames on 589h"):
             await get(client.at(node=9, timeout=0.02).upload(0x1000))
         assert await get(client.at(node=9).upload(0x1000, node=5)) != b""
         with pytest.raises(SdoAbort, match="1201h:01"):
@@ -438,7 +438,7 @@ def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downl
 
 @pytest.mark.parametrize("block", [False, True])
 def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
-    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=0.02) as client, client.host(device()):
+    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
         client.download(0x2100, 0, bytes(2000))
         for moment in range(3):
             left = moment
@@ -450,7 +450,7 @@ def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
                     raise KeyboardInterrupt
 
             with pytest.raises(KeyboardInterrupt):
-                client.upload(0x2100, block=block, progress=stop)
+                client.upload(0x2100, block=block, progress=stop, timeout=0.5)  # for so long it is quiet afterwards
             assert client.upload(0x2100, block=block) == bytes(2000)
 
 

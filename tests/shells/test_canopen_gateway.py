@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+import struct
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
@@ -262,6 +264,60 @@ def test_there_is_an_end_to_connections() -> None:
             assert (await late.hear()).startswith("[0] ERROR:600 #")
             for person in [*people, late]:
                 await person.leave()
+
+    play(body)
+
+
+def test_fifty_people_at_the_same_time() -> None:
+    async def body() -> None:
+        async with gateway("gateway-fifty") as (made, _):
+            people = [await Person.at(made) for _ in range(50)]
+
+            async def talk(number: int) -> None:
+                person = people[number]
+                for turn in range(1, 6):
+                    assert await person.ask(f"[{100 * number + turn}] 5 r 0x1000 0 x32") == (
+                        f"[{100 * number + turn}] 0x00020192"
+                    )
+                await person.leave()
+
+            await asyncio.gather(*map(talk, range(50)))
+
+    play(body)
+
+
+def test_whose_connection_breaks_in_mid_transfer_waits_for_nothing() -> None:
+    async def body() -> None:
+        async with gateway("gateway-broken") as (made, _):
+            person = await Person.at(made)
+            assert await person.ask("[1] set sdo_timeout 60000") == "[1] OK"
+            person.say("[2] 9 r 0x1000 0 u32\n")  # nobody is there
+            while not made.client.bus._claims._line:
+                await asyncio.sleep(0.01)
+            sock = person.writer.get_extra_info("socket")
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, no farewell
+            person.writer.transport.abort()
+            while made._connections:
+                await asyncio.sleep(0.01)
+            other = await Person.at(made)
+            assert not made.client.bus._claims._line
+            assert await other.ask("[3] 5 r 0x1000 0 x32") == "[3] 0x00020192"
+            await other.leave()
+
+    play(body)
+
+
+def test_who_says_no_more_still_hears_the_answer() -> None:
+    """As `nc -N` does: the end of what is said is not the end of the connection."""
+
+    async def body() -> None:
+        async with gateway("gateway-half") as (made, _):
+            person = await Person.at(made)
+            person.say("[1] 5 r 0x1000 0 x32\n")
+            person.writer.write_eof()
+            assert await person.hear() == "[1] 0x00020192"
+            assert await person.hear() == ""
+            await person.leave()
 
     play(body)
 

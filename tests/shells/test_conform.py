@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -18,8 +19,9 @@ from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus import Server, Table
 from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.rtu import RtuLine, Timing
+from barewire.shells import conform as shell
 from barewire.shells import open_host
-from barewire.shells.conform import Result, conform
+from barewire.shells.conform import Result, Unfinished, conform
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.pseudo_terminal import PseudoTerminal
 from tests.certificates import tls_url
@@ -177,3 +179,62 @@ def test_nothing_can_be_held_against_a_server_that_never_says_anything() -> None
     said = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
     with peer(lambda connection: print(connection.recv(1))) as port, said:
         list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
+
+
+def hold_on(url: str, results: list[Result], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
+    """Collect what comes; behind so many results something happens to the server."""
+    for result in conform(Endpoint.parse(url)):
+        results.append(result)
+        if len(results) == at:
+            change()
+
+
+def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On UDP nobody says that nobody is there."""
+    monkeypatch.setattr(shell, "RESTART", 0.1)
+    results: list[Result] = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
+        mute.bind(("127.0.0.1", 0))
+        with pytest.raises(Unfinished) as caught:
+            hold_on(f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", results)
+    assert (len(results), caught.value.not_run) == (3, len(CASES_TCP) - 3)
+    assert str(caught.value).endswith(f" ({len(CASES_TCP) - 3} cases not run)")
+
+
+@pytest.mark.parametrize(("scheme", "words"), [("tcp", "connection refused"), ("udp", "has stopped answering")])
+def test_a_server_that_dies_in_mid_battery_ends_the_run(
+    monkeypatch: pytest.MonkeyPatch, scheme: str, words: str
+) -> None:
+    monkeypatch.setattr(shell, "RESTART", 0.1)
+    results: list[Result] = []
+    told = pytest.raises(Unfinished, match=words)
+    with open_host(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, told as caught:
+        hold_on(f"{host.url}?timeout=0.3", results, 5, host.close)
+    assert len(results) >= 5
+    assert len(results) + caught.value.not_run == len(CASES_TCP)
+
+
+def test_a_server_that_is_started_anew_is_held_on() -> None:
+    results: list[Result] = []
+    with ExitStack() as stack:
+        host = stack.enter_context(open_host("tcp://127.0.0.1:0", units={1: Table(100)}))
+        url = host.url
+
+        def anew() -> None:
+            host.close()
+            stack.enter_context(open_host(url, units={1: Table(100)}))
+
+        hold_on(f"{url}?timeout=0.3", results, 5, anew)
+    assert len(results) == len(CASES_TCP)
+    assert [result.failure for result in results if result.failure] == []
+
+
+def test_the_command_says_what_was_not_run() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
+        mute.bind(("127.0.0.1", 0))
+        done = barewire("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["ok"] for one in said[:-1]] == [False, False, False]
+    assert said[-1]["not_run"] == len(CASES_TCP) - 3
+    assert done.stderr == f"barewire: {said[-1]['unfinished']}\n"
+    assert done.returncode == 1

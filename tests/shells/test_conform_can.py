@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 
 import pytest
 
 from barewire.canopen import CanFrame
 from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.shells import conform_can as shell
 from barewire.shells import open_canopen, open_host
-from barewire.shells.conform_can import conform_can
+from barewire.shells.conform import Unfinished
+from barewire.shells.conform_can import Result, conform_can
 from barewire.shells.endpoint import Endpoint
 from tests.canopen.conform_devices import LARGE, NODE, plain
 from tests.cli.test_command import barewire, simulated
@@ -97,3 +100,41 @@ def test_the_command_is_told_nonsense() -> None:
         assert done.returncode == 1
         assert len(done.stderr.splitlines()) == 1
         assert said in done.stderr
+
+
+def hold_on(only: str, results: list[Result], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
+    """Collect what comes of the cases that are not left out; behind so many results something happens."""
+    for result in conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=(only,)):
+        if result.outcome is not None:
+            results.append(result)
+            if len(results) == at:
+                change()
+
+
+@pytest.mark.parametrize("only", ["SDO-0", "NMT-1"])
+def test_a_device_that_dies_in_mid_battery_ends_the_run(monkeypatch: pytest.MonkeyPatch, only: str) -> None:
+    monkeypatch.setattr(shell, "BOOT", 0.3)
+    whole: list[Result] = []
+    results: list[Result] = []
+    with open_host(URL, node=plain()) as host:
+        hold_on(only, whole)
+        with pytest.raises(Unfinished, match=f"node {NODE} answers no more behind the case {only[:3]}-") as caught:
+            hold_on(only, results, 3, host.close)
+    assert len(results) in (3, 4)
+    assert len(results) + caught.value.not_run == len(whole)
+    assert str(caught.value).endswith(f" ({caught.value.not_run} cases not run)")
+
+
+def test_a_device_that_is_started_anew_is_held_on() -> None:
+    """The case in which it comes back may hear its boot-up message, and fail; the others are as ever."""
+    results: list[Result] = []
+    with ExitStack() as stack:
+        host = stack.enter_context(open_host(URL, node=plain()))
+
+        def anew() -> None:
+            host.close()
+            stack.enter_context(open_host(URL, node=plain()))
+
+        hold_on("NMT-1", results, 3, anew)
+    assert [result.failure for result in results[4:] if result.failure] == []
+    assert len(results) > 5

@@ -63,6 +63,8 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("rtu:///dev/x?pace=2", "pace='2', expected one of 0, 1"),
         ("can://socketcan/can0?node=0", "node 0: expected 1..127"),
         ("can://socketcan/can0?bitrate=fast", "bitrate='fast' is not a whole number"),
+        ("can://slcan//dev/ttyACM0?bitrate=125", "bitrate 125: expected 1000..1000000"),
+        ("can://slcan//dev/ttyACM0?bitrate=2000000", "bitrate 2000000: expected 1000..1000000"),
         ("can://socketcand/127.0.0.1:99999/can0", "is not a number in 0..65535"),
     ],
 )

@@ -20,6 +20,7 @@ CAN delivers whole frames, so there is no envelope and no noise here. Which file
     lss          messages that give a node-ID                  lss_slave, lss_master, lss_scan    who says them
     survey       who is on the bus, and why we believe it
     datatypes, times    which type has how many bytes          dictionary   the objects of one device
+    remote_objects      the objects of another, as values
     eds/         the same objects as a file, read and written without loss
     own_objects, error_control, device_sync, device_sdo, stored    its services, as their objects say
     device       all of it together: one node
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from barewire.canopen.pdo_listen import PdoHeard, PdoListener, RemotePdo, remote_pdo
     from barewire.canopen.pdo_records import Pdo, pdos_of
     from barewire.canopen.pdo_remote import PdoManner, mapping_of, read_pdo, write_pdo
+    from barewire.canopen.remote_objects import read_object, write_object
     from barewire.canopen.sdo import (
         AZ3,
         STANDARD,
@@ -176,6 +178,8 @@ __all__ = [
     "RemotePdo",
     "PdoListener",
     "PdoHeard",
+    "read_object",
+    "write_object",
     "scan",
     "Survey",
     "Found",
@@ -234,6 +238,7 @@ _FILES = (
     "pdo_engine",
     "pdo_remote",
     "pdo_listen",
+    "remote_objects",
     "survey",
     "device_sdo",
     "device",

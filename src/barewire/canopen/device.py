@@ -30,7 +30,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable
 
-from barewire.canopen.cob import NODE_MAX, CobEntry, check_node
+from barewire.canopen.cob import NODE_MAX, check_node
+from barewire.canopen.device_heard import DeviceEars
 from barewire.canopen.device_sdo import FurtherServers, guard_channels
 from barewire.canopen.device_sync import WRONG_LENGTH, DeviceSync, guard_sync_objects
 from barewire.canopen.dictionary import ObjectDictionary
@@ -41,7 +42,6 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.heartbeat import HeartbeatProducer
 from barewire.canopen.lss_slave import LssSlave
 from barewire.canopen.nmt import NmtCommand, NmtSlave, NmtState
-from barewire.canopen.own_objects import guard, guard_cob_id, number
 from barewire.canopen.pdo_engine import PdoEngine
 from barewire.canopen.pdo_records import Pdo
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
@@ -49,9 +49,10 @@ from barewire.canopen.sdo.serve import SdoServer
 from barewire.canopen.stored import StoredParameters
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 
-TIME_OBJECT = 0x1012
-EMCY_CONSUMER = 0x1028
 RECOVERED = 0x8140
+FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x1019, 0x1028, *range(0x1201, 0x1280)}
+"""The objects that say how the services go."""
+_PAST, _NEVER = float("-inf"), -1
 
 
 class Device:
@@ -66,12 +67,14 @@ class Device:
 
     `on_reset` is called when a reset command came, after the defaults are back: the place where a simulated machine
     puts itself back as well. With `lss` the device can be given its node-ID over the bus; `node` None means that it
-    has none yet. `emergencies` are those of the nodes that 1028h lists.
+    has none yet.
     """
 
-    __slots__ = ("_emcy_subs", "_listens", "_on", "_pdos", "_silent_until", "channels", "control", "dialect",
-                 "emergencies", "errors", "lss", "nmt", "node", "objects", "on_reset", "pdo", "sdo", "stored", "sync",
-                 "time")  # fmt: skip
+    __slots__ = (
+        *("__weakref__", "_computed", "_due", "_on", "_pdos", "_seen", "_silent_until"),
+        *("channels", "control", "dialect", "ears", "errors", "lss", "nmt", "node", "objects", "on_reset"),
+        *("pdo", "sdo", "stored", "sync"),
+    )
 
     def __init__(
         self,
@@ -92,19 +95,15 @@ class Device:
             lss.silence = self._be_silent
         self.stored = StoredParameters(objects)
         self.sync = DeviceSync(objects)
-        self.time = TimeConsumer()
-        self.emergencies = EmcyConsumer(listed_only=True, history=16)
-        self._emcy_subs = objects.subs(EMCY_CONSUMER)[1:]
-        self._listens = False
+        self.ears = DeviceEars(objects)
         guard_sync_objects(objects)
         guard_consumer_entries(objects)
         guard_channels(objects)
-        for sub in self._emcy_subs:
-            guard(objects, EMCY_CONSUMER, sub, self._listen_to)
-        guard_cob_id(objects, TIME_OBJECT, lambda entry: entry.bit30 or entry.bit31)
         self._pdos = tuple(pdos)
         self._on = False
-        self._silent_until = float("-inf")
+        self._silent_until = self._due = _PAST
+        self._seen = _NEVER
+        self._computed = True
         self.errors = EmcyProducer(node or NODE_MAX, objects)
         self.errors.allowed = False
         self._settle(node)
@@ -136,19 +135,24 @@ class Device:
         return self.control.heartbeat
 
     @property
+    def time(self) -> TimeConsumer:
+        """What time it is, if 1012h lets this device hear it."""
+        return self.ears.time
+
+    @property
+    def emergencies(self) -> EmcyConsumer:
+        """What is wrong with the nodes that 1028h lists."""
+        return self.ears.emergencies
+
+    @property
     def deadline(self) -> float | None:
         """When the device has something to say by itself."""
         if not self._on or self.node is None:
             return None
         dues = [self.control.deadline]
         if self._may_speak:
-            dues += [
-                self.sdo.deadline,
-                self.channels.deadline,
-                self.pdo.deadline,
-                self.errors.deadline,
-                self.sync.deadline,
-            ]
+            dues += [self.sdo.deadline, self.channels.deadline, self.pdo.deadline]
+            dues += [self.errors.deadline, self.sync.deadline]
         first = min((due for due in dues if due is not None), default=None)
         return None if first is None else max(first, self._silent_until)
 
@@ -160,7 +164,6 @@ class Device:
     def start(self, now: float) -> list[CanFrame]:
         """Power on: initialise, say the boot-up message, be PRE-OPERATIONAL. Without a node-ID: wait for LSS."""
         self._on = True
-        self._listens = False
         self.nmt.state = NmtState.INITIALISING
         self.pdo.stop()
         self.sdo.reset()
@@ -178,6 +181,8 @@ class Device:
         """What the frame and the time make the device say. Before `start` it says nothing."""
         if not self._on or now < self._silent_until:
             return []
+        if now < self._due and self._seen == self.objects.changes and frame is not None and self.sdo.accept(frame, now):
+            return []  # inside a block, and nothing else is due: the way of nearly every frame of a long download
         said = [] if self.lss is None else self.lss.feed(frame, now)
         if self.lss is not None and self.lss.wants_to_boot:
             self._settle(self.lss.take_over())
@@ -201,9 +206,9 @@ class Device:
             said += self._missed(node, gone, now)
         if self._may_speak:
             said += self._sync_and_pdo(frame, now)
-            self.time.feed(frame, now)
-            self.emergencies.feed(frame, now)
+            self.ears.feed(frame, now)
             said += self.errors.feed(None, now)
+        self._due = _PAST if self.sdo.deadline is None else self.deadline or _PAST
         return said
 
     def error(
@@ -229,10 +234,7 @@ class Device:
 
     def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
         """A TIME message, if 1012h bit 30 lets this device produce it and the state allows it."""
-        entry = CobEntry.unpack(number(self.objects, TIME_OBJECT))
-        if not (entry.bit30 and self._may_speak and self.node is not None):
-            return []
-        return [stamp.encode((entry.identifier, entry.extended))]
+        return self.ears.say_time(stamp) if self._may_speak and self.node is not None else []
 
     def _sync_and_pdo(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """SYNC moves PDOs, whoever says it."""
@@ -254,6 +256,7 @@ class Device:
 
     def _be(self, state: NmtState, now: float) -> None:
         """Another state: whoever has to know."""
+        self._seen = _NEVER
         self.control.be(state)
         self.errors.allowed = self._may_speak
         self.pdo.stop()
@@ -273,23 +276,17 @@ class Device:
         return self.start(now)
 
     def _follow(self, now: float) -> None:
-        """What the communication objects say now."""
+        """What the communication objects say now; not asked again while nothing can have changed."""
+        objects = self.objects
+        if self._seen == objects.changes and not self._computed:
+            return
+        self._seen = objects.changes
+        self._computed = not FOLLOWED.isdisjoint(objects.computed)
         self.control.follow(now)
         self.channels.follow()
         if self._may_speak:
             self.sync.follow(now)
-        entry = CobEntry.unpack(number(self.objects, TIME_OBJECT, default=0x8000_0100))
-        self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
-        if not self._listens:
-            self._listens = True
-            entries = {sub: CobEntry.unpack(number(self.objects, EMCY_CONSUMER, sub)) for sub in self._emcy_subs}
-            self.emergencies.cob_ids = {
-                (entry.identifier, entry.extended): node for node, entry in entries.items() if not entry.bit31
-            }
-
-    def _listen_to(self, word: int) -> None:
-        """1028h is written: sub-index n holds the COB-ID under which the emergencies of node n are awaited."""
-        self._listens = False
+        self.ears.follow()
 
     def _be_silent(self, until: float) -> None:
         """The bit rate changes: nothing is said and nothing heard until then."""

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 from barewire.canopen.datatypes import ObjectCodec, object_codec
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
@@ -27,6 +27,8 @@ from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 
 Access = Literal["ro", "wo", "rw", "const"]
+Place = str | int | tuple[int, int]
+"""Where a value is, for people: a name, an index, or an index and a sub-index."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +69,22 @@ class ObjectDictionary:
     >>> objects.write(0x206A, 1, bytes.fromhex("CDCC8C3F"))
     >>> round(objects.get(0x206A, 1), 6), objects.read(0x206A, 0)
     (1.1, b'\\x01')
+    >>> objects["vref set point"] = 2.5
+    >>> objects["VREF SET POINT"], objects[0x206A, 1]
+    (2.5, 2.5)
+
+    `changes` counts whatever may have changed a value, so who obeys objects need not look at them each time. Only what
+    has an `on_read` changes without that; `computed` are the indices of such entries.
     """
 
-    __slots__ = ("_entries", "_subs", "_values")
+    __slots__ = ("_entries", "_subs", "_values", "changes", "computed")
 
     def __init__(self, entries: Iterable[Entry] = ()) -> None:
         self._entries: dict[tuple[int, int], Entry] = {}
         self._values: dict[tuple[int, int], Value] = {}
         self._subs: dict[int, list[int]] = {}
+        self.changes = 0
+        self.computed: set[int] = set()
         for entry in entries:
             self.add(entry)
         for index, subs in self._subs.items():
@@ -88,10 +98,15 @@ class ObjectDictionary:
             raise EncodeError(f"{entry.name}: index {entry.index:X}h, sub-index {entry.sub:X}h do not exist")
         if place in self._entries:
             raise EncodeError(f"{entry.index:04X}h:{entry.sub:02X} is there twice: {entry.name}")
+        if entry.access not in _ACCESSES:
+            raise EncodeError(f"{entry.name}: access {entry.access!r}: expected one of {', '.join(_ACCESSES)}")
         default = self._default(entry)
         entry.codec.encode(default)
         self._entries[place] = entry
         self._values[place] = default
+        self.changes += 1
+        if entry.on_read is not None:
+            self.computed.add(entry.index)
         subs = self._subs.setdefault(entry.index, [])
         subs.append(entry.sub)
         subs.sort()
@@ -113,6 +128,8 @@ class ObjectDictionary:
         """The entry, or SdoAbort: no such object, or no such sub-index of it."""
         found = self._entries.get((index, sub))
         if found is None:
+            if not isinstance(index, int):
+                raise EncodeError(f"index {index!r}: expected a number; by name it is objects[{index!r}]")
             raise SdoAbort(AbortCode.NO_SUB if index in self._subs else AbortCode.NO_OBJECT, index, sub)
         return found
 
@@ -131,6 +148,15 @@ class ObjectDictionary:
             return found[0]
         places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in found[:5])
         raise EncodeError(f"{name!r} is in several places: {places}" if found else f"no object is called {name!r}")
+
+    def at(self, place: Place) -> Entry:
+        """The entry of that name or number. EncodeError if there is none."""
+        if isinstance(place, str):
+            return self.find(place)
+        index, sub = (place, 0) if isinstance(place, int) else place
+        if (index, sub) not in self._entries:
+            raise EncodeError(f"there is no object {index:04X}h:{sub:02X}")
+        return self._entries[index, sub]
 
     def subs(self, index: int) -> tuple[int, ...]:
         """The sub-indices of an object, none if it does not exist."""
@@ -184,6 +210,7 @@ class ObjectDictionary:
         if entry.on_write is not None:
             entry.on_write(value)
         self._values[index, sub] = value
+        self.changes += 1
 
     @staticmethod
     def _check_limits(entry: Entry, value: Value) -> None:
@@ -211,6 +238,38 @@ class ObjectDictionary:
         """Another value, whatever the rights; EncodeError if it is none of the type. No hook is called."""
         self.entry(index, sub).codec.encode(value)
         self._values[index, sub] = value
+        self.changes += 1
+
+    def __getitem__(self, place: Place) -> Value:
+        """`get`, by name too."""
+        entry = self.at(place)
+        return self.get(entry.index, entry.sub)
+
+    def __setitem__(self, place: Place, value: Value) -> None:
+        """`set`, by name too."""
+        entry = self.at(place)
+        self.set(entry.index, entry.sub, value)
+
+    def hook(
+        self,
+        place: Place,
+        *,
+        on_read: Callable[[], Value] | None = None,
+        on_write: Callable[[Value], None] | None = None,
+    ) -> None:
+        """Give an entry that is there its functions: one out of an EDS has none. Checks that it has come first."""
+        entry = self.at(place)
+        at, checks = (entry.index, entry.sub), entry.on_write
+
+        def both(value: Value) -> None:
+            for function in (checks, on_write):
+                if function is not None:
+                    function(value)
+
+        self._entries[at] = replace(entry, on_read=on_read or entry.on_read, on_write=both)
+        self.changes += 1
+        if on_read is not None:
+            self.computed.add(entry.index)
 
     def default(self, index: int, sub: int = 0) -> Value:
         """What the value is after a reset."""
@@ -221,6 +280,7 @@ class ObjectDictionary:
         for place, entry in self._entries.items():
             if first <= place[0] <= last:
                 self._values[place] = self._default(entry)
+        self.changes += 1
 
     @staticmethod
     def _default(entry: Entry) -> Value:
@@ -228,6 +288,9 @@ class ObjectDictionary:
         if entry.default == 0 and entry.codec.size is None:
             return "" if entry.type in ("string", "unicode") else b""
         return entry.default
+
+
+_ACCESSES = get_args(Access)
 
 
 def _fold(name: str) -> str:

@@ -86,6 +86,9 @@ class NmtMessage:
         """The frame with COB-ID 000h."""
         if self.node:
             check_node(self.node)
+        if not isinstance(self.command, int):
+            commands = ", ".join(f"NmtCommand.{command.name}" for command in NmtCommand)
+            raise EncodeError(f"NMT command {self.command!r}: expected one of {commands}")
         return CanFrame(cob_id("NMT"), self.layout.pack(self.command, self.node))
 
     @classmethod

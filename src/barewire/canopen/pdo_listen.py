@@ -39,8 +39,12 @@ class RemotePdo:
 
     @classmethod
     def of(cls, node: int, pdo: Pdo, objects: ObjectDictionary | None = None) -> Self:
-        """With the names and types of a dictionary. EncodeError if the PDO is switched off: it has no identifier."""
+        """With the names and types of a dictionary. EncodeError if the PDO is switched off and has no identifier, or is
+        multiplexed: then each of its frames says itself what it carries (`Mpdo`)."""
         entry = pdo.cob_entry(node)
+        if pdo.multiplexed is not None:
+            what = f"{pdo.direction}{pdo.number} of node {node} is a multiplexed PDO ({pdo.multiplexed})"
+            raise EncodeError(f"{what}: it has no mapping, each frame names its object; Mpdo.decode reads one")
         if entry.bit31:
             raise EncodeError(f"{pdo.direction}{pdo.number} of node {node} is switched off")
         return cls(node, pdo, mapping_of(pdo, objects), (entry.identifier, entry.extended))

@@ -40,6 +40,7 @@ class LivePdo:
         self.into = MpdoIn(kind, node, objects) if kind and not self.is_tpdo else None
         words = () if kind else tuple(number(pdo.map, sub) for sub in range(1, count + 1))
         self.mapping: PdoMapping = resolve(objects, pdo.direction, words)
+        # The rules of the records let no other type be multiplexed; a value set past them must not bring it to SYNC.
         has_content = self.type > RTR_AT_ONCE if kind else bool(self.mapping.entries)
         self.is_on = not self.cob.bit31 and has_content
         self.held: bytes | None = None  # an RPDO that waits for SYNC

@@ -14,6 +14,7 @@
         type 252      TPDO on request, with what it was at the last SYNC               -
         type 253      TPDO on request, with what it is                                 -
         type 254/255  TPDO when something changes, at the latest with the event timer  RPDO at once
+                      only these go with a multiplexed PDO, and while it is one no other is taken: 0609 0030h
 
 The event timer of an RPDO is how long it may stay away.
 
@@ -56,7 +57,7 @@ _DEFAULT_SERVICE: dict[tuple[Direction, int], ServiceName] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Pdo:
     """The factory setting of one PDO: what it maps, when it goes, on which COB-ID.
 
@@ -65,6 +66,8 @@ class Pdo:
 
     >>> Pdo("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
     True
+    >>> Pdo("TPDO", 1, (0x60410010,), 1, 0x185)
+    Pdo('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
     """
 
     direction: Direction
@@ -84,6 +87,18 @@ class Pdo:
             raise EncodeError(f"direction {self.direction!r}: expected RPDO or TPDO")
         if not 1 <= self.number <= PDOS_MAX:
             raise EncodeError(f"{self.direction}{self.number}: expected a number in 1..{PDOS_MAX}")
+        if self.multiplexed is not None and self.mapping:
+            raise EncodeError(f"{self.direction}{self.number} is multiplexed, so it maps nothing")
+
+    def __repr__(self) -> str:
+        words = "".join(f"0x{word:08X}," for word in self.mapping)
+        words = f"({words if len(self.mapping) == 1 else words[:-1].replace(',', ', ')})"
+        said = [repr(self.direction), str(self.number), words, f"type={self.type}"]
+        if self.cob_id is not None:
+            said.append(f"cob_id=0x{self.cob_id:X}")
+        others = {"inhibit": 0, "event_timer": 0, "sync_start": 0, "slots": 8, "multiplexed": None}
+        said += [f"{name}={value!r}" for name in others if (value := getattr(self, name)) != others[name]]
+        return f"Pdo({', '.join(said)})"
 
     @property
     def communication(self) -> int:
@@ -146,6 +161,8 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
     """
     if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
         raise EncodeError(f"{pdo.direction}{pdo.number}: there is no transmission type {pdo.type} for it")
+    if pdo.multiplexed is not None and pdo.type <= RTR_AT_ONCE:
+        raise EncodeError(f"{pdo.direction}{pdo.number} is multiplexed: expected type 254 or 255, here is {pdo.type}")
     resolve(objects, pdo.direction, pdo.mapping)
     rules = _Rules(objects, pdo, changed)
     at, name = pdo.communication, f"{pdo.direction}{pdo.number}"
@@ -220,7 +237,8 @@ class _Rules:
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 1)
 
     def type(self, value: int) -> None:
-        if not has_type(self.pdo.direction, value):
+        multiplexed = int(self.objects.get(self.pdo.map, 0)) in COUNTS
+        if not has_type(self.pdo.direction, value) or (multiplexed and value <= RTR_AT_ONCE):
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 2)
 
     def switched_off(self, index: int, sub: int) -> Callable[[int], None]:

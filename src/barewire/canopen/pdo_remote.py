@@ -7,6 +7,9 @@
         5  communication :02    type, then :03 inhibit time, :05 event timer, :06 SYNC start value
         6  communication :01    the COB-ID without bit 31: on
 
+A multiplexed PDO (`mpdo`) has FEh or FFh in place of 4, no entries, and its type comes first: only 254 and 255 go with
+it.
+
 Not every device has the whole of it, and `PdoManner` says as data how one departs: a mapping that cannot be changed is
 compared instead of written; where a device wants the parameters before the mapping, they go there. What a device does
 not have (no :05, no :06) is not missed as long as it would be 0.
@@ -22,6 +25,7 @@ from typing import Literal, NamedTuple
 from barewire.canopen.cob import CobEntry
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.mpdo import COUNTS, Addressing
 from barewire.canopen.pdo import ENTRIES_MAX, Mapped, PdoMapping
 from barewire.canopen.pdo_records import Direction, Pdo
 from barewire.canopen.sdo import AbortCode, Channel, SdoAbort, download, upload
@@ -32,6 +36,8 @@ from barewire.errors import BarewireError, DecodeError, EncodeError
 _COB_ID, _TYPE, _INHIBIT, _EVENT_TIMER, _SYNC_START = 1, 2, 3, 5, 6
 _SIZES = {_COB_ID: 4, _TYPE: 1, _INHIBIT: 2, _EVENT_TIMER: 2, _SYNC_START: 1}
 _OFF = 1 << 31
+_Content = tuple[tuple[int, ...], Addressing | None]
+"""What a PDO carries: these entries, or one object at a time."""
 _ABSENT = frozenset({AbortCode.NO_SUB, AbortCode.NO_OBJECT})
 _LOCKED = frozenset({AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS})
 
@@ -55,16 +61,14 @@ USUAL = PdoManner()
 def read_pdo(
     node: int | Channel, direction: Direction, number: int, *, timeout: float = 1.0
 ) -> Conversation[CanFrame, Pdo]:
-    """One PDO of a device as its records say, with its COB-ID as it is there. Raises SdoAbort if it has none.
-
-    A multiplexed PDO (255 or 254 "entries") maps nothing by itself and is DecodeError("value").
-    """
+    """One PDO of a device as its records say, with its COB-ID as it is there. Raises SdoAbort if it has none, and
+    DecodeError("value") if what it says of its mapping is nothing."""
     channel = channel_to(node, None)
     blank = Pdo(direction, number, ())
     told = {}
     for sub in _SIZES:
         told[sub] = yield from _read(channel, blank.communication, sub, timeout, needed=sub in (_COB_ID, _TYPE))
-    mapping = yield from _read_mapping(channel, blank, timeout)
+    mapping, multiplexed = yield from _read_mapping(channel, blank, timeout)
     return Pdo(
         direction,
         number,
@@ -74,6 +78,7 @@ def read_pdo(
         inhibit=told[_INHIBIT] or 0,
         event_timer=told[_EVENT_TIMER] or 0,
         sync_start=told[_SYNC_START] or 0,
+        multiplexed=multiplexed,
     )
 
 
@@ -100,10 +105,11 @@ def _write_pdo(
     if not (manner.skip_equal and before & _OFF):
         yield from _write(channel, at, _COB_ID, before | _OFF, 4, timeout)
     try:
-        if manner.order == "first":
+        first = manner.order == "first" or pdo.multiplexed is not None
+        if first:
             yield from _write_parameters(channel, pdo, manner, timeout)
         yield from _write_mapping(channel, pdo, manner, timeout)
-        if manner.order == "last":
+        if not first:
             yield from _write_parameters(channel, pdo, manner, timeout)
         if not (manner.skip_equal and entry.pack() == before | _OFF):
             yield from _write(channel, at, _COB_ID, entry.pack(), 4, timeout)
@@ -115,7 +121,7 @@ def _write_pdo(
 def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float) -> Conversation[CanFrame, None]:
     if manner.skip_equal or manner.mapping == "fixed":
         has = yield from _read_mapping(channel, pdo, timeout)
-        if has == pdo.mapping:
+        if has == (pdo.mapping, pdo.multiplexed):
             return
         if manner.mapping == "fixed":
             raise _other_mapping(pdo, has)
@@ -125,13 +131,13 @@ def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float
         if manner.mapping == "variable" or refusal.code not in _LOCKED:
             raise
         has = yield from _read_mapping(channel, pdo, timeout)
-        if has != pdo.mapping:
+        if has != (pdo.mapping, pdo.multiplexed):
             raise _other_mapping(pdo, has) from refusal
         return
     for sub, word in enumerate(pdo.mapping, start=1):
         yield from _write(channel, pdo.map, sub, word, 4, timeout)
-    if pdo.mapping:
-        yield from _write(channel, pdo.map, 0, len(pdo.mapping), 1, timeout)
+    if pdo.count:
+        yield from _write(channel, pdo.map, 0, pdo.count, 1, timeout)
 
 
 def _write_parameters(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float) -> Conversation[CanFrame, None]:
@@ -161,16 +167,18 @@ def _read(
     return int.from_bytes(data[: _SIZES[sub]], "little")
 
 
-def _read_mapping(channel: Channel, pdo: Pdo, timeout: float) -> Conversation[CanFrame, tuple[int, ...]]:
+def _read_mapping(channel: Channel, pdo: Pdo, timeout: float) -> Conversation[CanFrame, _Content]:
     data = yield from upload(channel, pdo.map, 0, timeout=timeout, size=1)
+    multiplexed = COUNTS.get(data[0])
+    if multiplexed is not None:
+        return (), multiplexed
     if data[0] > ENTRIES_MAX:
-        what = f"{pdo.map:04X}h:00 = {data[0]}: a multiplexed PDO, or no mapping"
-        raise DecodeError("value", data, 0, what)
+        raise DecodeError("value", data, 0, f"{pdo.map:04X}h:00 = {data[0]}: that is no number of entries")
     words = []
     for sub in range(1, data[0] + 1):
         word = yield from upload(channel, pdo.map, sub, timeout=timeout, size=4)
         words.append(int.from_bytes(word[:4], "little"))
-    return tuple(words)
+    return tuple(words), None
 
 
 def _write(
@@ -179,8 +187,11 @@ def _write(
     yield from download(channel, index, sub, value.to_bytes(size, "little"), timeout=timeout)
 
 
-def _other_mapping(pdo: Pdo, has: tuple[int, ...]) -> EncodeError:
-    shown, wanted = (" ".join(f"{word:08X}" for word in words) or "nothing" for words in (has, pdo.mapping))
+def _other_mapping(pdo: Pdo, has: _Content) -> EncodeError:
+    shown, wanted = (
+        kind or " ".join(f"{word:08X}" for word in words) or "nothing"
+        for words, kind in (has, (pdo.mapping, pdo.multiplexed))
+    )
     return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; wanted is {wanted}")
 
 

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from barewire.canopen.cob import SERVICES, check_node
+from barewire.canopen.cob import NODE_MAX, NODE_MIN, SERVICES, check_node
 from barewire.canopen.frame import BASE_MAX, CanFrame, ErrorFrame
 from barewire.canopen.heartbeat import NodeState
 from barewire.canopen.nmt import NmtState
 from barewire.errors import DecodeError
 
+SHOWN = 5
+"""How many of those that were heard are named where the one that is wanted was not."""
 _OF_DEVICES = tuple(service.base for service in SERVICES if service.from_device and not service.broadcast)
 RECENT = 10.0
 """Seconds for which a report of the controller is worth telling."""
@@ -86,6 +88,12 @@ class Presence:
         times = [self._base[base + node][1] for base in _OF_DEVICES if base + node in self._base]
         return max(times, default=None)
 
+    def nodes(self) -> list[int]:
+        """Who has said anything on an identifier of the predefined connection set."""
+        return [
+            node for node in range(NODE_MIN, NODE_MAX + 1) if any(base + node in self._base for base in _OF_DEVICES)
+        ]
+
     def state(self, node: int) -> NodeState | None:
         """What the node said last of its own state."""
         known = self._base.get(0x700 + check_node(node))
@@ -105,7 +113,10 @@ class Presence:
         last, state = self.last_heard(node), self.state(node)
         said = []
         if last is None:
-            said.append(f"node {node} was never heard")
+            others = self.nodes()
+            more = ", ..." if len(others) > SHOWN else ""
+            hint = f" (heard so far: node {', '.join(map(str, others[:SHOWN]))}{more})" if others else ""
+            said.append(f"node {node} was never heard{hint}")
         else:
             said.append(f"node {node} last heard {_seconds(now - last)} ago")
         if state is not None:

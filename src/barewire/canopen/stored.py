@@ -7,7 +7,8 @@
             4  and above       the manufacturer's, 2000h to 5FFFh
 
 Anything else written there is refused with 0800 0020h, so that nobody stores by accident. Read, both say 1: "on
-command". Objects that a device guards itself (with an `on_write` of its own) are left to it.
+command". Objects that a device guards itself (with an `on_write` of its own) are left to it. The COB-ID of an SDO
+channel that was given only for a while (bit 30 of 1200h to 12FFh) is not stored.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from barewire.canopen.cob import CobEntry
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.own_objects import guard
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 
 STORE, RESTORE = 0x1010, 0x1011
+SDO_CHANNELS = range(0x1200, 0x1300)
 SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
 ON_COMMAND = 1
 _AREAS = {1: (0x1000, 0x9FFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
@@ -68,6 +71,8 @@ class StoredParameters:
             if first <= entry.index <= last and entry.access == "rw" and not own:
                 place = entry.index, entry.sub
                 value = self.objects.get(*place)
+                if entry.index in SDO_CHANNELS and entry.type == "u32" and CobEntry.unpack(int(value)).bit30:
+                    continue
                 if value == self.objects.default(*place):
                     self.values.pop(place, None)
                 else:

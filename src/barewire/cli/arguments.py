@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -48,6 +50,19 @@ def say_timing(endpoint: str, wanted: bool) -> None:
 def print_json(fields: Any) -> None:
     """One object on one line, at once."""
     print(json.dumps(_plain(fields), ensure_ascii=False, allow_nan=False), flush=True)
+
+
+@contextmanager
+def ending(as_json: bool) -> Iterator[None]:
+    """A battery that could not be finished says so in JSON too, as its last object."""
+    from barewire.shells.conform import Unfinished
+
+    try:
+        yield
+    except Unfinished as error:
+        if as_json:
+            print_json({"unfinished": str(error), "not_run": error.not_run})
+        raise
 
 
 def _plain(value: Any) -> Any:

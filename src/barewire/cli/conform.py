@@ -6,7 +6,7 @@ import json
 
 import click
 
-from barewire.cli.arguments import endpoint_argument, json_option, say_timing, timing_option
+from barewire.cli.arguments import ending, endpoint_argument, json_option, say_timing, timing_option
 from barewire.errors import EncodeError
 from barewire.modbus.conform import shown
 from barewire.shells.conform import Result
@@ -25,7 +25,8 @@ def conform(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str
     """Ask a server what every server must know how to answer, and compare with the clauses of the standard.
 
     Registers and coils 0 to 9 of the unit are written to: not for a machine that is running. The endpoint's timeout is
-    how long silence is waited for (1 s). Exit status 1 if a case failed.
+    how long silence is waited for (1 s). A server that falls silent for good ends the run, and it is said how many
+    cases were not run. Exit status 1 if a case failed or was not run.
 
     \b
     barewire conform tcp://127.0.0.1:502?unit=1
@@ -46,10 +47,11 @@ def conform(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str
         raise EncodeError(f"endpoint {endpoint!r}: --gentle, --large and --only are for can://")
     say_timing(endpoint, timing)
     count, failed = 0, 0
-    for result in run_battery(Endpoint.parse(endpoint)):
-        count += 1
-        failed += result.failure is not None
-        print(json.dumps(_as_dict(result), ensure_ascii=False) if as_json else _line(result), flush=True)
+    with ending(as_json):
+        for result in run_battery(Endpoint.parse(endpoint)):
+            count += 1
+            failed += result.failure is not None
+            print(json.dumps(_as_dict(result), ensure_ascii=False) if as_json else _line(result), flush=True)
     if not as_json:
         print(f"{count - failed} of {count} as the standard says")
     return int(failed > 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from barewire.cli.arguments import ending
 from barewire.errors import EncodeError
 from barewire.shells.conform_can import Result, conform_can
 from barewire.shells.endpoint import Endpoint
@@ -13,11 +14,12 @@ def hold(endpoint: str, *, as_json: bool, gentle: bool, large: str | None, only:
     """Run the battery and print it; 1 if a case failed."""
     held, failed, left_out = 0, 0, 0
     wanted = tuple(name.strip().upper() for name in only.split(","))
-    for result in conform_can(Endpoint.parse(endpoint), gentle=gentle, large=_place(large), only=wanted):
-        held += result.outcome is not None
-        failed += result.failure is not None
-        left_out += result.outcome is None
-        print(json.dumps(_as_dict(result), ensure_ascii=False) if as_json else _line(result), flush=True)
+    with ending(as_json):
+        for result in conform_can(Endpoint.parse(endpoint), gentle=gentle, large=_place(large), only=wanted):
+            held += result.outcome is not None
+            failed += result.failure is not None
+            left_out += result.outcome is None
+            print(json.dumps(_as_dict(result), ensure_ascii=False) if as_json else _line(result), flush=True)
     if not held + left_out:
         raise EncodeError(f"--only {only!r}: no case has a name that begins so")
     if not as_json:

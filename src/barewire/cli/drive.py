@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import Any
 
@@ -17,6 +18,7 @@ from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.devices import load
 from barewire.devices.drive_report import Look, Progress, bit_names
+from barewire.devices.drive_states import drive_side
 from barewire.devices.parameter import show
 from barewire.errors import NoAnswer, PortError
 from barewire.shells import connect
@@ -34,7 +36,7 @@ def drive(ctx: click.Context, endpoint: str, device: str) -> None:
 
     DEVICE is one whose description has a table [drive]: az3, csd-mt, or your own. It waits until the drive is there;
     one that does not get there is an error that says in which state it is stuck, and why. Ctrl-C while it waits for
-    a movement is a quick stop.
+    a movement is a quick stop; so are SIGTERM, a terminal that is closed, and a reader of the output who leaves.
 
     \b
     barewire drive tcp://192.168.1.10 csd-mt enable
@@ -42,7 +44,9 @@ def drive(ctx: click.Context, endpoint: str, device: str) -> None:
     barewire drive "can://socketcan/can0?node=1" az3 velocity -1500
     barewire drive "rtu:///dev/ttyUSB0?unit=1" az3 quick-stop
     """
-    ctx.obj = (endpoint, load(device))
+    machine = load(device)
+    drive_side(machine)  # what is no drive is told before a port is opened
+    ctx.obj = (endpoint, machine)
 
 
 class Number(click.ParamType[int | float]):
@@ -69,14 +73,17 @@ def word(name: str, *, moves: bool = False) -> Callable[[Conduct], click.Command
             with connect(endpoint) as client, followed(as_json) as progress:
                 conductor = DriveClient(client, device, timeout=timeout, progress=progress)
                 try:
-                    look = conduct(conductor, **how)
-                except KeyboardInterrupt:
-                    if moves:
-                        conductor.quick_stop()
-                    raise
+                    with ended_by_signals():
+                        look = conduct(conductor, **how)
                 except (NoAnswer, PortError) as error:
                     if moves and conductor.drive.control is not None:
                         error.add_note(f"{name}: the motor may still be turning")
+                    raise
+                except (KeyboardInterrupt, OSError) as gone:
+                    if moves and (isinstance(gone, KeyboardInterrupt) or conductor.drive.control is not None):
+                        stop(conductor)
+                    if isinstance(gone, Ended):
+                        raise click.exceptions.Exit(gone.status) from None
                     raise
             if not as_json:
                 print(f"{look.state_name}{_values(look)}; status word {look.status_word:04X}h: {_bits(look)}")
@@ -86,6 +93,51 @@ def word(name: str, *, moves: bool = False) -> Callable[[Conduct], click.Command
         return drive.command(name, context_settings=settings)(json_option(timeout_option(click.pass_context(act))))
 
     return command
+
+
+class Ended(KeyboardInterrupt):
+    """Somebody ends this process; `status` is what it says when it is over."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.status = 128 + number
+
+
+ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """A signal that would end the process becomes `Ended`, as Ctrl-C is KeyboardInterrupt. One is enough."""
+
+    def end(number: int, _: object) -> None:
+        for one in handled:
+            signal.signal(one, signal.SIG_IGN)  # nothing but another Ctrl-C disturbs the quick stop that follows
+        raise Ended(number)
+
+    # Under nohup a terminal that goes away stays ignored.
+    handled = {number: before for number in ENDING if (before := signal.getsignal(number)) is not signal.SIG_IGN}
+    for number in handled:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        if all(signal.getsignal(number) is end for number in handled):
+            for number, before in handled.items():
+                signal.signal(number, before)
+
+
+def stop(conductor: DriveClient) -> None:
+    """A quick stop, told as long as somebody can be told: the terminal may be gone, and the motor must not know."""
+    tell = conductor.drive.progress
+
+    def try_to_tell(progress: Progress) -> None:
+        with suppress(OSError):
+            if tell is not None:
+                tell(progress)
+
+    conductor.drive.progress = try_to_tell
+    conductor.quick_stop()
 
 
 timeout_option = click.option(

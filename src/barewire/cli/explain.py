@@ -40,8 +40,9 @@ def explain(
 ) -> int:
     """Explain a frame byte by byte, and say whether it is valid.
 
-    HEX may have blanks, commas or 0x. ASCII frames may be pasted as they are, CAN frames as candump prints them. For
-    can, HEX may be a file: a recording, of which every frame gets a line.
+    HEX may have blanks, commas or 0x, be a list or a string of C or Python, or what xxd, hexdump -C or tshark -x print.
+    ASCII frames may be pasted as they are, CAN frames as candump prints them. For can, HEX may be a file: a recording,
+    of which every frame gets a line.
 
     \b
     barewire explain rtu "01 04 0F B1 00 02 22 F8"

@@ -1,17 +1,13 @@
-"""`barewire watch`: named values of a machine, again and again, at times that do not drift.
-
-poll k is due at t0 + k * period; one that took too long makes the next ones be left out, never pushed back
-"""
+"""`barewire watch`: named values of a machine, again and again, as a table, lines, JSON, CSV or a picture."""
 
 from __future__ import annotations
 
 import csv
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import click
 from rich.console import Console
@@ -20,70 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from barewire.cli.arguments import device_argument, endpoint_argument, print_json
+from barewire.cli.polling import Poll, Source, polls
 from barewire.codecs import Value
-from barewire.devices import Device, Reading
 from barewire.devices.parameter import Parameter, show
 from barewire.devices.raw import device_with
-from barewire.errors import BarewireError, EncodeError, PortError
-from barewire.shells import connect
-from barewire.shells.client import Client
-
-
-class Poll(NamedTuple):
-    """One reading of all names: what came, or why not; `time` is in seconds from the first one on."""
-
-    time: float
-    readings: tuple[Reading, ...]
-    error: str = ""
-
-
-def due(number: int, period: float, passed: float) -> int:
-    """The number of the next poll after `number`: the first whose time is not past yet.
-
-    >>> due(0, 0.5, passed=0.1), due(1, 0.5, passed=1.0), due(2, 0.5, passed=2.3)
-    (1, 2, 5)
-    """
-    # Nearer than a thousandth of a period counts as now.
-    missed = int(passed / period + 0.999)
-    return max(number + 1, missed)
-
-
-class Source:
-    """Polls one device. A port that failed is opened anew at the next poll."""
-
-    def __init__(self, endpoint: str, device: Device, names: tuple[str, ...]) -> None:
-        self.endpoint, self.device, self.names = endpoint, device, names
-        # The first time a port that is not there is an error; later it may have been unplugged for a while.
-        self.client: Client | None = connect(endpoint)
-
-    def poll(self, time: float) -> Poll:
-        """Read once."""
-        try:
-            if self.client is None:
-                self.client = connect(self.endpoint)
-            return Poll(time, tuple(self.client.read(self.device, *self.names)))
-        except EncodeError:
-            raise  # what cannot be asked for today cannot be asked for tomorrow
-        except BarewireError as error:
-            if isinstance(error, PortError):
-                self.close()
-            return Poll(time, (), "; ".join([str(error), *getattr(error, "__notes__", [])]))
-
-    def close(self) -> None:
-        """Give the port back."""
-        if self.client is not None:
-            self.client.close()
-            self.client = None
-
-
-def polls(source: Source, period: float, count: int | None) -> Iterator[Poll]:
-    """Poll after poll, each at its time, until `count` of them were made."""
-    began, number, made = time.monotonic(), 0, 0
-    while count is None or made < count:
-        time.sleep(max(0.0, began + number * period - time.monotonic()))
-        yield source.poll(time.monotonic() - began)
-        made += 1
-        number = due(number, period, time.monotonic() - began)
 
 
 @click.command()
@@ -107,7 +43,8 @@ def watch(
 ) -> int:
     """Read named values periodically.
 
-    A poll that fails is shown, and polling goes on; with none that succeeded the exit status is 1.
+    A poll that fails is shown, and polling goes on; with none that succeeded the exit status is 1. A name that is
+    refused is shown as that, and the others go on; in CSV its column is empty, in JSON it is in "refused".
 
     \b
     barewire watch tcp://192.168.1.10 csd-mt "Position Actual Value" "Velocity Actual Value" --period 0.1
@@ -151,7 +88,7 @@ def drawn(plot: str | None, title: str, parameters: list[Parameter]) -> Iterator
 
     kept = Kept()
     try:
-        yield lambda poll: kept.add(poll.time, _values(poll))
+        yield lambda poll: kept.add(poll.time, _values(poll, parameters))
     finally:
         if kept.samples:
             draw(plot, title, parameters, kept.samples)
@@ -161,8 +98,10 @@ def drawn(plot: str | None, title: str, parameters: list[Parameter]) -> Iterator
             print(f"barewire: --plot {plot}: one poll of {kept.every} is drawn", file=sys.stderr)
 
 
-def _values(poll: Poll) -> list[Value]:
-    return [reading.value for reading in poll.readings]
+def _values(poll: Poll, parameters: list[Parameter]) -> list[Value]:
+    """A value for each name; empty text for one that was refused."""
+    came = {reading.name: reading.value for reading in poll.readings}
+    return [came.get(parameter.name, "") for parameter in parameters]
 
 
 # How it is told
@@ -180,7 +119,7 @@ def told(parameters: list[Parameter], as_json: bool, as_csv: bool) -> Iterator[T
     if as_json:
         yield JsonLines()
     elif as_csv:
-        yield Csv([parameter.name for parameter in parameters])
+        yield Csv(parameters)
     elif sys.stdout.isatty():
         with Live(console=Console(highlight=False), auto_refresh=False) as live:
             yield LiveTable(parameters, live)
@@ -189,27 +128,37 @@ def told(parameters: list[Parameter], as_json: bool, as_csv: bool) -> Iterator[T
 
 
 class JsonLines:
-    """{"time": 0.5, "values": {...}}, or "error" in place of "values"."""
+    """{"time": 0.5, "values": {...}}, or "error" in place of "values"; names that were refused in "refused"."""
 
     def tell(self, poll: Poll) -> None:
         """One line."""
-        said = {"values": {r.name: r.value for r in poll.readings}} if poll.readings else {"error": poll.error}
+        said: dict[str, object] = {"values": {reading.name: reading.value for reading in poll.readings}}
+        if not poll.readings:
+            said = {"error": poll.error}
+        elif poll.refused:
+            said["refused"] = dict(poll.refused)
         print_json({"time": round(poll.time, 3), **said})
 
 
 class Csv:
-    """time and the names as a header, then numbers."""
+    """time and the names as a header, then numbers; nothing where a name was refused, told on stderr when it begins."""
 
-    def __init__(self, names: list[str]) -> None:
+    def __init__(self, parameters: list[Parameter]) -> None:
+        self._parameters = parameters
+        self._refused: set[str] = set()
         self._writer = csv.writer(sys.stdout, lineterminator="\n")
-        self._writer.writerow(["time", *names])
+        self._writer.writerow(["time", *(parameter.name for parameter in parameters)])
 
     def tell(self, poll: Poll) -> None:
         """One row; a poll that failed is none."""
         if poll.error:
             print(f"{poll.time:.3f} s: {poll.error}", file=sys.stderr, flush=True)
             return
-        self._writer.writerow([f"{poll.time:.3f}", *(_number(value) for value in _values(poll))])
+        for name, words in poll.refused.items():
+            if name not in self._refused:
+                print(f"{poll.time:.3f} s: {name}: {words}", file=sys.stderr, flush=True)
+        self._refused = set(poll.refused)
+        self._writer.writerow([f"{poll.time:.3f}", *(_number(value) for value in _values(poll, self._parameters))])
         sys.stdout.flush()
 
 
@@ -222,7 +171,8 @@ class Lines:
 
     def tell(self, poll: Poll) -> None:
         """One line."""
-        said = "; ".join(str(reading) for reading in poll.readings) if poll.readings else f"error: {poll.error}"
+        refused = [f"{name}: {words}" for name, words in poll.refused.items()]
+        said = "; ".join([*map(str, poll.readings), *refused]) if poll.readings else f"error: {poll.error}"
         print(f"{poll.time:9.3f} s  {said}", flush=True)
 
 
@@ -258,7 +208,10 @@ class LiveTable:
         for parameter in self.parameters:
             name = parameter.name
             limits = (show(held[name]) if name in held else "" for held in (self.least, self.greatest))
-            table.add_row(*(Text(cell) for cell in (name, self.shown.get(name, ""), *limits)))
+            value = Text(self.shown.get(name, ""))
+            if name in poll.refused:
+                value = Text(poll.refused[name], style="red")
+            table.add_row(Text(name), value, *map(Text, limits))
         table.caption = Text(poll.error, style="red") if poll.error else None
         table.caption_justify = "left"
         return table

@@ -50,6 +50,13 @@ def seconds(name: str, value: float) -> float:
     return value
 
 
+def drive_side(device: Device) -> DriveSide:
+    """The parts that a device has as a drive. EncodeError for one that is none."""
+    if device.drive is None:
+        raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
+    return device.drive
+
+
 class DriveStates(Generic[Item]):
     """One drive. `timeout` is how long each step may take, `period` the seconds between two looks at it."""
 
@@ -62,11 +69,9 @@ class DriveStates(Generic[Item]):
         period: float = 0.02,
         progress: Callable[[Progress], None] | None = None,
     ) -> None:
-        if device.drive is None:
-            raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
         self.access = access
         self.device = device
-        self.parts: DriveSide = device.drive
+        self.parts = drive_side(device)
         self.timeout = seconds("timeout", timeout)
         self.period = seconds("period", period)
         self.progress = progress

@@ -29,6 +29,8 @@ RAW = Device("raw", "whatever answers", (), modbus=ModbusSide(), canopen=Canopen
 
 TABLES = get_args(TableName)
 TYPES = ("u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64", "bool")
+MOST = 125
+"""So many registers travel in one answer."""
 FORM = "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, or object:INDEX[.SUB]:TYPE"
 
 
@@ -73,12 +75,14 @@ def place(text: str, order: Order = "ABCD") -> Parameter:
     letters = cast(Order, parts[2].upper()) if len(parts) == 3 else order
     if letters not in ORDERS:
         raise EncodeError(f"{text!r}: order {parts[2]!r}: expected one of {', '.join(ORDERS)}")
-    string = re.fullmatch(r"text(\d{1,3})", kind)
+    string = re.fullmatch(r"text(\d*)", kind)
     if string is not None:
-        kind, size = "text", int(string[1])
+        kind, size = "text", int(string[1][:9] or 0)
+        if not 1 <= size <= MOST:
+            raise EncodeError(f"{text!r}: type {parts[1]!r}: expected text1..text{MOST}, text in so many registers")
     else:
         size = 1 if _type(text, kind) == "bool" else max(1, codec(kind).size // 2)
-    if not 1 <= size <= 125 or address + size > 0x10000:
+    if address + size > 0x10000:
         raise EncodeError(f"{text!r}: there are no {size} registers from address {address} on")
     access: Access = "ro" if table in ("input", "discrete") else "rw"
     return Parameter(text, kind, access=access, modbus=ModbusAt(cast(TableName, table), address, size, order=letters))

@@ -11,6 +11,7 @@
 Every byte is in exactly one field, in order, however broken the frame is; and nothing that comes in can raise. Files:
 
     protocols    the two ways in                       text    what people paste
+    dress, dump  what programs and tools put around bytes
     explanation  the value, its lines and its dict     words   the sentences
     pdu          the letter: request or response?      can     whose identifier is it?
     modbus       the three envelopes around it         sdo, lss  the two services with tables of their own

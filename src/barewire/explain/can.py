@@ -7,7 +7,7 @@ The identifier is no byte of the data, so its field has length 0: offsets count 
 identifier too: a role that the caller claims is not needed, and not used.
 
 An identifier outside the predefined connection set is no fault: PDOs may be configured to any free one. What a PDO
-carries is known to who knows the node: with `pdos` its objects are fields, by name.
+carries is known to who knows the node: with `pdos` its objects are fields, by name, and so are those of SDO.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from barewire.errors import DecodeError
 from barewire.explain.explanation import ExplainedField, Explanation, Problem, Role, counted, cover, on_bytes, problem
 from barewire.explain.lss import read_lss
 from barewire.explain.recorded import AnyFrame, error_words
-from barewire.explain.sdo import read_sdo
+from barewire.explain.sdo import read_sdo, with_object
 
 if TYPE_CHECKING:
     from barewire.explain.listen.pdos import PdoListener
@@ -83,6 +83,8 @@ def explain_can(frame: AnyFrame, pdos: PdoListener | None = None) -> Explanation
         fields, error, said = _raw(frame.data)
     else:
         fields, error, said = _data(frame, *whose)
+        if pdos is not None and name.startswith("SDO"):
+            fields, said = with_object(fields, said, frame.data, lambda index, sub: pdos.object(whose[1], index, sub))
     fault = _length(frame, name) or problem(error)
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     shown = (start, *on_bytes(cover(fields, len(frame.data)), frame.data))

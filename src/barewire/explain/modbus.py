@@ -36,11 +36,20 @@ def _fault(decode: Callable[[bytes], Adu], data: bytes) -> DecodeError | None:
     return None
 
 
-def _summary(letter: Letter, unit: int, ending: str) -> str:
+def _summary(letter: Letter, unit: int, ending: str = "") -> str:
     """The verdict's sentence, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
     whom = {"request": "a request to", "response": "a response from"}.get(letter.role or "", "a message for or from")
     note = f" ({letter.note})" if letter.note else ""
-    return f"{whom} unit {unit}, {letter.summary}; {ending}{note}"
+    return f"{whom} unit {unit}, {letter.summary}{ending and '; '}{ending}{note}"
+
+
+def _is_bare(body: bytes, checked: int, role: Role | None) -> bool:
+    """Whether a unit and a PDU fit a message as they are, and do not without the last `checked` bytes.
+
+    Somebody who writes a frame down often leaves out what is computed. Only a function that is known can tell.
+    """
+    whole = read_letter(body[1:], role)
+    return whole.role is not None and whole.error is None and read_letter(body[1:-checked], role).error is not None
 
 
 # RTU ---------------------------------------------------------------------------------------------------------------
@@ -68,6 +77,8 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
         reason: Reason = "checksum" if fault else "long"
         text = f"a whole frame ends before this, {counted(len(data) - end)} left over"
         fault = DecodeError(reason, data, end, text)
+    elif fault is not None and fault.reason in ("checksum", "short") and _is_bare(data, 2, role):
+        return _without_crc(data, role)
     elif fault is not None and fault.reason == "checksum" and data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
         fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
     body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
@@ -83,6 +94,19 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     return Explanation(
         "rtu", letter.role, on_bytes(fields, data), problem(fault) or problem(letter.error, by=1), summary
     )
+
+
+def _without_crc(data: bytes, role: Role | None) -> Explanation:
+    """What somebody wrote down without the CRC.
+
+    >>> explain_rtu(bytes.fromhex("01030000000A")).verdict
+    'not valid: no CRC; with C5 CD it is a request to unit 1, Read Holding Registers, 10 from 0000h (byte 6)'
+    """
+    letter, right = read_letter(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
+    fields = [Field(0, 1, "unit", data[0], unit_words(data[0], serial=True)), *moved(letter.fields, 1)]
+    fields.append(Field(len(data), 0, "CRC", None, f"is missing; it would be {right}"))
+    text = f"no CRC; with {right} it is {_summary(letter, data[0])}"
+    return Explanation("rtu", letter.role, on_bytes(fields, data), Problem("short", len(data), text), text)
 
 
 def _end_of_first(data: bytes, role: Role | None) -> int | None:
@@ -115,14 +139,19 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
     judged = data[:end] + ascii_frame.END if typed and not has_end else data
     fault = _fault(ascii_frame.decode, judged)
     if fault is not None:
-        # The end that was added for the judge is not there to be pointed at.
-        fault = DecodeError(fault.reason, data, min(fault.at, len(data)), fault.text)
+        # The end that was added for the judge is not there to be pointed at, nor to be counted.
+        text = fault.text
+        if fault.reason in ("short", "long") and len(judged) > len(data):
+            text = text.replace(f"here are {len(judged)}", f"here are {len(data)} and no CR LF")
+        fault = DecodeError(fault.reason, data, min(fault.at, len(data)), text)
     digits = 0
     while start + digits < end and data[start + digits] in ascii_frame.DIGITS:
         digits += 1
     adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
     # Only where all of it is digits is the last byte the LRC; behind a wrong character nobody knows what is what.
-    has_lrc = start + digits == end and digits % 2 == 0 and len(adu) >= 3
+    all_digits = start > 0 and start + digits == end and digits % 2 == 0
+    is_bare = all_digits and fault is not None and fault.reason in ("checksum", "short") and _is_bare(adu, 1, role)
+    has_lrc = start + digits == end and digits % 2 == 0 and len(adu) >= 3 and not is_bare
     body = adu[:-1] if has_lrc else adu
     letter = read_letter(body[1:], role)
     inner = [Field(0, 1, "unit", adu[0], unit_words(adu[0], serial=True)) for _ in adu[:1]]
@@ -131,6 +160,10 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
         right = lrc(body)
         words = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
         inner.append(Field(len(body), 1, "LRC", adu[-1], words))
+    elif is_bare:
+        inner.append(Field(len(body), 0, "LRC", None, f"is missing; it would be {lrc(body):02X}"))
+        told = f"no LRC; with {lrc(body):02X} it is {_summary(letter, adu[0])}"
+        fault = DecodeError("short", data, end, told)
     fields = [Field(start - 1, 1, "start", ":", "begins a frame") for _ in range(min(start, 1))]
     fields += [field._replace(offset=start + 2 * field.offset, length=2 * field.length) for field in inner]
     if has_end:

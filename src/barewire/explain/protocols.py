@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import get_args
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import EncodeError
+from barewire.errors import DecodeError, EncodeError
 from barewire.explain.can import explain_can
 from barewire.explain.explanation import Explanation, Protocol, Role
 from barewire.explain.modbus import explain_ascii, explain_rtu, explain_tcp
@@ -47,8 +48,49 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
     if protocol == "can":
         return explain_can(parse_any_can(text))
     if protocol == "ascii":
-        return explain_ascii(parse_ascii(text), side, typed=True)
-    return explain(protocol, parse_hex(text), side)
+        characters = parse_ascii(text)
+        said = explain_ascii(characters, side, typed=True)
+        return said if characters.startswith(b":") else hinted(said, text, side)
+    try:
+        return hinted(explain(protocol, parse_hex(text), side), text, side)
+    except DecodeError as error:
+        other = _other(protocol, text, side)
+        raise DecodeError(error.reason, error.data, error.at, error.text + other) if other else error from None
+
+
+def hinted(said: Explanation, text: str, role: Role | None = None) -> Explanation:
+    """The same; if its envelope is broken, and the text is a whole frame of another protocol, its error says so.
+
+    >>> explain_text("tcp", "01 04 0F B1 00 02 22 F8").verdict.partition("; ")[2]
+    'as rtu it is a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok (byte 2)'
+    """
+    intact = any(field.name == "CRC" and field.meaning == "CRC ok" for field in said.fields)
+    bare = said.error is not None and said.error.text.startswith("no CRC") and not text.lstrip().startswith(":")
+    if said.error is None or intact or bare:
+        return said
+    other = _other(said.protocol, text, role)
+    return replace(said, error=said.error._replace(text=said.error.text + other)) if other else said
+
+
+def _other(protocol: str, text: str, role: Role | None) -> str:
+    """What the text is in another protocol: '; as tcp it is ...', or nothing."""
+    for name in ("tcp", "rtu", "ascii", "can"):
+        try:
+            if name == protocol or (name == "can") != ("#" in text):
+                continue
+            if name == "can":
+                said = explain_can(parse_any_can(text))
+            elif name == "ascii":
+                said = explain_ascii(parse_ascii(text), role, typed=True)
+            else:
+                said = explain(name, parse_hex(text), role)
+        except DecodeError:
+            continue
+        if said.error is None:
+            return f"; as {name} it is {said.summary}"
+        if name in ("rtu", "ascii") and said.error.text.startswith("no "):
+            return f"; as {name}: {said.error.text}"
+    return ""
 
 
 def _checked(protocol: str, role: str | None) -> Role | None:

@@ -11,7 +11,7 @@ segment. Only who has heard the transfer begin knows that; here every frame is e
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from barewire.canopen.sdo import AZ3, abort_text
 from barewire.canopen.sdo.messages import Abort, InitiateUpload, has_reserved_bits
@@ -176,6 +176,35 @@ def read_sdo(data: bytes, role: Role) -> Said:
     fields = [Field(0, 1, "command", data[0], _command_words(name, row, data[0], role, bits)), *row.rest(data, bits)]
     fields = [field for field in fields if field.offset + field.length <= len(data)]
     return Said(cover(fields, len(data)), None, _summary(row.name, fields))
+
+
+class Object(Protocol):
+    """What somebody knows of an object."""
+
+    @property
+    def name(self) -> str: ...
+
+    def read(self, data: bytes) -> str: ...
+
+
+def with_object(
+    fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], Object | None]
+) -> tuple[list[Field], str]:
+    """Fields and summary of an SDO frame, with the name of its object and its value in words, if they are known."""
+    held = {field.name: field for field in fields}
+    index, sub = (held[name].value if name in held else None for name in ("index", "sub-index"))
+    known = find(index, sub) if isinstance(index, int) and isinstance(sub, int) else None
+    if known is None:
+        return fields, summary
+    place = f"{index:04X}h:{sub:02X}"
+    summary = summary.replace(place, f"{place} {known.name}", 1)
+    words = {"index": known.name}
+    if (value := held.get("data")) is not None:
+        read = known.read(data[value.offset : value.offset + value.length])
+        if read:
+            words["data"] = read
+            summary += f", {read}"
+    return [field._replace(meaning=words.get(field.name, field.meaning)) for field in fields], summary
 
 
 def readings(data: bytes) -> str:

@@ -1,6 +1,7 @@
 """What people paste, as bytes or a frame: every way of writing hexadecimal, and the lines of candump.
 
     rtu, tcp   01 04 0F B1    01040fb1    0x01,0x04    01-04-0F-B1    01:04    \\x01\\x04    01h 04h
+               as a program has them (`dress`)         as xxd, hexdump -C and tshark -x print them (`dump`)
     ascii      :01040FB1000239          with or without \\r\\n, typed or real; or the characters' codes: 3A 30 31 ...
     can        605#4040600000000000     (1234.5) can0 605#...     605#R     605 40 40 60     can0 605 [8] 40 40 60 ...
 
@@ -14,6 +15,8 @@ import re
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, Reason
 from barewire.explain.candump import parse_frame, read_candump
+from barewire.explain.dress import decimal, quoted, undressed
+from barewire.explain.dump import parse_dump
 from barewire.explain.explanation import counted
 from barewire.explain.recorded import AnyFrame, Recorded
 
@@ -40,6 +43,15 @@ def parse_hex(text: str) -> bytes:
 
     A single digit is a byte only behind 0x: in `1 4 FB1` nobody knows where a byte begins. Offsets count from 0.
     """
+    dumped = parse_dump(text)
+    if dumped is not None:
+        return dumped
+    text, listed = undressed(text)
+    said = quoted(text)
+    if said is None:
+        said = decimal(text, listed)
+    if said is not None:
+        return said
     found = bytearray()
     for token in _TOKEN.finditer(text):
         found += _token(text, token.start(), token.group())
@@ -77,6 +89,7 @@ def parse_ascii(text: str) -> bytes:
     typed = text.strip(" \t")
     for escape, character in _LINE_ENDS.items():
         typed = typed.replace(escape, character)
+    typed = _unquoted(typed)
     if not typed.startswith(":"):
         try:
             codes = parse_hex(typed)
@@ -85,6 +98,12 @@ def parse_ascii(text: str) -> bytes:
         if codes.startswith(b":"):
             return codes
     return typed.encode("latin-1", "replace")
+
+
+def _unquoted(typed: str) -> str:
+    """The characters in quotes, as a program's source or its log has them: b':0104...'."""
+    found = re.fullmatch(r"\s*b?(['\"])(:.*)\1[\s;]*", typed, re.DOTALL)
+    return typed if found is None else found[2]
 
 
 def parse_any_can(text: str) -> AnyFrame:

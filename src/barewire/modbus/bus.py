@@ -33,19 +33,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any, Literal, TypeVar
 
 from barewire.conversation import Abandoned, Conversation, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu
-from barewire.modbus.diagnostics import RETURN_QUERY_DATA, Diagnostics
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.line import Line
 from barewire.modbus.lost import NEVER, Known, Memory, describe, note, unknown
-from barewire.modbus.message import Request, Response
 
-R = TypeVar("R", bound=Response)
-Recovery = Literal["probe", "wait"]
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, Literal, TypeVar
+
+    from barewire.modbus.line import Line
+    from barewire.modbus.message import Request, Response
+
+    R = TypeVar("R", bound=Response)
+    Recovery = Literal["probe", "wait"]
+
 _new = tuple.__new__  # what Send(...) and Listen(...) do, without the function around it
 
 
@@ -240,6 +244,8 @@ class Bus(Memory):
         """
         if not self._confusable(unit, request):
             return now
+        from barewire.modbus.diagnostics import RETURN_QUERY_DATA, Diagnostics  # on TCP never needed, elsewhere rarely
+
         # A probe proves nothing to a question that is one itself; and who left two unanswered has no ear for them.
         proof = self.recovery == "probe" and request.function_code != Diagnostics.function_code
         if proof and known.unproven < 2:

@@ -5,9 +5,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from barewire.errors import Refused
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import NamedTuple
+else:
+    from barewire.record import NamedTuple
 
 
 class ExceptionCode(NamedTuple):

@@ -9,15 +9,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
 
 from barewire.conversation import Heard
 from barewire.errors import DecodeError, NoAnswer
 from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.line import Event, Line
-from barewire.modbus.message import Request
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple, Self
+
+    from barewire.modbus.line import Event, Line
+    from barewire.modbus.message import Request
+else:
+    from barewire.record import NamedTuple
 
 KEPT = 16
 """Late replies kept to be looked at, and lost questions remembered: a line in trouble must not fill the memory."""
@@ -60,28 +65,35 @@ class Lost(NamedTuple):
         return True
 
 
-@dataclass(slots=True)
-class Known:
+class _Shown:
+    """Shown as what it holds. A dataclass would be too, but to load `dataclasses` takes longer than this whole room."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
+
+
+class Known(_Shown):
     """What is known of one unit."""
 
-    free_at: float = NEVER  # not to be spoken to before: its gap
-    silent: int = 0  # questions in a row without an answer
-    dead_until: float = NEVER
-    unproven: int = 0  # probes in a row without an answer
-    listens_only: bool = False  # it was told to, and was silent
+    def __init__(self) -> None:
+        self.free_at = NEVER  # not to be spoken to before: its gap
+        self.silent = 0  # questions in a row without an answer
+        self.dead_until = NEVER
+        self.unproven = 0  # probes in a row without an answer
+        self.listens_only = False  # it was told to, and was silent
 
 
-@dataclass(slots=True)
-class BusCounters:
+class BusCounters(_Shown):
     """How the line is."""
 
-    asked: int = 0
-    answered: int = 0
-    lost: int = 0
-    late: int = 0
-    probes: int = 0
-    strays: int = 0
-    replies: deque[LateReply] = field(default_factory=lambda: deque(maxlen=KEPT))
+    def __init__(self) -> None:
+        self.asked = 0
+        self.answered = 0
+        self.lost = 0
+        self.late = 0
+        self.probes = 0
+        self.strays = 0
+        self.replies: deque[LateReply] = deque(maxlen=KEPT)
 
 
 class Memory:
@@ -193,7 +205,9 @@ def describe(event: Event) -> str:
     if not event.data:
         return event.text or event.reason
     shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
-    return f"{len(event.data)} bytes {shown}: {event.text or event.reason}"
+    size, text = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}", event.text or event.reason
+    # "3 bytes, then silence" is not told its number twice.
+    return f"{size} {shown}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {shown}: {text}"
 
 
 def note(passed_over: list[str], text: str) -> None:

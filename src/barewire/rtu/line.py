@@ -184,13 +184,14 @@ class RtuLine:
 
     def _diagnosis(self) -> tuple[Reason, str]:
         """Why what is left is no frame."""
+        size = f"{len(self._held)} byte{'' if len(self._held) == 1 else 's'}"
         try:
             decode(bytes(self._held))
         except DecodeError as error:
             if error.reason == "short":
-                return "short", f"{len(self._held)} bytes, then silence"
+                return "short", f"{size}, then silence"
             return error.reason, error.text
-        return "short", f"{len(self._held)} bytes, then silence: the last byte is missing, a 00 of the CRC"
+        return "short", f"{size}, then silence: the last byte is missing, a 00 of the CRC"
 
     # Where a frame may begin and end. Places are counted from the first byte that the line ever held, so that nothing
     # has to be counted anew when bytes are taken off: held[at] is byte number _gone + at.

@@ -24,10 +24,9 @@ I know: ports, clocks, threads, tasks, and how each of them fails.  I never know
 programs, tests and bench import me; nothing below does.
 """
 
-from typing import TYPE_CHECKING
-
 from barewire.door import lazy
 
+TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from barewire.shells.aio_canopen import AsyncCanopenClient, open_canopen_async
     from barewire.shells.aio_client import AsyncModbusClient, open_async, open_tcp

@@ -31,7 +31,7 @@ from barewire.shells.can_verbs import MasterVerbs
 from barewire.shells.can_verbs_more import LssVerbs, PdoVerbs
 from barewire.shells.can_words import Talk
 from barewire.shells.client import manners, open_bus
-from barewire.shells.modbus_client import Watch
+from barewire.shells.taps import Watch
 
 T = TypeVar("T")
 E = TypeVar("E")

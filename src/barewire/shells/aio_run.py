@@ -12,14 +12,14 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.shells.aio_can import AsyncTap
 from barewire.shells.can_fan import CanBus
-from barewire.shells.can_run import Ears, Speaker, begin
-from barewire.shells.can_tap import LONGEST, Key
+from barewire.shells.can_run import LOOK, Action, Ears, Speaker, begin
+from barewire.shells.can_tap import Key
 
 
 class AsyncRunning:
     """A machine at work in a task, until it is stopped or the bus is gone for good.
 
-    `refused` counts what the bus did not take.
+    `do` does something with it and says at once what comes of it. `refused` counts what the bus did not take.
     """
 
     def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
@@ -43,10 +43,10 @@ class AsyncRunning:
                     await self._say(frame)
                 deadline = machine.deadline
                 try:
-                    arrived = await self._tap.pull_async(LONGEST if deadline is None else deadline - clock())
+                    arrived = await self._tap.pull_async(LOOK if deadline is None else min(LOOK, deadline - clock()))
                 except PortError:
                     return
-                said = ears.hear(arrived, clock())
+                said = ears.hear(None if arrived is None else arrived.item, clock())
                 await asyncio.sleep(0)
 
     async def _say(self, frame: CanFrame) -> None:
@@ -55,6 +55,12 @@ class AsyncRunning:
             await self._tap.sent()
         except PortError:
             self.refused += 1
+
+    async def do(self, action: Action) -> None:
+        """`action(now)`; the frames that it returns are said, and what is due then."""
+        now = time.monotonic()
+        for frame in [*(action(now) or ()), *self.machine.feed(None, now)]:
+            await self._say(frame)
 
     def stop(self) -> None:
         """No further frame."""

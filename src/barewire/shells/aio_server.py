@@ -183,11 +183,10 @@ class _Connection(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         now = self._loop.time()
         self._all.heard(self, now)
-        data = bytes(self._buffer[:nbytes])
         if self._tls is None:
-            self._feed(data, now)
+            self._feed(bytes(self._buffer[:nbytes]), now)
         else:
-            self._decrypt(self._tls, data, now)
+            self._decrypt(self._tls, bytes(self._buffer[:nbytes]), now)
 
     def _decrypt(self, tls: TlsSession, data: bytes, now: float) -> None:
         assert self._transport is not None

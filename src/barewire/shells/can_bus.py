@@ -208,4 +208,7 @@ def _first_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return reason(error)
     text = (str(error) or type(error).__name__).splitlines()[0]
+    cause = error.__cause__
+    if isinstance(cause, OSError) and cause.strerror and cause.strerror not in text:
+        text += f": {reason(cause)}"
     return text[:1].lower() + text[1:]

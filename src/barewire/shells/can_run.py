@@ -11,7 +11,8 @@ from typing import Any, Protocol, Self
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.errors import PortError
 from barewire.shells.can_fan import CanBus
-from barewire.shells.can_tap import LONGEST, Arrived, Key, Tap
+from barewire.shells.can_tap import Item, Key, Tap
+from barewire.shells.sharing import alone
 
 _BUS_OFF, _RESTARTED = 0x40, 0x100
 
@@ -71,9 +72,8 @@ class Ears:
         self.machine = machine
         self._off = False
 
-    def hear(self, arrived: Arrived | None, now: float) -> list[CanFrame]:
+    def hear(self, item: Item | None, now: float) -> list[CanFrame]:
         """What the machine says now. One that hears nothing is never given a frame."""
-        item = None if arrived is None else arrived.item
         frame = item if isinstance(item, CanFrame) else None
         classes = item.classes if isinstance(item, ErrorFrame) else 0
         said: list[CanFrame] = []
@@ -89,15 +89,25 @@ class Ears:
         return said + self.machine.feed(frame, now)  # type: ignore[arg-type]
 
 
+LOOK = 0.1
+"""Seconds after which a machine is looked at anyway: somebody may have changed its values meanwhile."""
+
+Action = Callable[[float], Iterable[CanFrame] | None]
+"""Something that is done with a machine from outside, at that time; what it returns is said."""
+
+
 class Running:
     """A machine at work in a thread of its own, until it is stopped or the bus is gone for good.
 
-    `refused` counts what the bus did not take: without anybody to acknowledge, a frame is no reason to die.
+    `do` does something with it from another thread, and says at once what comes of it. What is changed without that is
+    seen within a tenth of a second. `refused` counts what the bus did not take: without anybody to acknowledge, a frame
+    is no reason to die.
     """
 
     def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
         self.refused = 0
+        self._turn = threading.RLock()  # what is said goes out in the order in which it was said
         self._tap = Tap(bus, keys, node=True, reports=True)
         self._thread = threading.Thread(target=self._live, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
@@ -111,22 +121,33 @@ class Running:
     def _live(self) -> None:
         machine, ears, clock = self.machine, Ears(self.machine), time.monotonic
         with self._tap:
-            said = begin(machine, clock())
+            with self._turn:
+                self._say(begin(machine, clock()))
             while True:
-                for frame in said:
-                    self._say(frame)
                 deadline = machine.deadline
                 try:
-                    arrived = self._tap.pull(LONGEST if deadline is None else deadline - clock())
+                    arrived = self._tap.pull(LOOK if deadline is None else min(LOOK, deadline - clock()))
                 except PortError:
                     return
-                said = ears.hear(arrived, clock())
+                with self._turn:
+                    with alone(machine):
+                        said = ears.hear(None if arrived is None else arrived.item, clock())
+                    self._say(said)
 
-    def _say(self, frame: CanFrame) -> None:
-        try:
-            self._tap.send(frame)
-        except PortError:
-            self.refused += 1
+    def _say(self, frames: Iterable[CanFrame]) -> None:
+        for frame in frames:
+            try:
+                self._tap.send(frame)
+            except PortError:
+                self.refused += 1
+
+    def do(self, action: Action) -> None:
+        """`action(now)` while nobody else is in the machine; the frames that it returns are said, then what is due."""
+        with self._turn:
+            with alone(self.machine):
+                now = time.monotonic()
+                said = [*(action(now) or ()), *self.machine.feed(None, now)]
+            self._say(said)
 
     def stop(self) -> None:
         """No further frame; returns when it is still."""

@@ -15,12 +15,14 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 from barewire.canopen import Channel, NmtCommand, NmtMessage, download, upload, upload_to
+from barewire.canopen.dictionary import ObjectDictionary, Place
 from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.guarding import Guard, GuardEvent, GuardingMaster
 from barewire.canopen.heartbeat import HeartbeatConsumer, HeartbeatEvent, NodeState
 from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
 from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
+from barewire.canopen.remote_objects import read_object, write_object
 from barewire.canopen.sdo.options import BlockWish
 from barewire.canopen.sdo.servers import find_channel
 from barewire.canopen.sdo.stream import LIMIT, Progress
@@ -34,7 +36,21 @@ from barewire.devices.parameter import Reading
 from barewire.shells.can_run import Speaker, Teller
 from barewire.shells.can_stream import Frames
 from barewire.shells.can_tap import Key
-from barewire.shells.can_words import NOBODY, SILENCE, At, Going, Talk, Verb, Watch, Watching, Words, say, sdo
+from barewire.shells.can_words import (
+    NOBODY,
+    SILENCE,
+    At,
+    Going,
+    Talk,
+    Verb,
+    Watch,
+    Watching,
+    Words,
+    described,
+    dictionary,
+    say,
+    sdo,
+)
 
 NODES = range(1, 128)
 STATES = frozenset((0x700 + node, False) for node in NODES)
@@ -106,17 +122,49 @@ class MasterVerbs(Words):
         channel = self.channel(node)
         return sdo(channel, find_channel(channel, server, timeout=self.patience(timeout)))
 
-    # Named values
+    # Values
+
+    @Verb
+    def read_object(
+        self,
+        objects: ObjectDictionary,
+        place: Place,
+        *,
+        node: At = None,
+        block: BlockWish = False,
+        timeout: float | None = None,
+    ) -> Talk[Value]:
+        """The value of an object, which `objects` knows by name, by index, or by (index, sub-index)."""
+        channel, wait = self.channel(node), self.patience(timeout)
+        return sdo(channel, read_object(channel, dictionary(objects), place, block=block, timeout=wait))
+
+    @Verb
+    def write_object(
+        self,
+        objects: ObjectDictionary,
+        place: Place,
+        value: Value,
+        *,
+        node: At = None,
+        block: BlockWish = False,
+        timeout: float | None = None,
+    ) -> Talk[None]:
+        """Give an object this value, in the type that `objects` has for it. Never repeated."""
+        channel, wait = self.channel(node), self.patience(timeout)
+        return sdo(channel, write_object(channel, dictionary(objects), place, value, block=block, timeout=wait))
 
     @Verb
     def read(self, device: Device, *names: str, node: At = None) -> Talk[list[Reading]]:
-        """Named values, in the order asked."""
+        """Named values of a described device, in the order asked."""
+        described(device, names)
         channel = self.channel(node, device)
         return sdo(channel, read_canopen(channel, device, names, timeout=self.timeout))
 
     @Verb
     def write(self, device: Device, values: Mapping[str, Value], *, node: At = None, force: bool = False) -> Talk[None]:
-        """Write named values, in the order given. Ranges and access are checked before anything is sent."""
+        """Write named values of a described device, in the order given. Ranges and access are checked before anything
+        is sent."""
+        described(device, values)
         channel = self.channel(node, device)
         return sdo(channel, write_canopen(channel, device, values, timeout=self.timeout, force=force))
 

@@ -12,6 +12,7 @@ There is one LSS master on a bus, so of the LSS words one is said at a time, who
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import ParamSpec, TypeVar
 
@@ -99,7 +100,7 @@ def _lss(make: Callable[P, Conversation[CanFrame, T]]) -> Verb[P, T]:
     def talk(client: Words, /, *args: P.args, **kwargs: P.kwargs) -> Talk[T]:
         return Talk(make(*args, **kwargs), LSS_CLAIM, LSS_HEARS)
 
-    talk.__doc__ = make.__doc__
+    functools.update_wrapper(talk, make)
     return Verb(talk)
 
 

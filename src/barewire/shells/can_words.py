@@ -15,11 +15,13 @@ on the other. In the same way `Watching` gives a stream, and `Going` something t
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Coroutine
+import inspect
+from collections.abc import Callable, Coroutine, Iterable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Self, TypeAlias, TypeVar, overload
 
 from barewire.canopen import Channel
 from barewire.canopen.claims import Keys
+from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.dialect import DIALECTS, Dialect
 from barewire.conversation import Conversation, Send
@@ -64,12 +66,31 @@ class Watch(NamedTuple, Generic[E]):
     hears: frozenset[Key] | None
 
 
-class Verb(Generic[P, T]):
+class Word:
+    """What all words have in common: `help` and `inspect` find the name, the parameters and the text of it."""
+
+    def __init__(self, make: Callable[..., Any]) -> None:
+        self.make = make
+        self.__doc__ = make.__doc__
+        self._signature: inspect.Signature | None = None
+
+    def named(self, said: Callable[..., Any]) -> Callable[..., Any]:
+        """The method of a client, as what it stands for."""
+        if self._signature is None:
+            whole = inspect.signature(self.make)
+            kept = [parameter for name, parameter in whole.parameters.items() if name != "self"]
+            self._signature = whole.replace(parameters=kept, return_annotation=whole.empty)
+        said.__name__ = said.__qualname__ = self.make.__name__
+        said.__doc__ = self.__doc__
+        said.__signature__ = self._signature  # type: ignore[attr-defined]
+        return said
+
+
+class Verb(Word, Generic[P, T]):
     """A word that comes to an end."""
 
     def __init__(self, make: Callable[Concatenate[Any, P], Talk[T]]) -> None:
-        self.make = make
-        self.__doc__ = make.__doc__
+        super().__init__(make)
 
     @overload
     def __get__(self, client: CanopenClient, kind: type) -> Callable[P, T]: ...
@@ -89,16 +110,14 @@ class Verb(Generic[P, T]):
             seconds(timeout)
             return client.carry_out(self.make(client, *args, **kwargs))
 
-        said.__doc__ = self.__doc__
-        return said
+        return self.named(said)
 
 
-class Watching(Generic[P, E]):
+class Watching(Word, Generic[P, E]):
     """A word that gives a stream of events."""
 
     def __init__(self, make: Callable[Concatenate[Any, P], Watch[E]]) -> None:
-        self.make = make
-        self.__doc__ = make.__doc__
+        super().__init__(make)
 
     @overload
     def __get__(self, client: CanopenClient, kind: type) -> Callable[P, Stream[E]]: ...
@@ -116,16 +135,14 @@ class Watching(Generic[P, E]):
         def said(*args: P.args, **kwargs: P.kwargs) -> Any:
             return client.watch(*self.make(client, *args, **kwargs))
 
-        said.__doc__ = self.__doc__
-        return said
+        return self.named(said)
 
 
-class Going(Generic[P]):
+class Going(Word, Generic[P]):
     """A word that gives something that goes on until it is stopped."""
 
     def __init__(self, make: Callable[Concatenate[Any, P], tuple[Speaker, frozenset[Key] | None]]) -> None:
-        self.make = make
-        self.__doc__ = make.__doc__
+        super().__init__(make)
 
     @overload
     def __get__(self, client: CanopenClient, kind: type) -> Callable[P, Running]: ...
@@ -143,8 +160,7 @@ class Going(Generic[P]):
         def said(*args: P.args, **kwargs: P.kwargs) -> Any:
             return client.keep_going(*self.make(client, *args, **kwargs))
 
-        said.__doc__ = self.__doc__
-        return said
+        return self.named(said)
 
 
 def say(frame: CanFrame) -> Talk[None]:
@@ -161,6 +177,24 @@ def sdo(channel: Channel, conversation: Conversation[CanFrame, T]) -> Talk[T]:
     """A talk over one SDO channel: it alone has it meanwhile."""
     key = channel.answer_id, channel.answer_extended
     return Talk(conversation, frozenset({("SDO", *key)}), frozenset({key}))
+
+
+def dictionary(objects: object) -> ObjectDictionary:
+    """What objects are looked up in, or an EncodeError that tells what was meant."""
+    if not isinstance(objects, ObjectDictionary):
+        raise EncodeError(
+            f"{objects!r} is no ObjectDictionary; a described device has its values by `read` and `write`"
+        )
+    return objects
+
+
+def described(device: object, names: Iterable[object]) -> None:
+    """The same for a description and names: EncodeError where that is something else."""
+    if not isinstance(device, Device):
+        raise EncodeError(f"{device!r} is no description of a device; with a dictionary it is `read_object`")
+    for name in names:
+        if not isinstance(name, str):
+            raise EncodeError(f"{name!r} is no name; by index it is `upload`, or `read_object` with a dictionary")
 
 
 At: TypeAlias = int | Channel | None
@@ -188,6 +222,9 @@ class Words:
         self.node = node
         self.timeout = timeout
         self.dialect = dialect
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} on {self.bus.name}{'' if self.node is None else f', node {self.node}'}>"
 
     def at(self, node: int | None = None, timeout: float | None = None) -> Self:
         """The same client, on the same bus, speaking to another node or with another patience."""

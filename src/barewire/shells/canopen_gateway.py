@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import re
 import time
+from contextlib import suppress
 from typing import Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
@@ -28,7 +29,7 @@ from barewire.shells.can_verbs_more import LSS_CLAIM, LSS_HEARS
 from barewire.shells.can_words import NOBODY, SILENCE, Talk, sdo
 from barewire.shells.tcp_socket import reason
 
-CONNECTIONS = 32
+CONNECTIONS = 64
 UNREAD = 0x10000
 """Bytes that may wait for somebody who does not read; more is lost."""
 CHUNK = 4096
@@ -123,7 +124,8 @@ class _Connection:
 
     async def serve(self) -> None:
         """Until the other side leaves, or the bus does."""
-        self._tasks = asyncio.create_task(self._obey()), asyncio.create_task(self._tell())
+        work = self._obey(), self._tell(), self._gone()
+        self._tasks = tuple(asyncio.create_task(one) for one in work)
         try:
             await asyncio.wait(self._tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -136,6 +138,11 @@ class _Connection:
                     self._gateway.fail(error)
                 elif isinstance(error, Exception) and not isinstance(error, OSError):
                     raise error
+
+    async def _gone(self) -> None:
+        """Until the connection is no more. One that says no more may still listen, as `nc -N` does: that is none."""
+        with suppress(OSError):
+            await asyncio.shield(self._writer.wait_closed())
 
     # Lines
 

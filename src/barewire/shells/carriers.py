@@ -12,18 +12,20 @@ A port that needs a library, and an envelope, is loaded when a URL names it.
 from __future__ import annotations
 
 from collections.abc import Callable, Container
-from typing import Any, Literal
 
 from barewire.errors import EncodeError
-from barewire.modbus.line import Line
-from barewire.rtu.timing import Timing
-from barewire.shells.blocking import Port
 from barewire.shells.endpoint import LATENCIES, MODBUS, Endpoint
 from barewire.tcp import DatagramLine, TcpLine
 
-Role = Literal["client", "server"]
-_NO_SILENCE = Timing(0.0, 0.0, 0.0)
-"""Behind a serial server nobody knows the line: it keeps the silences itself."""
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, Literal
+
+    from barewire.modbus.line import Line
+    from barewire.rtu.timing import Timing
+    from barewire.shells.blocking import Port
+
+    Role = Literal["client", "server"]
 
 
 def modbus_endpoint(url: str) -> Endpoint:
@@ -92,7 +94,9 @@ def timing_in_words(endpoint: Endpoint) -> str:
 
 def _timing(endpoint: Endpoint) -> Timing:
     if not endpoint.is_serial_port:
-        return _NO_SILENCE
+        from barewire.rtu.timing import Timing
+
+        return Timing(0.0, 0.0, 0.0)  # behind a serial server nobody knows the line: it keeps the silences itself
     from barewire.shells.serial_port import SerialSettings
 
     return SerialSettings.of(endpoint).timing

@@ -37,7 +37,8 @@ from barewire.shells.can_verbs import MasterVerbs
 from barewire.shells.can_verbs_more import LssVerbs, PdoVerbs
 from barewire.shells.can_words import Talk
 from barewire.shells.endpoint import Endpoint
-from barewire.shells.modbus_client import ModbusClient, Watch, open_modbus
+from barewire.shells.modbus_client import ModbusClient, open_modbus
+from barewire.shells.taps import Watch
 
 if TYPE_CHECKING:
     from barewire.devices.drive_report import Progress

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.conform import SILENCE, Case, Heard, Say, Turn, wrong
+from barewire.modbus.conform import CLOSED, SILENCE, Case, Heard, Say, Turn, wrong
 from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.rtu import encode as rtu_frame
 from barewire.shells.blocking import Port
@@ -32,7 +33,11 @@ takes half a second for an exception."""
 LOUD = 4096
 """Bytes: no turn has as many in its answers."""
 
+RESTART = 3.0
+"""Seconds in which a server that was there may come back: some are restarted by whoever looks after them."""
+
 _PATIENT, _KEPT = 3, 8
+_PLAIN = Case("a plain question", "", (Turn((Say(bytes.fromhex("0300000001")),)),), ())
 
 
 class Result(NamedTuple):
@@ -41,6 +46,14 @@ class Result(NamedTuple):
     case: Case
     heard: tuple[Heard, ...]
     failure: str | None
+
+
+class Unfinished(NoAnswer):
+    """The battery was ended early: `not_run` cases were not held against the device, which the text says too."""
+
+    def __init__(self, why: str, not_run: int) -> None:
+        super().__init__(f"{why} ({not_run} case{'' if not_run == 1 else 's'} not run)" if not_run else why)
+        self.not_run = not_run
 
 
 def battery(endpoint: Endpoint) -> tuple[Case, ...]:
@@ -54,23 +67,44 @@ def battery(endpoint: Endpoint) -> tuple[Case, ...]:
 def conform(endpoint: Endpoint) -> Iterator[Result]:
     """Run every case. EncodeError for an endpoint without cases, PortError where nobody is.
 
-    NoAnswer where holding on makes no sense: the server talks without end, three cases in a row; or, behind the last
-    case, it has not said a word in any: silence is right in some, so nothing was found out.
+    Unfinished where holding on makes no sense: the server talks without end, three cases in a row; or it has not said a
+    word in three that have to be answered, nor to a plain question, nor to another one `RESTART` seconds later; or it
+    was there and cannot be reached any more.
     """
     cases = battery(endpoint)
     unit, patience = endpoint.integer("unit", 1), endpoint.seconds("timeout", PATIENCE)
     tester = _Tester(endpoint, unit, patience)
+    name, mute = repr(str(endpoint)), 0
     try:
-        for case in cases:
-            heard = tester.run(case)
+        for place, case in enumerate(cases):
+            left = len(cases) - place - 1
+            try:
+                heard = tester.run(case)
+            except PortError as error:
+                if not place:
+                    raise
+                raise Unfinished(f"{error}, in the case {case.name!r}", left + 1) from None
             failure = f"{case.name}: {tester.loud}" if tester.loud else wrong(case, heard, unit)
             yield Result(case, tuple(heard), failure)
             if tester.loud_cases >= _PATIENT:
-                raise NoAnswer(f"{str(endpoint)!r} never stops talking: {tester.loud}")
+                raise Unfinished(f"{name} never stops talking: {tester.loud}", left)
+            mute = 0 if any(heard) else mute + _must_answer(case)
+            if mute >= _PATIENT:
+                was_answered = tester.was_answered
+                if not tester.comes_back():
+                    if was_answered:
+                        raise Unfinished(f"{name} has stopped answering, by the case {case.name!r}", left)
+                    raise Unfinished(f"nothing was answered in any case: is there a unit {unit} behind {name}?", left)
+                mute = 0
         if not tester.was_answered:
-            raise NoAnswer(f"nothing was answered in any case: is there a unit {unit} behind {str(endpoint)!r}?")
+            raise NoAnswer(f"nothing was answered in any case: is there a unit {unit} behind {name}?")
     finally:
         tester.close()
+
+
+def _must_answer(case: Case) -> bool:
+    """Whether something has to be said in this case, whichever way it goes."""
+    return all(any(one not in (SILENCE, CLOSED) for one in way) for way in case.ways)
 
 
 class _Tester:
@@ -97,6 +131,16 @@ class _Tester:
             self._port.close()
         self._port = None
 
+    def comes_back(self) -> bool:
+        """Whether anything is said to a plain question, now or a while later."""
+        for pause in (0.0, RESTART):
+            time.sleep(pause)
+            self.close()
+            with suppress(PortError):
+                if any(self.run(_PLAIN)):
+                    return True
+        return False
+
     def run(self, case: Case) -> Sequence[Heard]:
         """Say every turn; what came back in each."""
         if self._is_tcp:
@@ -105,7 +149,7 @@ class _Tester:
         heard = []
         for place, turn in enumerate(case.turns):
             following = case.turns[place + 1].after if place + 1 < len(case.turns) else 0.0
-            is_silent = all(way[place] == SILENCE for way in case.ways)
+            is_silent = bool(case.ways) and all(way[place] == SILENCE for way in case.ways)
             # Where the next thing is to be said soon, nobody waits longer for an answer that must not come.
             heard.append(self._turn(turn, following if following and is_silent else self._patience))
         self.was_answered |= any(heard)
@@ -114,7 +158,7 @@ class _Tester:
 
     def _turn(self, turn: Turn, patience: float) -> Heard:
         if self._port is None:
-            self._port, self._line = self._dial(), modbus_line(self._endpoint, "client")
+            self._port, self._line = self._reached(), modbus_line(self._endpoint, "client")
         quiet_at = max(self._last + turn.after, self._line.quiet_at)
         time.sleep(max(0.0, quiet_at - time.monotonic()))
         heard: list[Adu] = []
@@ -144,6 +188,17 @@ class _Tester:
             self.close()
             return heard or None
         return heard
+
+    def _reached(self) -> Port[bytes]:
+        """A port; one that was there before may need a moment to be there again."""
+        until = time.monotonic() + (RESTART if self.was_answered else 0.0)
+        while True:
+            try:
+                return self._dial()
+            except PortError:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(0.05)
 
     def _say(self, frames: list[bytes]) -> None:
         """All at once, in one segment; in datagrams of their own where each has to be one."""

@@ -21,16 +21,20 @@ rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (us
            or rts), pace
 ascii      as rtu, but patience (1) and no latency
 rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
-can        node (the device's own, or 1), timeout (1), bitrate (125000), and whatever the python-can interface takes
+can        node (the device's own, or 1), timeout (1), bitrate (125000 bit/s), whatever the python-can interface takes
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
-from urllib.parse import parse_qsl, unquote, urlsplit
 
 from barewire.errors import EncodeError, shown
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import NamedTuple
+else:
+    from barewire.record import NamedTuple
 
 PSEUDO_TERMINAL = "pty"
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
@@ -56,7 +60,7 @@ _WHOLE: dict[str, tuple[int, int | None]] = {
     "dead_after": (0, None),
     "connections": (1, None),
     "baudrate": (1, None),
-    "bitrate": (1, None),
+    "bitrate": (1000, 1_000_000),
 }
 """Options that are whole numbers: the smallest, and the largest if there is one."""
 _SECONDS = {"timeout", "gap", "late_window", "idle", "patience"}
@@ -115,6 +119,8 @@ class Endpoint(NamedTuple):
     @classmethod
     def parse(cls, url: str) -> Endpoint:
         """The URL taken apart; EncodeError says what is wrong with it and what was expected."""
+        from urllib.parse import parse_qsl, unquote, urlsplit  # not before there is a URL: `re` comes with it
+
         try:
             parts = urlsplit(url)
         except ValueError as error:

@@ -25,7 +25,8 @@ from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.modbus import Server, Unit
 from barewire.shells.aio_server import server_at
 from barewire.shells.blocking import Port
-from barewire.shells.can_reopen import Reopening
+from barewire.shells.can_reopen import Reopening, taker
+from barewire.shells.can_run import Action, Ears, begin
 from barewire.shells.carriers import modbus_line, open_serial
 from barewire.shells.endpoint import PSEUDO_TERMINAL, Endpoint, Turn, socketcand_address
 from barewire.shells.pseudo_terminal import PseudoTerminal
@@ -41,6 +42,9 @@ class Host(ABC):
     """What all hosts share: a thread to run in, and an end. `url` is where clients find it."""
 
     url: str
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
 
     def __init__(self) -> None:
         self._stop = threading.Event()
@@ -152,13 +156,21 @@ class SerialHost(Host):
 
 
 class CanHost(Host):
-    """A CANopen node on a bus. A port that fails is opened anew; for the node the bus has only been silent."""
+    """A CANopen node on a bus. A port that fails is opened anew; for the node the bus has only been silent.
+
+    `do` does something with the node from outside and says at once what comes of it. What is changed without that is
+    seen within a tenth of a second. `others` counts what came and is no frame of CANopen: reports of the controller,
+    CAN FD.
+    """
 
     def __init__(self, endpoint: Endpoint, node: CanopenNode) -> None:
         from barewire.shells.can_bus import CanPort
 
         super().__init__()
+        _check_node(endpoint, node)
         self._node = SharedNode(node)
+        self.others = 0
+        self._turn = threading.RLock()  # what is said goes out in the order in which it was said
         self._hub = _hub(endpoint)
         self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
         self.port: Port[CanFrame] = self.dial()
@@ -166,32 +178,49 @@ class CanHost(Host):
 
     def run(self, stop: threading.Event) -> None:
         """Be a node until `stop` is set."""
-        clock, reopening = time.monotonic, Reopening(self.dial, stop)
+        clock, reopening, ears = time.monotonic, Reopening(self.dial, stop), Ears(self._node)
         try:
-            self._send(self._node.start(clock()))
-            self._send(self._node.feed(None, clock()))
+            with self._turn:
+                self._send(begin(self._node, clock()))
             while not stop.is_set():
                 deadline = self._node.deadline
                 wait = _LOOK if deadline is None else min(_LOOK, max(0.0, deadline - clock()))
                 try:
-                    frame = self.port.receive(wait)
+                    item = taker(self.port)(wait)
                 except PortError as error:
                     opened = reopening.reopen(self.port, str(error))
                     if opened is None:
                         return
-                    self.port, first = opened
-                    frame = first if isinstance(first, CanFrame) else None
-                self._send(self._node.feed(frame, clock()))
+                    self.port, item = opened
+                self.others += not (item is None or isinstance(item, CanFrame))
+                with self._turn:
+                    self._send(ears.hear(item, clock()))
         finally:
             self.port.close()
             if self._hub is not None:
                 self._hub.close()
+
+    def do(self, action: Action) -> None:
+        """`action(now)` while nobody else is in the node. The frames that it returns are said, and what is due then.
+
+        host.do(lambda now: device.error(0x4210, now))
+        """
+        with self._turn:
+            self._send(self._node.do(action, time.monotonic()))
 
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
             # A bus without anybody else to acknowledge is no reason for a device to die.
             with contextlib.suppress(PortError):
                 self.port.send(frame)
+
+
+def _check_node(endpoint: Endpoint, node: CanopenNode) -> None:
+    """A node-ID in the URL must be the one that the device has: it is a client that is told there whom to ask."""
+    told, has = endpoint.integer("node", 0), getattr(node, "node", None)
+    has = getattr(has, "node", has)  # a simulated machine has a whole node, which has the number
+    if told and isinstance(has, int) and has != told:
+        raise EncodeError(f"endpoint {str(endpoint)!r}: node {told} is asked for, and the device is node {has}", "node")
 
 
 def _hub(endpoint: Endpoint) -> SocketcandHub | None:

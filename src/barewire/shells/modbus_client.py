@@ -11,38 +11,38 @@ A connection that failed is made anew by the next question: at once the first ti
 from __future__ import annotations
 
 import copy
-import random
 import threading
 import time
 from collections.abc import Callable, Mapping
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire.conversation import Conversation
 from barewire.errors import NoAnswer, PortError
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.bus import Bus
-from barewire.modbus.line import Line
-from barewire.modbus.message import Request, Response
 from barewire.modbus.turns import Ticket, Turns
-from barewire.shells.back_off import BackOff
+from barewire.shells.back_off import BackOff, dice
 from barewire.shells.blocking import Port, run
 from barewire.shells.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
-from barewire.shells.endpoint import Turn
 from barewire.shells.plain import exchange
-from barewire.shells.taps import Direction, Trace
+from barewire.shells.taps import Trace, Watch
 from barewire.shells.verbs import Verbs
 
+TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Any, Self, TypeVar
+
     from barewire.codecs import Value
+    from barewire.conversation import Conversation
     from barewire.devices.device import Device
     from barewire.devices.drive_report import Progress
     from barewire.devices.parameter import Reading
+    from barewire.modbus.line import Line
+    from barewire.modbus.message import Request, Response
     from barewire.shells.drive import DriveClient
+    from barewire.shells.endpoint import Turn
 
-R = TypeVar("R", bound=Response)
-T = TypeVar("T")
-Watch = Callable[[Direction, Any], None]
+    R = TypeVar("R", bound=Response)
+    T = TypeVar("T")
 
 
 class Connection:
@@ -59,52 +59,59 @@ class Connection:
         self.back_off = back_off
         self._dial = dial
         self._new_line = new_line
+        self._line = threading.Lock()  # held by whoever talks
+        self._crowd = 0  # how many are in the queue: then nobody takes the line without standing in it
         self._turns = Turns()
-        self._alone = threading.Lock()  # who looks at the turns
+        self._alone = threading.Lock()  # who looks at the queue
         self._changed = threading.Condition(self._alone)
         self._closed = False
 
     def run(self, conversation: Conversation[bytes, T], unit: int | None, patience: float) -> T:
         """Carry a conversation out when it is this unit's turn, alone on the line."""
-        ticket = self._enter(unit)
+        ticket = None if not self._crowd and self._line.acquire(False) else self._wait(unit)
         try:
             return run(conversation, self.open(patience))
         except BaseException as error:
             self._failed(error)
             raise
         finally:
-            self._leave(ticket)
+            self._line.release()
+            if ticket is not None:
+                self._leave(ticket)
 
     def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
         """`run` of `bus.ask`, without a conversation where none is needed."""
         if unit == BROADCAST and not self.bus.line.numbered:
             return self.run(self.bus.ask(unit, request), unit, patience)  # raises: nobody answers
-        ticket = self._enter(unit)
+        ticket = None if not self._crowd and self._line.acquire(False) else self._wait(unit)
         try:
             return exchange(self.bus, unit, request, timeout, self.open(patience))
         except BaseException as error:
             self._failed(error)
             raise
         finally:
-            self._leave(ticket)
+            self._line.release()
+            if ticket is not None:
+                self._leave(ticket)
 
-    def _enter(self, unit: int | None) -> Ticket | None:
-        """Wait until it is this unit's turn. There is a ticket for whoever had to stand in the queue."""
+    def _wait(self, unit: int | None) -> Ticket:
+        """Stand in the queue, until it is this unit's turn and the line is free."""
         with self._alone:
-            if self._turns.enter(unit):
-                return None
+            self._crowd += 1
             ticket = self._turns.join(unit)
         try:
             with self._changed:
                 self._changed.wait_for(lambda: self._turns.has(ticket))
+            self._line.acquire()
         except BaseException:
             self._leave(ticket)
             raise
         return ticket
 
-    def _leave(self, ticket: Ticket | None) -> None:
+    def _leave(self, ticket: Ticket) -> None:
         with self._alone:
-            if self._turns.exit() if ticket is None else self._turns.leave(ticket):
+            self._crowd -= 1
+            if self._turns.leave(ticket):
                 self._changed.notify_all()
 
     def _failed(self, error: BaseException) -> None:
@@ -265,7 +272,7 @@ def open_modbus(
     *,
     watch: Watch | None = None,
     lazy: bool = False,
-    chance: Callable[[], float] = random.random,
+    chance: Callable[[], float] = dice,
     turn: Turn | None = None,
     **options: Any,
 ) -> ModbusClient:

@@ -15,16 +15,22 @@ of `bus.ask`, whatever comes in whatever pieces; tests/shells/test_plain.py comp
 from __future__ import annotations
 
 import time
-from typing import TypeVar
 
-from barewire.conversation import Conversation, Heard
+from barewire.conversation import Heard
 from barewire.errors import BarewireError
-from barewire.modbus.bus import Bus
-from barewire.modbus.message import Request, Response
-from barewire.shells.blocking import Clock, Port, break_off, run
+from barewire.shells.blocking import break_off, run
 from barewire.tcp import TcpLine
 
-R = TypeVar("R", bound=Response)
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import TypeVar
+
+    from barewire.conversation import Conversation
+    from barewire.modbus.bus import Bus
+    from barewire.modbus.message import Request, Response
+    from barewire.shells.blocking import Clock, Port
+
+    R = TypeVar("R", bound=Response)
 
 
 def exchange(

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
@@ -132,3 +132,21 @@ class SharedNode:
         """As the node does."""
         with self._lock:
             return self._node.feed(frame, now)
+
+    def do(self, action: Callable[[float], Iterable[CanFrame] | None], now: float) -> list[CanFrame]:
+        """`action(now)`, the frames that it returns, and what the node has to say then."""
+        with self._lock:
+            return [*(action(now) or ()), *self._node.feed(None, now)]
+
+    def bus_off(self, now: float) -> None:
+        """The CAN controller left the bus, if the node cares."""
+        with self._lock:
+            bus_off = getattr(self._node, "bus_off", None)
+            if bus_off is not None:
+                bus_off(now)
+
+    def recovered(self, now: float) -> list[CanFrame]:
+        """It is back."""
+        with self._lock:
+            recovered = getattr(self._node, "recovered", None)
+            return [] if recovered is None else list(recovered(now))

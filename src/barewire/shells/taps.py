@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, Literal, TypeVar
 
-from barewire.shells.blocking import Port
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, Generic, Literal, TypeVar
+
+    from barewire.shells.blocking import Port
+
+    Direction = Literal["sent", "received"]
+    Watch = Callable[[Direction, Any], None]
+else:
+    from barewire.record import Generic, TypeVar
+
+    Direction = str
+    Watch = Callable
 
 Item = TypeVar("Item")
-
-Direction = Literal["sent", "received"]
 
 
 class Trace(Generic[Item]):

@@ -13,19 +13,23 @@ The file of a message is loaded when its verb is first used.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from functools import cached_property
 from types import MethodType
-from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
 
 from barewire import modbus
-from barewire.modbus.message import Request, Response
 
+TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
+    from collections.abc import Coroutine
+    from typing import Any, Generic, ParamSpec, TypeVar, overload
+
     from barewire import modbus as messages
+    from barewire.modbus.message import Request, Response
     from barewire.shells.aio_client import AsyncModbusClient
     from barewire.shells.modbus_client import ModbusClient
 else:
+    from barewire.record import Generic, ParamSpec, TypeVar
 
     class _Messages:
         """For a type checker `messages.ReadCoils` is the class; here it is what loads the class when it is called."""
@@ -36,7 +40,7 @@ else:
     messages = _Messages()
 
 P = ParamSpec("P")
-R = TypeVar("R", bound=Response)
+R = TypeVar("R", bound="Response")
 V = TypeVar("V")
 
 
@@ -54,14 +58,16 @@ class Verb(Generic[P, R, V]):
         made_by: Callable[P, Request[R]] = self._find()
         return made_by
 
-    @overload
-    def __get__(self, client: ModbusClient, kind: type) -> Callable[P, V]: ...
+    if TYPE_CHECKING:
 
-    @overload
-    def __get__(self, client: AsyncModbusClient, kind: type) -> Callable[P, Coroutine[Any, Any, V]]: ...
+        @overload
+        def __get__(self, client: ModbusClient, kind: type) -> Callable[P, V]: ...
 
-    @overload
-    def __get__(self, client: None, kind: type) -> Callable[..., V | Coroutine[Any, Any, V]]: ...
+        @overload
+        def __get__(self, client: AsyncModbusClient, kind: type) -> Callable[P, Coroutine[Any, Any, V]]: ...
+
+        @overload
+        def __get__(self, client: None, kind: type) -> Callable[..., V | Coroutine[Any, Any, V]]: ...
 
     def __get__(self, client: Any, kind: type) -> Any:
         """Asked for the first time: from now on a plain function stands in this place, which is quicker to call. What

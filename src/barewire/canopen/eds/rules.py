@@ -57,7 +57,7 @@ RULES: dict[str, str] = {
     "out-of-range": "does not fit the data type; read over",
     "hex-form": "bytes are pairs of hexadecimal digits, without a prefix or blanks; read as meant",
     "bad-hex": "no hexadecimal digits, two for each byte; read as text",
-    "bad-text": "not a value of the data type; read over",
+    "bad-text": "characters that VISIBLE_STRING does not have; taken as their bytes in UTF-8",
     # Objects
     "not-listed": "stands in none of the three lists of objects; read all the same",
     "no-object": "listed, but there is no such section; read over",

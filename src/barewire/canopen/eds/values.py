@@ -34,7 +34,8 @@ class Formula(NamedTuple):
         return self.offset + node
 
     def __str__(self) -> str:
-        return f"$NODEID+0x{self.offset:X}" if self.offset else "$NODEID"
+        # The sum is optional [CiA 306 4.3], but there are readers that find no number without it.
+        return f"$NODEID+0x{self.offset:X}"
 
 
 Expression = Value | Formula
@@ -164,7 +165,10 @@ def read_value(text: str, type: str) -> Reading:
     """
     if type in ("string", "unicode"):
         bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
-        return Reading(bare, rules) if type == "unicode" or _encodes(bare) else Reading(None, (*rules, "bad-text"))
+        if type == "unicode" or _encodes(bare):
+            return Reading(bare, rules)
+        # A VISIBLE_STRING is bytes in the end: those that UTF-8 has for it, as characters of one byte each.
+        return Reading(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
     if not text.strip():
         return Reading(None)
     if type in ("octets", "domain"):

@@ -39,6 +39,8 @@ from barewire.canopen.sdo.messages import SenderHears
 from barewire.canopen.sdo.segment_messages import SEGMENT
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 
+BURST = 16
+"""Segments of a block that are said before its sender listens again: an abort is heard so many frames late at most."""
 REMIND = 0.7
 """The part of the time-out after which a receiver says what it has."""
 FUTILE_MAX = 5

@@ -21,7 +21,7 @@ from collections.abc import Iterable
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
-from barewire.canopen.sdo.block import BlockSender
+from barewire.canopen.sdo.block import BURST, BlockSender
 from barewire.canopen.sdo.block_messages import BlockDownloadInitiated, InitiateBlockDownload
 from barewire.canopen.sdo.channel import Channel, channel_to
 from barewire.canopen.sdo.dialect import Dialect
@@ -33,9 +33,6 @@ from barewire.canopen.sdo.stream import Outgoing, Progress
 from barewire.canopen.sdo.transfer import Transfer
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError
-
-BURST = 16
-"""Segments of a block that are said before we listen again: an abort is heard so many frames late at most."""
 
 
 def download(
@@ -72,6 +69,9 @@ def download(
     transfer = Transfer(channel, "download", index, sub, timeout)
     if isinstance(data, str):
         raise EncodeError(f"{data!r} is text: an object takes bytes, or pieces of bytes")
+    if not isinstance(data, Iterable):
+        what = "an object takes bytes, as many as its type has, such as (1500).to_bytes(4, 'little')"
+        raise EncodeError(f"{data!r} is no bytes: {what}")
     if isinstance(data, (bytes, bytearray, memoryview)):
         whole = bytes(data)
         options = block_options(block, channel, len(whole))

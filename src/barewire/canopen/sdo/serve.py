@@ -124,10 +124,9 @@ class SdoServer:
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """What the server says to a frame, or to time passing."""
-        data = None if frame is None else self._ours(frame)
-        session = self._session
-        if data is not None and session is not None and session.accept(data, now):
+        if frame is not None and self.accept(frame, now):
             return []
+        data, session = None if frame is None else self._ours(frame), self._session
         if data is not None:
             said = self._hear(data, now)
         elif session is not None and now >= session.deadline:
@@ -136,6 +135,15 @@ class SdoServer:
             return []
         identifier, extended = self.answer_id, self.answer_extended
         return [_new(CanFrame, (identifier, answer, extended, False, 0)) for answer in said]
+
+    def accept(self, frame: CanFrame, now: float) -> bool:
+        """Whether that was the next segment inside a block, and nothing is to be said to it. False: it is to be fed."""
+        session = self._session
+        if session is None or frame.id != self.request_id or frame.extended != self.request_extended or frame.remote:
+            return False
+        accepted = session.accept(frame.data, now)
+        self.counters.requests += accepted
+        return accepted
 
     def _ours(self, frame: CanFrame) -> bytes | None:
         if frame.id != self.request_id or frame.extended != self.request_extended or frame.remote:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from barewire.canopen.sdo.aborts import AbortCode, Breach
-from barewire.canopen.sdo.block import BlockReceiver, BlockSender
+from barewire.canopen.sdo.block import BURST, BlockReceiver, BlockSender
 from barewire.canopen.sdo.block_messages import StartBlockUpload
 from barewire.canopen.sdo.messages import SENDER_HEARS, M, read
 from barewire.canopen.sdo.segment_messages import SEGMENT, NextSegment, Segment, SegmentTaken
@@ -25,15 +25,14 @@ from barewire.errors import DecodeError
 Write = Callable[[bytes], None]
 """Takes a whole value, or refuses it by raising SdoAbort."""
 
-BURST = 16
-"""Segments of a block that are said before the server listens again."""
-
 
 class Session(Protocol):
     """A transfer that has begun. `deadline` is when it wants to be fed None."""
 
-    deadline: float
     over: bool
+
+    @property
+    def deadline(self) -> float: ...
 
     @property
     def next_segment(self) -> int:
@@ -170,7 +169,7 @@ class BlockUpload:
 class BlockDownload:
     """A value that comes in blocks."""
 
-    __slots__ = ("_buffer", "_receiver", "_write", "deadline", "over")
+    __slots__ = ("_buffer", "_receiver", "_write", "accept", "over")
     gives_way = False
 
     def __init__(
@@ -179,26 +178,24 @@ class BlockDownload:
         self._buffer = bytearray()
         value = Incoming(self._buffer.extend, size, limit=limit)
         self._receiver = BlockReceiver(value, blksize, crc=crc, timeout=timeout, now=now)
+        self.accept = self._receiver.accept  # the way of nearly every frame, and so without a step in between
         self._write = write
-        self.deadline = self._receiver.deadline
         self.over = False
+
+    @property
+    def deadline(self) -> float:
+        """When the receiver wants to be told that time has passed."""
+        return self._receiver.deadline
 
     @property
     def next_segment(self) -> int:
         """The number of the segment that would come next; 0 when all of them are here."""
         return self._receiver.next_segment
 
-    def accept(self, data: bytes, now: float) -> bool:
-        """The way of nearly every frame."""
-        accepted = self._receiver.accept(data, now)
-        self.deadline = self._receiver.deadline
-        return accepted
-
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
         """The acknowledgement of a block; of the whole when the dictionary has taken the value."""
         receiver = self._receiver
         said = receiver.feed(data, now)
-        self.deadline = receiver.deadline
         if receiver.over:
             self._write(bytes(self._buffer))
             self.over = True

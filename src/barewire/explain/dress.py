@@ -1,0 +1,121 @@
+"""Bytes in the dress of a programming language: what is around them is taken off, where it can only be that.
+
+    uint8_t ask[] = {0x01, 0x03};    bytes([1, 3])    bytes.fromhex("0103")    [01][03]    <01> <03>
+    b'\\x01\\x03\\n'                   a string of bytes: its escapes, and its characters as they are
+    [1, 3, 0, 0, 0, 10]    1 3 197 205    {1, 3, -59}        numbers to the base 10
+
+Digits are hexadecimal unless nobody could mean that: a number of three digits is no byte in hexadecimal, and a list of
+numbers in brackets with commas is a program's, in which hexadecimal has its 0x. `1 3 10` could be either, and is asked
+back about. Characters that are taken off become blanks, so that places in the text stay what they were.
+"""
+
+from __future__ import annotations
+
+import re
+
+from barewire.errors import DecodeError
+
+_BEFORE = (
+    re.compile(
+        r"^\s*[A-Za-z_][\w \t*:&<>]{0,80}(?:\[[ \d]{0,9}\])?[ \t]{0,8}=(?!=)\s*"
+    ),  # up to the = of a declaration
+    re.compile(
+        r"^\s*(?:new\s+)?(?:bytes|bytearray|byte|Uint8Array|vec)(?:\.fromhex)?(?:\[\s*\d*\s*\]|!)?(?=\s*[({\[])"
+    ),
+    re.compile(r"^\s*&(?=\[)"),
+    re.compile(r"^\s*b(?=(['\"])[0-9A-Fa-f\s]*\1[\s;)]*$)"),  # b'0103': what hexlify gives
+)
+_CLOSES = {"{": "}", "[": "]", "(": ")", "<": ">"}
+_ONE_BY_ONE = re.compile(r"\s*(?:[<\[({]\s*(?:0[xX])?[0-9A-Fa-f]{2}[hH]?\s*[>\])}][\s,;]*)+")
+_QUOTED = re.compile(r"\s*(b?)(['\"])(.*)\2[\s;]*", re.DOTALL)
+_ESCAPE = re.compile(r"\\(?:x([0-9A-Fa-f]{2})|([0-7]{1,3})|([abefnrtv\\'\"]))|\\|[^\\]", re.DOTALL)
+_LETTERS = {"a": 7, "b": 8, "e": 27, "f": 12, "n": 10, "r": 13, "t": 9, "v": 11, "\\": 92, "'": 39, '"': 34}
+_NUMBER = re.compile(r"-?\d+")
+
+
+def _wrong(text: str, at: int, words: str) -> DecodeError:
+    return DecodeError("value", text.encode("latin-1", "replace"), at, words)
+
+
+def undressed(text: str) -> tuple[str, bool]:
+    """The text without what is around its bytes, and whether they stood in a list: in brackets, with commas.
+
+    >>> undressed("{0x01, 0x03};")
+    (' 0x01, 0x03  ', True)
+    >>> undressed("[01][03]"), undressed("[12] 01 03")[0]
+    ((' 01  03 ', False), '[12] 01 03')
+    """
+    listed = False
+    if _ONE_BY_ONE.fullmatch(text):
+        return re.sub(r"[<>\[\](){}]", " ", text), False
+    for _ in range(4):  # bytes([...]) has three layers
+        before = text
+        for form in _BEFORE:
+            text = form.sub(lambda found: " " * len(found[0]), text)
+        start, end = len(text) - len(text.lstrip()), len(text.rstrip(" \t\r\n;,"))
+        first, last = text[start : start + 1], text[end - 1 : end]
+        inner = text[start + 1 : end - 1]
+        is_pair = end - start > 1 and (_CLOSES.get(first) == last or first == last in ("'", '"'))
+        # A pair that closes inside is no pair around all of it: [12] 01 [03]
+        if is_pair and last not in re.sub(r"\(.*\)|\[.*\]", "", inner):
+            listed = listed or (first in "{[(" and "," in inner)
+            text = text[:start] + " " + inner + " " * (len(text) - end + 1)
+        if text == before or quoted(text) is not None:
+            break
+    return text, listed
+
+
+def quoted(text: str) -> bytes | None:
+    """The bytes of a string with escapes, or of b'...'; None for anything else, such as digits in quotes.
+
+    >>> quoted(r"b'\\x01\\x03\\n'"), quoted('"0103"'), quoted("b'0103'")
+    (b'\\x01\\x03\\n', None, None)
+    """
+    found = _QUOTED.fullmatch(text)
+    if found is None or re.search(r"\w['\"]\s", found[3]):
+        return None
+    prefix, body = found[1], found[3]
+    if "\\" not in body and (not prefix or re.fullmatch(r"[0-9A-Fa-f\s]*", body)):
+        return None  # hexadecimal digits, as hexlify gives them
+    data = bytearray()
+    for piece in _ESCAPE.finditer(body):
+        pair, octal, letter = piece.groups()
+        at = found.start(3) + piece.start()
+        if pair or octal:
+            number = int(pair, 16) if pair else int(octal, 8)
+        elif letter:
+            number = _LETTERS[letter]
+        elif piece[0] == "\\":
+            raise _wrong(text, at, f"{body[piece.start() : piece.start() + 4]!r} at {at} is no escape of a byte")
+        else:
+            number = ord(piece[0])
+        if number > 255:
+            raise _wrong(text, at, f"{piece[0]!r} at {at} is no byte")
+        data.append(number)
+    return bytes(data)
+
+
+def decimal(text: str, listed: bool) -> bytes | None:
+    """The bytes of numbers to the base 10, where nothing else can be meant; None where it is hexadecimal.
+
+    >>> decimal("1, 3, 0, 0, 0, 10, 197, 205", False).hex(" "), decimal("01 03 10", False)
+    ('01 03 00 00 00 0a c5 cd', None)
+    """
+    tokens = [(found.start(), found[0]) for found in re.finditer(r"[^\s,;]+", text)]
+    numbers = [token for _, token in tokens]
+    if len(numbers) < 2 or not all(_NUMBER.fullmatch(token) for token in numbers):
+        return None
+    if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
+        return None
+    has_long, has_short = any(len(one) == 3 for one in numbers), any(len(one) == 1 for one in numbers)
+    if any(one.startswith("-") for one in numbers) and not listed:
+        return None
+    if max(map(len, numbers)) > 4 or (not has_long and not has_short and not listed):
+        return None  # 0103 0000: digits in groups; 10 20 30: hexadecimal like all that has two digits
+    shown = text.strip()[:40]
+    if not (has_long or (listed and has_short) or max(map(len, numbers)) == 1):
+        raise _wrong(text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x")
+    for at, token in tokens:
+        if not -128 <= int(token) <= 255:
+            raise _wrong(text, at, f"{token!r} at {at}: a byte is a number from 0 to 255")
+    return bytes(int(token) & 0xFF for token in numbers)

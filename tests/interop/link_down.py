@@ -1,0 +1,70 @@
+"""To be carried out in a guest kernel: vcan0 goes down and comes up under a client and a device, and both go on.
+
+down     who is in the middle of a transfer gets a PortError, the stream Gone; the device is not heard
+up       Back, a transfer of the same client succeeds, the heartbeats of the device come again
+"""
+
+from __future__ import annotations
+
+import subprocess
+import threading
+
+from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, standard_objects
+from barewire.errors import NoAnswer, PortError
+from barewire.shells import Back, CanopenClient, Gone, Lost, open_canopen, open_host
+from barewire.shells.can_stream import Stream
+
+URL = "can://socketcan/vcan0?node=5&timeout=3"
+PATIENCE = 30.0
+LONG = bytes(range(256)) * 4096
+
+
+def link(state: str) -> None:
+    """`ip link set vcan0 up`, or down."""
+    subprocess.run(["ip", "link", "set", "vcan0", state], check=True, timeout=PATIENCE)
+
+
+def until(stream: Stream[CanFrame], kind: type[object]) -> object:
+    """The next event of a kind."""
+    while True:
+        event = stream.get(timeout=PATIENCE)
+        assert event is not None, f"no {kind.__name__} came"
+        if isinstance(event, kind):
+            return event
+        assert isinstance(event, (CanFrame, Lost)), event
+
+
+def failing(client: CanopenClient, begun: threading.Event, failed: list[Exception]) -> None:
+    """Transfers, one after the other, until one of them fails."""
+    try:
+        while True:
+            client.download(0x2100, 0, LONG, progress=lambda done, size: begun.set())
+    except (PortError, NoAnswer) as error:
+        failed.append(error)
+
+
+def main() -> None:
+    """Down and up, twice."""
+    objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
+    with open_host("can://socketcan/vcan0", node=Device(5, objects)), open_canopen(URL) as client:
+        for _ in range(2):
+            with client.frames((0x705, False)) as stream:
+                until(stream, CanFrame)
+                begun, failed = threading.Event(), list[Exception]()
+                thread = threading.Thread(target=failing, args=(client, begun, failed))
+                thread.start()
+                assert begun.wait(PATIENCE)
+                link("down")
+                gone = until(stream, Gone)
+                thread.join(PATIENCE)
+                assert [type(error) for error in failed] == [PortError], failed
+                link("up")
+                until(stream, Back)
+                until(stream, CanFrame)  # a heartbeat: the device has opened its bus anew as well
+            client.download(0x2100, 0, b"after it")
+            assert client.upload(0x2100) == b"after it"
+            print("gone and back:", getattr(gone, "why", gone))
+
+
+if __name__ == "__main__":
+    main()
