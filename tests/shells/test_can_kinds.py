@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.errors import PortError
 from barewire.shells.endpoint import Endpoint
 
 can = pytest.importorskip("can")
@@ -26,3 +31,27 @@ def test_error_and_fd_frames_are_kinds_of_their_own() -> None:
     assert port.others == 2
     port.close()
     other.shutdown()
+
+
+def test_an_interface_that_went_down_is_told_to_the_reader_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system says it once, to whoever asks first: here to the one who sends."""
+    from barewire.shells.can_bus import CanPort
+
+    port = CanPort(Endpoint.parse("can://virtual/went-down"))
+    try:
+        assert port.receive(0.0) is None
+
+        def down(message: Any) -> None:
+            raise can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN)
+
+        monkeypatch.setattr(port._bus, "send", down)
+        ways: list[Callable[[], Any]] = [
+            lambda: port.send(CanFrame(0x100)),
+            lambda: port.receive(0.0),
+            lambda: port.receive_any(0.0),
+        ]
+        for what in ways:
+            with pytest.raises(PortError, match="Network is down"):
+                what()
+    finally:
+        port.close()

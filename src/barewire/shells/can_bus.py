@@ -32,6 +32,9 @@ GARBLED_MAX = 256
 PATIENCE = 1.0
 """Seconds that a frame waits for room in the controller's buffer: a full bus empties the longest one sooner."""
 RETRY = 0.0005
+_GONE = {errno.ENETDOWN, errno.ENODEV, errno.ENXIO}
+"""The interface is down or gone. The system says so once to each socket, to whoever asks first: if that is the one who
+sends, the one who receives would wait for ever."""
 
 
 class _Fresh(can.Message):
@@ -74,6 +77,7 @@ class CanPort:
             # The pause python-can makes after opening is for hardware that reboots; the option brings it back.
             extra.setdefault("sleep_after_open", 0.0)
             channel = channel if channel.startswith("/") else f"/{channel}"
+        self._gone: str | None = None
         try:
             if interface == "socketcand":
                 _greeted(extra["host"], extra["port"])
@@ -111,7 +115,10 @@ class CanPort:
         except (can.CanError, OSError, ValueError) as error:
             if _is_full(error):
                 return False
-            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+            why = f"can://{self.name}: {_first_line(error)}"
+            if _errors(error) & _GONE:
+                self._gone = why
+            raise PortError(why) from None
         return True
 
     def receive(self, timeout: float) -> CanFrame | None:
@@ -128,6 +135,8 @@ class CanPort:
         """The same, and what is no classical frame as well."""
         until = time.monotonic() + min(timeout, 3600.0)
         while True:
+            if self._gone is not None:
+                raise PortError(self._gone)
             try:
                 message = self._bus.recv(max(0.0, timeout))
                 break
@@ -183,9 +192,12 @@ def _greeted(host: str, port: int) -> None:
 
 def _is_full(error: Exception) -> bool:
     """Whether the controller's buffer is full, which passes."""
-    full = (errno.ENOBUFS, errno.EAGAIN)
-    codes = (getattr(error, "error_code", None), getattr(error, "errno", None))
-    return any(code in full for code in codes if code is not None) or "buffer full" in str(error).lower()
+    return bool(_errors(error) & {errno.ENOBUFS, errno.EAGAIN}) or "buffer full" in str(error).lower()
+
+
+def _errors(error: Exception) -> set[int]:
+    """The numbers of the system's error, as python-can and as Python say them."""
+    return {getattr(error, name, None) or 0 for name in ("error_code", "errno")}
 
 
 def _strange(message: Any) -> ErrorFrame | FdFrame:
