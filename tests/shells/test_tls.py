@@ -109,7 +109,8 @@ def test_the_asyncio_client_speaks_tls_too(host: Host, certificates: Path) -> No
             "the other side's certificate is refused: self-signed certificate in certificate chain",
             "trust who signed",
         ),
-        ("odd", "ca", "the other side", "the role in the certificate is not one UTF8String"),
+        # Refused after the handshake: closed or reset, as the system has it.
+        ("odd", "ca", "127.0.0.1:", "the role in the certificate is not one UTF8String"),
     ],
 )
 def test_a_wrong_certificate_is_one_line_on_both_sides(
