@@ -16,14 +16,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Iterable
-from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import TypeVar
 
 from barewire.canopen.claims import Keys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.shells.can_fan import PATIENCE, CanBus, no_room
-from barewire.shells.can_stream import ROOM, Events, Listener, Report
+from barewire.shells.can_stream import ROOM, Hearing, Listener, Report
 from barewire.shells.can_tap import LONGEST, Arrived, Key, Tap, seconds
 from barewire.shells.can_tap import ROOM as TAP_ROOM
 
@@ -140,25 +139,13 @@ async def turn(bus: CanBus, keys: Keys | None) -> AsyncIterator[None]:
         bus.leave(claim)
 
 
-class AsyncStream(Generic[E]):
+class AsyncStream(Hearing[E]):
     """`Stream` for a task."""
 
+    _tap: AsyncTap
+
     def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
-        self.machine = machine
-        self._events: Events[E] = Events(machine)
-        self._tap = AsyncTap(bus, keys, room=room, reports=True)
-        self._open = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
-    @property
-    def lost(self) -> int:
-        """How many frames were lost here, all in all."""
-        return self._tap.lost
+        super().__init__(machine, AsyncTap(bus, keys, room=room, reports=True))
 
     async def get(self, timeout: float | None = None) -> E | Report | None:
         """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.
@@ -185,8 +172,3 @@ class AsyncStream(Generic[E]):
                 return
             assert event is not None
             yield event
-
-    def close(self) -> None:
-        """Hear no more."""
-        self._open = False
-        self._tap.close()

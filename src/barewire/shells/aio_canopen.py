@@ -16,14 +16,11 @@ from typing import Any, Self, TypeVar
 from weakref import WeakSet
 
 from barewire.canopen import CanFrame
-from barewire.canopen.sdo.dialect import Dialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, EncodeError
 from barewire.shells.aio import run
 from barewire.shells.aio_can import AsyncStream, AsyncTap, turn, wait_open
 from barewire.shells.aio_run import AsyncRunning
-from barewire.shells.blocking import Port
-from barewire.shells.can_fan import CanBus
 from barewire.shells.can_run import Speaker
 from barewire.shells.can_stream import Listener
 from barewire.shells.can_tap import Key
@@ -43,16 +40,7 @@ class AsyncCanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
     `bus` is a bus that is shared, or a port that becomes this client's own.
     """
 
-    def __init__(
-        self,
-        bus: CanBus | Port[CanFrame],
-        *,
-        node: int | None = None,
-        timeout: float = 1.0,
-        dialect: str | Dialect = "standard",
-    ) -> None:
-        super().__init__(bus, node=node, timeout=timeout, dialect=dialect)
-        self._mine: WeakSet[AsyncRunning | AsyncStream[Any]] = WeakSet()
+    _mine: WeakSet[AsyncRunning | AsyncStream[Any]]
 
     async def __aenter__(self) -> Self:
         return self

@@ -76,13 +76,13 @@ class Events(Generic[E]):
             self.ready.append(arrived.item)
 
 
-class Stream(Generic[E]):
-    """Events of a machine that listens on a bus. For one thread; iterating ends when the stream is closed."""
+class Hearing(Generic[E]):
+    """What a stream is, for a thread or for a task: a machine, the events that nobody took yet, and a tap."""
 
-    def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
+    def __init__(self, machine: Listener[E], tap: Tap) -> None:
         self.machine = machine
         self._events: Events[E] = Events(machine)
-        self._tap = Tap(bus, keys, room=room, reports=True)
+        self._tap = tap
         self._open = True
 
     def __enter__(self) -> Self:
@@ -95,6 +95,18 @@ class Stream(Generic[E]):
     def lost(self) -> int:
         """How many frames were lost here, all in all."""
         return self._tap.lost
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._open = False
+        self._tap.close()
+
+
+class Stream(Hearing[E]):
+    """Events of a machine that listens on a bus. For one thread; iterating ends when the stream is closed."""
+
+    def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
+        super().__init__(machine, Tap(bus, keys, room=room, reports=True))
 
     def get(self, timeout: float | None = None) -> E | Report | None:
         """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.
@@ -121,8 +133,3 @@ class Stream(Generic[E]):
                 return
             assert event is not None
             yield event
-
-    def close(self) -> None:
-        """Hear no more."""
-        self._open = False
-        self._tap.close()

@@ -18,6 +18,7 @@ import copy
 import inspect
 from collections.abc import Callable, Coroutine, Iterable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Self, TypeAlias, TypeVar, overload
+from weakref import WeakSet
 
 from barewire.canopen import Channel
 from barewire.canopen.claims import Keys
@@ -222,6 +223,7 @@ class Words:
         self.node = node
         self.timeout = timeout
         self.dialect = dialect
+        self._mine: WeakSet[Any] = WeakSet()  # the streams and whatever else runs for this client
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} on {self.bus.name}{'' if self.node is None else f', node {self.node}'}>"

@@ -54,6 +54,8 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
     `bus` is a bus that is shared, or a port that becomes this client's own.
     """
 
+    _mine: WeakSet[Running | Stream[Any]]
+
     def __init__(
         self,
         bus: CanBus | Port[CanFrame],
@@ -63,7 +65,6 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         dialect: str | Dialect = "standard",
     ) -> None:
         super().__init__(bus, node=node, timeout=timeout, dialect=dialect)
-        self._mine: WeakSet[Running | Stream[Any]] = WeakSet()
         self._taking = threading.Lock()
         self._everything: list[Tap] = []
         self._ended = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.devices.sim import Adxl, simulator
+from barewire.devices.sim import simulator
 from barewire.devices.sim.adxl_memory import EVENTS
 from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
@@ -14,23 +14,13 @@ from barewire.modbus.registers import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
+from tests.devices.sim.adxl_bench import set_parameter, starter
 from tests.devices.sim.bench import Bench
 
 
 @pytest.fixture
 def bench() -> Bench:
     return Bench(simulator("adxl"))
-
-
-def starter(bench: Bench) -> Adxl:
-    assert isinstance(bench.machine, Adxl)
-    return bench.machine
-
-
-def set_parameter(bench: Bench, menu: int, number: int, value: int) -> None:
-    bench.write("Menu number selection", menu)
-    bench.write("Parameter number selection", number)
-    bench.write("Parameter value", value)
 
 
 def test_a_start_lasts_as_long_as_p01_04(bench: Bench) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from barewire.ascii import AsciiLine
 from barewire.ascii import frame as ascii_frame
-from barewire.devices.sim import Addressed, Adxl, simulator
+from barewire.devices.sim import Addressed, simulator
 from barewire.devices.sim.adxl import REBOOT_TAKES
 from barewire.modbus.adu import Adu
 from barewire.modbus.registers import (
@@ -18,17 +18,13 @@ from barewire.modbus.serve import Server
 from barewire.rtu import RtuLine, Timing, decode, encode
 from barewire.tcp import TcpLine
 from barewire.tcp import frame as tcp_frame
+from tests.devices.sim.adxl_bench import starter
 from tests.devices.sim.bench import Bench
 
 
 @pytest.fixture
 def bench() -> Bench:
     return Bench(simulator("adxl"))
-
-
-def starter(bench: Bench) -> Adxl:
-    assert isinstance(bench.machine, Adxl)
-    return bench.machine
 
 
 # The example of the manual: set P01.04 to 10 s, steps 1 to 4. The answers to 1, 2 and 3 are echoes.

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.devices.sim import Addressed, Adxl, simulator
+from barewire.devices.sim import Addressed, simulator
 from barewire.modbus.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.registers import WriteSingleRegister
+from tests.devices.sim.adxl_bench import set_parameter, starter
 from tests.devices.sim.bench import Bench
 
 
 @pytest.fixture
 def bench() -> Bench:
     return Bench(simulator("adxl"))
-
-
-def starter(bench: Bench) -> Adxl:
-    assert isinstance(bench.machine, Adxl)
-    return bench.machine
-
-
-def set_parameter(bench: Bench, menu: int, number: int, value: int) -> None:
-    bench.write("Menu number selection", menu)
-    bench.write("Parameter number selection", number)
-    bench.write("Parameter value", value)
 
 
 def test_every_status_of_table_2_has_a_way_to_it(bench: Bench) -> None:

@@ -5,28 +5,16 @@ from __future__ import annotations
 import pytest
 
 from barewire.devices.cia402 import State
-from barewire.devices.sim import Az3, simulator
 from barewire.modbus.bits import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.registers import ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
+from tests.devices.sim.az3_bench import az3_bench, drive, enable
 from tests.devices.sim.bench import Bench
 
 
 @pytest.fixture
 def bench() -> Bench:
-    bench = Bench(simulator("az3"))
-    assert bench.frames() == ["701#00"]
-    return bench
-
-
-def drive(bench: Bench) -> Az3:
-    assert isinstance(bench.machine, Az3)
-    return bench.machine
-
-
-def enable(bench: Bench) -> None:
-    for word in (0x06, 0x07, 0x0F):
-        bench.write("CONTROL WORD", word)
+    return az3_bench()
 
 
 def states(bench: Bench) -> list[int]:
@@ -81,7 +69,7 @@ def test_coils_are_bits_of_words(bench: Bench) -> None:
 
 
 def test_a_ramp_to_the_target_velocity(bench: Bench) -> None:
-    enable(bench)
+    enable(bench, mode=None)
     bench.now = 10.0
     bench.write("TARGET VELOCITY", 500)  # rpm, with 1000 rpm/s
     bench.now = 10.25
@@ -103,7 +91,7 @@ def test_a_ramp_to_the_target_velocity(bench: Bench) -> None:
 
 def test_position_mode_and_torque_mode(bench: Bench) -> None:
     bench.write("MODES OF OPERATION", 1)
-    enable(bench)
+    enable(bench, mode=None)
     bench.write("TARGET POSITION", 81_920)  # ten revolutions at 1000 rpm, which is a triangle: 2 sqrt(S/A) = 1.549 s
     bench.write("CONTROL WORD", 0x1F)
     bench.now = 1.54
@@ -151,7 +139,7 @@ def test_heartbeat(bench: Bench) -> None:
 
 
 def test_a_fault_is_told_on_both_buses(bench: Bench) -> None:
-    enable(bench)
+    enable(bench, mode=None)
     bench.write("TARGET VELOCITY", 1000)
     bench.now = 5.0
     drive(bench).fault(0x3210, 5.0)
@@ -193,7 +181,7 @@ def test_monitor_variables(bench: Bench) -> None:
 
 
 def test_position_is_reset(bench: Bench) -> None:
-    enable(bench)
+    enable(bench, mode=None)
     bench.write("TARGET VELOCITY", 500)
     bench.now = 2.0
     assert bench.read("POSITION ACTUAL VALUE") != 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.devices.cia402 import State, state_of
-from barewire.devices.sim import Az3, simulator
+from barewire.devices.cia402 import State
+from tests.devices.sim.az3_bench import az3_bench, drive, enable, state
 from tests.devices.sim.bench import Bench
 
 SETTLE = 10.0
@@ -13,24 +13,7 @@ SETTLE = 10.0
 
 @pytest.fixture
 def bench() -> Bench:
-    bench = Bench(simulator("az3"))
-    assert bench.frames() == ["701#00"]
-    return bench
-
-
-def drive(bench: Bench) -> Az3:
-    assert isinstance(bench.machine, Az3)
-    return bench.machine
-
-
-def enable(bench: Bench, mode: int = 3) -> None:
-    bench.write("MODES OF OPERATION", mode)
-    for word in (0x06, 0x07, 0x0F):
-        bench.write("CONTROL WORD", word)
-
-
-def state(bench: Bench) -> State:
-    return state_of(int(bench.read("STATUS WORD")))
+    return az3_bench()
 
 
 # Brake, phasing, references

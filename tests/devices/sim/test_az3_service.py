@@ -6,8 +6,8 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.codecs import Value
-from barewire.devices.cia402 import State, state_of
-from barewire.devices.sim import Addressed, Az3, simulator
+from barewire.devices.sim import Addressed, simulator
+from tests.devices.sim.az3_bench import az3_bench, drive
 from tests.devices.sim.bench import Bench
 from tests.devices.sim.wires import CanopenWire, ModbusWire, canopen, rtu
 
@@ -16,24 +16,7 @@ SAVE = 0x65766173
 
 @pytest.fixture
 def bench() -> Bench:
-    bench = Bench(simulator("az3"))
-    assert bench.frames() == ["701#00"]
-    return bench
-
-
-def drive(bench: Bench) -> Az3:
-    assert isinstance(bench.machine, Az3)
-    return bench.machine
-
-
-def enable(bench: Bench, mode: int = 3) -> None:
-    bench.write("MODES OF OPERATION", mode)
-    for word in (0x06, 0x07, 0x0F):
-        bench.write("CONTROL WORD", word)
-
-
-def state(bench: Bench) -> State:
-    return state_of(int(bench.read("STATUS WORD")))
+    return az3_bench()
 
 
 # One status word on three ways
