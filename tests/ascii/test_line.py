@@ -140,3 +140,18 @@ def test_a_babbling_line_is_heard_out_and_forgotten(data: bytes) -> None:
     events = line.feed(data, 1.0) + silence(line)
     assert line.held == b""
     assert b"".join(event.data for event in noise_of(events)) == data
+
+
+CHANGED = encode(1, unhex("08 0003 3B00"))
+"""A question and, said again, its answer: from then on ';' ends what unit 1 says."""
+
+
+@modest
+@given(st.lists(st.one_of(CHARACTERS, st.sampled_from([CHANGED * 2, READ[:-1] + b";", LONGEST[:-2] + b"0\r\n"]))))
+def test_many_at_once_are_what_they_are_one_by_one(pieces: list[bytes]) -> None:
+    """A frame that is there as a whole is read as a whole; a character at a time, it comes to the same."""
+    data = b"".join(pieces)
+    at_once, one_by_one = AsciiLine(), AsciiLine()
+    events = at_once.feed(data, 1.0)
+    assert events == [event for byte in data for event in one_by_one.feed(bytes([byte]), 1.0)]
+    assert at_once.held == one_by_one.held

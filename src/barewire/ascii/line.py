@@ -92,6 +92,10 @@ class AsciiLine:
             data = data.translate(_SEVEN_BITS)
         at = 0
         while at < len(data):
+            if not self._held and (stop := self._whole(data, at)):
+                events.append(self._read(data[at:stop]))
+                at = stop
+                continue
             after_cr = self._held[-1:] == b"\r"
             stop = at + 1 if after_cr else self._quiet_until(data, at)
             piece = data[at:stop]
@@ -106,6 +110,15 @@ class AsciiLine:
                 # Not even the longest frame is longer: nothing that comes can complete it.
                 events.append(self._drop("long", f"{LONGEST} characters without CR LF"))
         return events
+
+    def _whole(self, data: bytes, at: int) -> int:
+        """Where the frame ends that begins here, if it does and all of it is here, as nearly always; 0 otherwise."""
+        if data[at] != COLON:
+            return 0
+        end = data.find(b"\r", at, at + LONGEST - 1)
+        if not 0 < end < len(data) - 1 or data[end + 1] not in self._delimiters.heard:
+            return 0
+        return end + 2 if data.find(b":", at + 1, end) < 0 else 0
 
     def _quiet_until(self, data: bytes, at: int) -> int:
         """Up to where nothing happens but that characters come: before the next ':' or CR, or the end of the longest
@@ -125,6 +138,9 @@ class AsciiLine:
         """CR LF came (or CR and what stands for LF): a frame, or noise that says why it is none."""
         data = bytes(self._held)
         self._held.clear()
+        return self._read(data)
+
+    def _read(self, data: bytes) -> Adu | Noise:
         try:
             adu = decode(data if data[-1] == LF else data[:-1] + b"\n")
         except DecodeError as error:
