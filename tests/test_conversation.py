@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, Wire, last_words, play
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, SendAll, Wire, last_words, play
 from barewire.errors import REASONS, BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused
 from barewire.modbus import ModbusException
 from tests.helpers import refused
@@ -15,7 +15,7 @@ from tests.helpers import refused
 Talk = Conversation[str, list[Heard[str]]]
 
 
-def saying(*steps: Send[str] | Listen) -> Talk:
+def saying(*steps: Send[str] | SendAll[str] | Listen) -> Talk:
     """A conversation with these steps, whatever it hears; its result is what it heard."""
     heard = []
     for step in steps:
@@ -65,6 +65,16 @@ def test_answers_come_in_the_order_of_their_times() -> None:
 def test_what_came_while_sending_is_heard_afterwards() -> None:
     heard, _ = play(saying(Send("x"), Send("long"), Listen(9.0)), echo_after(1.0), sending_takes=len)
     assert heard[2] == Heard("x after 1", 5.0)
+
+
+def test_what_is_said_in_one_breath_is_out_when_the_last_is_and_each_is_heard_in_its_turn() -> None:
+    heard, end = play(saying(SendAll(("one", "three")), Listen(9.0), Listen(9.0)), echo_after(1.0), sending_takes=len)
+    assert heard == [Heard(None, 8.0), Heard("one after 1", 8.0), Heard("three after 1", 9.0)]
+    assert end == 9.0
+
+
+def test_nothing_in_one_breath_takes_no_time() -> None:
+    assert play(saying(SendAll(())), silent, start=2.0, sending_takes=len) == ([Heard(None, 2.0)], 2.0)
 
 
 @pytest.mark.parametrize("until", [float("-inf"), 0.0, 4.0])
@@ -126,6 +136,21 @@ def test_an_abandoned_conversation_may_say_something_last() -> None:
     conversation = polite("abort", "goodbye")
     next(conversation)
     assert last_words(conversation) == ["abort", "goodbye"]
+
+
+def test_last_words_in_one_breath() -> None:
+    def wordy() -> Talk:
+        try:
+            yield Listen(1.0)
+        except Abandoned:
+            yield SendAll(["abort", "abort"])
+            yield Send("goodbye")
+            yield Listen(1.0)
+        raise AssertionError("nobody listens for it any more")
+
+    conversation = wordy()
+    next(conversation)
+    assert last_words(conversation) == ["abort", "abort", "goodbye"]
 
 
 def test_most_conversations_have_no_last_words() -> None:

@@ -9,6 +9,8 @@ what it is told.
         yield Send(frame)          ------------->      puts it on the wire
                                    <-------------      Heard(None, now)    it is out (for a serial line: the last
                                                                            bit has left, as far as anyone can know)
+        yield SendAll(frames)      ------------->      puts them on the wire, one after the other
+                                   <-------------      Heard(None, now)    the last one is out
         yield Listen(until=now+1)  ------------->      waits for something, at most until then
                                    <-------------      Heard(item, now)    this came
                                    <-------------      Heard(None, now)    the time is up
@@ -24,7 +26,7 @@ I know: turns and times.  I never know: bytes, frames, sockets, clocks.  Everybo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 
 from barewire.errors import BarewireError
 
@@ -46,6 +48,20 @@ class Send(NamedTuple, Generic[Item]):
 
     item: Item
 
+    @property
+    def items(self) -> Sequence[Item]:
+        """As `SendAll` has them: whoever carries a conversation out need not tell the two apart."""
+        return (self.item,)
+
+
+class SendAll(NamedTuple, Generic[Item]):
+    """Put `items` on the wire, one after the other. Answered once, with `Heard(None, now)` when the last one is out.
+
+    For what is said in one breath, as the segments of an SDO block are: nothing is listened for in between.
+    """
+
+    items: Sequence[Item]
+
 
 class Listen(NamedTuple):
     """Wait for whatever comes, at most until `until` (seconds on the clock of `Heard.now`).
@@ -64,7 +80,7 @@ class Heard(NamedTuple, Generic[Item]):
 
 
 if TYPE_CHECKING:
-    Conversation: TypeAlias = Generator[Send[Item] | Listen, Heard[Item], Result]
+    Conversation: TypeAlias = Generator[Send[Item] | SendAll[Item] | Listen, Heard[Item], Result]
 else:
     Conversation = Generator
 
@@ -81,7 +97,7 @@ class Machine(Protocol[ItemIn, EventOut]):
 class Abandoned(BarewireError):
     """Thrown into a conversation by a shell that has to go: Ctrl-C, cancellation, an unplugged cable.
 
-    The conversation may still yield `Send` (an SDO abort is a last word); it is never listened for again.
+    The conversation may still send (an SDO abort is a last word); it is never listened for again.
     """
 
 
@@ -93,8 +109,8 @@ def last_words(conversation: Conversation[Item, Result], why: str = "the convers
     said: list[Item] = []
     try:
         step = conversation.throw(Abandoned(why))
-        while isinstance(step, Send):
-            said.append(step.item)
+        while not isinstance(step, Listen):
+            said += step.items
             step = conversation.send(Heard(None, float("inf")))
     except (StopIteration, Abandoned):
         pass
@@ -130,10 +146,11 @@ class Wire(Generic[Item]):
             step = next(conversation)
             while True:
                 item: Item | None = None
-                if isinstance(step, Send):
-                    self.now += self._sending_takes(step.item)
-                    self.coming += self.peer(step.item, self.now)
-                    self.coming.sort(key=lambda pair: pair[0])
+                if not isinstance(step, Listen):
+                    for said in step.items:
+                        self.now += self._sending_takes(said)
+                        self.coming += self.peer(said, self.now)
+                        self.coming.sort(key=lambda pair: pair[0])
                 elif self.coming and self.coming[0][0] <= max(step.until, self.now):
                     when, item = self.coming.pop(0)
                     self.now = max(self.now, when)

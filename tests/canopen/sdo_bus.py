@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from barewire.canopen import AbortCode, CanFrame, SdoAbort
-from barewire.conversation import Conversation, Heard, Listen, Send
+from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 
 FRAME_TIME = 0.0001
 EVENTS_MAX = 200_000
@@ -37,7 +37,7 @@ class Client:
     def __init__(self) -> None:
         self.inbox: deque[CanFrame] = deque()
         self.conversation: Conversation[CanFrame, Any] | None = None
-        self.step: Send[CanFrame] | Listen | None = None
+        self.step: Send[CanFrame] | SendAll[CanFrame] | Listen | None = None
         self.at = 0.0  # a frame that is being said is out then
         self.result: Any = None
 
@@ -84,8 +84,9 @@ class Bus:
 
     def _begin(self, client: Client) -> None:
         """Put on the wire what the client says."""
-        if isinstance(client.step, Send):
-            client.at = self._put(client.step.item, client, self.now)
+        if client.step is not None and not isinstance(client.step, Listen):
+            for frame in client.step.items:
+                client.at = self._put(frame, client, self.now)
 
     def _turn(self, busy: list[Client]) -> None:
         """Whatever happens next: a client goes on, a frame arrives, a machine's time has come."""

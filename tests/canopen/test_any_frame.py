@@ -25,7 +25,7 @@ from barewire.canopen import (
     upload,
 )
 from barewire.canopen.sdo import decode_answer, decode_request
-from barewire.conversation import Heard, Send
+from barewire.conversation import Heard, Listen
 from barewire.errors import DecodeError, NoAnswer
 
 # Mostly identifiers that somebody listens to, so that the noise reaches the inner rooms.
@@ -100,7 +100,7 @@ def test_a_client_in_any_weather_ends_in_a_value_or_one_of_four_sentences(weathe
     with suppress(SdoAbort, NoAnswer, DecodeError, StopIteration):
         while turns < len(weather) + 10:
             turns += 1
-            frame = None if isinstance(step, Send) else next(coming, None)
-            now += 0.001 if frame is not None or isinstance(step, Send) else 1.0
+            frame = next(coming, None) if isinstance(step, Listen) else None
+            now += 1.0 if frame is None and isinstance(step, Listen) else 0.001
             step = conversation.send(Heard(frame, now))
     assert turns < len(weather) + 10

@@ -35,7 +35,7 @@ from barewire.canopen import (
     write_pdo,
 )
 from barewire.canopen.sdo import SdoAbort
-from barewire.conversation import Conversation, Heard, Send
+from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import BarewireError, DecodeError
 
 IDENTIFIERS = st.one_of(
@@ -156,7 +156,7 @@ def test_conversations_end(talk: object, weather: list[tuple[CanFrame, float]]) 
         step = next(conversation)
         while turns < 5000:
             turns += 1
-            if isinstance(step, Send):
+            if not isinstance(step, Listen):
                 step = conversation.send(Heard(None, now))
                 continue
             frame, pause = next(coming, (None, 0.0))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barewire.canopen import Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload
-from barewire.conversation import Heard, Send
+from barewire.conversation import Heard, Listen
 from barewire.errors import NoAnswer
 from tests.canopen.sdo_bus import Store
 from tests.helpers import modest
@@ -85,10 +85,11 @@ def test_the_client(block: bool | Block, downloads: bool, weather: list[tuple[by
     with suppress(SdoAbort, NoAnswer, StopIteration):
         for _ in range(1000):
             frame = None
-            if isinstance(step, Send):
+            if not isinstance(step, Listen):
                 if good:
                     good -= 1
-                    waiting += server.feed(step.item, now)
+                    for item in step.items:
+                        waiting += server.feed(item, now)
             elif waiting:
                 frame = waiting.pop(0)
             elif coming and not good:

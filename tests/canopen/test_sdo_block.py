@@ -12,7 +12,7 @@ from barewire.canopen.sdo import BlockAck, BlockEnded
 from barewire.canopen.sdo.aborts import Breach
 from barewire.canopen.sdo.block import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
 from barewire.canopen.sdo.stream import Incoming, Outgoing
-from barewire.conversation import Conversation, Heard, Send, last_words, play
+from barewire.conversation import Conversation, Heard, Listen, last_words, play
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.sdo_bus import Bus, Store
 
@@ -184,9 +184,10 @@ def test_a_client_that_leaves_at_any_moment(block: bool, downloads: bool) -> Non
         waiting: list[CanFrame] = []
         while steps:
             heard = None
-            if isinstance(step, Send):
-                waiting += node.feed(step.item, now)
-                steps -= 1
+            if not isinstance(step, Listen):
+                for frame in step.items[:steps]:
+                    waiting += node.feed(frame, now)
+                    steps -= 1
             elif waiting:
                 heard = waiting.pop(0)
             else:

@@ -195,7 +195,7 @@ def babble(conversation: Conversation[CanFrame, object], times: list[float]) -> 
     """A bus with a foreign frame every millisecond, also when the time is up; notes when something was said."""
     step, now = next(conversation), 0.0
     while now < 10.0:
-        if isinstance(step, Send):
+        if not isinstance(step, Listen):
             times.append(now)
             step = conversation.send(Heard(None, now))
         else:

@@ -8,7 +8,7 @@ from itertools import count
 from typing import Protocol, TypeVar
 
 from barewire.canopen import CanFrame
-from barewire.conversation import Conversation, Heard, Send
+from barewire.conversation import Conversation, Heard, Listen
 
 Result = TypeVar("Result")
 
@@ -92,8 +92,9 @@ class VirtualBus:
         try:
             step = next(conversation)
             while True:
-                if isinstance(step, Send):
-                    self._say(step.item, None, self.now)
+                if not isinstance(step, Listen):
+                    for frame in step.items:
+                        self._say(frame, None, self.now)
                     heard: Heard[CanFrame] = Heard(None, self.now)
                 else:
                     heard = Heard(self.hear(step.until), self.now)

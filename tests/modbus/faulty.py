@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from barewire.ascii import encode as encode_ascii
-from barewire.conversation import Abandoned, Conversation, Heard, Send, Wire
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Wire
 from barewire.errors import NoAnswer
 from barewire.modbus import Bus, Line, ReadHoldingRegisters, Server, Table
 from barewire.rtu import RtuLine, Timing, encode
@@ -152,10 +152,11 @@ def outcome(unit: Unit, bus: Bus) -> str:
 def abandon_when_sent(unit: Unit, conversation: Conversation[bytes, Any]) -> None:
     """Carry a conversation out until its question is sent, then abandon it: what a cancelled task does."""
     step = next(conversation)
-    while not isinstance(step, Send):
+    while isinstance(step, Listen):
         unit.now = max(unit.now, step.until)
         step = conversation.send(Heard(None, unit.now))
-    unit.coming += unit.say(step.item, unit.now)
+    for item in step.items:
+        unit.coming += unit.say(item, unit.now)
     conversation.send(Heard(None, unit.now))
     with suppress(Abandoned):
         conversation.throw(Abandoned("cancelled"))

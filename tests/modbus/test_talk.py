@@ -6,7 +6,7 @@ import pytest
 
 from barewire.ascii import AsciiLine
 from barewire.ascii import encode as ascii_frame
-from barewire.conversation import Conversation, Heard, Listen, Send, play
+from barewire.conversation import Conversation, Heard, Listen, Send, SendAll, play
 from barewire.errors import EncodeError, NoAnswer
 from barewire.modbus import (
     ModbusException,
@@ -185,7 +185,7 @@ def test_a_babbling_line_does_not_fill_the_text() -> None:
 
 def listened_to(
     line: RtuLine, coming: list[tuple[float, bytes]], request: AnyRequest = READ
-) -> tuple[Send[bytes] | Listen, float]:
+) -> tuple[Send[bytes] | SendAll[bytes], float]:
     """Everything in `coming` arrives before anything is sent: the first step that is a Send, and when."""
     conversation: Conversation[bytes, object] = ask(line, 1, request)
     now, step = 1.0, next(conversation)

@@ -260,6 +260,30 @@ def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) 
     other.shutdown()
 
 
+def test_each_hearer_of_the_virtual_bus_has_a_message_of_its_own() -> None:
+    can = pytest.importorskip("can")
+    from barewire.shells.can_bus import CanPort
+    from barewire.shells.endpoint import Endpoint
+
+    port = CanPort(Endpoint.parse("can://virtual/copies?receive_own_messages=true"))
+    others = [can.Bus(interface="virtual", channel="copies") for _ in range(2)]
+    frames = [frame("585#0102030405060708"), frame("00000585#"), frame("705#R1")]
+    for each in frames:
+        port.send(each)
+    for each in frames:
+        one, two = (other.recv(1.0) for other in others)
+        assert one is not two
+        for message in (one, two):
+            assert message is not None
+            message.data.clear()
+            assert (message.arbitration_id, message.is_extended_id) == each.key
+            assert (message.is_remote_frame, message.dlc, message.is_rx) == (each.remote, each.dlc, True)
+    assert [port.receive(1.0) for _ in frames] == frames  # whatever the others did with theirs
+    port.close()
+    for other in others:
+        other.shutdown()
+
+
 def test_a_port_of_one_s_own_is_closed_with_its_client() -> None:
     port = MemoryPort()
     with CanopenClient(port, node=5, timeout=0.01) as client, pytest.raises(NoAnswer):

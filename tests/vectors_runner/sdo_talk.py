@@ -10,7 +10,7 @@ from barewire.canopen.dictionary import Entry, ObjectDictionary
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo import Block, SdoAbort, SdoServer, download, upload
 from barewire.canopen.times import DAY, TimeDifference, TimeOfDay
-from barewire.conversation import Conversation, Heard, Send
+from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError
 from tests.vectors_runner.common import Case, check, octets
 
@@ -50,10 +50,11 @@ def outcome(conversation: Conversation[CanFrame, Any], talk: list[list[str]], no
     try:
         step = next(conversation)
         while True:
-            if isinstance(step, Send):
-                who, said = talk.pop(0)
-                assert who.startswith("client")
-                assert step.item == CanFrame(cob_id("SDO request", node), octets(said))
+            if not isinstance(step, Listen):
+                for item in step.items:
+                    who, said = talk.pop(0)
+                    assert who.startswith("client")
+                    assert item == CanFrame(cob_id("SDO request", node), octets(said))
                 step = conversation.send(Heard(None, now))
                 continue
             while talk and talk[0][0] == "server lost":

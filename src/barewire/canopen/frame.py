@@ -18,6 +18,7 @@ error frame (`ErrorFrame`), which nobody sent: the controller reports the state 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from barewire.errors import DecodeError, EncodeError
@@ -25,6 +26,8 @@ from barewire.errors import DecodeError, EncodeError
 BASE_MAX = 0x7FF
 EXTENDED_MAX = 0x1FFF_FFFF
 DATA_MAX = 8
+
+_new = tuple.__new__  # what CanFrame(...) comes to, without the function around it
 
 
 class CanFrame(NamedTuple):
@@ -58,6 +61,15 @@ class CanFrame(NamedTuple):
         if not 0 <= requested <= DATA_MAX or (requested and not remote):
             raise EncodeError(f"{requested} bytes requested: expected 0..{DATA_MAX}, and only in a remote frame")
         return cls(id, bytes(data), extended, remote, requested)
+
+    @classmethod
+    def each(cls, id: int, every: Iterable[bytes], extended: bool = False) -> list[CanFrame]:
+        """A frame for each of these data, as quickly as that can be done: a block of SDO is 127 of them.
+
+        >>> [str(frame) for frame in CanFrame.each(0x605, [bytes([1, 65]), bytes([0x82, 66])])]
+        ['605#0141', '605#8242']
+        """
+        return [_new(cls, (id, data, extended, False, 0)) for data in every]
 
     @property
     def key(self) -> tuple[int, bool]:

@@ -92,6 +92,7 @@ class AsyncTap(Tap):
             await asyncio.sleep(RETRY)
             while self._outbox and self.bus.try_send(self._outbox[0], self, again=True):
                 self._outbox.popleft()
+                until = self._loop.time() + PATIENCE  # each has its own
             if self._outbox and self._loop.time() >= until:
                 self._outbox.clear()
                 raise PortError(no_room(self.bus.name))

@@ -9,7 +9,7 @@ import contextlib
 import time
 from collections.abc import Callable
 
-from barewire.conversation import Conversation, Heard, Send, last_words
+from barewire.conversation import Conversation, Heard, Listen, last_words
 from barewire.errors import BarewireError, PortError
 
 TYPE_CHECKING = False  # see `barewire.record`
@@ -50,11 +50,12 @@ def run(
         step = next(conversation) if heard is None else conversation.send(heard)
         while True:
             item: Item | None = None
-            if isinstance(step, Send):
-                port.send(step.item)
-            else:
+            if isinstance(step, Listen):
                 wait = step.until - clock()
                 item = port.receive(wait if wait > 0.0 else 0.0)
+            else:
+                for said in step.items:
+                    port.send(said)
             step = conversation.send(_heard(Heard, (item, clock())))
     except StopIteration as stop:
         result: Result = stop.value

@@ -64,6 +64,9 @@ class Arrived(NamedTuple):
     at: float
 
 
+_arrived = tuple.__new__  # what Arrived(...) comes to, without the function around it: once for each frame
+
+
 class Tap:
     """What one hearer has of a bus: a port of its own. One thread takes from it.
 
@@ -114,7 +117,7 @@ class Tap:
             if self._gap and self.reports:
                 self._held.append(Arrived(Lost(self._gap), at))
             self._gap = 0
-            self._held.append(Arrived(item, at))
+            self._held.append(_arrived(Arrived, (item, at)))
             if not self._waiting:
                 return
             self._waiting = False

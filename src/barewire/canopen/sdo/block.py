@@ -158,14 +158,15 @@ class BlockReceiver:
     """
 
     __slots__ = (
-        *("_blksize", "_crc", "_early", "_last_sequence", "_last_word", "_late", "_parts", "_reminded", "_strays"),
-        *("_stale", "_step", "_timeout", "_value"),
+        *("_blksize", "_crc", "_early", "_inside", "_last_sequence", "_last_word", "_late", "_parts", "_reminded"),
+        *("_stale", "_step", "_strays", "_timeout", "_value"),
         *("complete", "deadline", "over", "with_crc"),
     )
 
     def __init__(self, value: Incoming, blksize: int, *, crc: bool, timeout: float, now: float) -> None:
         self._value = value
         self._blksize = blksize
+        self._inside = blksize - 1  # the highest number that a segment has to which nothing is said
         self._timeout = timeout
         self._early = timeout * REMIND
         self._late = timeout - self._early
@@ -199,14 +200,15 @@ class BlockReceiver:
         if sequence != len(parts) + 1 or sequence > self._blksize:
             return self._stray(data)
         parts.append(data)
-        self.complete = command != sequence
+        if command != sequence:
+            self.complete, self._inside = True, 0
         return self._acknowledge()
 
     def accept(self, data: bytes, now: float) -> bool:
         """The way of nearly every frame: the next segment, inside a block. False: it is another, and to be fed."""
         parts = self._parts
         number = len(parts) + 1
-        if len(data) != FRAME or data[0] != number or number >= self._blksize or self.complete:
+        if len(data) != FRAME or data[0] != number or number > self._inside:
             return False
         parts.append(data)
         if now >= self._stale:

@@ -10,6 +10,8 @@ Seen from above, every eighth byte is a number and the others are the value: sev
 
 from __future__ import annotations
 
+from struct import unpack
+
 from barewire.canopen.sdo.block_messages import BLOCK_MAX, LAST
 from barewire.canopen.sdo.segment_messages import SEGMENT
 
@@ -31,8 +33,7 @@ def segments(data: bytes, *, last: bool) -> list[bytes]:
         block[place + 1 :: FRAME] = padded[place::SEGMENT]
     if last:
         block[-FRAME] |= LAST
-    whole = bytes(block)
-    return [whole[at : at + FRAME] for at in range(0, len(whole), FRAME)]
+    return list(unpack(f"{FRAME}s" * count, block))
 
 
 def joined(block: list[bytes]) -> bytes:

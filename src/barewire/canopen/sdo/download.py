@@ -125,8 +125,8 @@ def _in_blocks(
     sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)
     said = sender.feed(None, transfer.now)
     while not sender.over:
-        for step in transfer.sends(said):
-            sent: Heard[CanFrame] = yield step
+        if said:
+            sent: Heard[CanFrame] = yield transfer.send_all(said)
             transfer.now = sent.now
         transfer.until = transfer.now + transfer.timeout
         # In the middle of a block the deadline is now: take what is there, and go on.

@@ -57,8 +57,6 @@ from barewire.canopen.sdo.store import ObjectStore, ServerCounters
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
-_new = tuple.__new__  # what CanFrame(...) comes to; called directly, a frame of a block costs half
-
 
 class SdoServer:
     """The default SDO server of a node. A machine.
@@ -133,8 +131,7 @@ class SdoServer:
             said = self._go_on(session, None, now)
         else:
             return []
-        identifier, extended = self.answer_id, self.answer_extended
-        return [_new(CanFrame, (identifier, answer, extended, False, 0)) for answer in said]
+        return CanFrame.each(self.answer_id, said, self.answer_extended)
 
     def accept(self, frame: CanFrame, now: float) -> bool:
         """Whether that was the next segment inside a block, and nothing is to be said to it. False: it is to be fed."""

@@ -23,7 +23,7 @@ from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
 from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.initiate_messages import Abort
 from barewire.canopen.sdo.messages import M, Message
-from barewire.conversation import Conversation, Heard, Listen, Send
+from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 Result = TypeVar("Result")
@@ -31,8 +31,6 @@ Result = TypeVar("Result")
 ABORT = 0x80
 # An abort with one of these shows that the server was not where we thought that it is.
 _OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
-
-_new = tuple.__new__
 
 
 class Transfer:
@@ -94,10 +92,9 @@ class Transfer:
         """Eight bytes to the server."""
         return Send(CanFrame(self.channel.request_id, data, self.channel.request_extended))
 
-    def sends(self, every: Iterable[bytes]) -> list[Send[CanFrame]]:
-        """The same for the frames of a block, which are many: made without the calls of the constructors."""
-        identifier, extended = self.channel.request_id, self.channel.request_extended
-        return [_new(Send, (_new(CanFrame, (identifier, data, extended, False, 0)),)) for data in every]
+    def send_all(self, every: Iterable[bytes]) -> SendAll[CanFrame]:
+        """The same for many, as the segments of a block are."""
+        return SendAll(CanFrame.each(self.channel.request_id, every, self.channel.request_extended))
 
     def say(self, data: bytes) -> Conversation[CanFrame, None]:
         """Send; from then on the time to answer runs."""

@@ -188,19 +188,35 @@ def _in_segments(transfer: Transfer, value: Incoming) -> Conversation[CanFrame, 
 def _in_blocks(transfer: Transfer, options: Block, crc: bool, value: Incoming) -> Conversation[CanFrame, None]:
     yield from transfer.say(StartBlockUpload().encode())
     channel = transfer.channel
+    identifier, extended = channel.answer_id, channel.answer_extended
     receiver = BlockReceiver(value, options.size, crc=crc, timeout=transfer.timeout, now=transfer.now)
+    accept, accepted = receiver.accept, 0
     listen = Listen(receiver.deadline)
-    while not receiver.over:
-        heard: Heard[CanFrame] = yield listen
-        frame, transfer.now = heard
-        data = None if frame is None else channel.hear(frame)
-        if data is None or not receiver.accept(data, transfer.now):
+    heard: Heard[CanFrame] = Heard(None, transfer.now)
+    try:
+        while not receiver.over:
+            heard = yield listen
+            frame = heard.item
+            if (
+                frame is not None
+                and frame.id == identifier
+                and frame.extended == extended
+                and not frame.remote
+                and accept(frame.data, heard.now)
+            ):
+                accepted += 1  # the way of nearly every frame; that the deadline moved is seen when the old one is over
+                continue
+            transfer.now = heard.now
+            data = None if frame is None else channel.hear(frame)
             if data is not None and (len(data) < FRAME or data[0] == ABORT):
                 data = _checked(transfer, data)
-            for said in receiver.feed(data, transfer.now):
+            for said in receiver.feed(data, heard.now):
                 yield from transfer.say(said)
-        if listen.until != receiver.deadline:
-            listen = Listen(receiver.deadline)
+            if listen.until != receiver.deadline:
+                listen = Listen(receiver.deadline)
+    finally:
+        transfer.now = max(transfer.now, heard.now)
+        channel.heard.answers += accepted
 
 
 def _checked(transfer: Transfer, data: bytes) -> bytes | None:
