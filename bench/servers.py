@@ -2,7 +2,8 @@
 
 raw             a blocking socket in a thread: what came is answered with prepared bytes, nothing is looked at
 raw asyncio     the floor of servers: header and request unpacked, the registers cut out of bytes
-barewire, ...   each library's own server, started as its documentation says
+barewire        our server without asyncio: what `open_host` runs behind tcp://
+barewire, asyncio, and the others   each library's own server, started as its documentation says
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import Any
 
 REGISTERS = tuple(range(10))
 IMAGE = struct.pack(">10H", *REGISTERS)
@@ -100,14 +102,27 @@ def raw_asyncio() -> None:
     asyncio.run(main())
 
 
-def barewire() -> None:
+def _table() -> Any:
     from barewire.modbus import Table
+
+    table = Table(100)
+    table.holding_registers[0:10] = type(table.holding_registers)("H", REGISTERS)
+    return table
+
+
+def barewire() -> None:
+    from barewire.shells import open_host
+
+    host = open_host("tcp://127.0.0.1:0", units={1: _table()})
+    print(host.url.rpartition(":")[2], flush=True)
+    host.run(threading.Event())
+
+
+def barewire_asyncio() -> None:
     from barewire.shells import serve_tcp
 
     async def main() -> None:
-        table = Table(100)
-        table.holding_registers[0:10] = type(table.holding_registers)("H", REGISTERS)
-        server = await serve_tcp({1: table}, port=0)
+        server = await serve_tcp({1: _table()}, port=0)
         print(server.port, flush=True)
         await asyncio.Event().wait()
 
@@ -191,6 +206,7 @@ SERVERS: dict[str, Callable[[], None]] = {
     "raw": raw,
     "raw asyncio": raw_asyncio,
     "barewire": barewire,
+    "barewire, asyncio": barewire_asyncio,
     "pymodbus": pymodbus,
     "tmodbus": tmodbus,
     "pyModbusTCP": py_modbus_tcp,

@@ -18,7 +18,7 @@ from barewire.errors import EncodeError
 from barewire.shells import open_canopen, open_canopen_async, open_host
 from barewire.shells.can_fan import CanBus
 from barewire.shells.client import CanopenClient
-from barewire.shells.host import CanHost
+from barewire.shells.host_can import CanHost
 from tests.shells.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")

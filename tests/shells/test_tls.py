@@ -18,7 +18,7 @@ from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.modbus import ModbusException, Table, WriteSingleRegister
 from barewire.shells import Host, open_async, open_host, open_modbus
 from barewire.shells.aio_server import StreamServer
-from barewire.shells.host import NetworkHost
+from barewire.shells.host_network import NetworkHost
 from barewire.shells.tls import role_of
 from tests.certificates import tls_url
 from tests.helpers import refused

@@ -3,9 +3,8 @@
     async with await serve("tcp://0.0.0.0:502", {1: Table()}) as server:
         ...
 
-Limits hold for connections (TCP, TLS, RTU and ASCII over TCP). Over `connections` the longest silent one goes, of those
-that were never answered if there are any: who only opens connections takes nobody's. With `idle` goes whoever is silent
-for so many seconds. Who asks and does not read is not listened to until then. Nobody waits for anybody else.
+Connections (TCP, TLS, RTU and ASCII over TCP) have the limits of `guests`. Who asks and does not read is not listened
+to until then. Nobody waits for anybody else.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
-from collections import OrderedDict, deque
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -23,33 +21,28 @@ from barewire.modbus.serve import counters_for
 from barewire.shells.aio_port_servers import DatagramServer, SerialServer, Spoil
 from barewire.shells.carriers import modbus_endpoint, modbus_line
 from barewire.shells.endpoint import Endpoint, Turn
-from barewire.shells.tcp_socket import CHUNK, attend, reason
+from barewire.shells.guests import Guests
+from barewire.shells.tcp_socket import CHUNK, CONNECTIONS, attend, reason
 from barewire.shells.tls import roles_of, server_context, tls_reason
 from barewire.shells.tls_session import TlsSession
 
-CONNECTIONS = 1024
 HANDSHAKE = 10.0
 """Seconds that TLS may take to come about."""
 
 
-class StreamServer:
+class StreamServer(Guests["_Connection"]):
     """A server on a TCP port and its connections. Leaving its `async with`, or `close`, ends all of them."""
 
     def __init__(
         self, endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorisation | None = None
     ) -> None:
+        super().__init__(endpoint)
         self.endpoint = endpoint
         self.units = units
-        self.connections: OrderedDict[_Connection, float] = OrderedDict()
-        """Each with the time it was last heard, the longest silent first."""
         self.spoil: Spoil | None = None
         """Who decides what becomes of an answer, for a server with faults on request."""
-        self.turned_away: deque[str] = deque(maxlen=16)
-        """Why connections were closed by us, the latest: one line each."""
         self.context: ssl.SSLContext | None = None
         self.authorisation = authorisation
-        self.most = endpoint.integer("connections", CONNECTIONS)
-        self.idle = endpoint.seconds("idle", 0.0)
         self.counters = counters_for(modbus_line(endpoint, "server"))
         """By unit, for the envelopes of serial lines: a unit counts what it sees, over whatever connection."""
         self._server: asyncio.Server | None = None
@@ -70,11 +63,6 @@ class StreamServer:
         assert self._server is not None
         return int(self._server.sockets[0].getsockname()[1])
 
-    @property
-    def unsent(self) -> int:
-        """The bytes of answers that clients have not taken yet."""
-        return sum(connection.unsent for connection in self.connections)
-
     async def listen(self, listener: socket.socket | None = None) -> None:
         """Begin to listen; on a socket that is bound already, if there is one."""
         loop, (host, port) = asyncio.get_running_loop(), self.endpoint.host_and_port
@@ -94,35 +82,16 @@ class StreamServer:
             connection.abort()
         await self._server.wait_closed()
 
-    def arrived(self, connection: _Connection) -> None:
+    def arrived(self, guest: _Connection, now: float) -> None:
         """A new connection; if it is one too many, another one has to go."""
-        while len(self.connections) >= self.most:
-            oldest = next((each for each in self.connections if not each.was_answered), next(iter(self.connections)))
-            self.turn_away(oldest, f"unused longest of {self.most} connections")
-        self.heard(connection, asyncio.get_running_loop().time())
+        super().arrived(guest, now)
         if self.idle and self._timer is None:
             self._watch()
 
-    def heard(self, connection: _Connection, now: float) -> None:
-        """A connection is in use."""
-        self.connections[connection] = now
-        self.connections.move_to_end(connection)
-
-    def turn_away(self, connection: _Connection, why: str) -> None:
-        """Close a connection and keep the reason to be seen."""
-        self.connections.pop(connection, None)
-        self.turned_away.append(f"{connection.peer}: {why}")
-        connection.abort()
-
     def _watch(self) -> None:
         loop = asyncio.get_running_loop()
-        self._timer = None
-        while self.connections:
-            connection, heard = next(iter(self.connections.items()))
-            if heard + self.idle > loop.time():
-                self._timer = loop.call_at(heard + self.idle, self._watch)
-                return
-            self.turn_away(connection, f"silent for {self.idle:g} s")
+        again = self.watch(loop.time())
+        self._timer = None if again is None else loop.call_at(again, self._watch)
 
 
 class _Connection(asyncio.BufferedProtocol):
@@ -154,7 +123,7 @@ class _Connection(asyncio.BufferedProtocol):
         self.peer = f"{host}:{port}"
         if (raw := transport.get_extra_info("socket")) is not None:
             attend(raw)
-        self._all.arrived(self)
+        self._all.arrived(self, self._loop.time())
         if self._tls is not None:
             self._timer = self._loop.call_later(HANDSHAKE, self._impatient)
 
@@ -163,7 +132,7 @@ class _Connection(asyncio.BufferedProtocol):
             self._all.turn_away(self, f"TLS did not come about within {HANDSHAKE:g} s")
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._all.connections.pop(self, None)
+        self._all.left(self)
         if self._timer is not None:
             self._timer.cancel()
 

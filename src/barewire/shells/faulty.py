@@ -14,11 +14,13 @@ from itertools import count
 from random import Random
 from typing import Generic, TypeVar
 
-from barewire.shells.aio_port_servers import Spoil
 from barewire.shells.blocking import Clock, Port
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.faults import LATE, Bytes, Faults, Frames
-from barewire.shells.host import CanHost, Host, NetworkHost, SerialHost
+from barewire.shells.host import Host
+from barewire.shells.host_network import NetworkHost
+from barewire.shells.host_serial import SerialHost
+from barewire.shells.host_tcp import TcpHost
 
 Item = TypeVar("Item")
 
@@ -62,27 +64,45 @@ class FaultyPort(Generic[Item]):
         self._port.close()
 
 
-def spoiler(faults: Faults[bytes]) -> Spoil:
-    """The same for a server of asyncio: inside TLS, behind the framing, once for each answer of each connection."""
+class Spoiler:
+    """The same for the server of a network: inside TLS, behind the framing, once for each answer of each connection.
 
-    waiting: list[tuple[float, int, Callable[[bytes], None], bytes]] = []
-    order = count()
+    What is to be said later is said by `deliver`, which whoever owns this calls when it is `due`.
+    """
 
-    def spoil(answer: bytes, say: Callable[[bytes], None]) -> None:
-        loop = asyncio.get_running_loop()
-        for at, what in faults.pass_on(answer, loop.time()):
-            heapq.heappush(waiting, (at, next(order), say, what))
-            loop.call_at(at, deliver)
-        deliver()
+    def __init__(self, faults: Faults[bytes], clock: Clock = time.monotonic) -> None:
+        self._faults, self._clock = faults, clock
+        self._waiting: list[tuple[float, int, Callable[[bytes], None], bytes]] = []
+        self._order = count()
 
-    def deliver() -> None:
-        # What is due, in the order in which it was said: the timers of a loop have none among equals.
-        now = asyncio.get_running_loop().time()
-        while waiting and waiting[0][0] <= now:
-            _, _, say, what = heapq.heappop(waiting)
+    @property
+    def due(self) -> float | None:
+        """When the next answer is to be said."""
+        return self._waiting[0][0] if self._waiting else None
+
+    def __call__(self, answer: bytes, say: Callable[[bytes], None]) -> None:
+        """Now, later, changed or never."""
+        for at, what in self._faults.pass_on(answer, self._clock()):
+            heapq.heappush(self._waiting, (at, next(self._order), say, what))
+            self._wake(at)
+        self.deliver()
+
+    def _wake(self, at: float) -> None:
+        """Something will be due at this time."""
+
+    def deliver(self) -> None:
+        """Say what is due, in the order in which it was said."""
+        while self._waiting and self._waiting[0][0] <= self._clock():
+            _, _, say, what = heapq.heappop(self._waiting)
             say(what)
 
-    return spoil
+
+class LoopSpoiler(Spoiler):
+    """In a server of asyncio: its loop, which has the same clock, wakes it."""
+
+    def _wake(self, at: float) -> None:
+        # The timers of a loop have no order among equals: what each one says is what is due, and not its own.
+        asyncio.get_running_loop().call_at(at, self.deliver)
 
 
 def open_faulty(
@@ -97,6 +117,8 @@ def open_faulty(
     """The host that `open_inner(url)` gives, spoiled. Raises EncodeError for a fault that this wire does not have."""
     endpoint, dice = Endpoint.parse(url), Random(seed)
     if endpoint.scheme == "can":
+        from barewire.shells.host_can import CanHost
+
         on_bus = Faults(Frames(), faults, dice, late=late, told=told)
         host = open_inner(url)
         assert isinstance(host, CanHost)
@@ -105,8 +127,10 @@ def open_faulty(
         return host
     on_line = Faults(Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp"), faults, dice, late=late, told=told)
     host = open_inner(url)
-    if isinstance(host, NetworkHost):
-        host.server.spoil = spoiler(on_line)
+    if isinstance(host, TcpHost):
+        host.spoil = Spoiler(on_line)
+    elif isinstance(host, NetworkHost):
+        host.server.spoil = LoopSpoiler(on_line)
     else:
         assert isinstance(host, SerialHost)
         host.port = FaultyPort(host.port, on_line)

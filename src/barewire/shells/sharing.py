@@ -16,11 +16,15 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from typing import Any, Protocol
 
-from barewire.canopen import CanFrame
-from barewire.modbus import Unit
-from barewire.modbus.message import Response
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, Protocol
+
+    from barewire.canopen import CanFrame
+    from barewire.modbus import Response, Unit
+else:
+    from barewire.record import Protocol
 
 
 class CanopenNode(Protocol):
@@ -74,6 +78,8 @@ class SharedUnit:
     def __init__(self, unit: Unit) -> None:
         self._unit = unit
         self._lock = alone(unit)
+        if (supports := getattr(unit, "supports", None)) is not None:
+            self.supports = supports  # asked with every request
 
     def handle(self, request: Any, now: float) -> Response | None:
         """As the unit does."""
@@ -85,7 +91,7 @@ class SharedUnit:
         return getattr(self._unit, name)
 
 
-class SharedUnits(Mapping[int, Unit]):
+class SharedUnits(Mapping[int, "Unit"]):
     """Units by address, each behind its door. Which addresses there are may change: a drive that gets another one."""
 
     def __init__(self, units: Mapping[int, Unit]) -> None:
@@ -93,7 +99,14 @@ class SharedUnits(Mapping[int, Unit]):
         self._doors: dict[int, tuple[Unit, SharedUnit]] = {}
 
     def __getitem__(self, address: int) -> Unit:
-        unit = self._units[address]
+        return self._door(address, self._units[address])
+
+    def get(self, address: int, default: Any = None) -> Any:
+        """The unit at this address, or the default."""
+        unit = self._units.get(address)
+        return default if unit is None else self._door(address, unit)
+
+    def _door(self, address: int, unit: Unit) -> Unit:
         known = self._doors.get(address)
         if known is None or known[0] is not unit:
             known = self._doors[address] = unit, SharedUnit(unit)

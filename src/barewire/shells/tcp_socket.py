@@ -10,12 +10,15 @@ import struct
 from collections.abc import Callable
 
 from barewire.errors import PortError
+from barewire.shells.endpoint import Endpoint
 
 CHUNK = 4096
 CONNECT = 5.0
 """Seconds until a connection that does not come about is given up."""
 LONGEST_WAIT = 3600.0
 """Seconds that are waited at once: endless is not a number for the system."""
+CONNECTIONS = 1024
+"""How many connections a server has at a time, and how many may wait to be taken, where nobody says otherwise."""
 UNHEARD = 10_000
 """Milliseconds that bytes may go unacknowledged before the system calls the connection dead, where it can be told."""
 AT_ONCE = getattr(socket, "MSG_DONTWAIT", 0)
@@ -144,6 +147,29 @@ def readiness(connection: socket.socket) -> Callable[[float], object]:
     watched.register(connection, select.POLLIN)
     poll = watched.poll
     return lambda timeout: poll(1e3 * min(timeout, LONGEST_WAIT) if timeout else 0)
+
+
+def listen(endpoint: Endpoint) -> tuple[socket.socket, str]:
+    """The socket of a server at this endpoint, and the URL that clients use: port 0 takes a free one.
+
+    Raises PortError for a port that cannot be had.
+    """
+    host, port = endpoint.host_and_port
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        if endpoint.scheme == "udp":
+            listener = socket.socket(family, socket.SOCK_DGRAM)
+            try:
+                listener.bind((host, port))
+            except BaseException:
+                listener.close()
+                raise
+        else:
+            listener = socket.create_server((host, port), family=family, backlog=CONNECTIONS)
+    except OSError as error:
+        raise PortError(f"{host}:{port}: {reason(error)}") from None
+    shown = f"[{host}]" if ":" in host else host
+    return listener, str(endpoint._replace(place=f"{shown}:{listener.getsockname()[1]}"))
 
 
 def attend(connection: socket.socket) -> None:

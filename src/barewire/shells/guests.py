@@ -1,0 +1,97 @@
+"""Who is connected to a server, and who has to go when there are too many, or when one was silent for too long.
+
+        the longest silent                                  heard just now
+                A        C        B        E        D
+                '-- over `most` connections this one goes; or the first that was never answered, if there is one:
+                    who only opens connections takes nobody's
+
+With `idle` goes whoever is silent for so many seconds.
+
+I know: connections in the order in which they were heard.  I never know: sockets, loops, clocks: time is told.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+
+from barewire.shells.tcp_socket import CONNECTIONS
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Generic, Protocol, TypeVar
+
+    from barewire.shells.endpoint import Endpoint
+else:
+    from barewire.record import Generic, Protocol, TypeVar
+
+
+class Guest(Protocol):
+    """One connection, as far as the limits are concerned."""
+
+    peer: str
+    was_answered: bool
+
+    @property
+    def unsent(self) -> int:
+        """The bytes that the client has not taken yet."""
+
+    def abort(self) -> None:
+        """Hang up at once."""
+
+
+G = TypeVar("G", bound="Guest")
+
+
+class Guests(Generic[G]):
+    """The connections of one server. The endpoint says `connections` and `idle`, if it says anything.
+
+    Raises EncodeError for a number of connections or seconds that is none.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.connections: OrderedDict[G, float] = OrderedDict()
+        """Each with the time it was last heard, the longest silent first."""
+        self.turned_away: deque[str] = deque(maxlen=16)
+        """Why connections were closed by us, the latest: one line each."""
+        self.most = endpoint.integer("connections", CONNECTIONS)
+        self.idle = endpoint.seconds("idle", 0.0)
+
+    @property
+    def unsent(self) -> int:
+        """The bytes of answers that clients have not taken yet."""
+        return sum(guest.unsent for guest in self.connections)
+
+    def arrived(self, guest: G, now: float) -> None:
+        """A new connection; if it is one too many, another one has to go."""
+        while len(self.connections) >= self.most:
+            self.make_room(f"unused longest of {self.most} connections")
+        self.heard(guest, now)
+
+    def heard(self, guest: G, now: float) -> None:
+        """A connection is in use."""
+        self.connections[guest] = now
+        self.connections.move_to_end(guest)
+
+    def left(self, guest: G) -> None:
+        """A connection is over, whoever ended it."""
+        self.connections.pop(guest, None)
+
+    def make_room(self, why: str) -> None:
+        """Somebody has to go."""
+        unused = (guest for guest in self.connections if not guest.was_answered)
+        self.turn_away(next(unused, None) or next(iter(self.connections)), why)
+
+    def turn_away(self, guest: G, why: str) -> None:
+        """Close a connection and keep the reason to be seen."""
+        self.left(guest)
+        self.turned_away.append(f"{guest.peer}: {why}")
+        guest.abort()
+
+    def watch(self, now: float) -> float | None:
+        """Whoever was silent for too long goes. When to look again; None while nobody could be."""
+        while self.idle and self.connections:
+            guest, heard = next(iter(self.connections.items()))
+            if heard + self.idle > now:
+                return heard + self.idle
+            self.turn_away(guest, f"silent for {self.idle:g} s")
+        return None

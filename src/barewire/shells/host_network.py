@@ -1,0 +1,37 @@
+"""A server of asyncio in a thread: for TLS, datagrams, and serial lines in a tunnel, which have silences to keep."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Mapping
+
+from barewire.modbus import Unit
+from barewire.shells.aio_server import server_at
+from barewire.shells.endpoint import Endpoint
+from barewire.shells.host import LOOK, Host
+from barewire.shells.tcp_socket import listen
+
+
+class NetworkHost(Host):
+    """A server on a TCP or UDP port: tls, udp, rtu+tcp, ascii+tcp. Port 0 takes a free one."""
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
+        super().__init__()
+        self.server = server_at(endpoint, units)
+        self._listener, self.url = listen(endpoint)
+
+    def run(self, stop: threading.Event) -> None:
+        """Serve until `stop` is set."""
+        asyncio.run(self._serve(stop))
+
+    def close(self) -> None:
+        """Stop serving and wait until the port is given back; also of a host that nobody started."""
+        super().close()
+        self._listener.close()
+
+    async def _serve(self, stop: threading.Event) -> None:
+        await self.server.listen(self._listener)
+        async with self.server:
+            while not stop.is_set():
+                await asyncio.sleep(LOOK)
