@@ -56,17 +56,85 @@ def test_the_line_of_rtu_is_loaded_when_it_is_asked_for() -> None:
     assert "barewire.rtu.line" in loaded("import barewire.rtu; barewire.rtu.RtuLine")
 
 
+HEAVY = {"asyncio", "ssl", "logging", "tomllib", "fractions", "subprocess", "json", "pathlib", "copy"}
+HEAVY |= {"typing", "dataclasses", "inspect", "ast", "re", "urllib.parse", "ipaddress", "random"}
+BLOCKING = "from barewire.shells import open_modbus; import barewire.shells.tcp_socket"
+MESSAGE = "from barewire.modbus import ReadHoldingRegisters"
+OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "barewire.ascii", "barewire.rtu")
+
+
+def files(found: set[str], room: str) -> set[str]:
+    """Which files of a room are among the modules."""
+    return {name.removeprefix(f"{room}.") for name in found if name.startswith(f"{room}.")}
+
+
 def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> None:
-    found = loaded("from barewire.shells import open_modbus; import barewire.shells.tcp_socket")
-    heavy = {"asyncio", "ssl", "logging", "tomllib", "fractions", "subprocess"}
-    heavy |= {"typing", "dataclasses", "inspect", "re", "urllib.parse", "ipaddress", "random"}
-    assert not heavy & found
-    for room in ("barewire.canopen", "barewire.devices", "barewire.explain", "barewire.ascii", "barewire.rtu.line"):
-        assert room not in found
+    found = loaded(BLOCKING)
+    assert not HEAVY & found
+    assert not set(OTHER_ROOMS) & found
     # No message before one is said, not even what a bus itself may have to say, nor how values become bytes.
     assert "barewire.codecs" not in found
-    letter = {name.removeprefix("barewire.modbus.") for name in found if name.startswith("barewire.modbus.")}
-    assert letter == {"adu", "bus", "exceptions", "lost", "turns"}
+    assert files(found, "barewire.modbus") == {"adu", "bus", "exceptions", "lost", "turns"}
+
+
+def test_the_first_message_loads_its_file_and_what_makes_a_message() -> None:
+    found = loaded(MESSAGE)
+    assert {name for name in found if not name.startswith("barewire")} <= ALLOWED
+    assert files(found, "barewire.modbus") == {"adu", "exceptions", "message", "registers"}
+    whole = {"barewire", "barewire.door", "barewire.errors", "barewire.frozen", "barewire.modbus", "barewire.record"}
+    assert {name for name in found if name.startswith("barewire") and name.count(".") < 2} == {
+        *whole,
+        "barewire.codecs",
+    }
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        f"{BLOCKING}; {MESSAGE}; ReadHoldingRegisters(107, 3).read_response(bytes.fromhex('03 06 022b 0000 0064'))",
+        "from barewire.modbus import decode_request, decode_response; decode_request(b'\\3\\0\\0\\0\\1')",
+        f"{MESSAGE}; one = ReadHoldingRegisters(107, 3); repr(one), hash(one), one == ReadHoldingRegisters(107, 3)",
+        "from barewire.rtu import RtuLine, Timing; RtuLine(Timing.of(19200))",
+    ],
+    ids=["the blocking client, an answer", "all messages", "all that a message does", "a line that counts"],
+)
+def test_messages_need_neither_typing_nor_dataclasses(statement: str) -> None:
+    assert not HEAVY & loaded(statement)
+
+
+def test_who_asks_for_the_fields_of_a_message_gets_them_from_dataclasses() -> None:
+    found = loaded(f"{MESSAGE}; from dataclasses import fields; fields(ReadHoldingRegisters)")
+    assert "dataclasses" in found
+
+
+def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
+    """What asyncio brings differs by version. Nothing but our own may come on top, as little as for the other one."""
+    found = loaded("import asyncio; there = set(sys.modules); from barewire.shells import open_async")
+    assert {name for name in found if not name.startswith("barewire")} <= {"__future__"}
+    assert not set(OTHER_ROOMS) & found
+    assert "barewire.codecs" not in found
+    assert files(found, "barewire.modbus") == {"adu", "bus", "exceptions", "lost", "turns"}
+
+
+def test_the_tcp_server_needs_no_loop_either() -> None:
+    """A URL is taken apart by `urllib`, which brings `re` along; the rest is ours and sockets."""
+    server = "open_host('tcp://127.0.0.1:0', units={1: Table()}).close()"
+    found = loaded(f"from barewire.shells import open_host; from barewire.modbus import Table; {server}")
+    assert not (HEAVY - {"re", "urllib.parse", "ipaddress"}) & found
+    assert not [name for name in found if name.startswith(OTHER_ROOMS)]
+    assert {"host_tcp", "guests"} < files(found, "barewire.shells")
+    assert not [name for name in files(found, "barewire.shells") if name.startswith(("aio", "can_", "tls"))]
+
+
+def test_a_name_of_the_shells_loads_no_other_client() -> None:
+    for name, strangers in {
+        "Endpoint": ("blocking", "modbus_client", "aio", "client"),
+        "open_modbus": ("aio", "client", "can_fan", "host"),
+        "open_async": ("modbus_client", "client", "can_fan", "host", "aio_server", "aio_canopen"),
+        "serve": ("modbus_client", "client", "can_fan", "host", "aio_client"),
+    }.items():
+        found = files(loaded(f"from barewire.shells import {name}"), "barewire.shells")
+        assert not found & set(strangers), name
 
 
 def test_reading_registers_loads_the_file_of_that_message_only_when_said() -> None:

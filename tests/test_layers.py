@@ -20,7 +20,7 @@ SRC = Path(__file__).parent.parent / "src"
 HOME = SRC / "barewire"
 FILES = sorted(HOME.rglob("*.py"))
 
-BASE = {"errors", "conversation", "codecs", "door", "record"}
+BASE = {"errors", "conversation", "codecs", "door", "frozen", "record"}
 PROTOCOLS = {"modbus", "rtu", "ascii", "tcp", "canopen"}
 MEANING = BASE | PROTOCOLS | {"devices"}
 
@@ -28,6 +28,7 @@ MEANING = BASE | PROTOCOLS | {"devices"}
 PICTURE: dict[str, set[str]] = {
     "errors": set(),
     "door": set(),
+    "frozen": set(),
     "record": set(),
     "conversation": {"errors", "record"},
     "codecs": {"errors", "record"},

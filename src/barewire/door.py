@@ -1,41 +1,39 @@
 """A door that loads what is behind it when somebody asks for it: the `__getattr__` of a room's `__init__.py`.
 
-    __getattr__ = lazy(__name__, __all__, ("adu", "message", ...))
+    __getattr__ = lazy(__name__, {"adu": "Adu Noise", "message": "Message Request Response", ...})
 
-The files are looked through in the order given, the light ones first, so that an envelope which needs `modbus.adu` only
-does not pay for all the messages.
+Whoever asks for a name loads the one file that holds it, and what that file needs: an envelope which wants `Adu` does
+not pay for all the messages. A door says its names three times, each for another reader: in imports for type checkers,
+in `__all__` for `import *`, by file for me. `tests/test_doors.py` holds the three against each other.
 
 I know: modules and names.  I never know: what is in them.  The doors of rooms import me, nobody else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from typing import Any
 
 
-def lazy(room: str, names: Iterable[str], files: Iterable[str]) -> Callable[[str], Any]:
+def lazy(room: str, files: Mapping[str, str]) -> Callable[[str], Any]:
     """What answers for `room` when a name is asked of it that is not loaded yet.
 
-    >>> find = lazy("barewire.modbus", ["Adu"], ["adu"])
+    `files`: for each file the names that it holds and the door offers, with spaces between them.
+
+    >>> find = lazy("barewire.modbus", {"adu": "Adu Noise", "table": "Table"})
     >>> find("Adu").__module__
     'barewire.modbus.adu'
 
-    Raises AttributeError, as a module does, for a name that is not one of `names`.
+    Raises AttributeError, as a module does, for a name that no file holds.
     """
-    known, searched = frozenset(names), tuple(files)
+    file_of = {name: file for file, names in files.items() for name in names.split()}
 
     def find(name: str) -> Any:
-        if name in known:
-            from importlib import import_module  # when something is asked for, and not before
-
-            for file in searched:
-                found = vars(import_module(f"{room}.{file}"))
-                if name in found:
-                    return found[name]
+        if name in file_of:
+            return getattr(__import__(f"{room}.{file_of[name]}", fromlist=[name]), name)
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
 
     return find

@@ -93,3 +93,17 @@ class NamedTuple(metaclass=_Maker):
     >>> Point(3).mirrored()
     Point(x=-3, y=0)
     """
+
+
+class Shown:
+    """The base of what counts: an object that is shown as what it holds.
+
+    >>> class Hits(Shown):
+    ...     def __init__(self):
+    ...         self.left, self.right = 0, 2
+    >>> Hits()
+    Hits(left=0, right=2)
+    """
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"

@@ -209,39 +209,42 @@ __all__ = [
     "client_channel",
 ]
 
-# Loaded when asked for, the light ones first: a bus shell needs `frame` only and must not pay for a whole node.
-_FILES = (
-    "frame",
-    "cob",
-    "nmt",
-    "heartbeat",
-    "nmt_master",
-    "nmt_wait",
-    "guarding",
-    "sync",
-    "times",
-    "time_stamp",
-    "emcy",
-    "emcy_consumer",
-    "lss",
-    "lss_slave",
-    "lss_master",
-    "lss_scan",
-    "sdo",
-    "pdo",
-    "dictionary",
-    "mpdo",
-    "own_objects",
-    "stored",
-    "emcy_producer",
-    "pdo_records",
-    "pdo_engine",
-    "pdo_remote",
-    "pdo_listen",
-    "remote_objects",
-    "survey",
-    "device_sdo",
-    "device",
-)
+# Which file holds what. Only that one is loaded, with what it needs: a bus shell asks for `CanFrame` and gets no node.
+_FILES = {
+    "cob": "CobEntry Service check_node classify cob_id is_restricted",
+    "device": "Device",
+    "device_sdo": "client_channel",
+    "dictionary": "Entry ObjectDictionary",
+    "emcy": "Emergency error_text register_names register_of",
+    "emcy_consumer": "EmcyConsumer EmcyEvent",
+    "emcy_producer": "EmcyProducer",
+    "frame": "CanFrame ErrorFrame FdFrame",
+    "guarding": "Guard GuardedNode GuardEvent GuardingMaster LifeEvent",
+    "heartbeat": "HeartbeatConsumer HeartbeatEvent HeartbeatProducer NodeState consumer_entry guarding_request",
+    "lss": "Fastscan LssAddress LssMessage LssRefused LssService LssState",
+    "lss_master": (
+        "activate_bit_timing configure_bit_timing configure_node identify_slaves identify_unconfigured "
+        "inquire_address inquire_node store_configuration switch_global switch_selective"
+    ),
+    "lss_scan": "Assigned fastscan find_all",
+    "lss_slave": "LssSlave",
+    "mpdo": "Mpdo",
+    "nmt": "NmtChange NmtCommand NmtMessage NmtSlave NmtState",
+    "nmt_master": "Obeyed ask_state tell_nmt",
+    "nmt_wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
+    "own_objects": "standard_objects",
+    "pdo": "Mapped PdoMapping",
+    "pdo_engine": "PdoEngine",
+    "pdo_listen": "PdoHeard PdoListener RemotePdo remote_pdo",
+    "pdo_records": "Pdo pdos_of",
+    "pdo_remote": "PdoManner mapping_of read_pdo write_pdo",
+    "remote_objects": "read_object write_object",
+    "sdo": "AZ3 STANDARD AbortCode Block Channel Dialect SdoAbort SdoServer abort_text download fit upload upload_to",
+    "stored": "StoredParameters",
+    "survey": "Found Survey scan",
+    "sync": "Sync SyncEvent SyncMonitor SyncProducer",
+    "time_stamp": "TimeConsumer TimeHeard TimeProducer TimeStamp",
+    "times": "TimeDifference TimeOfDay",
+}
 
-__getattr__ = lazy(__name__, __all__, _FILES)
+__getattr__ = lazy(__name__, _FILES)

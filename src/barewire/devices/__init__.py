@@ -65,7 +65,14 @@ __all__ = [
     "CanopenAccess",
 ]
 
-# Loaded when asked for: whoever looks a parameter up need not load the buses.
-_FILES = ("cia402", "plan", "access", "drive_report", "drive_access", "drive")
+# Which file holds what. Only that one is loaded, with what it needs: looking a parameter up loads no bus.
+_FILES = {
+    "access": "read_canopen read_modbus write_canopen write_modbus",
+    "cia402": "State next_control_word state_of",
+    "drive": "Drive",
+    "drive_access": "CanopenAccess ModbusAccess",
+    "drive_report": "DriveStuck",
+    "plan": "plan_reads plan_writes",
+}
 
-__getattr__ = lazy(__name__, __all__, _FILES)
+__getattr__ = lazy(__name__, _FILES)

@@ -17,10 +17,10 @@ from barewire.codecs import Field
 from barewire.errors import DecodeError
 from barewire.explain.explanation import LEFT_OVER, Role, counted, cover
 from barewire.explain.words import code_title, title, with_meanings
-from barewire.modbus.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.exceptions import exception_name
 from barewire.modbus.functions import ENCAPSULATED, request_class, response_class
 from barewire.modbus.message import EXCEPTION_BIT, Message
+from barewire.modbus.sdo_abort import ExtendedExceptionResponse
 
 UNKNOWN_SHAPE = "data"
 

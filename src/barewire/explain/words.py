@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from barewire.codecs import Field
 from barewire.explain.explanation import Role
-from barewire.modbus.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.exceptions import EXCEPTIONS, exception_name
 from barewire.modbus.functions import ENCAPSULATED, request_class
 from barewire.modbus.identification import MORE, NO_MORE, OBJECT_NAMES, READ_CODES
 from barewire.modbus.message import EXCEPTION_BIT
+from barewire.modbus.sdo_abort import ExtendedExceptionResponse
 
 # Public functions by name, also those that have no message class here.                     [MB-APP 5.1]
 PUBLIC = {

@@ -4,13 +4,15 @@
     response:  unit | function code | data          -> ReadHoldingRegistersResponse(registers=(555, 0, 100))
     or:        unit | function code + 80h | code    -> ModbusException
 
-    messages    bits, registers, combined, files, fifo, diagnostics, events, identification, canopen_reference
+    messages    bits, registers, combined, files, fifo, diagnostics, events, identification, canopen_reference,
+                sdo_abort
     message     what a message is
     functions   which class for which function code  adu         what an envelope delivers
     line        what an envelope must offer          exceptions  how a server declines
     a client    talk (a turn of talk), bus and lost (what is remembered between two questions), turns (who may ask
                 next), inquiry (all that a device says about itself)
-    a server    serve (the machine), counters (what it has seen), identity (who it is), authorise (who may do what)
+    a server    serve (the machine), tally and counters (what it has seen), identity (who it is), authorise (who may do
+                what)
     its units   table (all in memory), handlers (plain functions)
     both        echo (a line that hears itself), conform (what every server must do, as data)
     neither     sniff, sniff_numbered (listening in: requests and responses put together)
@@ -36,12 +38,7 @@ if TYPE_CHECKING:
         WriteSingleCoilResponse,
     )
     from barewire.modbus.bus import Bus
-    from barewire.modbus.canopen_reference import (
-        CanopenReference,
-        CanopenReferenceResponse,
-        ExtendedExceptionResponse,
-        SdoAborted,
-    )
+    from barewire.modbus.canopen_reference import CanopenReference, CanopenReferenceResponse
     from barewire.modbus.combined import (
         MaskWriteRegister,
         MaskWriteRegisterResponse,
@@ -97,9 +94,11 @@ if TYPE_CHECKING:
         WriteSingleRegister,
         WriteSingleRegisterResponse,
     )
-    from barewire.modbus.serve import Reply, Server, Tally, Unit
+    from barewire.modbus.sdo_abort import ExtendedExceptionResponse, SdoAborted
+    from barewire.modbus.serve import Reply, Server, Unit
     from barewire.modbus.table import Table
     from barewire.modbus.talk import ask, tell
+    from barewire.modbus.tally import Tally
     from barewire.modbus.turns import Turns
 
 __all__ = [
@@ -185,34 +184,45 @@ __all__ = [
     "Table",
 ]
 
-# Loaded when asked for, the light ones first: an envelope needs `adu` only and must not pay for all the messages.
-_FILES = (
-    "adu",
-    "exceptions",
-    "line",
-    "message",
-    "bits",
-    "registers",
-    "combined",
-    "files",
-    "fifo",
-    "diagnostics",
-    "events",
-    "identification",
-    "canopen_reference",
-    "functions",
-    "lost",
-    "bus",
-    "talk",
-    "inquiry",
-    "echo",
-    "turns",
-    "authorise",
-    "counters",
-    "serve",
-    "identity",
-    "table",
-    "handlers",
-)
+# Which file holds what. Only that one is loaded, with what it needs: an envelope asks for `Adu` and gets no messages.
+_FILES = {
+    "adu": "BROADCAST PDU_LIMIT Adu Noise",
+    "authorise": "Authorisation Permission",
+    "bits": (
+        "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
+        "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"
+    ),
+    "bus": "Bus",
+    "canopen_reference": "CanopenReference CanopenReferenceResponse",
+    "combined": (
+        "MaskWriteRegister MaskWriteRegisterResponse ReadWriteMultipleRegisters ReadWriteMultipleRegistersResponse"
+    ),
+    "counters": "Counters",
+    "diagnostics": "Diagnostics DiagnosticsResponse ReadExceptionStatus ReadExceptionStatusResponse Unanswered",
+    "echo": "EchoLine",
+    "events": "GetCommEventCounter GetCommEventCounterResponse GetCommEventLog GetCommEventLogResponse event_text",
+    "exceptions": "EXCEPTIONS ModbusException exception_name",
+    "fifo": "ReadFifoQueue ReadFifoQueueResponse",
+    "files": "FileRecord ReadFileRecord ReadFileRecordResponse RecordPlace WriteFileRecord WriteFileRecordResponse",
+    "functions": "decode_request decode_response register",
+    "handlers": "Functions",
+    "identification": "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse",
+    "identity": "Identity",
+    "inquiry": "Identification identify",
+    "line": "Line",
+    "lost": "LateReply WriteOutcomeUnknown",
+    "message": "ExceptionResponse Message Request Response",
+    "registers": (
+        "ReadHoldingRegisters ReadHoldingRegistersResponse ReadInputRegisters ReadInputRegistersResponse "
+        "WriteMultipleRegisters WriteMultipleRegistersResponse WriteSingleRegister "
+        "WriteSingleRegisterResponse"
+    ),
+    "sdo_abort": "ExtendedExceptionResponse SdoAborted",
+    "serve": "Reply Server Unit",
+    "table": "Table",
+    "tally": "Tally",
+    "talk": "ask tell",
+    "turns": "Turns",
+}
 
-__getattr__ = lazy(__name__, __all__, _FILES)
+__getattr__ = lazy(__name__, _FILES)

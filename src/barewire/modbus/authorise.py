@@ -14,12 +14,16 @@ What is refused gets exception 01 [MB-TLS R-31].
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
 
 from barewire.errors import EncodeError
 from barewire.modbus.message import Request
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple
+else:
+    from barewire.record import NamedTuple
 
 _NUMBERS = "numbers and ranges, such as 0-99,200"
 _PLACES = (
@@ -70,6 +74,8 @@ class Authorisation:
     @classmethod
     def parse(cls, text: str) -> Authorisation:
         """The table from JSON. EncodeError says what is wrong with it."""
+        import json  # every server loads this file, and few have such a table
+
         form = "a table of roles is JSON, role -> list of permissions"
         try:
             table = json.loads(text, object_pairs_hook=_once)

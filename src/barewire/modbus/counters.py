@@ -20,7 +20,6 @@ Communications (08/01), which is not answered then.
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
 
 from barewire.modbus.diagnostics import (
     CHANGE_ASCII_DELIMITER,
@@ -49,6 +48,10 @@ from barewire.modbus.events import (
 )
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.message import Response
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any
 
 ANSWERED = (Diagnostics, GetCommEventCounter, GetCommEventLog)
 """The requests that are about the line and not about the device."""

@@ -13,11 +13,9 @@ clients, `explain` and the byte count of RTU know it.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
-
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.bits import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
-from barewire.modbus.canopen_reference import CanopenReference, ExtendedExceptionResponse
+from barewire.modbus.canopen_reference import CanopenReference
 from barewire.modbus.combined import MaskWriteRegister, ReadWriteMultipleRegisters
 from barewire.modbus.diagnostics import Diagnostics, ReadExceptionStatus
 from barewire.modbus.events import GetCommEventCounter, GetCommEventLog
@@ -31,8 +29,15 @@ from barewire.modbus.registers import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
+from barewire.modbus.sdo_abort import ExtendedExceptionResponse
 
-AnyRequest: TypeAlias = Request[Any]
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, TypeAlias
+
+    AnyRequest: TypeAlias = Request[Any]
+else:
+    AnyRequest = Request
 
 ENCAPSULATED = 0x2B
 """Behind this function code a second byte, the MEI type, says which function it is [MB-APP 6.19]."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from copy import copy
 
 from barewire.conversation import Heard
 from barewire.errors import DecodeError, NoAnswer
 from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
+from barewire.record import Shown
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
@@ -65,14 +65,7 @@ class Lost(NamedTuple):
         return True
 
 
-class _Shown:
-    """Shown as what it holds. A dataclass would be too, but to load `dataclasses` takes longer than this whole room."""
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
-
-
-class Known(_Shown):
+class Known(Shown):
     """What is known of one unit."""
 
     def __init__(self) -> None:
@@ -83,7 +76,7 @@ class Known(_Shown):
         self.listens_only = False  # it was told to, and was silent
 
 
-class BusCounters(_Shown):
+class BusCounters(Shown):
     """How the line is."""
 
     def __init__(self) -> None:
@@ -134,6 +127,8 @@ class Memory:
 
         What is known of the units and the counters are shared.
         """
+        from copy import copy  # nobody else needs it
+
         other = copy(self)
         other.line = line
         other._lost = deque(maxlen=KEPT)

@@ -9,13 +9,17 @@ and `request.read_response(pdu)` is the only way to a value. A response is a val
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Self, TypeVar, cast
-
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
 from barewire.modbus.adu import check_pdu
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Generic, Self, TypeVar
+else:
+    from barewire.record import Generic, TypeVar
 
 R = TypeVar("R", bound="Response")
 
@@ -92,8 +96,9 @@ class Request(Message, Generic[R]):
         """
         if pdu and pdu[0] == self.function_code | EXCEPTION_BIT:
             raise ModbusException(ExceptionResponse.decode(pdu).exception_code, self.function_code)
-        # The one cast of the room: `response` is a class attribute, and those cannot be generic.
-        return cast(R, self.fit(self.response.decode(pdu), pdu))
+        # `response` is a class attribute, and those cannot be generic: so it is said here what it is.
+        answer: R = self.fit(self.response.decode(pdu), pdu)
+        return answer
 
     def without_answer(self, *, listens_only: bool = False) -> R | None:
         """What stands for the response where the standard has the unit be silent; None where it has to answer.

@@ -7,18 +7,25 @@ cannot. What several registers mean together is not Modbus's business: see `bare
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from struct import Struct
-from typing import Any, ClassVar, Self
+from struct import error as StructError
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
 from barewire.modbus.message import Request, Response, check_range
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Self
 
 READ_LIMIT = 125
 WRITE_LIMIT = 123
+_REQUEST = Struct(">BHH")
 _ROWS = tuple(Struct(f">{quantity}H") for quantity in range(READ_LIMIT + 1))
 """For each quantity, what turns its bytes into registers."""
+_RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_LIMIT + 1))
+"""For each quantity, what makes the whole answer."""
 
 
 def register_fields(found: list[Field]) -> list[Field]:
@@ -57,8 +64,11 @@ class ReadHoldingRegistersResponse(Response):
 
     def encode(self) -> bytes:
         """The PDU."""
-        data = from_registers(self.registers)
-        return self.layout.pack(self.function_code, len(data), tail=data)
+        row = self.registers
+        try:
+            return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
+        except StructError:
+            return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # raises, and says why
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
@@ -108,13 +118,29 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
         check_range("address", self.address, 0, 0xFFFF)
         check_range("quantity", self.quantity, 1, READ_LIMIT)
 
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """As of every message. Where nothing can be wrong, and nearly always nothing is, one look is enough."""
+        if len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
+            _, address, quantity = _REQUEST.unpack(pdu)
+            if 1 <= quantity <= READ_LIMIT:
+                request = object.__new__(cls)
+                object.__setattr__(request, "address", address)
+                object.__setattr__(request, "quantity", quantity)
+                return request
+        return super().decode(pdu)
+
     def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
         """As of every request. The answer that fits, and nearly all do, is known at one look and read by one call."""
         size = 2 * self.quantity
         if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size:
             return Request.read_response(self, pdu)
+        return self.answer(_ROWS[self.quantity].unpack_from(pdu, 2))
+
+    def answer(self, row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
+        """The response with this row, which must be registers and as many as were asked: nobody looks again."""
         response: ReadHoldingRegistersResponse = object.__new__(self.response)  # type: ignore[assignment]  # its class
-        object.__setattr__(response, "registers", _ROWS[self.quantity].unpack_from(pdu, 2))
+        object.__setattr__(response, "registers", row)
         return response
 
     def fit(self, response: Any, pdu: bytes) -> Any:

@@ -24,13 +24,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple, Protocol
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import BROADCAST, Adu, Noise
-from barewire.modbus.canopen_reference import ExtendedExceptionResponse, SdoAborted
 from barewire.modbus.counters import ANSWERED, Counters
 from barewire.modbus.exceptions import (
     ILLEGAL_FUNCTION,
@@ -41,12 +38,22 @@ from barewire.modbus.exceptions import (
 from barewire.modbus.functions import AnyRequest, request_class
 from barewire.modbus.line import Event, Line
 from barewire.modbus.message import EXCEPTION_BIT, ExceptionResponse, Response, checked
+from barewire.modbus.sdo_abort import ExtendedExceptionResponse, SdoAborted
+from barewire.modbus.tally import Tally
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple, Protocol
+else:
+    from barewire.record import NamedTuple, Protocol
 
 TRANSACTIONS = 16
 """NumberMaxOfServerTransaction: so many requests of one client are worked on at a time [MB-TCP 4.4.2]."""
 
 GLITCH = 3
 """So many bytes behind a request cannot be a frame, the shortest has four."""
+
+_new = tuple.__new__  # what Reply(...) does, without the function around it
 
 _SOON = 0.1
 """Seconds: a line that needs longer to see that a glitch is one (ASCII) is not waited for."""
@@ -69,26 +76,6 @@ class Reply(NamedTuple):
 
     data: bytes
     at: float
-
-
-@dataclass(slots=True)
-class Tally:
-    """What a server has seen, for whoever wants to know how the line is."""
-
-    requests: int = 0
-    replies: int = 0
-    exceptions: int = 0
-    broadcasts: int = 0
-    for_others: int = 0
-    noise_bytes: int = 0
-    not_requests: int = 0
-    """Frames with bit 7 of the function set."""
-    stale: int = 0
-    """Requests that other traffic had followed before they could be answered."""
-    echoes: int = 0
-    """Our own answers, heard."""
-    failures: list[str] = field(default_factory=list)
-    """The latest errors of a unit's own code, at most ten: they were answered with exception 04."""
 
 
 class Server:
@@ -127,18 +114,21 @@ class Server:
 
     def feed(self, data: bytes | None, now: float) -> list[Reply]:
         """Bytes that arrived; what is to be sent. Never raises."""
-        quiet_at = self.line.quiet_at
-        events = self.line.feed(data, now)
+        line = self.line
         if self.serial:
-            return self._feed_serial(events, now, now < quiet_at)
+            is_early = now < line.quiet_at
+            return self._feed_serial(line.feed(data, now), now, is_early)
         replies = []
-        served = 0
-        for event in events:
+        room = self._transactions
+        for event in line.feed(data, now):
             if isinstance(event, Noise):
                 self.tally.noise_bytes += len(event.data)
                 continue
-            served += 1
-            replies += self._reply(event, now, busy=served > self._transactions)
+            pdu = self.answer(event, now) if room > 0 else self._overload(event.pdu)
+            room -= 1
+            if pdu is not None:
+                self.tally.replies += 1
+                replies.append(_new(Reply, (line.response(event, pdu), 0.0)))
         return replies
 
     def overrun(self) -> None:
@@ -194,13 +184,13 @@ class Server:
             self.counters[adu.unit].received()
             self.counters[adu.unit].ignored()
 
-    def _reply(self, adu: Adu, now: float, *, busy: bool = False) -> list[Reply]:
-        pdu = self._overload(adu.pdu) if busy else self.answer(adu, now)
+    def _reply(self, adu: Adu, now: float) -> list[Reply]:
+        """On a serial line."""
+        pdu = self.answer(adu, now)
         if pdu is None:
             return []
         self.tally.replies += 1
-        if self.serial:
-            self._said = Adu(adu.unit, pdu)
+        self._said = Adu(adu.unit, pdu)
         return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
 
     def _overload(self, pdu: bytes) -> bytes | None:
@@ -242,7 +232,10 @@ class Server:
                 request = read(pdu, unit, counters is not None)
                 if self._permits is not None and not self._permits(number, request):
                     raise ModbusException(ILLEGAL_FUNCTION)
-                response = self._handle(unit, counters, request, now)
+                if counters is None:
+                    response = unit.handle(request, now)
+                else:
+                    response = self._handle(unit, counters, request, now)
                 # Checked here, where a response that is none is still the unit's failure and not the line's.
                 answer = None if response is None else checked(response.encode())
             except ModbusException as declined:
@@ -257,12 +250,13 @@ class Server:
         return answer if answered else None
 
     @staticmethod
-    def _handle(unit: Unit, counters: Counters | None, request: AnyRequest, now: float) -> Response | None:
+    def _handle(unit: Unit, counters: Counters, request: AnyRequest, now: float) -> Response | None:
+        """On a serial line, where what the unit declines may be a question about the line."""
         try:
             return unit.handle(request, now)
         except ModbusException as declined:
             is_about_line = isinstance(request, ANSWERED) and getattr(unit, "diagnostics", True)
-            if counters is None or declined.code != ILLEGAL_FUNCTION or not is_about_line:
+            if declined.code != ILLEGAL_FUNCTION or not is_about_line:
                 raise
         return counters.answer(request)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from barewire.codecs import from_registers
 from barewire.errors import EncodeError
@@ -26,6 +25,10 @@ from barewire.modbus.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueRespons
 from barewire.modbus.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
 from barewire.modbus.identity import Identity
 from barewire.modbus.message import Response, check_range
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any
 
 SIZE = 0x10000
 
@@ -89,17 +92,16 @@ class Table:
     def handle(self, request: Any, now: float) -> Response | None:
         """Answer one request; ModbusException 01 for what a table cannot do, 02 beyond its end."""
         match request:
-            # ReadDiscreteInputs is a ReadCoils and ReadInputRegisters a ReadHoldingRegisters, so these come first.
+            # ReadInputRegisters is a ReadHoldingRegisters too, and ReadDiscreteInputs a ReadCoils.
+            case registers.ReadHoldingRegisters(address, quantity):
+                is_input = isinstance(request, registers.ReadInputRegisters)
+                row_of = self.input_registers if is_input else self.holding_registers
+                return request.answer(tuple(row_of[self._span(address, quantity)]))
             case bits.ReadDiscreteInputs(address, quantity):
                 row = self.discrete_inputs[self._span(address, quantity)]
                 return bits.ReadDiscreteInputsResponse(tuple(map(bool, row)))
             case bits.ReadCoils(address, quantity):
                 return bits.ReadCoilsResponse(tuple(map(bool, self.coils[self._span(address, quantity)])))
-            case registers.ReadInputRegisters(address, quantity):
-                return registers.ReadInputRegistersResponse(tuple(self.input_registers[self._span(address, quantity)]))
-            case registers.ReadHoldingRegisters(address, quantity):
-                row_of = self.holding_registers[self._span(address, quantity)]
-                return registers.ReadHoldingRegistersResponse(tuple(row_of))
             case bits.WriteSingleCoil(address, on):
                 self.coils[self._span(address, 1)] = bytes([on])
                 return bits.WriteSingleCoilResponse(address, on)

@@ -12,14 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 from contextlib import suppress
-from typing import Literal
 
 from barewire.errors import DecodeError
 from barewire.modbus.functions import decode_request, decode_response, measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST
 
-Role = Literal["client", "server", "listener"]
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Literal
+
+    Role = Literal["client", "server", "listener"]
+else:
+    Role = str
 
 
 class Shape:

@@ -64,18 +64,18 @@ __all__ = [
     "open_host",
 ]
 
-# Loaded when asked for, the light ones first: a blocking client needs no asyncio.
-_FILES = (
-    "endpoint",
-    "blocking",
-    "modbus_client",
-    "can_tap",
-    "can_fan",
-    "client",
-    "aio_client",
-    "aio_canopen",
-    "aio_server",
-    "host",
-)
+# Which file holds what. Only that one is loaded, with what it needs: a blocking client gets no asyncio.
+_FILES = {
+    "aio_canopen": "AsyncCanopenClient open_canopen_async",
+    "aio_client": "AsyncModbusClient open_async open_tcp",
+    "aio_server": "serve serve_tcp",
+    "blocking": "Port run",
+    "can_fan": "CanBus",
+    "can_tap": "Back Gone Lost",
+    "client": "CanopenClient connect open_bus open_canopen",
+    "endpoint": "Endpoint",
+    "host": "Host open_host",
+    "modbus_client": "ModbusClient open_modbus",
+}
 
-__getattr__ = lazy(__name__, __all__, _FILES)
+__getattr__ = lazy(__name__, _FILES)

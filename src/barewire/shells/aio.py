@@ -10,20 +10,22 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Awaitable, Callable
-from typing import Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
-from barewire.conversation import Conversation, Heard, Send
+from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import BarewireError, PortError
 from barewire.modbus.bus import Bus
-from barewire.modbus.message import Request, Response
 from barewire.shells.blocking import farewell
 from barewire.shells.plain import answer, listening
 from barewire.shells.tcp_socket import CHUNK, attend, reason
 from barewire.shells.tls import tls_reason
 
+if TYPE_CHECKING:
+    from barewire.modbus.message import Request, Response
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-R = TypeVar("R", bound=Response)
+R = TypeVar("R", bound="Response")
 
 
 class AsyncPort(Protocol[Item]):
@@ -46,14 +48,15 @@ async def run(
         step = next(conversation) if heard is None else conversation.send(heard)
         while True:
             item: Item | None = None
-            if isinstance(step, Send):
-                port.write(step.item)
+            if isinstance(step, Listen):
+                wait = step.until - clock()
+                item = await port.receive(wait if wait > 0.0 else 0.0)
+            else:
+                for said in step.items:
+                    port.write(said)
                 leaving = port.sent()
                 if leaving is not None:
                     await leaving
-            else:
-                wait = step.until - clock()
-                item = await port.receive(wait if wait > 0.0 else 0.0)
             step = conversation.send(_heard(Heard, (item, clock())))
     except StopIteration as stop:
         result: Result = stop.value

@@ -13,8 +13,6 @@ waits for any more, or is taken care of by the bus.
 
 from __future__ import annotations
 
-import copy
-import random
 from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from types import TracebackType
@@ -23,9 +21,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from barewire.conversation import Conversation
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus.bus import Bus
-from barewire.modbus.message import Request, Response
 from barewire.shells.aio_connection import AsyncConnection
-from barewire.shells.back_off import BackOff
+from barewire.shells.back_off import BackOff, dice
 from barewire.shells.carriers import bus_options, modbus_endpoint, unit_of
 from barewire.shells.endpoint import Turn
 from barewire.shells.verbs import Verbs
@@ -34,8 +31,9 @@ if TYPE_CHECKING:
     from barewire.codecs import Value
     from barewire.devices.device import Device
     from barewire.devices.parameter import Reading
+    from barewire.modbus.message import Request, Response
 
-R = TypeVar("R", bound=Response)
+R = TypeVar("R", bound="Response")
 T = TypeVar("T")
 
 
@@ -66,7 +64,9 @@ class AsyncModbusClient(Verbs):
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
         """The same client, on the same connection, speaking to another unit or with another patience."""
-        other = copy.copy(self)
+        from copy import copy  # nobody else needs it
+
+        other = copy(self)
         other.unit = self.unit if unit is None else unit
         other.timeout = self.timeout if timeout is None else timeout
         return other
@@ -152,7 +152,7 @@ async def open_async(
     *,
     in_flight: int = 1,
     lazy: bool = False,
-    chance: Callable[[], float] = random.random,
+    chance: Callable[[], float] = dice,
     turn: Turn | None = None,
     **options: Any,
 ) -> AsyncModbusClient:

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from barewire.conversation import Conversation
 from barewire.errors import EncodeError, PortError
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.bus import Bus
-from barewire.modbus.message import Request, Response
 from barewire.modbus.turns import Ticket, Turns
 from barewire.shells.aio import AsyncLink, Mailbox, exchange, run
 from barewire.shells.aio_dial import dial
@@ -27,7 +26,10 @@ from barewire.shells.carriers import modbus_line
 from barewire.shells.endpoint import Endpoint
 from barewire.tcp import FanOut
 
-R = TypeVar("R", bound=Response)
+if TYPE_CHECKING:
+    from barewire.modbus.message import Request, Response
+
+R = TypeVar("R", bound="Response")
 T = TypeVar("T")
 
 

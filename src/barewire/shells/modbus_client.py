@@ -10,7 +10,6 @@ A connection that failed is made anew by the next question: at once the first ti
 
 from __future__ import annotations
 
-import copy
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -187,7 +186,9 @@ class ModbusClient(Verbs):
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
         """The same client, on the same connection, speaking to another unit or with another patience."""
-        other = copy.copy(self)
+        from copy import copy  # nobody else needs it
+
+        other = copy(self)
         other.unit = self.unit if unit is None else unit
         other.timeout = self.timeout if timeout is None else timeout
         return other

@@ -18,12 +18,14 @@ from __future__ import annotations
 import socket
 import ssl
 from collections.abc import Iterator
-from pathlib import Path
 
 from barewire.errors import DecodeError, EncodeError, PortError
-from barewire.modbus import Authorisation
 from barewire.shells.endpoint import Endpoint
 from barewire.shells.tcp_socket import CHUNK, TcpPort, reason
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from barewire.modbus.authorise import Authorisation
 
 ROLE = bytes.fromhex("2B0601040183890C862201")
 """1.3.6.1.4.1.50316.802.1, as DER writes it."""
@@ -60,6 +62,8 @@ def server_context(endpoint: Endpoint) -> ssl.SSLContext:
 
 
 def _context(endpoint: Endpoint, side: ssl._SSLMethod) -> ssl.SSLContext:
+    from pathlib import Path  # every asyncio client loads this file, for the words of `tls_reason`
+
     files = {}
     for key in ("cert", "key", "ca"):
         if key not in endpoint.options:
@@ -188,6 +192,10 @@ def roles_of(endpoint: Endpoint) -> Authorisation | None:
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
     if name == "any":
         return None
+    from pathlib import Path
+
+    from barewire.modbus.authorise import Authorisation
+
     try:
         return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:

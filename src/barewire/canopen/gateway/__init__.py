@@ -28,4 +28,11 @@ if TYPE_CHECKING:
 
 __all__ = ["GatewayCode", "GatewayError", "Notices", "Session"]
 
-__getattr__ = lazy(__name__, __all__, ("codes", "notices", "session"))
+# Which file holds what.
+_FILES = {
+    "codes": "GatewayCode GatewayError",
+    "notices": "Notices",
+    "session": "Session",
+}
+
+__getattr__ = lazy(__name__, _FILES)
