@@ -51,6 +51,15 @@ def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: di
     machine_info["system"] = f"{platform.system()} {platform.release()}"
 
 
+def pytest_benchmark_update_json(output_json: dict[str, Any]) -> None:
+    """Who is not in a race, and why."""
+    output_json["absent"] = {
+        group: outcome.missing | {who: f"which failed: {error}" for who, error in outcome.failed.items()}
+        for group, outcome in _outcomes.items()
+        if outcome.missing or outcome.failed
+    }
+
+
 @pytest.fixture
 def enter(benchmark: BenchmarkFixture) -> Callable[[Race, str], None]:
     """`enter(race, who)`: the rounds of this one contestant."""

@@ -1,8 +1,8 @@
 """How strangers read and build frames: what of each library does just that, without a port.
 
-A reader takes the bytes of a whole answer and gives the registers; a builder gives the bytes of a request. Where a
-library has no such function (pyModbusTCP does both in its socket calls), it is in the races of `test_blocking` only.
-Names with an underscore are theirs.
+A reader takes the bytes of a whole answer and gives the registers, in whatever it has them; a builder gives the bytes
+of a request. Where a library has no such function (pyModbusTCP does both in its socket calls), it is in the races of
+`test_tcp` only. Names with an underscore are theirs.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def pymodbus(envelope: str, quantity: int) -> Reader:
 
     def read(data: bytes) -> Any:
         _, pdu = framer.handleFrame(data, 0, 0)
-        return tuple(pdu.registers)
+        return pdu.registers
 
     return read
 
@@ -45,10 +45,9 @@ def minimalmodbus(envelope: str, quantity: int) -> Reader:
     from minimalmodbus import _bytes_to_valuelist, _check_response_bytecount, _extract_payload
 
     def read(data: bytes) -> Any:
-        # It reads answers as text of latin-1 before it takes them apart; so do its own callers.
         payload = _extract_payload(data, 1, envelope, 3)
         _check_response_bytecount(payload)
-        return tuple(_bytes_to_valuelist(payload[1:], quantity))
+        return _bytes_to_valuelist(payload[1:], quantity)
 
     return read
 
@@ -66,7 +65,7 @@ def umodbus(envelope: str, quantity: int) -> Reader:
         from umodbus.client.serial.rtu import parse_response_adu, read_holding_registers
     request = read_holding_registers(1, 0, quantity)
     asked = request[7:] if envelope == "tcp" else request
-    return lambda data: tuple(parse_response_adu(data, asked))
+    return lambda data: parse_response_adu(data, asked)
 
 
 def umodbus_builder(envelope: str) -> Builder:
@@ -117,15 +116,25 @@ def tmodbus(envelope: str, quantity: int) -> Reader:
         def read(data: bytes) -> Any:
             if not validate_crc16(data) or data[0] != 1:
                 raise ValueError
-            return tuple(pdu.decode_response(data[1:-2]))
+            return pdu.decode_response(data[1:-2])
 
         return read
+    if envelope == "ascii":
+        from tmodbus.transport.async_ascii import decode_ascii_frame, validate_ascii_frame
+
+        def read_ascii(data: bytes) -> Any:
+            raw = decode_ascii_frame(data)
+            if not validate_ascii_frame(raw) or raw[0] != 1:
+                raise ValueError
+            return pdu.decode_response(raw[1:-1])
+
+        return read_ascii
 
     def read_tcp(data: bytes) -> Any:
         _, protocol, length, unit = struct.unpack_from(">HHHB", data)
         if protocol or length + 6 != len(data) or unit != 1:
             raise ValueError
-        return tuple(pdu.decode_response(data[7:]))
+        return pdu.decode_response(data[7:])
 
     return read_tcp
 
@@ -141,6 +150,10 @@ def tmodbus_builder(envelope: str) -> Builder:
             return body + calculate_crc16(body)
 
         return build
+    if envelope == "ascii":
+        from tmodbus.transport.async_ascii import build_ascii_frame
+
+        return lambda: build_ascii_frame(1, ReadHoldingRegistersPDU(107, 10).encode_request())
 
     def build_tcp() -> bytes:
         pdu = ReadHoldingRegistersPDU(107, 10).encode_request()
@@ -157,7 +170,7 @@ READERS: dict[str, dict[str, Callable[[str, int], Reader]]] = {
         "uModbus": umodbus,
         "modbus-tk": modbus_tk,
     },
-    "ascii": {"pymodbus": pymodbus, "minimalmodbus": minimalmodbus},
+    "ascii": {"pymodbus": pymodbus, "tmodbus": tmodbus, "minimalmodbus": minimalmodbus},
     "tcp": {"pymodbus": pymodbus, "tmodbus": tmodbus, "uModbus": umodbus, "modbus-tk": modbus_tk},
 }
 BUILDERS: dict[str, dict[str, Callable[[str], Builder]]] = {
@@ -168,7 +181,7 @@ BUILDERS: dict[str, dict[str, Callable[[str], Builder]]] = {
         "uModbus": umodbus_builder,
         "modbus-tk": modbus_tk_builder,
     },
-    "ascii": {"pymodbus": pymodbus_builder, "minimalmodbus": minimalmodbus_builder},
+    "ascii": {"pymodbus": pymodbus_builder, "tmodbus": tmodbus_builder, "minimalmodbus": minimalmodbus_builder},
     "tcp": {
         "pymodbus": pymodbus_builder,
         "tmodbus": tmodbus_builder,

@@ -26,12 +26,13 @@ def goals() -> list[Goal]:
         Goal("CRC of 64 KiB: 20 x faster than a table", "CRC-16", "one frame", 65536, "byte table", 1 / 20),
         Goal("... at most 1.3 x crcmod's C", "CRC-16", "one frame", 65536, "crcmod in C", 1.3),
         Goal("CRC of 6 bytes: no slower than a table", "CRC-16", "one frame", 6, "byte table", 1.05),
+        Goal("... of 26, the last that take it", "CRC-16", "one frame", 26, "byte table", 1.05),
+        Goal("... of 27, the first that fold", "CRC-16", "one frame", 27, "byte table", 1.05),
     ]
     one = "registers of one answer"
     for size, limit in ((1, 2.5), (8, 2.5), (62, 1.5), (125, 1.5)):
-        found.append(
-            Goal(f"RTU, {size} registers: at most {limit} x by hand", "RTU response", one, size, "by hand", limit)
-        )
+        text = f"RTU, {size} register{'s' if size > 1 else ''}: at most {limit} x by hand"
+        found.append(Goal(text, "RTU response", one, size, "by hand", limit))
     found.append(Goal("RTU, 8: 2.5 x faster than pymodbus", "RTU response", one, 8, "pymodbus", 1 / 2.5))
     found.append(Goal("RTU, 125: 8 x faster than pymodbus", "RTU response", one, 125, "pymodbus", 1 / 8))
     for envelope in ("ASCII", "TCP"):
@@ -88,7 +89,7 @@ def goals() -> list[Goal]:
             text = f"import {who}, {word}: a tenth of pymodbus.client"
             found.append(Goal(text, "Import", what, "each", "pymodbus.client", 0.1, who, memory))
             found.append(Goal("... below minimalmodbus", "Import", what, "each", "minimalmodbus", 1.0, who, memory))
-        for more in ("", ", with its first message"):
+        for more in ("", ", a URL and its first message"):
             who = f"barewire blocking TCP client{more}"
             text = f"{who}, {word}: a third of pymodbus.client"
             found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 3, who, memory))

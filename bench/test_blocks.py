@@ -43,8 +43,10 @@ def _race(count: int) -> Race:
     def pymodbus(_: ExitStack) -> Work:
         from pymodbus.client.mixin import ModbusClientMixin as Mixin
 
+        registers = list(content)  # as its answers have them
+
         def read() -> dict[str, float]:
-            found = Mixin.convert_from_registers(list(content), Mixin.DATATYPE.UINT32)
+            found = Mixin.convert_from_registers(registers, Mixin.DATATYPE.UINT32)
             row = found if isinstance(found, list) else [found]
             return {name: number / 10 for name, number in zip(names, row)}
 

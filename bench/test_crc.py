@@ -85,7 +85,7 @@ FORMS: dict[str, Callable[[], Crc]] = {
     "modbus-tk": _modbus_tk,
     "bit by bit": lambda: crc16_bit_by_bit,
 }
-LENGTHS = (6, 12, 16, 20, 24, 32, 64, 254, 1024, 4096, 65536)
+LENGTHS = (6, 12, 20, 26, 27, 32, 64, 254, 1024, 4096, 65536)
 
 
 def _right(found: object, right: int) -> bool:
