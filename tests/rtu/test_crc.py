@@ -30,10 +30,20 @@ def test_each_form_gives_what_the_referee_gives(form: Form, data: bytes) -> None
 def test_each_form_takes_every_byte_and_every_length(form: Form) -> None:
     for byte in range(256):
         assert form(bytes([byte])) == referee(bytes([byte]))
-    row = bytes(37 * place & 0xFF for place in range(300))
-    for length in range(300):
-        for data in (row[:length], bytes(length), b"\xff" * length):
+    for length in range(601):
+        row = bytes((37 * place + length) & 0xFF for place in range(length))
+        for data in (row, bytes(length), b"\xff" * length):
             assert form(data) == form(bytearray(data)) == referee(data)
+
+
+@modest
+@given(
+    st.integers(601, 20_000).flatmap(
+        lambda length: st.randoms(use_true_random=False).map(lambda r: r.randbytes(length))
+    )
+)
+def test_what_is_longer_than_any_frame_folds_to_the_same(data: bytes) -> None:
+    assert crc16(data) == crc16_folded(data) == crc16_bit_by_bit(data) == crc16_table(data) == referee(data)
 
 
 @pytest.mark.parametrize("length", [0xFFFF, 0x10000, 0x10001, 0x20003])

@@ -40,8 +40,9 @@ POLYNOMIAL = 0xA001
 
 INITIAL = 0xFFFF
 
-FOLD_FROM = 20
-"""Bytes: from here on folding is faster than the table. Measured by bench/test_crc.py, not derived."""
+FOLD_FROM = 27
+"""Bytes: from here on folding is faster than the table. Measured by bench/test_crc.py, with 3.11 to 3.13; not derived,
+though it is no accident: with 16 bits behind it a frame of 27 bytes is the first that is halved by a fold of k = 8."""
 
 
 def crc16(data: bytes | bytearray) -> int:
