@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 
 from barewire.errors import REASONS
+from barewire.modbus import Table
+from barewire.shells import open_host
 
 SRC = Path(__file__).parent.parent / "src"
 
@@ -77,6 +79,15 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
     assert files(found, "barewire.modbus") == {"adu", "bus", "exceptions", "lost", "turns"}
 
 
+def test_a_client_that_has_its_answer_has_loaded_no_more() -> None:
+    """Over a real connection: the URL is taken apart, the name looked up, a register read."""
+    with open_host("tcp://127.0.0.1:0", units={1: Table(1)}) as host:
+        asked = f"open_modbus('{host.url}?timeout=30').read_holding_registers(0, 1)"
+        found = loaded(f"from barewire.shells import open_modbus; {asked}")
+    assert not HEAVY & found
+    assert not set(OTHER_ROOMS) & found
+
+
 def test_the_first_message_loads_its_file_and_what_makes_a_message() -> None:
     found = loaded(MESSAGE)
     assert {name for name in found if not name.startswith("barewire")} <= ALLOWED
@@ -117,13 +128,46 @@ def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
 
 
 def test_the_tcp_server_needs_no_loop_either() -> None:
-    """A URL is taken apart by `urllib`, which brings `re` along; the rest is ours and sockets."""
     server = "open_host('tcp://127.0.0.1:0', units={1: Table()}).close()"
     found = loaded(f"from barewire.shells import open_host; from barewire.modbus import Table; {server}")
-    assert not (HEAVY - {"re", "urllib.parse", "ipaddress"}) & found
+    assert not HEAVY & found
     assert not [name for name in found if name.startswith(OTHER_ROOMS)]
     assert {"host_tcp", "guests"} < files(found, "barewire.shells")
     assert not [name for name in files(found, "barewire.shells") if name.startswith(("aio", "can_", "tls"))]
+
+
+SDO = {"upload", "download", "channel", "transfer", "messages"}
+CANOPEN = "from barewire.shells import open_canopen"
+
+
+def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() -> None:
+    """`typing` and `dataclasses` are not spared here: python-can, which every opened bus needs, brings both along."""
+    found = loaded(CANOPEN)
+    assert not found & {
+        "can",
+        "asyncio",
+        "tomllib",
+        "fractions",
+        "decimal",
+        "datetime",
+        "pathlib",
+        "difflib",
+        "logging",
+    }
+    assert not [name for name in found if name.startswith(("barewire.devices", "barewire.modbus", "barewire.explain"))]
+    sdo, others = files(found, "barewire.canopen.sdo"), files(found, "barewire.canopen")
+    assert sdo >= SDO
+    assert not sdo & {"serve", "sessions", "store", "servers"}
+    assert not others & {"eds", "gateway", "device", "dictionary", "survey", "guarding", "emcy", "sync", "time_stamp"}
+    assert not others & {"pdo", "pdo_listen", "pdo_records", "pdo_remote", "nmt_master", "remote_objects"}
+
+
+def test_a_word_of_canopen_loads_its_file_when_it_is_said() -> None:
+    found = files(
+        loaded("from barewire.shells.can_verbs import MasterVerbs; MasterVerbs.syncs.make(None)"), "barewire.canopen"
+    )
+    assert "sync" in found
+    assert not found & {"survey", "emcy", "guarding"}
 
 
 def test_a_name_of_the_shells_loads_no_other_client() -> None:

@@ -125,6 +125,11 @@ def classify(frame: CanFrame) -> tuple[Service, int] | None:
     return (of_node, node) if of_node is not None and node else None
 
 
+SYNC_KEY = (cob_id("SYNC"), False)
+TIME_KEY = (cob_id("TIME"), False)
+"""(identifier, extended) of the two whose identifier a network may move: what they are without being told."""
+
+
 def is_restricted(identifier: int) -> bool:
     """Whether this base identifier may never be configured for a PDO, SYNC, EMCY or SDO channel."""
     return any(first <= identifier <= last for first, last in _RESTRICTED)

@@ -12,12 +12,12 @@ was set.
 
 from __future__ import annotations
 
-from barewire.canopen.cob import CobEntry
+from barewire.canopen.cob import SYNC_KEY, CobEntry
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.own_objects import guard, guard_cob_id, number
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
-from barewire.canopen.sync import COUNTER_MAX, SYNC_KEY, SyncProducer
+from barewire.canopen.sync import COUNTER_MAX, SyncProducer
 
 COB_ID, PERIOD, WINDOW, OVERFLOW = 0x1005, 0x1006, 0x1007, 0x1019
 WRONG_LENGTH = 0x8240

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 from barewire.canopen.cob import NODE_MAX
@@ -29,6 +28,7 @@ from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.frame import CanFrame
 from barewire.codecs import Layout
 from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.frozen import dataclass
 
 Addressing = Literal["SAM", "DAM"]
 Place = tuple[int, int]

@@ -24,13 +24,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 
+from barewire.canopen.cob import SYNC_KEY
 from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.emcy_producer import EmcyProducer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.mpdo import SIZE, Mpdo, MpdoIn
 from barewire.canopen.pdo_live import LivePdo
 from barewire.canopen.pdo_records import RTR_AT_SYNC, Pdo, add_records
-from barewire.canopen.sync import SYNC_KEY, sync_counter
+from barewire.canopen.sync import sync_counter
 from barewire.errors import DecodeError, EncodeError
 
 TOO_SHORT, TOO_LONG, MISSED, NO_DESTINATION = 0x8210, 0x8220, 0x8250, 0x8230

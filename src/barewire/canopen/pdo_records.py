@@ -25,7 +25,6 @@ number, switch the PDO on. Out of this order the answer is 0601 0000h.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 from barewire.canopen.cob import CobEntry, ServiceName, cob_id, is_restricted
@@ -35,6 +34,7 @@ from barewire.canopen.pdo import BITS_MAX, ENTRIES_MAX, Mapped, PdoMapping
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import EncodeError
+from barewire.frozen import dataclass
 
 Direction = Literal["RPDO", "TPDO"]
 
@@ -57,7 +57,7 @@ _DEFAULT_SERVICE: dict[tuple[Direction, int], ServiceName] = {
 }
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, slots=True)
 class Pdo:
     """The factory setting of one PDO: what it maps, when it goes, on which COB-ID.
 

@@ -12,15 +12,14 @@ and type 1 only: without somebody who sends SYNC, nothing moves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from barewire.canopen.cob import cob_id
+from barewire.canopen.cob import SYNC_KEY
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
 
 COUNTER_MAX = 240
-SYNC_KEY = (cob_id("SYNC"), False)
 LOST_AFTER = 1.5
 """How many periods without a SYNC mean that its producer is gone."""
 

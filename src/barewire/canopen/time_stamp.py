@@ -10,16 +10,15 @@ June 2163. In 1012h bit 31 means that a device *takes* the time, bit 30 that it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import NamedTuple
 
-from barewire.canopen.cob import cob_id
+from barewire.canopen.cob import TIME_KEY
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.times import Time, TimeOfDay
 from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
 
-TIME_KEY = (cob_id("TIME"), False)
 EPOCH = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
 """1 January 1984 in seconds of Unix."""
 

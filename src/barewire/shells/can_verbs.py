@@ -6,36 +6,22 @@
 
 Time-outs are those of the client where a call does not say otherwise; `node` is the client's where it does not, and may
 be a `Channel` to another SDO server of a node. PDOs and LSS are in `can_verbs_more`.
+
+What a word needs is loaded when it is said (`canopen.scan` is asked of the door): an upload loads no survey.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from barewire.canopen import Channel, NmtCommand, NmtMessage, download, upload, upload_to
-from barewire.canopen.dictionary import ObjectDictionary, Place
-from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
-from barewire.canopen.frame import CanFrame
-from barewire.canopen.guarding import Guard, GuardEvent, GuardingMaster
-from barewire.canopen.heartbeat import HeartbeatConsumer, HeartbeatEvent, NodeState
-from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
-from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
-from barewire.canopen.remote_objects import read_object, write_object
-from barewire.canopen.sdo.options import BlockWish
-from barewire.canopen.sdo.servers import find_channel
-from barewire.canopen.sdo.stream import LIMIT, Progress
-from barewire.canopen.survey import Survey, scan
-from barewire.canopen.sync import SYNC_KEY, Sync, SyncEvent, SyncMonitor, SyncProducer
-from barewire.canopen.time_stamp import TIME_KEY, TimeConsumer, TimeHeard, TimeProducer, TimeStamp
-from barewire.codecs import Value
-from barewire.devices.access import read_canopen, write_canopen
-from barewire.devices.device import Device
-from barewire.devices.parameter import Reading
-from barewire.shells.can_run import Speaker, Teller
+from barewire import canopen
+from barewire.canopen import download, upload, upload_to
+from barewire.canopen.cob import SYNC_KEY, TIME_KEY
+from barewire.canopen.sdo.stream import LIMIT
+from barewire.shells.can_run import Teller
 from barewire.shells.can_stream import Frames
-from barewire.shells.can_tap import Key
 from barewire.shells.can_words import (
     NOBODY,
     SILENCE,
@@ -51,6 +37,16 @@ from barewire.shells.can_words import (
     say,
     sdo,
 )
+
+if TYPE_CHECKING:
+    from barewire.canopen.dictionary import Place
+    from barewire.canopen.sdo.options import BlockWish
+    from barewire.canopen.sdo.stream import Progress
+    from barewire.codecs import Value
+    from barewire.devices.device import Device
+    from barewire.devices.parameter import Reading
+    from barewire.shells.can_run import Speaker
+    from barewire.shells.can_tap import Key
 
 NODES = range(1, 128)
 STATES = frozenset((0x700 + node, False) for node in NODES)
@@ -117,8 +113,10 @@ class MasterVerbs(Words):
         return sdo(channel, download(channel, index, sub, data, **how))
 
     @Verb
-    def find_channel(self, server: int, *, node: At = None, timeout: float | None = None) -> Talk[Channel]:
+    def find_channel(self, server: int, *, node: At = None, timeout: float | None = None) -> Talk[canopen.Channel]:
         """The channel to a further SDO server of a node, for the `node` of other verbs. Server 1 is the default one."""
+        from barewire.canopen.sdo.servers import find_channel
+
         channel = self.channel(node)
         return sdo(channel, find_channel(channel, server, timeout=self.patience(timeout)))
 
@@ -127,7 +125,7 @@ class MasterVerbs(Words):
     @Verb
     def read_object(
         self,
-        objects: ObjectDictionary,
+        objects: canopen.ObjectDictionary,
         place: Place,
         *,
         node: At = None,
@@ -136,12 +134,12 @@ class MasterVerbs(Words):
     ) -> Talk[Value]:
         """The value of an object, which `objects` knows by name, by index, or by (index, sub-index)."""
         channel, wait = self.channel(node), self.patience(timeout)
-        return sdo(channel, read_object(channel, dictionary(objects), place, block=block, timeout=wait))
+        return sdo(channel, canopen.read_object(channel, dictionary(objects), place, block=block, timeout=wait))
 
     @Verb
     def write_object(
         self,
-        objects: ObjectDictionary,
+        objects: canopen.ObjectDictionary,
         place: Place,
         value: Value,
         *,
@@ -151,11 +149,13 @@ class MasterVerbs(Words):
     ) -> Talk[None]:
         """Give an object this value, in the type that `objects` has for it. Never repeated."""
         channel, wait = self.channel(node), self.patience(timeout)
-        return sdo(channel, write_object(channel, dictionary(objects), place, value, block=block, timeout=wait))
+        return sdo(channel, canopen.write_object(channel, dictionary(objects), place, value, block=block, timeout=wait))
 
     @Verb
     def read(self, device: Device, *names: str, node: At = None) -> Talk[list[Reading]]:
         """Named values of a described device, in the order asked."""
+        from barewire.devices.access import read_canopen
+
         described(device, names)
         channel = self.channel(node, device)
         return sdo(channel, read_canopen(channel, device, names, timeout=self.timeout))
@@ -164,6 +164,8 @@ class MasterVerbs(Words):
     def write(self, device: Device, values: Mapping[str, Value], *, node: At = None, force: bool = False) -> Talk[None]:
         """Write named values of a described device, in the order given. Ranges and access are checked before anything
         is sent."""
+        from barewire.devices.access import write_canopen
+
         described(device, values)
         channel = self.channel(node, device)
         return sdo(channel, write_canopen(channel, device, values, timeout=self.timeout, force=force))
@@ -171,109 +173,109 @@ class MasterVerbs(Words):
     # NMT and error control
 
     @Verb
-    def command(self, command: NmtCommand, *, node: int | None = None) -> Talk[None]:
+    def command(self, command: canopen.NmtCommand, *, node: int | None = None) -> Talk[None]:
         """Send an NMT command to the node, or with `node=0` to all. It is not confirmed: `tell_nmt` is."""
-        return say(NmtMessage(command, self.node_id(node)).encode())
+        return say(canopen.NmtMessage(command, self.node_id(node)).encode())
 
     @Verb
     def tell_nmt(
         self,
-        command: NmtCommand,
+        command: canopen.NmtCommand,
         *,
         node: int | None = None,
         confirmed_by: Iterable[int] | None = None,
         timeout: float = 2.0,
         ask_every: float | None = None,
-    ) -> Talk[list[Obeyed]]:
+    ) -> Talk[list[canopen.Obeyed]]:
         """Send an NMT command and wait until the node, or every node of `confirmed_by`, says that it is there."""
         at = self.node_id(node)
-        telling = tell_nmt(command, at, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
+        telling = canopen.tell_nmt(command, at, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
         return Talk(telling, NOBODY, STATES)
 
     @Verb
-    def ask_state(self, *, node: int | None = None, timeout: float = 0.5) -> Talk[NodeState]:
+    def ask_state(self, *, node: int | None = None, timeout: float = 0.5) -> Talk[canopen.NodeState]:
         """The state of a node, asked by node guarding."""
-        return Talk(ask_state(self.node_id(node), timeout=timeout), NOBODY, STATES)
+        return Talk(canopen.ask_state(self.node_id(node), timeout=timeout), NOBODY, STATES)
 
     @Verb
-    def wait_for_boot_up(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[NodeState]:
+    def wait_for_boot_up(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[canopen.NodeState]:
         """Wait for the boot-up message of the node."""
-        return Talk(wait_for_boot_up(self.node_id(node), timeout=timeout), NOBODY, STATES)
+        return Talk(canopen.wait_for_boot_up(self.node_id(node), timeout=timeout), NOBODY, STATES)
 
     @Verb
-    def wait_for_heartbeat(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[NodeState]:
+    def wait_for_heartbeat(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[canopen.NodeState]:
         """Wait for the next heartbeat of the node."""
-        return Talk(wait_for_heartbeat(self.node_id(node), timeout=timeout), NOBODY, STATES)
+        return Talk(canopen.wait_for_heartbeat(self.node_id(node), timeout=timeout), NOBODY, STATES)
 
     @Verb
-    def wait_for_state(self, *states: int, node: int | None = None, timeout: float = 10.0) -> Talk[NodeState]:
+    def wait_for_state(self, *states: int, node: int | None = None, timeout: float = 10.0) -> Talk[canopen.NodeState]:
         """Wait for a heartbeat that says that the node is in one of these states."""
-        return Talk(wait_for_state(self.node_id(node), states, timeout=timeout), NOBODY, STATES)
+        return Talk(canopen.wait_for_state(self.node_id(node), states, timeout=timeout), NOBODY, STATES)
 
     @Watching
-    def heartbeats(self, times: Mapping[int, float] | None = None) -> Watch[HeartbeatEvent]:
+    def heartbeats(self, times: Mapping[int, float] | None = None) -> Watch[canopen.HeartbeatEvent]:
         """Who boots, who is alive, who changes its state; and for the nodes of `times`, who is silent for so long."""
-        return Watch(HeartbeatConsumer(times or {}), STATES)
+        return Watch(canopen.HeartbeatConsumer(times or {}), STATES)
 
     @Going
     def start_guarding(
-        self, guards: Mapping[int, Guard], tell: Callable[[GuardEvent], object]
+        self, guards: Mapping[int, canopen.Guard], tell: Callable[[canopen.GuardEvent], object]
     ) -> tuple[Speaker, frozenset[Key]]:
         """Guard nodes the older way, by asking each in its time, until it is stopped. `tell` is called with what
         changes, in the thread or task that asks."""
-        return Teller(GuardingMaster(guards, time.monotonic()), tell), STATES
+        return Teller(canopen.GuardingMaster(guards, time.monotonic()), tell), STATES
 
     # EMCY, SYNC, TIME
 
     @Watching
-    def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Watch[EmcyEvent]:
+    def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Watch[canopen.EmcyEvent]:
         """What goes wrong in the nodes. `cob_ids` tells whose emergencies have another identifier than 80h + node."""
         keys = {(0x80 + node, False) for node in NODES} | STATES | set(cob_ids or ())
-        return Watch(EmcyConsumer(cob_ids), frozenset(keys))
+        return Watch(canopen.EmcyConsumer(cob_ids), frozenset(keys))
 
     @Verb
     def send_sync(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> Talk[None]:
         """One SYNC. `key` is its (identifier, extended) where 1005h of the devices says another than 80h."""
-        return say(Sync(counter).encode(key))
+        return say(canopen.Sync(counter).encode(key))
 
     @Going
     def start_sync(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY) -> tuple[Speaker, frozenset[Key]]:
         """Be the SYNC producer: a beat every `period` seconds, counting up to `overflow`, until it is stopped."""
-        return SyncProducer(period, overflow=overflow, key=key), SILENCE
+        return canopen.SyncProducer(period, overflow=overflow, key=key), SILENCE
 
     @Watching
     def syncs(
         self, period: float | None = None, *, overflow: int | None = None, key: Key = SYNC_KEY
-    ) -> Watch[SyncEvent]:
+    ) -> Watch[canopen.SyncEvent]:
         """The beats of somebody else, as `SyncMonitor` judges them."""
-        return Watch(SyncMonitor(period, overflow=overflow, key=key), frozenset({key}))
+        return Watch(canopen.SyncMonitor(period, overflow=overflow, key=key), frozenset({key}))
 
     @Verb
     def send_time(self, unix: float | None = None, *, key: Key = TIME_KEY) -> Talk[None]:
         """One TIME message: the time of this machine, or the one given in seconds since 1 January 1970. `key` is its
         (identifier, extended) where 1012h of the devices says another than 100h."""
-        stamp = TimeStamp.of_unix(time.time() if unix is None else unix)
+        stamp = canopen.TimeStamp.of_unix(time.time() if unix is None else unix)
         return say(stamp.encode(key))
 
     @Going
     def start_time(self, period: float, *, key: Key = TIME_KEY) -> tuple[Speaker, frozenset[Key]]:
         """Say the time of this machine at once and every `period` seconds, until it is stopped."""
-        return TimeProducer(period, time.time() - time.monotonic(), key=key), SILENCE
+        return canopen.TimeProducer(period, time.time() - time.monotonic(), key=key), SILENCE
 
     @Watching
-    def times(self, *, key: Key = TIME_KEY) -> Watch[TimeHeard]:
+    def times(self, *, key: Key = TIME_KEY) -> Watch[canopen.TimeHeard]:
         """The TIME messages of somebody else."""
-        return Watch(TimeConsumer(key), frozenset({key}))
+        return Watch(canopen.TimeConsumer(key), frozenset({key}))
 
     # Anything
 
     @Verb
-    def send(self, frame: CanFrame) -> Talk[None]:
+    def send(self, frame: canopen.CanFrame) -> Talk[None]:
         """Put one frame on the bus."""
         return say(frame)
 
     @Watching
-    def frames(self, *keys: Key) -> Watch[CanFrame]:
+    def frames(self, *keys: Key) -> Watch[canopen.CanFrame]:
         """All frames, or those with these identifiers, as they come."""
         return Watch(Frames(), frozenset(keys) or None)
 
@@ -289,8 +291,8 @@ class MasterVerbs(Words):
         *,
         listen: float = 0.0,
         timeout: float = 0.1,
-        progress: Callable[[int, Survey], None] | None = None,
-    ) -> Talk[Survey]:
+        progress: Callable[[int, canopen.Survey], None] | None = None,
+    ) -> Talk[canopen.Survey]:
         """Who is on the bus, and why we believe it. Transfers of others of us with these nodes are waited for."""
         claims = frozenset(("SDO", 0x580 + node, False) for node in nodes)
-        return Talk(scan(nodes, listen=listen, timeout=timeout, progress=progress), claims, None)
+        return Talk(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), claims, None)

@@ -14,39 +14,41 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
+from barewire import canopen
 from barewire.canopen import lss_master, lss_scan
-from barewire.canopen.dictionary import Entry, ObjectDictionary
-from barewire.canopen.frame import CanFrame
-from barewire.canopen.lss import ANSWER_KEY
-from barewire.canopen.pdo_listen import PdoHeard, PdoListener, RemotePdo, remote_pdo
-from barewire.canopen.pdo_records import Direction, Pdo
-from barewire.canopen.pdo_remote import USUAL, PdoManner, read_pdo, write_pdo
-from barewire.codecs import Value
-from barewire.conversation import Conversation
-from barewire.devices.device import Device
+from barewire.canopen.cob import cob_id
 from barewire.shells.can_words import At, Talk, Verb, Watch, Watching, Words, say, sdo
+
+if TYPE_CHECKING:
+    from barewire.canopen import CanFrame, ObjectDictionary, Pdo, PdoHeard, PdoManner, RemotePdo
+    from barewire.canopen.pdo_records import Direction
+    from barewire.codecs import Value
+    from barewire.conversation import Conversation
+    from barewire.devices.device import Device
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
-LSS_HEARS = frozenset({ANSWER_KEY, *((0x700 + node, False) for node in range(1, 128))})  # answers, and who boots
+LSS_HEARS = frozenset(
+    {(cob_id("LSS answer"), False), *((0x700 + node, False) for node in range(1, 128))}
+)  # answers, and who boots
 LSS_CLAIM = frozenset({"LSS"})
 _TYPES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4}
 
 
 def objects_of(names: ObjectDictionary | Device | None) -> ObjectDictionary | None:
     """Names and types for the objects in a PDO: a dictionary, or what the description of a device says of them."""
-    if not isinstance(names, Device):
+    if names is None or isinstance(names, canopen.ObjectDictionary):
         return names
-    entries: dict[tuple[int, int], Entry] = {}
+    entries: dict[tuple[int, int], canopen.Entry] = {}
     for parameter in names.parameters:
         place = parameter.object
         if place is not None and place.bit is None and parameter.type in _TYPES:
-            entry = Entry(place.index, place.sub, parameter.name, parameter.type)
+            entry = canopen.Entry(place.index, place.sub, parameter.name, parameter.type)
             entries.setdefault((place.index, place.sub), entry)
-    return ObjectDictionary(entries.values())
+    return canopen.ObjectDictionary(entries.values())
 
 
 class PdoVerbs(Words):
@@ -58,15 +60,18 @@ class PdoVerbs(Words):
     ) -> Talk[Pdo]:
         """One PDO of a device as its records say."""
         channel = self.channel(node)
-        return sdo(channel, read_pdo(channel, direction, number, timeout=self.patience(timeout)))
+        return sdo(channel, canopen.read_pdo(channel, direction, number, timeout=self.patience(timeout)))
 
     @Verb
     def write_pdo(
-        self, pdo: Pdo, *, manner: PdoManner = USUAL, node: At = None, timeout: float | None = None
+        self, pdo: Pdo, *, manner: PdoManner | None = None, node: At = None, timeout: float | None = None
     ) -> Talk[None]:
         """Make a PDO of the device the one that is given, in the safe order. The device should be pre-operational."""
         channel = self.channel(node)
-        return sdo(channel, write_pdo(channel, pdo, manner=manner, timeout=self.patience(timeout)))
+        return sdo(
+            channel,
+            canopen.write_pdo(channel, pdo, manner=manner or canopen.PdoManner(), timeout=self.patience(timeout)),
+        )
 
     @Verb
     def remote_pdo(
@@ -80,7 +85,7 @@ class PdoVerbs(Words):
     ) -> Talk[RemotePdo]:
         """One PDO of a device, with the names that a dictionary or a description has for its objects."""
         channel, known = self.channel(node), objects_of(objects)
-        return sdo(channel, remote_pdo(channel, direction, number, known, timeout=self.patience(timeout)))
+        return sdo(channel, canopen.remote_pdo(channel, direction, number, known, timeout=self.patience(timeout)))
 
     @Verb
     def send_pdo(self, pdo: RemotePdo, values: Mapping[str, Value]) -> Talk[None]:
@@ -90,7 +95,7 @@ class PdoVerbs(Words):
     @Watching
     def pdos(self, *pdos: RemotePdo) -> Watch[PdoHeard]:
         """The values of these PDOs, as they come."""
-        listener = PdoListener(pdos)
+        listener = canopen.PdoListener(pdos)
         return Watch(listener, frozenset(listener.sources))
 
 

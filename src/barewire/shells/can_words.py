@@ -20,13 +20,11 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Self, TypeAlias, TypeVar, overload
 from weakref import WeakSet
 
-from barewire.canopen import Channel
 from barewire.canopen.claims import Keys
-from barewire.canopen.dictionary import ObjectDictionary
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import DIALECTS, Dialect
 from barewire.conversation import Conversation, Send
-from barewire.devices.device import Device
 from barewire.errors import EncodeError
 from barewire.shells.blocking import Port
 from barewire.shells.can_fan import CanBus
@@ -35,6 +33,8 @@ from barewire.shells.can_stream import Listener
 from barewire.shells.can_tap import Key, seconds
 
 if TYPE_CHECKING:
+    from barewire.canopen.dictionary import ObjectDictionary
+    from barewire.devices.device import Device
     from barewire.shells.aio_can import AsyncStream
     from barewire.shells.aio_canopen import AsyncCanopenClient
     from barewire.shells.aio_run import AsyncRunning
@@ -182,6 +182,8 @@ def sdo(channel: Channel, conversation: Conversation[CanFrame, T]) -> Talk[T]:
 
 def dictionary(objects: object) -> ObjectDictionary:
     """What objects are looked up in, or an EncodeError that tells what was meant."""
+    from barewire.canopen.dictionary import ObjectDictionary
+
     if not isinstance(objects, ObjectDictionary):
         raise EncodeError(
             f"{objects!r} is no ObjectDictionary; a described device has its values by `read` and `write`"
@@ -191,6 +193,8 @@ def dictionary(objects: object) -> ObjectDictionary:
 
 def described(device: object, names: Iterable[object]) -> None:
     """The same for a description and names: EncodeError where that is something else."""
+    from barewire.devices.device import Device
+
     if not isinstance(device, Device):
         raise EncodeError(f"{device!r} is no description of a device; with a dictionary it is `read_object`")
     for name in names:

@@ -19,14 +19,13 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 from weakref import WeakSet
 
 from barewire.canopen import CanFrame
 from barewire.canopen.claims import Keys
 from barewire.canopen.sdo.dialect import Dialect
 from barewire.conversation import Conversation
-from barewire.devices.device import Device
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.shells.blocking import Port, run
 from barewire.shells.can_fan import CanBus
@@ -37,12 +36,13 @@ from barewire.shells.can_verbs import MasterVerbs
 from barewire.shells.can_verbs_more import LssVerbs, PdoVerbs
 from barewire.shells.can_words import Talk
 from barewire.shells.endpoint import Endpoint
-from barewire.shells.modbus_client import ModbusClient, open_modbus
 from barewire.shells.taps import Watch
 
 if TYPE_CHECKING:
+    from barewire.devices.device import Device
     from barewire.devices.drive_report import Progress
     from barewire.shells.drive import DriveClient
+    from barewire.shells.modbus_client import ModbusClient
 
 T = TypeVar("T")
 E = TypeVar("E")
@@ -147,7 +147,7 @@ def turn(bus: CanBus, keys: Keys | None) -> Iterator[None]:
         bus.leave(claim)
 
 
-Client = ModbusClient | CanopenClient
+Client: TypeAlias = "ModbusClient | CanopenClient"
 
 
 def open_bus(url: str, *, watch: Watch | None = None) -> CanBus:
@@ -185,4 +185,6 @@ def connect(url: str, *, watch: Watch | None = None) -> Client:
     """The client for any URL: for programs that only read and write named values."""
     if url.startswith("can://"):
         return open_canopen(url, watch=watch)
+    from barewire.shells.modbus_client import open_modbus
+
     return open_modbus(url, watch=watch)

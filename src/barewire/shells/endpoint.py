@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from barewire.errors import EncodeError, shown
+from barewire.shells.url import pairs, split, unquote
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
@@ -97,6 +98,21 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     return host, number
 
 
+def can_be_host(name: str) -> bool:
+    """Whether a name server could be asked for this, or whether it is an address.
+
+    >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
+    (True, False, False, True)
+    """
+    if name.isascii():
+        *labels, last = name.split(".")
+        return all(0 < len(label) < 64 for label in labels) and len(last) < 64
+    try:
+        return bool(name.encode("idna"))  # a codec that brings `re` along
+    except UnicodeError:
+        return False
+
+
 Turn = Callable[[bool], None]
 """Turns the direction of a two-wire line: called with True before the first bit is sent, with False after the last."""
 
@@ -119,39 +135,34 @@ class Endpoint(NamedTuple):
     @classmethod
     def parse(cls, url: str) -> Endpoint:
         """The URL taken apart; EncodeError says what is wrong with it and what was expected."""
-        from urllib.parse import parse_qsl, unquote, urlsplit  # not before there is a URL: `re` comes with it
-
-        try:
-            parts = urlsplit(url)
-        except ValueError as error:
-            raise EncodeError(f"endpoint {shown(url)}: {error}") from None
-        if parts.scheme not in SCHEMES or "://" not in url:
+        scheme, place, query = split(url)
+        if scheme not in SCHEMES:
             forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
             forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             raise EncodeError(f"endpoint {url!r}: expected {forms}")
         if "#" in url:
             raise EncodeError(f"endpoint {url!r}: '#' begins nothing in an endpoint, a name has %23 for it")
-        if "?" in parts.query:
+        if "?" in query:
             raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&', a name has %3F for it")
-        pairs = parse_qsl(parts.query, keep_blank_values=True)
-        options = dict(pairs)
-        if len(options) < len(pairs):
+        said = pairs(query)
+        options = dict(said)
+        if len(options) < len(said):
             raise EncodeError(f"endpoint {url!r}: an option is said twice")
-        known = _KNOWN.get(parts.scheme)
+        known = _KNOWN.get(scheme)
         for key in options:
             if known is not None and key not in known:
                 raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
-        place = unquote(parts.netloc + parts.path)
-        if parts.scheme == "can":
+        place = unquote(place)
+        if scheme == "can":
             interface, _, channel = place.partition("/")
             if not interface or not channel:
                 raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
-        if parts.scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
+        if scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
             place = PSEUDO_TERMINAL
         if not place.strip("/") or "\0" in place:
             raise EncodeError(f"endpoint {url!r}: it names no port")
-        endpoint = cls(parts.scheme, place, options)
-        if parts.scheme == "can":
+        endpoint = cls(scheme, place, options)
+        if scheme == "can":
             socketcand_address(place.partition("/")[2])
         elif not endpoint.is_serial_port:
             _ = endpoint.host_and_port  # a wrong one is told before anything is opened
@@ -200,14 +211,13 @@ class Endpoint(NamedTuple):
         host, colon, port = self.place.rpartition(":")
         if not colon or port.endswith("]"):
             host, port = self.place, str(_PORTS.get(self.scheme, 502))
-        if ":" in host and not (host.startswith("[") and host.endswith("]")):
+        bracketed = host.startswith("[") and host.endswith("]")
+        if bracketed != (":" in host) or "[" in host.strip("[]"):
             raise EncodeError(f"endpoint {shown(str(self))}: an IPv6 address stands in brackets, as [::1]:502")
         if not port.isdecimal() or int(port) > 0xFFFF:
             raise EncodeError(f"endpoint {shown(str(self))}: port {port!r} is not a number in 0..65535")
-        try:
-            host.encode("idna")
-        except UnicodeError:
-            raise EncodeError(f"endpoint {shown(str(self))}: {shown(host)} cannot be the name of a host") from None
+        if not can_be_host(host):
+            raise EncodeError(f"endpoint {shown(str(self))}: {shown(host)} cannot be the name of a host")
         return host.strip("[]"), int(port)
 
     def integer(self, key: str, default: int) -> int:

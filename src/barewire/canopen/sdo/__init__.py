@@ -25,37 +25,42 @@ I know: SDO frames and that there is an object dictionary.  I never know: PDOs, 
 Who may import me: canopen, devices, shells, cli.
 """
 
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort, abort_text
-from barewire.canopen.sdo.block_messages import (
-    BlockAck,
-    BlockDownloadInitiated,
-    BlockEnd,
-    BlockEnded,
-    BlockSegment,
-    BlockUploadInitiated,
-    InitiateBlockDownload,
-    InitiateBlockUpload,
-    StartBlockUpload,
-)
-from barewire.canopen.sdo.channel import Channel
-from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
+from typing import TYPE_CHECKING
+
 from barewire.canopen.sdo.download import download
-from barewire.canopen.sdo.hearing import Hearing
-from barewire.canopen.sdo.initiate_messages import (
-    Abort,
-    DownloadInitiated,
-    ExpeditedDownload,
-    ExpeditedUpload,
-    InitiateDownload,
-    InitiateUpload,
-    UploadInitiated,
-)
-from barewire.canopen.sdo.messages import decode_answer, decode_request
-from barewire.canopen.sdo.options import Block, BlockWish
-from barewire.canopen.sdo.segment_messages import NextSegment, Segment, SegmentTaken
-from barewire.canopen.sdo.serve import SdoServer
-from barewire.canopen.sdo.store import ObjectStore, ServerCounters
 from barewire.canopen.sdo.upload import upload, upload_to
+from barewire.door import lazy
+
+if TYPE_CHECKING:
+    from barewire.canopen.sdo.aborts import AbortCode, SdoAbort, abort_text
+    from barewire.canopen.sdo.block_messages import (
+        BlockAck,
+        BlockDownloadInitiated,
+        BlockEnd,
+        BlockEnded,
+        BlockSegment,
+        BlockUploadInitiated,
+        InitiateBlockDownload,
+        InitiateBlockUpload,
+        StartBlockUpload,
+    )
+    from barewire.canopen.sdo.channel import Channel
+    from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
+    from barewire.canopen.sdo.hearing import Hearing
+    from barewire.canopen.sdo.initiate_messages import (
+        Abort,
+        DownloadInitiated,
+        ExpeditedDownload,
+        ExpeditedUpload,
+        InitiateDownload,
+        InitiateUpload,
+        UploadInitiated,
+    )
+    from barewire.canopen.sdo.messages import decode_answer, decode_request
+    from barewire.canopen.sdo.options import Block, BlockWish
+    from barewire.canopen.sdo.segment_messages import NextSegment, Segment, SegmentTaken
+    from barewire.canopen.sdo.serve import SdoServer
+    from barewire.canopen.sdo.store import ObjectStore, ServerCounters
 
 __all__ = [
     "upload",
@@ -97,3 +102,26 @@ __all__ = [
     "decode_request",
     "decode_answer",
 ]
+
+# Which file holds what. Only that one is loaded, with what it needs. `upload` and `download` are loaded at once: they
+# have the names of their files, and a file that is loaded later would take the place of its function.
+_FILES = {
+    "aborts": "AbortCode SdoAbort abort_text",
+    "block_messages": (
+        "BlockAck BlockDownloadInitiated BlockEnd BlockEnded "
+        "BlockSegment BlockUploadInitiated InitiateBlockDownload InitiateBlockUpload StartBlockUpload"
+    ),
+    "channel": "Channel",
+    "dialect": "AZ3 STANDARD Dialect fit",
+    "hearing": "Hearing",
+    "initiate_messages": (
+        "Abort DownloadInitiated ExpeditedDownload ExpeditedUpload InitiateDownload InitiateUpload UploadInitiated"
+    ),
+    "messages": "decode_answer decode_request",
+    "options": "Block BlockWish",
+    "segment_messages": "NextSegment Segment SegmentTaken",
+    "serve": "SdoServer",
+    "store": "ObjectStore ServerCounters",
+}
+
+__getattr__ = lazy(__name__, _FILES)
