@@ -9,7 +9,7 @@ import pickle
 import sys
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -338,6 +338,34 @@ def test_every_message_is_a_dataclass_to_those_who_ask(cls: Any) -> None:
     assert cls.__name__ in inspect.getsource(cls)
     assert cls.__doc__
     assert dataclasses.is_dataclass(cls)
+
+
+@pytest.mark.parametrize("cls", MESSAGES, ids=lambda cls: cls.__name__)
+def test_the_annotations_of_a_call_are_read_where_the_class_was_written(cls: Any) -> None:
+    """As those of the real one are. (Of some the words stand under TYPE_CHECKING, and are nowhere.)"""
+    assert cls.__init__.__globals__ is vars(sys.modules[cls.__module__])
+    assert modbus.WriteMultipleRegisters in MESSAGES
+    signature = inspect.signature(modbus.WriteMultipleRegisters, eval_str=True)
+    assert signature.parameters["registers"].annotation == Sequence[int]
+
+
+def test_fields_are_the_same_ones_whoever_asks_first() -> None:
+    """`dataclasses` makes them when they are asked for, and in between another thread may ask as well."""
+    made = both(BASE)[0]["Base"]
+    known = vars(made)["__dataclass_fields__"]
+    real = dataclasses.make_dataclass
+    seen: list[Any] = []
+
+    def meanwhile(*args: Any, **kwargs: Any) -> Any:
+        if not seen:
+            seen.append(0)
+            seen[0] = made.__dataclass_fields__
+        return real(*args, **kwargs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dataclasses, "make_dataclass", meanwhile)
+        first = known.__get__(None, made)
+    assert first is seen[0] is made.__dataclass_fields__
 
 
 def test_all_messages_are_held() -> None:

@@ -13,13 +13,14 @@ What is not here is refused, and the real one has it: `field()`, `InitVar`, `KW_
 text (`from __future__ import annotations`), and is `ClassVar` if it is called so. `super()` works in methods, class
 methods and properties; within a decorator of another kind it does not, as it does not with slots of the real one.
 
-I know: how to make a class.  I never know: of what.  Everybody may import me; the messages of Modbus do.
+I know: how to make a class.  I never know: of what.  Everybody may import me; the messages do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from reprlib import recursive_repr
+from sys import modules
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 _NO_DEFAULT = object()
 _MEMBER: type = type(type(lambda: None).__globals__)  # type: ignore[attr-defined]  # what a slot is in a class
+_function: type = type(lambda: None)
 _makers: dict[tuple[tuple[str, ...], bool], Callable[..., Any]] = {}
 """What makes `__init__`, `__eq__` and `__hash__`, by the names of the fields, and whether `__post_init__` follows."""
 
@@ -57,15 +59,16 @@ class _Known:
     def __init__(self, name: str, rows: Mapping[str, tuple[str, Any]]) -> None:
         self.name = name
         self.rows = rows
-        self._found: Any = None
+        self._found: dict[str, Any] = {}
 
     def __get__(self, instance: object, owner: type) -> Any:
-        if self._found is None:
+        if self.name not in self._found:
             from dataclasses import MISSING, field, make_dataclass
 
             rows = [(n, k, field(default=MISSING if d is _NO_DEFAULT else d)) for n, (k, d) in self.rows.items()]
-            self._found = vars(make_dataclass("Known", rows, frozen=True, slots=True))[self.name]
-        return self._found
+            found = vars(make_dataclass("Known", rows, frozen=True, slots=True))[self.name]
+            self._found.setdefault(self.name, found)  # another thread may have been quicker: one answer for all
+        return self._found[self.name]
 
 
 def _rows(cls: type, body: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
@@ -143,10 +146,16 @@ def _compiled(cls: type, rows: Mapping[str, tuple[str, Any]]) -> tuple[Any, ...]
         space: dict[str, Any] = {}
         exec(_source(names, after), space)
         _makers[names, after] = space["make"]
-    init, *others = _makers[names, after](*(getattr(cls, name).__set__ for name in names))
+    made, *others = _makers[names, after](*(getattr(cls, name).__set__ for name in names))
+    init = _function(made.__code__, _words(cls), closure=made.__closure__)
     init.__defaults__ = tuple(default for _, default in rows.values() if default is not _NO_DEFAULT) or None
     init.__annotations__ = {name: kind for name, (kind, _) in rows.items()} | {"return": None}
     return init, *others
+
+
+def _words(cls: type) -> dict[str, Any]:
+    """What the file of the class knows: there annotations are looked up, by who wants more than their text."""
+    return vars(modules[cls.__module__]) if cls.__module__ in modules else {}
 
 
 def _source(names: tuple[str, ...], after: bool) -> str:

@@ -250,6 +250,16 @@ def test_only_the_latest_failures_are_kept() -> None:
     assert server.tally.failures == [f"ValueError: {number}" for number in range(15, 25)]
 
 
+def test_an_error_that_cannot_be_shown_is_one_all_the_same() -> None:
+    class Speechless(Exception):
+        def __str__(self) -> str:
+            raise ValueError
+
+    server = tcp_server(Broken(Speechless()))
+    assert answer(server, "03 0000 0001") == "8304"
+    assert server.tally.failures == ["Speechless: (no text)"]
+
+
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 10, 11, 99])
 def test_a_unit_declines_with_the_code_it_wants(code: int) -> None:
     server = tcp_server(Broken(ModbusException(code)))
@@ -272,7 +282,14 @@ class TooLong(ReportServerIdResponse):
         return bytes(254)
 
 
-@pytest.mark.parametrize("response", [TooLong(b""), b"\x03\x02\x00\x00", 7])
+class Text(ReportServerIdResponse):
+    """A user's own response that says what it would have said on ASCII."""
+
+    def encode(self) -> Any:
+        return "1101FF"
+
+
+@pytest.mark.parametrize("response", [TooLong(b""), Text(b""), b"\x03\x02\x00\x00", 7])
 def test_an_answer_that_is_none_is_a_failure_of_the_unit(response: object) -> None:
     server = tcp_server(Answering(response))
     (reply,) = server.feed(tcp_frame(1, unhex("11")), 1.0)

@@ -454,6 +454,48 @@ def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
             assert client.upload(0x2100, block=block) == bytes(2000)
 
 
+class Cramped(MemoryPort):
+    """A controller with room for so many frames."""
+
+    def __init__(self, room: int) -> None:
+        super().__init__()
+        self.room = room
+
+    def try_send(self, item: CanFrame) -> bool:
+        if self.room <= 0:
+            return False
+        self.room -= 1
+        self.send(item)
+        return True
+
+
+def test_a_task_that_is_cancelled_within_a_burst_says_so_when_there_is_room_again() -> None:
+    """The controller takes five frames of a burst of sixteen. Behind the rest of them comes the abort."""
+
+    async def main(bus: CanBus, port: Cramped) -> list[CanFrame]:
+        client = AsyncCanopenClient(bus, node=5, timeout=30.0)
+        task: asyncio.Task[Any] = asyncio.create_task(client.download(0x2100, 0, bytes(2000), block=True))
+        while not port.sent:
+            await asyncio.sleep(0.001)
+        port.come(CanFrame.parse("585#A40021007F000000"))
+        while port.room:
+            await asyncio.sleep(0.001)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        assert len(port.sent) == 6
+        port.room = 100
+        async with asyncio.timeout(10):
+            while port.room > 100 - 12:
+                await asyncio.sleep(0.001)
+        return list(port.sent)
+
+    port = Cramped(6)
+    with CanBus(port) as bus:
+        said = [str(frame) for frame in asyncio.run(main(bus, port))]
+    assert [text[:6] for text in said[1:17]] == [f"605#{number:02X}" for number in range(1, 17)]
+    assert said[17:] == ["605#8000210000000008"]
+
+
 def test_receive_is_the_next_frame_from_the_first_call_on() -> None:
     port = MemoryPort()
     with CanopenClient(port, timeout=0.01) as client:

@@ -176,6 +176,8 @@ def check_range(name: str, value: int, low: int, high: int) -> None:
 
 
 def checked(pdu: bytes) -> bytes:
-    """The PDU, if it is not too long to be one."""
+    """The PDU, if it is one: bytes, and not too many."""
+    if not isinstance(pdu, bytes):
+        raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
     check_pdu(pdu)
     return pdu

@@ -24,6 +24,7 @@ WRITE_LIMIT = 123
 _REQUEST = Struct(">BHH")
 _ROWS = tuple(Struct(f">{quantity}H") for quantity in range(READ_LIMIT + 1))
 """For each quantity, what turns its bytes into registers."""
+_ROW = Layout(">BB", "function_code", "byte_count", tail="registers", count="byte_count")
 _RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_LIMIT + 1))
 """For each quantity, what makes the whole answer."""
 
@@ -57,7 +58,7 @@ class ReadHoldingRegistersResponse(Response):
 
     name: ClassVar[str] = "Read Holding Registers"
     function_code: ClassVar[int] = 0x03
-    layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="registers", count="byte_count")
+    layout: ClassVar[Layout] = _ROW
 
     def __post_init__(self) -> None:
         check_range("quantity", len(self.registers), 1, READ_LIMIT)
@@ -66,9 +67,11 @@ class ReadHoldingRegistersResponse(Response):
         """The PDU."""
         row = self.registers
         try:
-            return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
-        except StructError:
-            return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # raises, and says why
+            if self.layout is _ROW:
+                return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
+        except (StructError, IndexError):
+            pass
+        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # raises, and says why
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
@@ -120,8 +123,9 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """As of every message. Where nothing can be wrong, and nearly always nothing is, one look is enough."""
-        if len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
+        """As of every message. Where nothing can be wrong, and nearly always nothing is, one look is enough; but who
+        knows what a subclass of a user's wants besides."""
+        if cls in _OURS and len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
             _, address, quantity = _REQUEST.unpack(pdu)
             if 1 <= quantity <= READ_LIMIT:
                 request = object.__new__(cls)
@@ -133,14 +137,16 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
     def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
         """As of every request. The answer that fits, and nearly all do, is known at one look and read by one call."""
         size = 2 * self.quantity
-        if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size:
+        if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size or type(self) not in _OURS:
             return Request.read_response(self, pdu)
-        return self.answer(_ROWS[self.quantity].unpack_from(pdu, 2))
+        return _with_row(self.response, _ROWS[self.quantity].unpack_from(pdu, 2))
 
     def answer(self, row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
         """The response with this row, which must be registers and as many as were asked: nobody looks again."""
-        response: ReadHoldingRegistersResponse = object.__new__(self.response)  # type: ignore[assignment]  # its class
-        object.__setattr__(response, "registers", row)
+        if type(self) in _OURS:
+            return _with_row(self.response, row)
+        cls: Any = self.response
+        response: ReadHoldingRegistersResponse = cls(row)
         return response
 
     def fit(self, response: Any, pdu: bytes) -> Any:
@@ -163,6 +169,16 @@ class ReadInputRegisters(ReadHoldingRegisters):
     name: ClassVar[str] = "Read Input Registers"
     function_code: ClassVar[int] = 0x04
     response: ClassVar[type[Response]] = ReadInputRegistersResponse
+
+
+_OURS = (ReadHoldingRegisters, ReadInputRegisters)
+"""Whose shortcuts are the whole truth."""
+
+
+def _with_row(cls: type[Any], row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
+    response: ReadHoldingRegistersResponse = object.__new__(cls)
+    object.__setattr__(response, "registers", row)
+    return response
 
 
 @dataclass(frozen=True, slots=True)

@@ -242,7 +242,7 @@ class Server:
                 answer, code = self._exception(pdu, declined), declined.code
         except Exception as error:
             # A unit's own code failed. The client gets an answer, the line goes on, and the error is kept to be seen.
-            self.tally.failures = [*self.tally.failures[-9:], f"{type(error).__name__}: {error}"]
+            self.tally.failed(error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
         if counters is not None:

@@ -23,3 +23,11 @@ class Tally(Shown):
         """Our own answers, heard."""
         self.failures: list[str] = []
         """The latest errors of a unit's own code, at most ten: they were answered with exception 04."""
+
+    def failed(self, error: Exception) -> None:
+        """One more of them. Its text is the user's code as well."""
+        try:
+            text = str(error)
+        except Exception:
+            text = "(no text)"
+        self.failures = [*self.failures[-9:], f"{type(error).__name__}: {text}"]

@@ -9,8 +9,9 @@
     can_fan        one reader of a bus for all, can_tap what each hears of it, aio_can the same for tasks
     can_stream     what is heard, as events              can_run, aio_run    machines that speak by themselves
     drive          a drive behind a client
-    host           servers, devices, simulators by URL   aio_server, aio_port_servers   asyncio servers, limits
-    endpoint       URLs taken apart                      carriers       what carries Modbus: line and port for a URL
+    host           servers, devices, simulators by URL   host_tcp, host_network, host_serial, host_can   one for each
+    aio_server, aio_port_servers    asyncio servers      guests         limits of connections; watching  who spoke
+    endpoint, url  URLs taken apart                      carriers       what carries Modbus: line and port for a URL
     back_off       when to connect again                 taps           watching what passes
     tls            certificates, roles                   tls_session    TLS of a server's connection, as a machine
 

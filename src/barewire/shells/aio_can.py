@@ -47,6 +47,9 @@ class AsyncTap(Tap):
         self._thread = threading.get_ident()
         self._waiter: asyncio.Future[None] | None = None
         self._outbox: deque[CanFrame] = deque()
+        self._pressing = False
+        self._until = 0.0  # so long has the first of the outbox, until it is given up
+        self._refused: PortError | None = None
         super().__init__(bus, keys, room=room, reports=reports, node=node)
 
     def _ring(self) -> None:
@@ -81,22 +84,46 @@ class AsyncTap(Tap):
         return None if arrived is None else arrived.item  # type: ignore[return-value]  # without reports only frames
 
     def write(self, item: CanFrame) -> None:
-        """Hand a frame over; where the controller has no room, it waits for `sent`."""
+        """Hand a frame over. Where the controller has no room it goes out later, whether anybody waits for it or not:
+        it may be the last word of a task that was cancelled."""
         if self._outbox or not self.bus.try_send(item, self):
+            if not self._outbox:
+                self._until = self._loop.time() + PATIENCE
             self._outbox.append(item)
+            if not self._pressing:
+                self._pressing = True
+                self._loop.call_later(RETRY, self._go_on)
 
     async def sent(self) -> float | None:
         """Wait until the controller has all of it."""
-        until = self._loop.time() + PATIENCE
         while self._outbox:
             await asyncio.sleep(RETRY)
+            self._press()
+        refused, self._refused = self._refused, None
+        if refused is not None:
+            raise refused
+        return None
+
+    def _press(self) -> None:
+        try:
             while self._outbox and self.bus.try_send(self._outbox[0], self, again=True):
                 self._outbox.popleft()
-                until = self._loop.time() + PATIENCE  # each has its own
-            if self._outbox and self._loop.time() >= until:
-                self._outbox.clear()
+                self._until = self._loop.time() + PATIENCE  # each has its own
+            if self._outbox and self._loop.time() >= self._until:
                 raise PortError(no_room(self.bus.name))
-        return None
+        except PortError as error:
+            self._outbox.clear()
+            self._refused = error
+
+    def _go_on(self) -> None:
+        self._press()
+        self._pressing = bool(self._outbox)
+        if self._pressing:
+            self._loop.call_later(RETRY, self._go_on)
+
+    def hush(self) -> None:
+        """What waits is not said."""
+        self._outbox.clear()
 
 
 async def wait_open(bus: CanBus, patience: float) -> None:

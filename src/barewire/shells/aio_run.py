@@ -64,6 +64,7 @@ class AsyncRunning:
 
     def stop(self) -> None:
         """No further frame."""
+        self._tap.hush()
         self._tap.close()
         self._task.cancel()
 

@@ -103,12 +103,13 @@ class _Connection(asyncio.BufferedProtocol):
         self._all = server
         self._loop = asyncio.get_running_loop()
         self._line = modbus_line(server.endpoint, "server", tuple(server.units))
+        is_serial = server.endpoint.envelope != "tcp"
         self._server = Server(
-            self._line, server.units, serial=not self._line.numbered, permits=self._permits, counters=server.counters
+            self._line, server.units, serial=is_serial, permits=self._permits, counters=server.counters
         )
         self._tls = TlsSession(server.context) if server.context is not None else None
         # Where frames are sought byte by byte, little at a time: whoever talks nonsense keeps the others waiting less.
-        self._buffer = bytearray(CHUNK if self._line.numbered else 512)
+        self._buffer = bytearray(512 if is_serial else CHUNK)
         self._timer: asyncio.TimerHandle | None = None
         self._transport: asyncio.Transport | None = None
 
@@ -184,7 +185,7 @@ class _Connection(asyncio.BufferedProtocol):
             else:
                 # The answers to all that came in one read leave in one send.
                 self._write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
-        if not self._line.numbered:
+        if self._server.serial:
             self._keep_time(bool(replies))
         if self._line.broken is not None:
             # Nobody knows any more where a frame begins: the only honest answer is to hang up.

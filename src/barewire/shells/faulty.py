@@ -72,7 +72,9 @@ class Spoiler:
 
     def __init__(self, faults: Faults[bytes], clock: Clock = time.monotonic) -> None:
         self._faults, self._clock = faults, clock
-        self._waiting: list[tuple[float, int, Callable[[bytes], None], bytes]] = []
+        self._waiting: list[tuple[float, int, Callable[[bytes], None], list[tuple[float, bytes]]]] = []
+        self._half: dict[Callable[[bytes], None], list[tuple[float, bytes]]] = {}
+        """What is left of an answer that was begun, by connection: nothing gets between the bytes of one."""
         self._order = count()
 
     @property
@@ -82,10 +84,13 @@ class Spoiler:
 
     def __call__(self, answer: bytes, say: Callable[[bytes], None]) -> None:
         """Now, later, changed or never."""
-        for at, what in self._faults.pass_on(answer, self._clock()):
-            heapq.heappush(self._waiting, (at, next(self._order), say, what))
-            self._wake(at)
+        if parts := self._faults.pass_on(answer, self._clock()):
+            self._wait(parts[0][0], say, parts)
         self.deliver()
+
+    def _wait(self, at: float, say: Callable[[bytes], None], parts: list[tuple[float, bytes]]) -> None:
+        heapq.heappush(self._waiting, (at, next(self._order), say, parts))
+        self._wake(at)
 
     def _wake(self, at: float) -> None:
         """Something will be due at this time."""
@@ -93,8 +98,18 @@ class Spoiler:
     def deliver(self) -> None:
         """Say what is due, in the order in which it was said."""
         while self._waiting and self._waiting[0][0] <= self._clock():
-            _, _, say, what = heapq.heappop(self._waiting)
-            say(what)
+            _, _, say, parts = heapq.heappop(self._waiting)
+            half = self._half.get(say, parts)
+            if half is not parts:
+                self._wait(half[0][0], say, parts)
+                continue
+            _, part = parts.pop(0)
+            if parts:
+                self._half[say] = parts
+                self._wait(parts[0][0], say, parts)
+            else:
+                self._half.pop(say, None)
+            say(part)
 
 
 class LoopSpoiler(Spoiler):

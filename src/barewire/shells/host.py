@@ -18,7 +18,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 
-from barewire.errors import BarewireError, EncodeError
+from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.shells.endpoint import Endpoint
 
 TYPE_CHECKING = False  # see `barewire.record`
@@ -34,7 +34,10 @@ LOOK = 0.1
 
 
 class Host(ABC):
-    """What all hosts share: a thread to run in, and an end. `url` is where clients find it."""
+    """What all hosts share: a thread to run in, and an end. `url` is where clients find it.
+
+    A host serves once: what was its port may be anybody's afterwards. `run` and `start` raise PortError then.
+    """
 
     url: str
 
@@ -44,6 +47,10 @@ class Host(ABC):
     def __init__(self) -> None:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._beginning = threading.Lock()
+        self._has_begun = False
+        self._served_by = 0  # the thread
+        self._over = threading.Event()  # the port is given back
         self.failure: BarewireError | None = None
         """Why a host that ran in its own thread ended early."""
         self.on_end: Callable[[], None] | None = None
@@ -56,18 +63,46 @@ class Host(ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @abstractmethod
     def run(self, stop: threading.Event) -> None:
-        """Serve until `stop` is set, then give the port back."""
+        """Serve until `stop` is set or the host is closed, then give the port back."""
+        self._begin()
+        self._serve_alone(stop)
+
+    @abstractmethod
+    def _serve(self, stop: threading.Event) -> None:
+        """Serve until it `is_over`."""
+
+    @abstractmethod
+    def _give_back(self) -> None:
+        """Give the port back. Called once."""
+
+    def is_over(self, stop: threading.Event) -> bool:
+        """Whether to stop: because of this event, or because the host is closed."""
+        return stop.is_set() or self._stop.is_set()
+
+    def _begin(self) -> None:
+        with self._beginning:
+            if self._has_begun:
+                raise PortError(f"{self.url}: a host serves once: this one has begun, or was closed")
+            self._has_begun = True
+
+    def _serve_alone(self, stop: threading.Event) -> None:
+        self._served_by = threading.get_ident()
+        try:
+            self._serve(stop)
+        finally:
+            self._give_back()
+            self._over.set()
 
     def start(self) -> None:
         """Serve in a thread."""
+        self._begin()
         self._thread = threading.Thread(target=self._run, name=self.url, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         try:
-            self.run(self._stop)
+            self._serve_alone(self._stop)
         except BarewireError as error:
             self.failure = error
         finally:
@@ -75,10 +110,20 @@ class Host(ABC):
                 self.on_end()
 
     def close(self) -> None:
-        """Stop serving and wait until the port is given back."""
+        """Stop serving and wait until the port is given back, 5 s at most; also of a host that nobody started.
+
+        Who closes it while it serves them, as a unit might, does not wait for itself: it stops after that.
+        """
+        with self._beginning:
+            has_begun, self._has_begun = self._has_begun, True
         self._stop.set()
-        if self._thread is not None:
-            self._thread.join(timeout=5.0)
+        if not has_begun:
+            self._give_back()
+            self._over.set()
+        elif self._served_by != threading.get_ident():
+            self._over.wait(5.0)
+            if self._thread is not None:
+                self._thread.join(timeout=5.0)
 
 
 def open_host(

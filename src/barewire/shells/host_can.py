@@ -39,29 +39,28 @@ class CanHost(Host):
         self.port: Port[CanFrame] = self.dial()
         self.url = str(endpoint)
 
-    def run(self, stop: threading.Event) -> None:
-        """Be a node until `stop` is set."""
+    def _serve(self, stop: threading.Event) -> None:
         clock, reopening, ears = time.monotonic, Reopening(self.dial, stop), Ears(self._node)
-        try:
+        with self._turn:
+            self._send(begin(self._node, clock()))
+        while not self.is_over(stop):
+            deadline = self._node.deadline
+            wait = LOOK if deadline is None else min(LOOK, max(0.0, deadline - clock()))
+            try:
+                item = taker(self.port)(wait)
+            except PortError as error:
+                opened = reopening.reopen(self.port, str(error))
+                if opened is None:
+                    return
+                self.port, item = opened
+            self.others += not (item is None or isinstance(item, CanFrame))
             with self._turn:
-                self._send(begin(self._node, clock()))
-            while not stop.is_set():
-                deadline = self._node.deadline
-                wait = LOOK if deadline is None else min(LOOK, max(0.0, deadline - clock()))
-                try:
-                    item = taker(self.port)(wait)
-                except PortError as error:
-                    opened = reopening.reopen(self.port, str(error))
-                    if opened is None:
-                        return
-                    self.port, item = opened
-                self.others += not (item is None or isinstance(item, CanFrame))
-                with self._turn:
-                    self._send(ears.hear(item, clock()))
-        finally:
-            self.port.close()
-            if self._hub is not None:
-                self._hub.close()
+                self._send(ears.hear(item, clock()))
+
+    def _give_back(self) -> None:
+        self.port.close()
+        if self._hub is not None:
+            self._hub.close()
 
     def do(self, action: Action) -> None:
         """`action(now)` while nobody else is in the node. The frames that it returns are said, and what is due then.

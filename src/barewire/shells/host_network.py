@@ -21,17 +21,14 @@ class NetworkHost(Host):
         self.server = server_at(endpoint, units)
         self._listener, self.url = listen(endpoint)
 
-    def run(self, stop: threading.Event) -> None:
-        """Serve until `stop` is set."""
-        asyncio.run(self._serve(stop))
+    def _serve(self, stop: threading.Event) -> None:
+        asyncio.run(self._until(stop))
 
-    def close(self) -> None:
-        """Stop serving and wait until the port is given back; also of a host that nobody started."""
-        super().close()
+    def _give_back(self) -> None:
         self._listener.close()
 
-    async def _serve(self, stop: threading.Event) -> None:
+    async def _until(self, stop: threading.Event) -> None:
         await self.server.listen(self._listener)
         async with self.server:
-            while not stop.is_set():
+            while not self.is_over(stop):
                 await asyncio.sleep(LOOK)

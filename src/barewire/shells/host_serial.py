@@ -38,18 +38,17 @@ class SerialHost(Host):
             self.port = open_serial(endpoint)
             self.url = str(endpoint)
 
-    def run(self, stop: threading.Event) -> None:
-        """Serve until `stop` is set."""
+    def _serve(self, stop: threading.Event) -> None:
         clock = time.monotonic
-        try:
-            while not stop.is_set():
-                deadline = self._server.deadline
-                wait = LOOK if deadline is None else min(LOOK, max(0.0, deadline - clock()))
-                data = self.port.receive(wait)
-                for reply in self._server.feed(data, clock()):
-                    time.sleep(max(0.0, reply.at - clock()))
-                    self.port.send(reply.data)
-                    # Who hears us at once may speak a silence later: that must not be too early for us.
-                    self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
-        finally:
-            self.port.close()
+        while not self.is_over(stop):
+            deadline = self._server.deadline
+            wait = LOOK if deadline is None else min(LOOK, max(0.0, deadline - clock()))
+            data = self.port.receive(wait)
+            for reply in self._server.feed(data, clock()):
+                time.sleep(max(0.0, reply.at - clock()))
+                self.port.send(reply.data)
+                # Who hears us at once may speak a silence later: that must not be too early for us.
+                self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
+
+    def _give_back(self) -> None:
+        self.port.close()

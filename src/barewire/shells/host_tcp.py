@@ -1,6 +1,6 @@
 """A Modbus TCP server without asyncio: one thread, one look at all sockets, and whoever spoke is answered.
 
-    select  ->  recv  ->  Server.feed  ->  send          and the next one that spoke
+    watch   ->  recv  ->  Server.feed  ->  send          and the next one that spoke
                                  '-> not all of it was taken: what is left goes first, and until then nobody listens
 
 Where connections are few this answers sooner than an event loop does, and a small machine need not load one. The limits
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import selectors
 import socket
 import time
 from collections.abc import Mapping
@@ -22,6 +21,7 @@ from barewire.shells.carriers import modbus_line
 from barewire.shells.guests import Guests
 from barewire.shells.host import LOOK, Host
 from barewire.shells.tcp_socket import CHUNK, attend, listen, reason
+from barewire.shells.watching import IN, OUT, most, watch
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from barewire.modbus import Unit
     from barewire.shells.endpoint import Endpoint
     from barewire.shells.faulty import Spoiler
+    from barewire.shells.watching import Watch
 
 _FULL = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 """What the system says when it has no room for another connection."""
@@ -41,6 +42,8 @@ class TcpHost(Host):
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
         super().__init__()
         self.guests: Guests[_Connection] = Guests(endpoint)
+        self.guests.most = most(self.guests.most)
+        self.by_file: dict[int, _Connection] = {}
         self.spoil: Spoiler | None = None
         self.endpoint = endpoint
         self.units = units
@@ -48,28 +51,30 @@ class TcpHost(Host):
         self._listener, self.url = listen(endpoint)
         self._listener.setblocking(False)
 
-    def run(self, stop: threading.Event) -> None:
-        """Serve until `stop` is set."""
+    def _serve(self, stop: threading.Event) -> None:
         clock = time.monotonic
-        with self._listener, selectors.DefaultSelector() as selector:
-            selector.register(self._listener, selectors.EVENT_READ, None)
+        listener = self._listener.fileno()
+        with contextlib.closing(watch()) as watching:
+            watching.register(listener, IN)
             try:
                 now = clock()
-                while not stop.is_set():
-                    found = selector.select(self._patience(now))
+                while not self.is_over(stop):
+                    found = watching.poll(self._patience(now))
                     now = clock()
-                    for key, _ in found:
-                        if key.data is None:
-                            self._take_new(selector, now)
-                        else:
-                            key.data.ready(now)
+                    for file, _ in found:
+                        if file == listener:
+                            self._take_new(watching, now)
+                        elif (connection := self.by_file.get(file)) is not None:
+                            try:
+                                connection.ready(now)
+                            except Exception as error:
+                                # Of a user's code: units that are looked up, whoever is told of a fault.
+                                self.guests.turn_away(connection, f"{type(error).__name__}: {error}")
             finally:
                 for connection in list(self.guests.connections):
                     connection.abort()
 
-    def close(self) -> None:
-        """Stop serving and wait until the port is given back; also of a host that nobody started."""
-        super().close()
+    def _give_back(self) -> None:
         self._listener.close()
 
     def _patience(self, now: float) -> float:
@@ -84,7 +89,7 @@ class TcpHost(Host):
             until = min(until, self.spoil.due or until)
         return max(0.0, until - now)
 
-    def _take_new(self, selector: selectors.BaseSelector, now: float) -> None:
+    def _take_new(self, watching: Watch, now: float) -> None:
         """One at a time: to ask whether there is another one takes a file too, where there may be none left."""
         try:
             found, address = self._listener.accept()
@@ -95,7 +100,7 @@ class TcpHost(Host):
         found.setblocking(False)
         with contextlib.suppress(OSError):
             attend(found)
-        self.guests.arrived(_Connection(self, selector, found, address), now)
+        self.guests.arrived(_Connection(self, watching, found, address), now)
 
     def _make_room(self, why: str) -> None:
         if self.guests.connections:
@@ -109,25 +114,23 @@ class _Connection:
 
     was_answered = False
 
-    def __init__(
-        self, host: TcpHost, selector: selectors.BaseSelector, connection: socket.socket, address: tuple[str, int]
-    ) -> None:
+    def __init__(self, host: TcpHost, watching: Watch, connection: socket.socket, address: tuple[str, int]) -> None:
         self.peer = f"{address[0]}:{address[1]}"
         self._host = host
         self._socket = connection
-        self._selector = selector
+        self._file = connection.fileno()
+        self._watching = watching
         self._line = modbus_line(host.endpoint, "server", host.units)
         self._server = Server(self._line, host.units, serial=False)
-        self._unsent = b""
+        self._unsent = bytearray()
         self._ending = False  # as soon as everything is sent
-        selector.register(connection, selectors.EVENT_READ, self)
+        watching.register(self._file, IN)
+        host.by_file[self._file] = self
 
     def ready(self, now: float) -> None:
         """It has spoken; or it takes again what it did not take before."""
-        if self._socket.fileno() < 0:
-            return  # closed while others of the same look were served
         if self._unsent:
-            self._send(b"")
+            self._send_rest()
             return
         try:
             data = self._socket.recv(CHUNK)
@@ -153,23 +156,30 @@ class _Connection:
 
     def _send(self, data: bytes) -> None:
         """As much as is taken now. The rest waits, and until it is gone nobody listens to this client."""
-        waited = len(self._unsent)
+        if self._unsent:
+            self._unsent += data  # late answers may come while others wait
+        elif (taken := self._taken(data)) < len(data):
+            self._unsent += data[taken:]
+            self._watching.modify(self._file, OUT)
+
+    def _send_rest(self) -> None:
+        del self._unsent[: self._taken(self._unsent)]
+        if self._unsent:
+            return
+        if self._ending:
+            self.abort()
+        elif self._socket.fileno() >= 0:
+            self._watching.modify(self._file, IN)
+
+    def _taken(self, data: bytes | bytearray) -> int:
+        """How many bytes the system takes now: all of them, if nobody is there any more."""
         try:
-            taken = self._socket.send(self._unsent + data if waited else data)
+            return self._socket.send(data)
         except (BlockingIOError, InterruptedError):
-            taken = 0
+            return 0
         except OSError:
             self.abort()  # it is gone, or was closed by us while an answer was late
-            return
-        if taken == len(data) and not waited:
-            return
-        self._unsent = (self._unsent + data)[taken:]
-        if self._unsent and not waited:
-            self._selector.modify(self._socket, selectors.EVENT_WRITE, self)
-        elif waited and not self._unsent:
-            self._selector.modify(self._socket, selectors.EVENT_READ, self)
-        if self._ending and not self._unsent:
-            self.abort()
+            return len(data)
 
     def _hang_up(self, why: str) -> None:
         """Nobody knows any more where a frame begins: the only honest answer is to close, after what is to be sent."""
@@ -186,6 +196,8 @@ class _Connection:
     def abort(self) -> None:
         """Hang up at once."""
         self._host.guests.left(self)
+        self._unsent.clear()
         if self._socket.fileno() >= 0:
-            self._selector.unregister(self._socket)
+            self._watching.unregister(self._file)
+            del self._host.by_file[self._file]
             self._socket.close()

@@ -104,6 +104,9 @@ class SharedUnits(Mapping[int, "Unit"]):
     def get(self, address: int, default: Any = None) -> Any:
         """The unit at this address, or the default."""
         unit = self._units.get(address)
+        known = self._doors.get(address)
+        if known is not None and known[0] is unit:
+            return known[1]
         return default if unit is None else self._door(address, unit)
 
     def _door(self, address: int, unit: Unit) -> Unit:

@@ -37,7 +37,9 @@ class TcpPort:
 
     def _connect(self, host: str, port: int, timeout: float) -> socket.socket:
         try:
-            connection = socket.create_connection((host, port), timeout)
+            # As bytes, where that is possible: for text the system's codec of names is loaded, and `re` with it.
+            name = host.encode() if host.isascii() else host
+            connection = socket.create_connection((name, port), timeout)  # type: ignore[arg-type]  # they are taken
         except TimeoutError:
             raise PortError(f"{self.name}: no connection within {timeout:g} s") from None
         except OSError as error:
@@ -188,4 +190,5 @@ def reason(error: Exception) -> str:
     if isinstance(error, ConnectionError) and error.errno:
         error = OSError(error.errno, os.strerror(error.errno))  # asyncio has words of its own
     text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
+    text = text.partition(" (while attempting")[0]  # Python's own, with the address that is told already
     return text[:1].lower() + text[1:]
