@@ -60,7 +60,7 @@ class Done(NamedTuple):
 
 
 @contextmanager
-def in_guest(command: Sequence[str], environment: Mapping[str, str], *, timeout: float = 120) -> Iterator[Done]:
+def in_guest(command: Sequence[str], environment: Mapping[str, str], *, timeout: float = 300) -> Iterator[Done]:
     """Carry a command out in a guest, in the root of the repository; what it left in /run/job is in `job`."""
     job = Path(tempfile.mkdtemp(prefix="barewire-guest-"))
     try:

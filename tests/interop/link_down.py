@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import threading
+import time
 
 from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, standard_objects
 from barewire.errors import NoAnswer, PortError
@@ -26,8 +27,9 @@ def link(state: str) -> None:
 
 def until(stream: Stream[CanFrame], kind: type[object]) -> object:
     """The next event of a kind."""
+    end = time.monotonic() + PATIENCE
     while True:
-        event = stream.get(timeout=PATIENCE)
+        event = stream.get(timeout=max(0.0, end - time.monotonic()))
         assert event is not None, f"no {kind.__name__} came"
         if isinstance(event, kind):
             return event
