@@ -81,6 +81,7 @@ def _run(job: Path, command: Sequence[str], environment: Mapping[str, str], time
         "HOME": "/run/tmp",
         "TMPDIR": "/run/tmp",
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONUNBUFFERED": "1",  # what was said before a guest hangs is there to be read
         **environment,
     }
     says = [f"export {name}={shlex.quote(value)}" for name, value in inside.items()]

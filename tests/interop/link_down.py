@@ -6,6 +6,7 @@ up       Back, a transfer of the same client succeeds, the heartbeats of the dev
 
 from __future__ import annotations
 
+import faulthandler
 import subprocess
 import threading
 import time
@@ -69,4 +70,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    faulthandler.dump_traceback_later(200, exit=True)  # before the guest is ended: where does it hang?
     main()
