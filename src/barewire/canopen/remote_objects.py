@@ -40,8 +40,8 @@ def read_object(
     what comes is no value of the type.
     """
     entry = objects.at(place)
-    how = {"timeout": timeout, "dialect": dialect, "block": block}
-    coming = upload(node, entry.index, entry.sub, size=entry.codec.size, **how)  # type: ignore[arg-type]
+    size = entry.codec.size
+    coming = upload(node, entry.index, entry.sub, size=size, timeout=timeout, dialect=dialect, block=block)
 
     def reading() -> Conversation[CanFrame, Value]:
         data = yield from coming

@@ -71,7 +71,7 @@ class ReadHoldingRegistersResponse(Response):
                 return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
         except (StructError, IndexError):
             pass
-        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # raises, and says why
+        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # says what is wrong
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from typing import Any, Self, cast
@@ -13,10 +13,8 @@ from barewire.errors import PortError
 from barewire.modbus import Server, Unit
 from barewire.shells.carriers import modbus_line
 from barewire.shells.endpoint import Endpoint
+from barewire.shells.guests import Spoil
 from barewire.shells.tcp_socket import reason
-
-Spoil = Callable[[bytes, Callable[[bytes], None]], None]
-"""Given an answer and what says it: says it, something else, later, or nothing (`faulty`)."""
 
 
 class DatagramServer(asyncio.DatagramProtocol):

@@ -18,10 +18,10 @@ from typing import Any, Self
 from barewire.errors import DecodeError, PortError
 from barewire.modbus import Authorisation, Request, Server, Unit
 from barewire.modbus.serve import counters_for
-from barewire.shells.aio_port_servers import DatagramServer, SerialServer, Spoil
+from barewire.shells.aio_port_servers import DatagramServer, SerialServer
 from barewire.shells.carriers import modbus_endpoint, modbus_line
 from barewire.shells.endpoint import Endpoint, Turn
-from barewire.shells.guests import Guests
+from barewire.shells.guests import Guests, Spoil, say_all
 from barewire.shells.tcp_socket import CHUNK, CONNECTIONS, attend, reason
 from barewire.shells.tls import roles_of, server_context, tls_reason
 from barewire.shells.tls_session import TlsSession
@@ -179,12 +179,7 @@ class _Connection(asyncio.BufferedProtocol):
         replies = self._server.feed(data, now)
         if replies:
             self.was_answered = True
-            if self._all.spoil is not None:
-                for reply in replies:
-                    self._all.spoil(reply.data, self._write)
-            else:
-                # The answers to all that came in one read leave in one send.
-                self._write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
+            say_all(replies, self._write, self._all.spoil)
         if self._server.serial:
             self._keep_time(bool(replies))
         if self._line.broken is not None:
@@ -212,7 +207,7 @@ class _Connection(asyncio.BufferedProtocol):
         """Close, after what is still to be sent."""
         assert self._transport is not None
         if why:
-            self._all.turned_away.append(f"{self.peer}: {why}")
+            self._all.note(self, why)
         self._transport.close()
 
     def pause_writing(self) -> None:

@@ -5,7 +5,7 @@
                 '-- over `most` connections this one goes; or the first that was never answered, if there is one:
                     who only opens connections takes nobody's
 
-With `idle` goes whoever is silent for so many seconds.
+With `idle` goes whoever is silent for so many seconds. What a guest is answered leaves at once (`say_all`).
 
 I know: connections in the order in which they were heard.  I never know: sockets, loops, clocks: time is told.
 """
@@ -13,6 +13,7 @@ I know: connections in the order in which they were heard.  I never know: socket
 from __future__ import annotations
 
 from collections import OrderedDict, deque
+from collections.abc import Callable
 
 from barewire.shells.tcp_socket import CONNECTIONS
 
@@ -20,9 +21,23 @@ TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from typing import Generic, Protocol, TypeVar
 
+    from barewire.modbus.serve import Reply
     from barewire.shells.endpoint import Endpoint
 else:
     from barewire.record import Generic, Protocol, TypeVar
+
+
+Spoil = Callable[[bytes, Callable[[bytes], None]], None]
+"""Given an answer and what says it: says it, something else, later, or nothing (`faulty`)."""
+
+
+def say_all(replies: list[Reply], say: Callable[[bytes], None], spoil: Spoil | None) -> None:
+    """The answers to all that came in one read leave in one send; whoever spoils answers is given each by itself."""
+    if spoil is not None:
+        for reply in replies:
+            spoil(reply.data, say)
+    else:
+        say(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
 
 
 class Guest(Protocol):
@@ -84,8 +99,12 @@ class Guests(Generic[G]):
     def turn_away(self, guest: G, why: str) -> None:
         """Close a connection and keep the reason to be seen."""
         self.left(guest)
-        self.turned_away.append(f"{guest.peer}: {why}")
+        self.note(guest, why)
         guest.abort()
+
+    def note(self, guest: G, why: str) -> None:
+        """Keep why we close a connection."""
+        self.turned_away.append(f"{guest.peer}: {why}")
 
     def watch(self, now: float) -> float | None:
         """Whoever was silent for too long goes. When to look again; None while nobody could be."""

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 
 from barewire.modbus.serve import Server
 from barewire.shells.carriers import modbus_line
-from barewire.shells.guests import Guests
+from barewire.shells.guests import Guests, say_all
 from barewire.shells.host import LOOK, Host
 from barewire.shells.tcp_socket import CHUNK, attend, listen, reason
 from barewire.shells.watching import IN, OUT, most, watch
@@ -145,12 +145,7 @@ class _Connection:
         replies = self._server.feed(data, now)
         if replies:
             self.was_answered = True
-            if self._host.spoil is not None:
-                for reply in replies:
-                    self._host.spoil(reply.data, self._send)
-            else:
-                # The answers to all that came in one read leave in one send.
-                self._send(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
+            say_all(replies, self._send, self._host.spoil)
         if self._line.broken is not None:
             self._hang_up(str(self._line.broken))
 
@@ -183,7 +178,7 @@ class _Connection:
 
     def _hang_up(self, why: str) -> None:
         """Nobody knows any more where a frame begins: the only honest answer is to close, after what is to be sent."""
-        self._host.guests.turned_away.append(f"{self.peer}: {why}")
+        self._host.guests.note(self, why)
         self._ending = True
         if not self._unsent:
             self.abort()
