@@ -45,7 +45,9 @@ def hold(url: str) -> list[Result]:
     """A server of ours against its battery."""
     with open_host(url, units={1: Table(100)}) as host:
         endpoint = Endpoint.parse(host.url)
-        return list(conform(endpoint._replace(options={**endpoint.options, "timeout": "0.25"})))
+        # Many cases of a serial line wait silence out; the others can afford more patience with a machine that stalls.
+        patience = "1" if endpoint.envelope == "tcp" else "0.25"
+        return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
 
 
 held = cache(hold)
