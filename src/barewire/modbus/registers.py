@@ -128,9 +128,9 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
         if cls in _OURS and len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
             _, address, quantity = _REQUEST.unpack(pdu)
             if 1 <= quantity <= READ_LIMIT:
-                request = object.__new__(cls)
-                object.__setattr__(request, "address", address)
-                object.__setattr__(request, "quantity", quantity)
+                request = _new(cls)
+                _set_address(request, address)
+                _set_quantity(request, quantity)
                 return request
         return super().decode(pdu)
 
@@ -172,12 +172,15 @@ class ReadInputRegisters(ReadHoldingRegisters):
 
 
 _OURS = (ReadHoldingRegisters, ReadInputRegisters)
-"""Whose shortcuts are the whole truth."""
+"""Whose shortcuts are the whole truth: they put values that are known to be right straight into their slots."""
+_new = object.__new__
+_set_address, _set_quantity = (vars(ReadHoldingRegisters)[name].__set__ for name in ("address", "quantity"))
+_set_registers = vars(ReadHoldingRegistersResponse)["registers"].__set__
 
 
 def _with_row(cls: type[Any], row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
-    response: ReadHoldingRegistersResponse = object.__new__(cls)
-    object.__setattr__(response, "registers", row)
+    response: ReadHoldingRegistersResponse = _new(cls)
+    _set_registers(response, row)
     return response
 
 

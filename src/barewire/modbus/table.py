@@ -96,7 +96,9 @@ class Table:
             case registers.ReadHoldingRegisters(address, quantity):
                 is_input = isinstance(request, registers.ReadInputRegisters)
                 row_of = self.input_registers if is_input else self.holding_registers
-                return request.answer(tuple(row_of[self._span(address, quantity)]))
+                if (end := address + quantity) > self.size:
+                    raise ModbusException(ILLEGAL_DATA_ADDRESS)
+                return request.answer(tuple(row_of[address:end]))
             case bits.ReadDiscreteInputs(address, quantity):
                 row = self.discrete_inputs[self._span(address, quantity)]
                 return bits.ReadDiscreteInputsResponse(tuple(map(bool, row)))

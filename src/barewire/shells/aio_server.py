@@ -104,12 +104,12 @@ class _Connection(asyncio.BufferedProtocol):
         self._loop = asyncio.get_running_loop()
         self._line = modbus_line(server.endpoint, "server", tuple(server.units))
         is_serial = server.endpoint.envelope != "tcp"
-        self._server = Server(
-            self._line, server.units, serial=is_serial, permits=self._permits, counters=server.counters
-        )
+        has_roles = server.context is not None or server.authorisation is not None
+        permits = self._permits if has_roles else None
+        self._server = Server(self._line, server.units, serial=is_serial, permits=permits, counters=server.counters)
         self._tls = TlsSession(server.context) if server.context is not None else None
         # Where frames are sought byte by byte, little at a time: whoever talks nonsense keeps the others waiting less.
-        self._buffer = bytearray(512 if is_serial else CHUNK)
+        self._buffer = memoryview(bytearray(512 if is_serial else CHUNK))
         self._timer: asyncio.TimerHandle | None = None
         self._transport: asyncio.Transport | None = None
 
@@ -147,16 +147,17 @@ class _Connection(asyncio.BufferedProtocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def get_buffer(self, sizehint: int) -> bytearray:
+    def get_buffer(self, sizehint: int) -> memoryview:
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
         now = self._loop.time()
         self._all.heard(self, now)
+        data = self._buffer[:nbytes].tobytes()
         if self._tls is None:
-            self._feed(bytes(self._buffer[:nbytes]), now)
+            self._feed(data, now)
         else:
-            self._decrypt(self._tls, bytes(self._buffer[:nbytes]), now)
+            self._decrypt(self._tls, data, now)
 
     def _decrypt(self, tls: TlsSession, data: bytes, now: float) -> None:
         assert self._transport is not None

@@ -1,18 +1,22 @@
 """Who is connected to a server, and who has to go when there are too many, or when one was silent for too long.
 
-        the longest silent                                  heard just now
-                A        C        B        E        D
-                '-- over `most` connections this one goes; or the first that was never answered, if there is one:
-                    who only opens connections takes nobody's
+        connections        A        B        C        D        E
+        last heard        3.1      0.5      9.7      0.2      4.0
+        answered           x        x        x        x
+                                                      |        '-- over `most` connections the longest silent goes of
+                                                      |            those that were never answered, if there are any:
+                                                      |            who only opens connections takes nobody's
+                                                      '-- with `idle` goes who was silent for so many seconds
 
-With `idle` goes whoever is silent for so many seconds. What a guest is answered leaves at once (`say_all`).
+To hear of a guest takes no time, for it happens with each request: no order is kept, and they are looked through when
+one has to go, or might. What a guest is answered leaves at once (`say_all`).
 
-I know: connections in the order in which they were heard.  I never know: sockets, loops, clocks: time is told.
+I know: connections, and when each was heard.  I never know: sockets, loops, clocks: time is told.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable
 
 from barewire.shells.tcp_socket import CONNECTIONS
@@ -64,12 +68,13 @@ class Guests(Generic[G]):
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.connections: OrderedDict[G, float] = OrderedDict()
-        """Each with the time it was last heard, the longest silent first."""
+        self.connections: dict[G, float] = {}
+        """Each with the time it was last heard."""
         self.turned_away: deque[str] = deque(maxlen=16)
         """Why connections were closed by us, the latest: one line each."""
         self.most = endpoint.integer("connections", CONNECTIONS)
         self.idle = endpoint.seconds("idle", 0.0)
+        self._nobody_before = 0.0  # nobody was silent for too long until then
 
     @property
     def unsent(self) -> int:
@@ -85,7 +90,6 @@ class Guests(Generic[G]):
     def heard(self, guest: G, now: float) -> None:
         """A connection is in use."""
         self.connections[guest] = now
-        self.connections.move_to_end(guest)
 
     def left(self, guest: G) -> None:
         """A connection is over, whoever ended it."""
@@ -93,8 +97,8 @@ class Guests(Generic[G]):
 
     def make_room(self, why: str) -> None:
         """Somebody has to go."""
-        unused = (guest for guest in self.connections if not guest.was_answered)
-        self.turn_away(next(unused, None) or next(iter(self.connections)), why)
+        unused = [guest for guest in self.connections if not guest.was_answered]
+        self.turn_away(min(unused or self.connections, key=self.connections.__getitem__), why)
 
     def turn_away(self, guest: G, why: str) -> None:
         """Close a connection and keep the reason to be seen."""
@@ -108,9 +112,11 @@ class Guests(Generic[G]):
 
     def watch(self, now: float) -> float | None:
         """Whoever was silent for too long goes. When to look again; None while nobody could be."""
-        while self.idle and self.connections:
-            guest, heard = next(iter(self.connections.items()))
-            if heard + self.idle > now:
-                return heard + self.idle
-            self.turn_away(guest, f"silent for {self.idle:g} s")
-        return None
+        if not self.idle or not self.connections:
+            return None
+        if now >= self._nobody_before:
+            for guest, heard in list(self.connections.items()):
+                if heard + self.idle <= now:
+                    self.turn_away(guest, f"silent for {self.idle:g} s")
+            self._nobody_before = min(self.connections.values(), default=now) + self.idle
+        return self._nobody_before if self.connections else None
