@@ -15,6 +15,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -183,6 +184,12 @@ def modbus_tk() -> None:
     unit = server.add_slave(1)
     unit.add_block("block", 3, 0, 10)
     unit.set_values("block", 0, REGISTERS)
+    for _ in range(100):  # it listens as soon as its thread gets around to it
+        try:
+            socket.create_connection(("127.0.0.1", port)).close()
+            break
+        except ConnectionRefusedError:
+            time.sleep(0.05)
     print(port, flush=True)
     threading.Event().wait()
 

@@ -198,22 +198,23 @@ class Server:
 
     def answer(self, adu: Adu, now: float) -> bytes | None:
         """The PDU that answers this one, or None for silence."""
-        if adu.pdu[0] & EXCEPTION_BIT:
+        number, pdu, _ = adu
+        if pdu[0] & EXCEPTION_BIT:
             self.tally.not_requests += 1
             return None
-        if self.serial and adu.unit == BROADCAST:
+        if self.serial and number == BROADCAST:
             self.tally.broadcasts += 1
-            for number, unit in self.units.items():
-                self._carry_out(number, unit, adu.pdu, now, answered=False, broadcast=True)
+            for each, unit in self.units.items():
+                self._carry_out(each, unit, pdu, now, answered=False, broadcast=True)
             return None
-        found = self.units.get(adu.unit)
+        found = self.units.get(number)
         if found is None and not self.serial:
             found = self.units.get(255, self.units.get(0))
         if found is None:
             self.tally.for_others += 1
-            return None if self.serial else self._exception(adu.pdu, ModbusException(0x0B))
+            return None if self.serial else self._exception(pdu, ModbusException(0x0B))
         self.tally.requests += 1
-        return self._carry_out(adu.unit, found, adu.pdu, now)
+        return self._carry_out(number, found, pdu, now)
 
     def _carry_out(
         self, number: int, unit: Unit, pdu: bytes, now: float, *, answered: bool = True, broadcast: bool = False
