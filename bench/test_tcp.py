@@ -64,11 +64,25 @@ def _own_work(work: Work) -> Work:
     return OwnWork(work.run if isinstance(work, Many) else often)
 
 
-def _client(make: Connect, server: str, place: str) -> Factory:
-    ours, theirs = CLIENT_PLACES[place]
+def _one_for_all(server: str, core: int) -> Callable[[ExitStack], int]:
+    """The port of a server that all contestants of a race ask. It is started for the first of them, and ends with the
+    race."""
+    ports: dict[ExitStack, int] = {}
+
+    def port(closing: ExitStack) -> int:
+        if closing not in ports:
+            ports[closing] = start(server, closing, core)
+            closing.callback(ports.pop, closing)
+        return ports[closing]
+
+    return port
+
+
+def _client(make: Connect, served: Callable[[ExitStack], int], place: str) -> Factory:
+    ours, _ = CLIENT_PLACES[place]
 
     def factory(closing: ExitStack) -> Work:
-        port = start(server, closing, theirs)
+        port = served(closing)
         on_core(ours, closing)
         work = make(port, closing)
         return _own_work(work) if place == OWN_WORK else work
@@ -81,15 +95,18 @@ def _race(family: str, what: str, place: str, contestants: dict[str, Factory], e
 
 
 def blocking(place: str) -> Race:
-    contestants = {name: _client(make, "raw", place) for name, make in BLOCKING.items()}
+    served = _one_for_all("raw", CLIENT_PLACES[place][1])
+    contestants = {name: _client(make, served, place) for name, make in BLOCKING.items()}
     return _race("TCP client, blocking", "10 registers", place, contestants, REGISTERS)
 
 
-def _in_loop(make: Callable[[int, int, ExitStack], Awaitable[Ask]], flight: int, place: str) -> Factory:
-    ours, theirs = CLIENT_PLACES[place]
+def _in_loop(
+    make: Callable[[int, int, ExitStack], Awaitable[Ask]], served: Callable[[ExitStack], int], flight: int, place: str
+) -> Factory:
+    ours, _ = CLIENT_PLACES[place]
 
     def factory(closing: ExitStack) -> Work:
-        port = start("raw asyncio", closing, theirs)
+        port = served(closing)
         on_core(ours, closing)
         loop = asyncio.new_event_loop()
         closing.callback(loop.close)
@@ -119,9 +136,10 @@ async def _made(coming: Awaitable[Ask]) -> Ask:
 
 def asyncio_client(flight: int, place: str) -> Race:
     # pymodbus has one question under way whatever is asked of it, so it stands in both.
-    contestants = {name: _in_loop(make, flight, place) for name, make in ASYNC.items()}
+    served = _one_for_all("raw asyncio", CLIENT_PLACES[place][1])
+    contestants = {name: _in_loop(make, served, flight, place) for name, make in ASYNC.items()}
     if flight > 1:
-        contestants["barewire, 1 in flight"] = _in_loop(barewire_async, 1, place)
+        contestants["barewire, 1 in flight"] = _in_loop(barewire_async, served, 1, place)
     return _race("TCP client, asyncio", f"10 registers, {flight} in flight", place, contestants, REGISTERS)
 
 
@@ -147,8 +165,9 @@ class OneByOne(Many):
 
 
 def _server(name: str, flight: int, place: str) -> Factory:
-    one = _client(partial(raw_socket, flight=flight), name, place)
-    return lambda closing: OneByOne([one(closing) for _ in range(PROCESSES)])
+    ask, core = partial(raw_socket, flight=flight), PLACES[place][1]
+    each = [_client(ask, lambda closing: start(name, closing, core), place) for _ in range(PROCESSES)]
+    return lambda closing: OneByOne([one(closing) for one in each])
 
 
 def server(flight: int, place: str) -> Race:
@@ -176,7 +195,8 @@ def many_sockets(port: int, closing: ExitStack, count: int) -> Work:
 def connections(count: int) -> Race:
     place = next(iter(PLACES))
     names = [name for name in SERVERS if name != "raw"]
-    contestants = {name: _client(partial(many_sockets, count=count), name, place) for name in names}
+    ask, core = partial(many_sockets, count=count), PLACES[place][1]
+    contestants = {name: _client(ask, _one_for_all(name, core), place) for name in names}
     family, what = "TCP server, connections", "10 registers of each at once"
     return Race(family, what, count, contestants, REGISTERS, rounds=ROUNDS, turn=TURN)
 
