@@ -223,7 +223,7 @@ class Connected(asyncio.BufferedProtocol):
         self._lose = lose
         self._transport: asyncio.Transport | None = None
         self._together: list[bytes] = []
-        self._buffer = bytearray(CHUNK)
+        self._buffer = memoryview(bytearray(CHUNK))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """asyncio: the connection stands."""
@@ -233,13 +233,13 @@ class Connected(asyncio.BufferedProtocol):
         if raw is not None:
             attend(raw)
 
-    def get_buffer(self, sizehint: int) -> bytearray:
+    def get_buffer(self, sizehint: int) -> memoryview:
         """asyncio: where to put what comes."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
         """asyncio: bytes came."""
-        self.receive(bytes(self._buffer[:nbytes]))
+        self.receive(self._buffer[:nbytes].tobytes())
 
     def connection_lost(self, exc: Exception | None) -> None:
         """asyncio: the connection is gone."""
