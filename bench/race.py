@@ -138,11 +138,16 @@ def run(race: Race) -> Outcome:
         try:
             for _ in range(race.rounds):
                 draw.shuffle(order)
-                for name in order:
+                for name in tuple(order):
                     work, count = works[name]
-                    if count > 1:
-                        work()
-                    outcome.seconds[name].append(_turn(work, count))
+                    try:
+                        if count > 1:
+                            work()
+                        outcome.seconds[name].append(_turn(work, count))
+                    except Exception as error:  # as above: half a race of one is none, and the others go on
+                        outcome.failed[name] = error
+                        del outcome.seconds[name]
+                        order.remove(name)
         finally:
             gc.enable()
     return outcome

@@ -120,9 +120,9 @@ def _in_loop(
             return found
 
         async def side_by_side(count: int) -> Any:
-            each = -(-count // flight)
-            found = await asyncio.gather(*(one_after_the_other(each) for _ in range(flight)))
-            return found[0]
+            each, more = divmod(count, flight)  # no question more than is counted
+            tasks = (one_after_the_other(each + (place < more)) for place in range(min(flight, count)))
+            return (await asyncio.gather(*tasks))[0]
 
         way = one_after_the_other if flight == 1 else side_by_side
         work = Many(lambda count: loop.run_until_complete(asyncio.wait_for(way(count), 20.0)))
@@ -168,7 +168,14 @@ class OneByOne(Many):
 def _server(name: str, flight: int, place: str) -> Factory:
     ask, core = partial(raw_socket, flight=flight), PLACES[place][1]
     each = [_client(ask, lambda closing: start(name, closing, core), place) for _ in range(PROCESSES)]
-    return lambda closing: OneByOne([one(closing) for one in each])
+
+    def factory(closing: ExitStack) -> Work:
+        works = [one(closing) for one in each]
+        if len({tuple(work()) for work in works}) > 1:
+            raise AssertionError(f"{name}: its processes differ")  # the first is held against what is expected
+        return OneByOne(works)
+
+    return factory
 
 
 def server(flight: int, place: str) -> Race:

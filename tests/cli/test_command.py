@@ -36,8 +36,9 @@ def out(*arguments: str) -> str:
 
 
 @contextmanager
-def simulated(device: str, endpoint: str) -> Iterator[str]:
-    """A device in a process of its own; gives the endpoint that it says it is ready at."""
+def simulated(device: str, endpoint: str, asking: str = "timeout=30") -> Iterator[str]:
+    """A device in a process of its own; gives the endpoint that it says it is ready at, with an option for whoever
+    asks there: a second, which is usual, a machine may stand still."""
     command = [*COMMAND, "simulate", device, endpoint]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -45,11 +46,16 @@ def simulated(device: str, endpoint: str) -> Iterator[str]:
         try:
             line = process.stdout.readline()
             assert line.startswith("ready "), process.stderr.read()
-            yield line.split()[1]
+            yield asked_with(line.split()[1], asking)
         finally:
             process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert process.wait(30) == 0
         assert process.stderr.read() == ""
+
+
+def asked_with(url: str, option: str) -> str:
+    """The URL with an option more; none if it is empty."""
+    return f"{url}{'&' if '?' in url else '?'}{option}" if option else url
 
 
 def reads(endpoint: str, device: str, name: str, wanted: str, *meanwhile: str) -> str:
@@ -123,9 +129,9 @@ def test_a_plain_table_over_tcp_answers_json() -> None:
 
 
 def test_a_table_is_simulated_until_interrupted() -> None:
-    with simulated("table", "tcp://127.0.0.1:0") as endpoint:
+    with simulated("table", "tcp://127.0.0.1:0", asking="") as endpoint:
         host, _, port = endpoint.removeprefix("tcp://").partition(":")
-        with socket.create_connection((host, int(port)), timeout=5) as client:
+        with socket.create_connection((host, int(port)), timeout=30) as client:
             client.sendall(bytes.fromhex("0001 0000 0006 01 03 FFFF 0001"))
             assert client.recv(100) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
 

@@ -34,14 +34,14 @@ def test_the_next_command_does_not_get_the_answer_to_the_last() -> None:
     unit = threading.Thread(target=_unit, args=(terminal, stop))
     unit.start()
 
-    def read(name: str) -> subprocess.CompletedProcess[str]:
-        command = [*COMMAND, "read", f"rtu://{terminal.path}?timeout=0.7", "adxl", name]
+    def read(name: str, timeout: float) -> subprocess.CompletedProcess[str]:
+        command = [*COMMAND, "read", f"rtu://{terminal.path}?timeout={timeout}", "adxl", name]
         return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=30, check=False)
 
     try:
-        first = read("L1 current")
+        first = read("L1 current", 0.7)
         assert "did not answer" in first.stderr
-        second = read("L2 current")
+        second = read("L2 current", 20.0)
         assert second.stdout == f"L2 current = {(9 * 65536 + 10) / 10000} A\n"
     finally:
         stop.set()

@@ -32,7 +32,7 @@ def test_a_refusal_says_whose_value_it_was() -> None:
 
 
 def test_a_command_without_an_answer_is_not_called_written() -> None:
-    with simulated("adxl", "tcp://127.0.0.1:0") as endpoint:
+    with simulated("adxl", "tcp://127.0.0.1:0", asking="timeout=1") as endpoint:
         assert out("write", endpoint, "adxl", "Save and reboot=5").startswith(
             "Save and reboot = 5 (execute), sent: the device does not answer it"
         )

@@ -12,7 +12,7 @@ from pathlib import Path
 from barewire.devices.sim import Addressed, Az3, simulator
 from barewire.shells import open_host
 from barewire.shells.faults import KINDS
-from tests.cli.test_command import COMMAND, ENVIRONMENT, failing, free_port, out
+from tests.cli.test_command import COMMAND, ENVIRONMENT, asked_with, failing, free_port, out
 
 
 @contextmanager
@@ -25,10 +25,11 @@ def simulated(device: str, *arguments: str) -> Iterator[list[str]]:
         assert process.stdout is not None
         assert process.stderr is not None
         try:
-            yield [process.stdout.readline().split()[1] for argument in arguments if "://" in argument]
+            places = [process.stdout.readline().split()[1] for argument in arguments if "://" in argument]
+            yield [asked_with(place, "timeout=30") for place in places]
         finally:
             process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert process.wait(30) == 0
         assert process.stderr.read() == ""
 
 

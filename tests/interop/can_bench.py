@@ -168,7 +168,7 @@ class Bench:
         """Their device."""
         return self.network.create_node(NODE, dictionary_of_theirs())
 
-    def listen(self, machine: Any, until: Callable[[Any], bool], seconds: float = 3.0) -> Any:
+    def listen(self, machine: Any, until: Callable[[Any], bool], seconds: float = 30.0) -> Any:
         """Feed a machine of ours until it tells of such an event."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
@@ -178,7 +178,7 @@ class Bench:
                     return event
         raise AssertionError(f"no such event; seen: {', '.join(map(str, self.seen))}")
 
-    def wait(self, true: Callable[[], object], seconds: float = 3.0) -> None:
+    def wait(self, true: Callable[[], object], seconds: float = 30.0) -> None:
         """Until something has become true."""
         end = time.monotonic() + seconds
         while not true():

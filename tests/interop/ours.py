@@ -163,8 +163,8 @@ async def _value(said: Any) -> Any:
 
 
 def until(happened: Callable[[], bool]) -> None:
-    """Wait for what our server does in its own thread, five seconds at most."""
-    give_up = time.monotonic() + 5.0
+    """Wait for what our server does in its own thread, half a minute at most."""
+    give_up = time.monotonic() + 30.0
     while not happened():
         assert time.monotonic() < give_up
         time.sleep(0.01)

@@ -244,7 +244,7 @@ def test_their_server_answers_what_is_not_answered(certificates: Path) -> None:
     """08/04: two bytes short, so it is no answer at all and passed over; and the server does not listen only."""
     with (
         their_server("tcp", certificates) as place,
-        open_modbus(f"tcp://{place}?unit=1&timeout=0.2") as client,
+        open_modbus(f"tcp://{place}?unit=1&timeout=1") as client,
     ):
         assert isinstance(client.ask(Diagnostics(0x04)), Unanswered)
         assert client.bus.counters.strays == 1

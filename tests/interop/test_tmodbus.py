@@ -63,7 +63,7 @@ def test_their_client_uses_our_server(carrier: str, certificates: Path, witness:
             await data(client)
             await rarer(client)
             await about_itself(client, is_serial=carrier not in TCP_LIKE)
-        async with their_client(carrier, place, certificates, timeout=0.5, auto_reconnect=False) as client:
+        async with their_client(carrier, place, certificates, timeout=1, auto_reconnect=False) as client:
             await listening_only(client, witness, is_serial=carrier not in TCP_LIKE)
 
     with ExitStack() as stack:

@@ -1,11 +1,18 @@
-"""What the tests of the shells share: certificates, made once."""
+"""What the tests of the shells share: certificates, made once; and patience."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from barewire.shells import open_tcp
+from barewire.shells.aio_canopen import AsyncCanopenClient
+from barewire.shells.aio_client import AsyncModbusClient
+from barewire.shells.client import CanopenClient
+from barewire.shells.endpoint import Endpoint
+from barewire.shells.modbus_client import ModbusClient
 from tests.certificates import authority, leaf
 
 
@@ -25,3 +32,18 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     leaf(where, "stranger-server", server=True, ca="other")
     leaf(where, "odd", role="INTEGER:7")
     return where
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client that is told no time-out has one of half a minute, and not of a second, for which a machine may stand
+    still. A test that waits for nothing to come says how long."""
+    seconds = Endpoint.seconds
+
+    def at_least(endpoint: Endpoint, name: str, default: float) -> float:
+        return seconds(endpoint, name, 30.0 if name == "timeout" else default)
+
+    monkeypatch.setattr(Endpoint, "seconds", at_least)
+    clients: list[Any] = [ModbusClient, AsyncModbusClient, CanopenClient, AsyncCanopenClient]
+    for way in (*(client.__init__ for client in clients), open_tcp):
+        monkeypatch.setitem(way.__kwdefaults__, "timeout", 30.0)

@@ -27,7 +27,7 @@ def peer(*talks: Callable[[socket.socket], None]) -> Iterator[int]:
 
     def converse(talk: Callable[[socket.socket], None], connection: socket.socket) -> None:
         with contextlib.suppress(OSError):
-            connection.settimeout(10)
+            connection.settimeout(60)
             talk(connection)
         connection.close()
 

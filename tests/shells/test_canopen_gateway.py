@@ -45,7 +45,7 @@ class Person:
         self.writer.write(text.encode())
 
     async def hear(self) -> str:
-        line = await asyncio.wait_for(self.reader.readline(), 5)
+        line = await asyncio.wait_for(self.reader.readline(), 30)
         assert line == b"" or line.endswith(b"\r\n"), line
         return line.decode().rstrip("\r\n")
 
@@ -59,7 +59,7 @@ class Person:
 
 
 def play(body: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    asyncio.run(asyncio.wait_for(body(), 30))
+    asyncio.run(asyncio.wait_for(body(), 120))
 
 
 def test_lines_are_answered_in_their_order_however_they_are_cut() -> None:
@@ -246,7 +246,7 @@ def test_the_end_of_the_bus_ends_the_gateway() -> None:
             person = await Person.at(made)
             assert await person.ask("[1] set node 5") == "[1] OK"
             client.bus._fail("the adapter was unplugged")
-            await asyncio.wait_for(made.ended.wait(), 5)
+            await asyncio.wait_for(made.ended.wait(), 30)
             assert "unplugged" in str(made.failure)
             assert await person.hear() == ""
             await person.leave()

@@ -41,13 +41,22 @@ OTHERS = ["udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0?latency=usb", "ascii+tcp:/
 CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
 
 
+def again(run: Callable[[str], list[Result]]) -> list[Result]:
+    """A battery with so much patience. Many cases wait silence out, so there is little at first, and more if anything
+    failed: a machine that stood still meanwhile is not wrong a second time, a server is."""
+    results = run("0.25")
+    return run("2") if any(result.failure for result in results) else results
+
+
 def hold(url: str) -> list[Result]:
     """A server of ours against its battery."""
-    with open_host(url, units={1: Table(100)}) as host:
-        endpoint = Endpoint.parse(host.url)
-        # Many cases of a serial line wait silence out; the others can afford more patience with a machine that stalls.
-        patience = "1" if endpoint.envelope == "tcp" else "0.25"
-        return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
+
+    def run(patience: str) -> list[Result]:
+        with open_host(url, units={1: Table(100)}) as host:
+            endpoint = Endpoint.parse(host.url)
+            return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
+
+    return again(run)
 
 
 held = cache(hold)
@@ -62,10 +71,13 @@ def test_our_servers_pass(url: str) -> None:
 
 @pytest.mark.needs("openssl")
 def test_our_tls_server_passes(certificates: Path) -> None:
-    with open_host(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
-        place = host.url.partition("?")[0].removeprefix("tls://")
-        url = tls_url(certificates, "operator", place, timeout="0.25")
-        results = list(conform(Endpoint.parse(url)))
+
+    def run(patience: str) -> list[Result]:
+        with open_host(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
+            place = host.url.partition("?")[0].removeprefix("tls://")
+            return list(conform(Endpoint.parse(tls_url(certificates, "operator", place, timeout=patience))))
+
+    results = again(run)
     assert [result.failure for result in results if result.failure] == []
     assert len(results) == len(CASES_TCP)
 
@@ -104,8 +116,8 @@ def test_a_line_that_echoes() -> None:
     thread = threading.Thread(target=serve)
     thread.start()
     try:
-        endpoint = Endpoint.parse(f"rtu://{terminal.path}?baudrate=115200&parity=N&echo=1&timeout=0.1")
-        results = list(islice(conform(endpoint), 8))
+        url = f"rtu://{terminal.path}?baudrate=115200&parity=N&echo=1&timeout="
+        results = again(lambda patience: list(islice(conform(Endpoint.parse(url + patience)), 8)))
     finally:
         stop.set()
         thread.join(5)
@@ -115,15 +127,18 @@ def test_a_line_that_echoes() -> None:
 
 def test_a_server_that_answers_whatever_it_is_asked_fails() -> None:
     with peer(honest) as port:
-        results = list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.05")))
-    said = {result.case.name: result.failure for result in results}
+        said = {}
+        for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=1")):
+            said[result.case.name] = result.failure
+            if result.case.name == "five requests in one segment":
+                break
     assert said["03 with quantity 0"] == "03 with quantity 0: 03 02 00 00, expected 83 03"
     assert said["five requests in one segment"] is None
 
 
 def test_a_server_that_hangs_up_is_told_as_that() -> None:
     with peer(socket.socket.close) as port:
-        result = next(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.2")))
+        result = next(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=30")))
     assert result.heard == (None,)
     assert result.failure == "03 with quantity 0: closed, expected 83 03"
 
@@ -137,14 +152,17 @@ def test_where_nobody_is_and_what_has_no_cases() -> None:
 
 def test_the_command() -> None:
     with open_host("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
-        url = f"{host.url}?timeout=0.25"
-        done = barewire("conform", "--timing", url)
+        for patience in ("0.25", "2"):  # as `again`
+            url = f"{host.url}?timeout={patience}"
+            done = barewire("conform", "--timing", url)
+            if done.returncode == 0:
+                break
     assert done.returncode == 0
     assert done.stderr == f"barewire: {url} keeps no silence: lengths and numbers tell frames and answers apart\n"
     assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
     assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} as the standard says"
     with peer(honest) as port:
-        done = barewire("conform", f"tcp://127.0.0.1:{port}?timeout=0.05", "--json")
+        done = barewire("conform", f"tcp://127.0.0.1:{port}?timeout=0.5", "--json")
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
     assert (first["ok"], first["clause"], first["heard"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
@@ -170,7 +188,7 @@ def drip(connection: socket.socket) -> None:
 def test_a_server_that_never_stops_talking_is_given_up(scheme: str, talk: Callable[[socket.socket], None]) -> None:
     results = []
     with peer(talk) as port, refused(NoAnswer, "never stops talking"):
-        for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.06")):
+        for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.1")):
             results.append(result)
     failures = [result.failure or "" for result in results[-3:]]
     assert all("it did not stop talking" in failure and len(failure) < 200 for failure in failures)
@@ -217,16 +235,20 @@ def test_a_server_that_dies_in_mid_battery_ends_the_run(
 
 
 def test_a_server_that_is_started_anew_is_held_on() -> None:
-    results: list[Result] = []
-    with ExitStack() as stack:
-        host = stack.enter_context(open_host("tcp://127.0.0.1:0", units={1: Table(100)}))
-        url = host.url
+    def run(patience: str) -> list[Result]:
+        results: list[Result] = []
+        with ExitStack() as stack:
+            host = stack.enter_context(open_host("tcp://127.0.0.1:0", units={1: Table(100)}))
+            url = host.url
 
-        def anew() -> None:
-            host.close()
-            stack.enter_context(open_host(url, units={1: Table(100)}))
+            def anew() -> None:
+                host.close()
+                stack.enter_context(open_host(url, units={1: Table(100)}))
 
-        hold_on(f"{url}?timeout=0.3", results, 5, anew)
+            hold_on(f"{url}?timeout={patience}", results, 5, anew)
+        return results
+
+    results = again(run)
     assert len(results) == len(CASES_TCP)
     assert [result.failure for result in results if result.failure] == []
 

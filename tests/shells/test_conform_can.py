@@ -16,7 +16,7 @@ from barewire.shells.conform import Unfinished
 from barewire.shells.conform_can import Result, conform_can
 from barewire.shells.endpoint import Endpoint
 from tests.canopen.conform_devices import LARGE, NODE, plain
-from tests.cli.test_command import barewire, simulated
+from tests.cli.test_command import barewire, free_port, simulated
 from tests.helpers import refused
 
 URL = f"can://virtual/conform?node={NODE}"
@@ -66,14 +66,14 @@ def test_where_nobody_is_and_what_has_no_cases() -> None:
 
 
 def test_a_bus_without_remote_frames_says_so() -> None:
-    with simulated("az3", "can://socketcand/127.0.0.1:29432/can0?node=5") as url, open_canopen(url) as client:
+    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url, open_canopen(url) as client:
         with refused(PortError, "socketcand carries no remote frames"):
             client.send(CanFrame.parse("705#R1"))
         assert client.upload(0x1000) == bytes.fromhex("92010200")
 
 
 def test_the_command() -> None:
-    with simulated("az3", "can://socketcand/127.0.0.1:29431/can0?node=5") as url:
+    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", asking="") as url:
         done = barewire("conform", f"{url}&timeout=0.2", "--only", "sdo-0,sdo-31,seg-01")
         assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
         assert "FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#40181000" in done.stdout

@@ -8,6 +8,7 @@ import socket
 import ssl
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +19,12 @@ from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.modbus import ModbusException, Table, WriteSingleRegister
 from barewire.shells import Host, open_async, open_host, open_modbus
 from barewire.shells.aio_server import StreamServer
+from barewire.shells.endpoint import Endpoint
 from barewire.shells.host_network import NetworkHost
-from barewire.shells.tls import role_of
+from barewire.shells.tls import role_of, server_context
 from tests.certificates import tls_url
 from tests.helpers import refused
+from tests.shells.peers import answer, peer, read_exactly
 
 pytestmark = pytest.mark.needs("openssl")
 
@@ -96,6 +99,32 @@ def test_the_asyncio_client_speaks_tls_too(host: Host, certificates: Path) -> No
                 await client.ask(WriteSingleRegister(100, 1))
 
     asyncio.run(talk())
+
+
+def test_an_asyncio_client_hears_all_that_came_together(certificates: Path) -> None:
+    """Answers that lie in the system's buffer, each in a record of its own: asyncio decrypts one behind the other into
+    the buffer that it is given, a part of which must be that part and no copy."""
+    context = server_context(Endpoint.parse(tls_url(certificates, "server", roles="any")))
+    all_said = threading.Event()
+
+    def talk(connection: socket.socket) -> None:
+        with context.wrap_socket(connection, server_side=True) as tls:
+            for request in [read_exactly(tls, 12) for _ in range(16)]:
+                tls.sendall(answer(request))
+            all_said.set()
+            tls.recv(1)
+
+    async def ask(port: int) -> None:
+        url = tls_url(certificates, "operator", f"127.0.0.1:{port}", timeout="30")
+        async with await open_async(url, in_flight=16) as client:
+            asked = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(16)]
+            while not all_said.wait(0.0):  # the loop stands still between two looks
+                await asyncio.sleep(0)
+                all_said.wait(0.05)
+            assert await asyncio.gather(*asked) == [(at,) for at in range(16)]
+
+    with peer(talk) as port:
+        asyncio.run(ask(port))
 
 
 @pytest.mark.parametrize(

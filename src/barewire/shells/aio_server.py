@@ -42,20 +42,25 @@ class StreamServer(Guests["_Connection"]):
         self.spoil: Spoil | None = None
         """Who decides what becomes of an answer, for a server with faults on request."""
         self.context: ssl.SSLContext | None = None
-        self.authorisation = authorisation
+        self._authorisation = authorisation
         self.counters = counters_for(modbus_line(endpoint, "server"))
         """By unit, for the envelopes of serial lines: a unit counts what it sees, over whatever connection."""
         self._server: asyncio.Server | None = None
         self._timer: asyncio.TimerHandle | None = None
         if endpoint.scheme == "tls":
             self.context = server_context(endpoint)
-            self.authorisation = authorisation or roles_of(endpoint)
+            self._authorisation = authorisation or roles_of(endpoint)
 
     async def __aenter__(self) -> Self:
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+    @property
+    def authorisation(self) -> Authorisation | None:
+        """Who may do what. Said when the server is made and not later: where nobody has a role, no connection asks."""
+        return self._authorisation
 
     @property
     def port(self) -> int:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from math import inf
 
 from barewire.shells.tcp_socket import CONNECTIONS
 
@@ -74,7 +75,7 @@ class Guests(Generic[G]):
         """Why connections were closed by us, the latest: one line each."""
         self.most = endpoint.integer("connections", CONNECTIONS)
         self.idle = endpoint.seconds("idle", 0.0)
-        self._nobody_before = 0.0  # nobody was silent for too long until then
+        self._heard_since = -inf  # everybody was heard then or later
 
     @property
     def unsent(self) -> int:
@@ -114,9 +115,9 @@ class Guests(Generic[G]):
         """Whoever was silent for too long goes. When to look again; None while nobody could be."""
         if not self.idle or not self.connections:
             return None
-        if now >= self._nobody_before:
+        if now >= self._heard_since + self.idle:
             for guest, heard in list(self.connections.items()):
-                if heard + self.idle <= now:
+                if heard + self.idle <= now and guest in self.connections:
                     self.turn_away(guest, f"silent for {self.idle:g} s")
-            self._nobody_before = min(self.connections.values(), default=now) + self.idle
-        return self._nobody_before if self.connections else None
+            self._heard_since = min(self.connections.values(), default=-inf)
+        return self._heard_since + self.idle if self.connections else None
