@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import socket
 import ssl
 import subprocess
@@ -230,7 +231,11 @@ def test_roles_that_are_no_text_are_told_in_one_line(certificates: Path, tmp_pat
 
 def test_the_page_about_tls_does_what_it_says(tmp_path: Path) -> None:
     page = Path(__file__, "../../../docs/tls.md").resolve().read_text(encoding="utf-8")
-    shell, table, program = (page.partition(f"```{kind}\n")[2].partition("```")[0] for kind in ("sh", "json", "python"))
+    shell, table, program = (
+        "".join(re.findall(f"```{kind}\n(.*?)```", page, re.S)) for kind in ("sh", "json", "python")
+    )
+    assert "open_modbus(" in program
+    assert "open_async(" in program
     (tmp_path / "roles.json").write_text(table)
     subprocess.run(["sh", "-e", "-c", shell], cwd=tmp_path, check=True, capture_output=True, timeout=60)
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=60)

@@ -3,9 +3,9 @@
     watch   ->  recv  ->  Server.feed  ->  send          and the next one that spoke
                                  '-> not all of it was taken: what is left goes first, and until then nobody listens
 
-Where connections are few this answers sooner than an event loop does, and a small machine need not load one. The limits
-are those of `guests`. Nobody waits for anybody else: no call here waits but the one look, and a peer that sends without
-end has one read at a time, like all others.
+This answers sooner than an event loop does, and a small machine need not load one. The limits are those of `guests`.
+Nobody waits for anybody else: no call here waits but the one look, and a peer that sends without end has one read at a
+time, like all others.
 """
 
 from __future__ import annotations
