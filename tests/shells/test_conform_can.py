@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from typing import Any
 
 import pytest
 
@@ -25,11 +26,21 @@ URL = f"can://virtual/conform?node={NODE}"
 @pytest.fixture
 def device() -> Iterator[str]:
     with open_host(URL, node=plain()):
-        yield f"{URL}&timeout=0.1"
+        yield f"{URL}&timeout=1"
 
 
-def test_our_device_passes(device: str) -> None:
-    results = list(conform_can(Endpoint.parse(device), large=LARGE, only=("SDO", "SEG", "BLK", "LSS-1", "NMT-1")))
+def held(**which: Any) -> list[Result]:
+    """Our device against cases. With patience if one failed: a machine that stood still is not wrong twice."""
+    for patience in ("0.1", "1"):
+        with open_host(URL, node=plain()):
+            results = list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
+        if not any(result.failure for result in results):
+            break
+    return results
+
+
+def test_our_device_passes() -> None:
+    results = held(large=LARGE, only=("SDO", "SEG", "BLK", "LSS-1", "NMT-1"))
     assert [result.failure for result in results if result.failure] == []
     assert [result.case.name for result in results if result.left_out] == ["SDO-09", "SDO-10", "SDO-13", "SDO-52"]
     assert len(results) > 130
@@ -51,8 +62,8 @@ def test_a_large_object_that_is_not_there(device: str) -> None:
         list(conform_can(Endpoint.parse(device), large=(0x2FFF, 0)))
 
 
-def test_gentle_leaves_out_what_changes_anything(device: str) -> None:
-    results = list(conform_can(Endpoint.parse(device), gentle=True, only=("SDO", "TPD")))
+def test_gentle_leaves_out_what_changes_anything() -> None:
+    results = held(gentle=True, only=("SDO", "TPD"))
     assert [result.failure for result in results if result.failure] == []
     assert {result.case.effect for result in results if result.outcome} == {"reads"}
     assert {result.left_out for result in results if result.case.name.startswith("TPD-3")} == {"commands"}
@@ -74,13 +85,13 @@ def test_a_bus_without_remote_frames_says_so() -> None:
 
 def test_the_command() -> None:
     with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", asking="") as url:
-        done = barewire("conform", f"{url}&timeout=0.2", "--only", "sdo-0,sdo-31,seg-01")
+        done = barewire("conform", f"{url}&timeout=1", "--only", "sdo-0,sdo-31,seg-01")
         assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
         assert "FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#40181000" in done.stdout
         assert "-       SDO-31  a remote frame is no request (needs remote frames, which socketcand" in done.stdout
         assert done.stdout.splitlines()[-1] == "5 of 7 as the standard says, 4 left out"
         assert done.returncode == 1
-        done = barewire("conform", f"{url}&timeout=0.2", "--only", "SDO-05", "--json", "--gentle")
+        done = barewire("conform", f"{url}&timeout=5", "--only", "SDO-05", "--json", "--gentle")
         assert done.returncode == 0
         (line,) = map(json.loads, done.stdout.splitlines())
         assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
