@@ -79,6 +79,11 @@ def _one_for_all(server: str, core: int) -> Callable[[ExitStack], int]:
     return port
 
 
+def _its_own(server: str, core: int) -> Callable[[ExitStack], int]:
+    """The port of a server that is started for whoever asks."""
+    return lambda closing: start(server, closing, core)
+
+
 def _client(make: Connect, served: Callable[[ExitStack], int], place: str) -> Factory:
     ours, _ = CLIENT_PLACES[place]
 
@@ -166,11 +171,10 @@ class OneByOne(Many):
 
 
 def _server(name: str, flight: int, place: str) -> Factory:
-    ask, core = partial(raw_socket, flight=flight), PLACES[place][1]
-    each = [_client(ask, lambda closing: start(name, closing, core), place) for _ in range(PROCESSES)]
+    one = _client(partial(raw_socket, flight=flight), _its_own(name, PLACES[place][1]), place)
 
     def factory(closing: ExitStack) -> Work:
-        works = [one(closing) for one in each]
+        works = [one(closing) for _ in range(PROCESSES)]
         if len({tuple(work()) for work in works}) > 1:
             raise AssertionError(f"{name}: its processes differ")  # the first is held against what is expected
         return OneByOne(works)
@@ -204,7 +208,7 @@ def connections(count: int) -> Race:
     place = next(iter(PLACES))
     names = [name for name in SERVERS if name != "raw"]
     ask, core = partial(many_sockets, count=count), PLACES[place][1]
-    contestants = {name: _client(ask, _one_for_all(name, core), place) for name in names}
+    contestants = {name: _client(ask, _its_own(name, core), place) for name in names}
     family, what = "TCP server, connections", "10 registers of each at once"
     return Race(family, what, count, contestants, REGISTERS, rounds=ROUNDS["one core"], turn=TURN)
 

@@ -127,6 +127,7 @@ def test_lines_json_and_csv() -> None:
         assert re.match(r" +\d+\.\d{3} s  Position Actual Value = 0 step; Status Word = 624 \(voltage", plain[0])
         told = [json.loads(line) for line in out(*watch, "--json").splitlines()]
         assert [poll["values"] for poll in told] == [{"Position Actual Value": 0, "Status Word": 624}] * 3
+        assert 0.0 <= told[0]["time"] < told[1]["time"] < told[2]["time"]
         assert told[2]["time"] >= 0.2
         rows = list(csv.reader(out(*watch, "--csv").splitlines()))
     assert rows[0] == ["time", *NAMES]

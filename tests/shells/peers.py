@@ -1,4 +1,4 @@
-"""Peers that misbehave on purpose, on real sockets, each in a thread of its own."""
+"""Peers that misbehave on purpose, on real sockets, each in a thread of its own; and patience for a battery."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import contextlib
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+R = TypeVar("R")
 
 
 @contextlib.contextmanager
@@ -62,3 +65,10 @@ def honest(connection: socket.socket) -> None:
     """Answers reads of one register with the register's address."""
     while True:
         connection.sendall(answer(read_exactly(connection, 12)))
+
+
+def again(run: Callable[[str], list[R]], first: str = "0.25", then: str = "2") -> list[R]:
+    """The results of a battery that is given a time-out in seconds. Many cases wait silence out, so it is short at
+    first, and longer if anything failed: a machine that stood still is not wrong a second time, a server is."""
+    results: list[Any] = run(first)
+    return run(then) if any(result.failure for result in results) else results

@@ -27,7 +27,7 @@ from barewire.shells.pseudo_terminal import PseudoTerminal
 from tests.certificates import tls_url
 from tests.cli.test_command import barewire
 from tests.helpers import refused
-from tests.shells.peers import honest, peer
+from tests.shells.peers import again, honest, peer
 
 ROOT = Path(__file__).parents[2]
 
@@ -39,13 +39,6 @@ OURS = {
 }
 OTHERS = ["udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0?latency=usb", "ascii+tcp://127.0.0.1:0"]
 CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
-
-
-def again(run: Callable[[str], list[Result]]) -> list[Result]:
-    """A battery with so much patience. Many cases wait silence out, so there is little at first, and more if anything
-    failed: a machine that stood still meanwhile is not wrong a second time, a server is."""
-    results = run("0.25")
-    return run("2") if any(result.failure for result in results) else results
 
 
 def hold(url: str) -> list[Result]:

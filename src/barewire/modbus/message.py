@@ -12,7 +12,7 @@ from __future__ import annotations
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
 from barewire.frozen import dataclass
-from barewire.modbus.adu import PDU_LIMIT, check_pdu
+from barewire.modbus.adu import check_pdu
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
 
 TYPE_CHECKING = False  # see `barewire.record`
@@ -179,6 +179,5 @@ def checked(pdu: bytes) -> bytes:
     """The PDU, if it is one: bytes, and not too many."""
     if not isinstance(pdu, bytes):
         raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
-    if not 1 <= len(pdu) <= PDU_LIMIT:
-        check_pdu(pdu)  # says what is wrong
+    check_pdu(pdu)
     return pdu

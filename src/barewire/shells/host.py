@@ -78,7 +78,7 @@ class Host(ABC):
 
     def is_over(self, stop: threading.Event) -> bool:
         """Whether to stop: because of this event, or because the host is closed."""
-        return stop.is_set() or (stop is not self._stop and self._stop.is_set())
+        return stop.is_set() or self._stop.is_set()
 
     def _begin(self) -> None:
         with self._beginning:
