@@ -17,9 +17,9 @@ from typing import Any
 import canopen
 
 from barewire.canopen import SdoServer
-from barewire.shells import open_canopen, open_canopen_async
-from barewire.shells.can_bus import CanPort
-from barewire.shells.endpoint import Endpoint
+from barewire.io import open_canopen, open_canopen_async
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.python_can import CanPort
 from bench.sdo_peers import NODE, Store, their_download, their_node, their_objects, their_upload
 
 URL = f"can://virtual/bench?node={NODE}&timeout=10"

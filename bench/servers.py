@@ -112,7 +112,7 @@ def _table() -> Any:
 
 
 def barewire() -> None:
-    from barewire.shells import open_host
+    from barewire.io import open_host
 
     host = open_host("tcp://127.0.0.1:0", units={1: _table()})
     print(host.url.rpartition(":")[2], flush=True)
@@ -120,7 +120,7 @@ def barewire() -> None:
 
 
 def barewire_asyncio() -> None:
-    from barewire.shells import serve_tcp
+    from barewire.io import serve_tcp
 
     async def main() -> None:
         server = await serve_tcp({1: _table()}, port=0)

@@ -56,15 +56,17 @@ IMPORTS = {
     "barewire.tcp": "import barewire.tcp",
     "barewire.codecs": "import barewire.codecs",
     "barewire.modbus messages": "from barewire.modbus import ReadHoldingRegisters",
-    "barewire blocking TCP client": "from barewire.shells import open_modbus; import barewire.shells.tcp_socket",
-    "barewire blocking TCP client, a URL and its first message": "from barewire.shells import open_modbus; "
-    "open_modbus('tcp://127.0.0.1:1', lazy=True); import barewire.shells.tcp_socket; "
+    "barewire blocking TCP client": "from barewire.io import open_modbus; import barewire.io.ports.tcp",
+    "barewire blocking TCP client, a URL and its first message": "from barewire.io import open_modbus; "
+    "open_modbus('tcp://127.0.0.1:1', lazy=True); import barewire.io.ports.tcp; "
     "from barewire.modbus import ReadHoldingRegisters",
-    "barewire asyncio client": "from barewire.shells import open_async",
+    "barewire asyncio client": "from barewire.io import open_async",
     "can": "import can",
     "canopen": "import canopen",
-    "barewire CANopen client": "from barewire.shells import open_canopen",
-    "barewire CANopen client, and can": "from barewire.shells import open_canopen; import barewire.shells.can_bus, can",
+    "barewire CANopen client": "from barewire.io import open_canopen",
+    "barewire CANopen client, and can": (
+        "from barewire.io import open_canopen; import barewire.io.ports.python_can, can"
+    ),
 }
 _memory: dict[str, list[int]] = {}
 
@@ -115,16 +117,16 @@ async def _raw() -> tuple[int, Callable[[], Any]]:
 
 
 async def _with_asyncio() -> tuple[int, Callable[[], Any]]:
+    from barewire.io import serve_tcp
     from barewire.modbus import Table
-    from barewire.shells import serve_tcp
 
     server = await serve_tcp({1: Table(100)}, port=0)
     return server.port, lambda: asyncio.ensure_future(server.close())
 
 
 async def _in_a_thread() -> tuple[int, Callable[[], Any]]:
+    from barewire.io import open_host
     from barewire.modbus import Table
-    from barewire.shells import open_host
 
     host = open_host("tcp://127.0.0.1:0", units={1: Table(100)})
     host.start()

@@ -12,8 +12,8 @@ from contextlib import ExitStack
 import pytest
 
 from barewire.canopen import Device, LssAddress, LssSlave, LssState, ObjectDictionary
-from barewire.canopen.lss_scan import FLOOR
-from barewire.shells import open_canopen, open_host
+from barewire.canopen.lss.fastscan import FLOOR
+from barewire.io import open_canopen, open_host
 from bench.race import Many, Race, entries
 
 ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)

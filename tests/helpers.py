@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from barewire.errors import DecodeError
 from barewire.modbus import Adu, Noise, Server
-from barewire.modbus.line import Event, Line
+from barewire.modbus.framing import Event, Line
 from barewire.rtu import Timing
 
 T = TypeVar("T")

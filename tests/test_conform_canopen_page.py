@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from barewire.canopen.conform import cases
+from barewire.canopen.conformance.battery import cases
 
 ROOT = Path(__file__).parent.parent
 

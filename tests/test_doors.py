@@ -70,5 +70,5 @@ def test_every_name_is_where_the_door_says(door: Path) -> None:
 def test_all_doors_are_found() -> None:
     assert {room(door) for door in DOORS} == {
         *("barewire.modbus", "barewire.canopen", "barewire.canopen.gateway", "barewire.canopen.sdo"),
-        *("barewire.devices", "barewire.shells"),
+        *("barewire.devices", "barewire.io"),
     }

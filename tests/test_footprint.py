@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from barewire.errors import REASONS
+from barewire.io import open_host
 from barewire.modbus import Table
-from barewire.shells import open_host
 
 SRC = Path(__file__).parent.parent / "src"
 
@@ -24,7 +24,14 @@ ALLOWED = {
     *("itertools", "keyword", "operator", "_operator", "reprlib", "builtins", "_thread", "abc", "_abc"),
     *("struct", "_struct", "math"),
 }
-ENVELOPE = {"barewire", "barewire.door", "barewire.errors", "barewire.modbus", "barewire.modbus.adu", "barewire.record"}
+ENVELOPE = {
+    "barewire",
+    "barewire._lazy",
+    "barewire.errors",
+    "barewire.modbus",
+    "barewire.modbus.adu",
+    "barewire.record",
+}
 
 
 def loaded(statement: str) -> set[str]:
@@ -60,7 +67,7 @@ def test_the_line_of_rtu_is_loaded_when_it_is_asked_for() -> None:
 
 HEAVY = {"asyncio", "ssl", "logging", "tomllib", "fractions", "subprocess", "json", "pathlib", "copy"}
 HEAVY |= {"typing", "dataclasses", "inspect", "ast", "re", "urllib.parse", "ipaddress", "random"}
-BLOCKING = "from barewire.shells import open_modbus; import barewire.shells.tcp_socket"
+BLOCKING = "from barewire.io import open_modbus; import barewire.io.ports.tcp"
 MESSAGE = "from barewire.modbus import ReadHoldingRegisters"
 OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "barewire.ascii", "barewire.rtu")
 
@@ -76,14 +83,21 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
     assert not set(OTHER_ROOMS) & found
     # No message before one is said, not even what a bus itself may have to say, nor how values become bytes.
     assert "barewire.codecs" not in found
-    assert files(found, "barewire.modbus") == {"adu", "bus", "exceptions", "lost", "turns"}
+    assert files(found, "barewire.modbus") == {
+        "adu",
+        "client",
+        "client.bus",
+        "client.fair_queue",
+        "client.line_state",
+        "exceptions",
+    }
 
 
 def test_a_client_that_has_its_answer_has_loaded_no_more() -> None:
     """Over a real connection: the URL is taken apart, the name looked up, a register read."""
     with open_host("tcp://127.0.0.1:0", units={1: Table(1)}) as host:
         asked = f"open_modbus('{host.url}?timeout=30').read_holding_registers(0, 1)"
-        found = loaded(f"from barewire.shells import open_modbus; {asked}")
+        found = loaded(f"from barewire.io import open_modbus; {asked}")
     assert not HEAVY & found
     assert not set(OTHER_ROOMS) & found
 
@@ -91,8 +105,8 @@ def test_a_client_that_has_its_answer_has_loaded_no_more() -> None:
 def test_the_first_message_loads_its_file_and_what_makes_a_message() -> None:
     found = loaded(MESSAGE)
     assert {name for name in found if not name.startswith("barewire")} <= ALLOWED
-    assert files(found, "barewire.modbus") == {"adu", "exceptions", "message", "registers"}
-    whole = {"barewire", "barewire.door", "barewire.errors", "barewire.frozen", "barewire.modbus", "barewire.record"}
+    assert files(found, "barewire.modbus") == {"adu", "exceptions", "messages", "messages.base", "messages.registers"}
+    whole = {"barewire", "barewire._lazy", "barewire.errors", "barewire.frozen", "barewire.modbus", "barewire.record"}
     assert {name for name in found if name.startswith("barewire") and name.count(".") < 2} == {
         *whole,
         "barewire.codecs",
@@ -120,24 +134,33 @@ def test_who_asks_for_the_fields_of_a_message_gets_them_from_dataclasses() -> No
 
 def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
     """What asyncio brings differs by version. Nothing but our own may come on top, as little as for the other one."""
-    found = loaded("import asyncio; there = set(sys.modules); from barewire.shells import open_async")
+    found = loaded("import asyncio; there = set(sys.modules); from barewire.io import open_async")
     assert {name for name in found if not name.startswith("barewire")} <= {"__future__"}
     assert not set(OTHER_ROOMS) & found
     assert "barewire.codecs" not in found
-    assert files(found, "barewire.modbus") == {"adu", "bus", "exceptions", "lost", "turns"}
+    assert files(found, "barewire.modbus") == {
+        "adu",
+        "client",
+        "client.bus",
+        "client.fair_queue",
+        "client.line_state",
+        "exceptions",
+    }
 
 
 def test_the_tcp_server_needs_no_loop_either() -> None:
     server = "open_host('tcp://127.0.0.1:0', units={1: Table()}).close()"
-    found = loaded(f"from barewire.shells import open_host; from barewire.modbus import Table; {server}")
+    found = loaded(f"from barewire.io import open_host; from barewire.modbus import Table; {server}")
     assert not HEAVY & found
     assert not [name for name in found if name.startswith(OTHER_ROOMS)]
-    assert {"host_tcp", "guests"} < files(found, "barewire.shells")
-    assert not [name for name in files(found, "barewire.shells") if name.startswith(("aio", "can_", "tls"))]
+    assert {"server.tcp", "server.connection_limits"} < files(found, "barewire.io")
+    assert not [
+        name for name in files(found, "barewire.io") if any(word in name for word in ("async", "canopen", "tls"))
+    ]
 
 
-SDO = {"upload", "download", "channel", "transfer", "messages"}
-CANOPEN = "from barewire.shells import open_canopen"
+SDO = {"client.upload", "client.download", "client.channel", "client.transfer", "messages.codec"}
+CANOPEN = "from barewire.io import open_canopen"
 
 
 def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() -> None:
@@ -157,34 +180,35 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
     assert not [name for name in found if name.startswith(("barewire.devices", "barewire.modbus", "barewire.explain"))]
     sdo, others = files(found, "barewire.canopen.sdo"), files(found, "barewire.canopen")
     assert sdo >= SDO
-    assert not sdo & {"serve", "sessions", "store", "servers"}
-    assert not others & {"eds", "gateway", "device", "dictionary", "survey", "guarding", "emcy", "sync", "time_stamp"}
-    assert not others & {"pdo", "pdo_listen", "pdo_records", "pdo_remote", "nmt_master", "remote_objects"}
+    assert not [name for name in sdo if name.startswith("server") or name == "client.find_channel"]
+    rooms = {name.partition(".")[0] for name in others}
+    assert not rooms & {"eds", "gateway", "device", "object_dictionary", "emcy", "sync", "time_stamp", "pdo"}
+    assert not others & {"bus.scan", "nmt.node_guarding", "nmt.master", "sdo.client.typed_access"}
 
 
 def test_a_word_of_canopen_loads_its_file_when_it_is_said() -> None:
     found = files(
-        loaded("from barewire.shells.can_verbs import MasterVerbs; MasterVerbs.syncs.make(None)"), "barewire.canopen"
+        loaded("from barewire.io.canopen.methods import MasterVerbs; MasterVerbs.syncs.make(None)"), "barewire.canopen"
     )
     assert "sync" in found
-    assert not found & {"survey", "emcy", "guarding"}
+    assert not found & {"bus.scan", "emcy.message", "nmt.node_guarding"}
 
 
 def test_a_name_of_the_shells_loads_no_other_client() -> None:
     for name, strangers in {
-        "Endpoint": ("blocking", "modbus_client", "aio", "client"),
-        "open_modbus": ("aio", "client", "can_fan", "host"),
-        "open_async": ("modbus_client", "client", "can_fan", "host", "aio_server", "aio_canopen"),
-        "serve": ("modbus_client", "client", "can_fan", "host", "aio_client"),
+        "Endpoint": ("engine", "modbus", "canopen", "server"),
+        "open_modbus": ("engine.asyncio", "canopen", "server"),
+        "open_async": ("modbus.client", "canopen", "server"),
+        "serve": ("modbus.client", "modbus.async_client", "canopen", "server.open"),
     }.items():
-        found = files(loaded(f"from barewire.shells import {name}"), "barewire.shells")
+        found = files(loaded(f"from barewire.io import {name}"), "barewire.io")
         assert not found & set(strangers), name
 
 
 def test_reading_registers_loads_the_file_of_that_message_only_when_said() -> None:
-    found = loaded("from barewire.shells.verbs import Verbs; Verbs.read_holding_registers")
-    assert "barewire.modbus.registers" in found
-    assert "barewire.modbus.files" not in found
+    found = loaded("from barewire.io.modbus.methods import Verbs; Verbs.read_holding_registers")
+    assert "barewire.modbus.messages.registers" in found
+    assert "barewire.modbus.messages.files" not in found
 
 
 def test_the_reasons_are_those_of_their_type() -> None:

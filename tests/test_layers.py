@@ -20,33 +20,33 @@ SRC = Path(__file__).parent.parent / "src"
 HOME = SRC / "barewire"
 FILES = sorted(HOME.rglob("*.py"))
 
-BASE = {"errors", "conversation", "codecs", "door", "frozen", "record"}
+BASE = {"errors", "conversation", "codecs", "_lazy", "frozen", "record"}
 PROTOCOLS = {"modbus", "rtu", "ascii", "tcp", "canopen"}
 MEANING = BASE | PROTOCOLS | {"devices"}
 
 # room -> what it may import besides itself. "modbus.adu" means that module only, "modbus" the whole room.
 PICTURE: dict[str, set[str]] = {
     "errors": set(),
-    "door": set(),
+    "_lazy": set(),
     "frozen": set(),
     "record": set(),
     "conversation": {"errors", "record"},
     "codecs": {"errors", "record"},
     "modbus": BASE,
     "canopen": BASE,
-    "rtu": BASE | {"modbus.adu", "modbus.line", "modbus.functions"},
-    "ascii": BASE | {"modbus.adu", "modbus.line"},
-    "tcp": BASE | {"modbus.adu", "modbus.line"},
+    "rtu": BASE | {"modbus.adu", "modbus.framing", "modbus.messages"},
+    "ascii": BASE | {"modbus.adu", "modbus.framing"},
+    "tcp": BASE | {"modbus.adu", "modbus.framing"},
     "devices": BASE | {"modbus", "canopen"},
     "explain": MEANING,
-    "shells": MEANING | {"explain"},
-    "cli": MEANING | {"explain", "shells", "__version__"},
+    "io": MEANING | {"explain"},
+    "cli": MEANING | {"explain", "io", "__version__"},
     "__init__": {"errors", "conversation"},  # the map: loaded before every room, so it loads none
     "__main__": {"cli"},
 }
 
 # Rooms with clocks, sockets and a face. Below them time is an argument, and bytes come in from outside.
-OUTSIDE = {"shells", "cli", "__main__"}
+OUTSIDE = {"io", "cli", "__main__"}
 CLOCKS_AND_SOCKETS = {
     *("time", "sched", "random", "secrets", "logging", "signal"),
     *("socket", "socketserver", "select", "selectors", "ssl", "serial", "can"),
@@ -55,8 +55,8 @@ CLOCKS_AND_SOCKETS = {
 
 # The only third-party names, and the files that may say them.
 DOORS = {
-    "serial": "shells/*serial*.py",
-    "can": "shells/*.py",
+    "serial": "io/ports/*serial*.py",
+    "can": "io/*.py",
     "click": "cli/*.py",
     "rich": "cli/*.py",
     "matplotlib": "cli/plot.py",
@@ -108,7 +108,7 @@ def broken_rules(source: str, path: str) -> list[str]:
         elif top in CRUTCHES:
             rule = "no fieldbus or checksum library in src: we do that work ourselves"
         elif room not in OUTSIDE and top in CLOCKS_AND_SOCKETS:
-            rule = "clocks, sockets, threads, chance and logs live in shells and cli only"
+            rule = "clocks, sockets, threads, chance and logs live in io and cli only"
         elif top in DOORS:
             if not fnmatch(path, DOORS[top]):
                 rule = f"{top} belongs in {DOORS[top]}"
@@ -162,48 +162,51 @@ BAD = {
     "errors know nobody": ("errors.py", "from barewire import codecs"),
     "codecs never heard of a protocol": ("codecs/order.py", "from barewire.modbus.adu import Adu"),
     "codecs hold no conversations": ("codecs/order.py", "import barewire.conversation"),
-    "modbus knows no envelope": ("modbus/bus.py", "from barewire.rtu import frame"),
-    "modbus knows no envelope, relative": ("modbus/bus.py", "from ..tcp.line import TcpLine"),
-    "modbus and canopen are strangers": ("modbus/talk.py", "from ..canopen.frame import CanFrame"),
-    "canopen and modbus are strangers": ("canopen/sdo/upload.py", "from ...modbus import ask"),
+    "modbus knows no envelope": ("modbus/client/bus.py", "from barewire.rtu import frame"),
+    "modbus knows no envelope, relative": ("modbus/client/bus.py", "from ...tcp.line import TcpLine"),
+    "modbus and canopen are strangers": ("modbus/client/exchange.py", "from ...canopen.frame import CanFrame"),
+    "canopen and modbus are strangers": ("canopen/sdo/client/upload.py", "from ....modbus import ask"),
     "envelopes are strangers": ("ascii/line.py", "from ..rtu import crc"),
-    "an envelope does not read letters": ("rtu/line.py", "from barewire.modbus.registers import WriteRegister"),
+    "an envelope does not read letters": (
+        "rtu/line.py",
+        "from barewire.modbus.messages.registers import WriteRegister",
+    ),
     "an envelope does not use the door": ("rtu/line.py", "from barewire.modbus import Adu"),
-    "only rtu counts": ("tcp/line.py", "from barewire.modbus import functions"),
+    "only rtu counts": ("tcp/line.py", "from barewire.modbus.messages import registry"),
     "devices know no envelope": ("devices/plan.py", "from barewire.rtu.line import RtuLine"),
-    "devices know no shell": ("devices/sim/az3.py", "from barewire.shells import blocking"),
-    "explain knows no shell": ("explain.py", "from .shells import taps"),
-    "an explain package is the same room": ("explain/modbus.py", "from ..cli import table"),
-    "shells know no command": ("shells/blocking.py", "from barewire.cli import main"),
+    "devices know no shell": ("devices/sim/az3/machine.py", "from barewire.io.engine import blocking"),
+    "explain knows no shell": ("explain/api.py", "from ..io import endpoint"),
+    "an explain package is the same room": ("explain/modbus/frames.py", "from ...cli import table"),
+    "io know no command": ("io/engine/blocking.py", "from barewire.cli import main"),
     "the map loads no room": ("__init__.py", "from .modbus import ask"),
     "a new room is drawn first": ("profinet/frame.py", "import struct"),
-    "time is an argument": ("modbus/bus.py", "import time"),
-    "time is an argument, from": ("canopen/heartbeat.py", "from time import monotonic"),
+    "time is an argument": ("modbus/client/bus.py", "import time"),
+    "time is an argument, from": ("canopen/nmt/heartbeat.py", "from time import monotonic"),
     "inside a function": ("rtu/timing.py", "def now():\n    import asyncio"),
-    "for types only": ("devices/load.py", "if TYPE_CHECKING:\n    from logging import Logger"),
+    "for types only": ("devices/description/load.py", "if TYPE_CHECKING:\n    from logging import Logger"),
     "as a string": ("tcp/frame.py", "import importlib\nimportlib.import_module('socket')"),
-    "as a submodule": ("devices/load.py", "import concurrent.futures"),
-    "serial has one door": ("shells/blocking.py", "import serial"),
+    "as a submodule": ("devices/description/load.py", "import concurrent.futures"),
+    "serial has one door": ("io/engine/blocking.py", "import serial"),
     "serial has one door, cli": ("cli/read.py", "from serial.tools import list_ports"),
-    "can is for shells": ("cli/scan.py", "import can"),
-    "click is for commands": ("shells/taps.py", "import click"),
-    "rich is for commands": ("explain.py", "from rich.table import Table"),
-    "no other third party": ("shells/aio.py", "import trio"),
-    "no fieldbus library": ("shells/gateway.py", "from pymodbus.client import ModbusTcpClient"),
-    "the canopen of PyPI": ("shells/can_bus.py", "import canopen"),
+    "can is for io": ("cli/scan.py", "import can"),
+    "click is for commands": ("io/ports/trace.py", "import click"),
+    "rich is for commands": ("explain/api.py", "from rich.table import Table"),
+    "no other third party": ("io/engine/asyncio.py", "import trio"),
+    "no fieldbus library": ("io/gateway.py", "from pymodbus.client import ModbusTcpClient"),
+    "the canopen of PyPI": ("io/ports/python_can.py", "import canopen"),
     "no checksum library": ("rtu/crc.py", "import crcmod.predefined"),
 }
 
 GOOD = {
     "the standard library": ("codecs/layout.py", "from __future__ import annotations\nimport struct, re, enum"),
     "its own room": ("rtu/line.py", "from barewire.rtu.frame import decode\nfrom .crc import crc16"),
-    "its own door": ("canopen/sdo/__init__.py", "from .messages import X\nfrom . import upload\nfrom .. import nmt"),
+    "its own door": ("canopen/sdo/__init__.py", "from .messages import X\nfrom .client import upload"),
     "errors for all": ("tcp/frame.py", "from barewire.errors import DecodeError\nfrom .. import errors"),
-    "adu and line for envelopes": ("ascii/line.py", "from ..modbus.adu import Adu\nfrom ..modbus import line"),
-    "functions for rtu": ("rtu/line.py", "from barewire.modbus.functions import length"),
-    "ports for shells": ("shells/serial_port.py", "import serial\nimport time\nfrom serial.tools import list_ports"),
-    "a face for commands": ("cli/read.py", "import click\nfrom rich.table import Table\nfrom ..shells import aio"),
-    "everything below for shells": ("shells/gateway.py", "from barewire import rtu, canopen, devices\nimport can"),
+    "adu and line for envelopes": ("ascii/line.py", "from ..modbus.adu import Adu\nfrom ..modbus import framing"),
+    "functions for rtu": ("rtu/line.py", "from barewire.modbus.messages.registry import length"),
+    "ports for io": ("io/ports/serial.py", "import serial\nimport time\nfrom serial.tools import list_ports"),
+    "a face for commands": ("cli/read.py", "import click\nfrom rich.table import Table\nfrom ..io import endpoint"),
+    "everything below for io": ("io/gateway.py", "from barewire import rtu, canopen, devices\nimport can"),
     "the way in": ("__main__.py", "from barewire.cli import main"),
 }  # fmt: skip
 

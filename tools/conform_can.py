@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from barewire.canopen import Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
-from barewire.canopen.conform import Subject, cases, survey
+from barewire.canopen.conformance.battery import Subject, cases, survey
 from barewire.conversation import play
 
 PAGE = Path(__file__).parent.parent / "docs" / "conform-canopen.md"
@@ -59,12 +59,13 @@ which case it was, and how many cases were not run (with `--json` an object `unf
 
 An interface that cannot carry remote frames (socketcand) leaves out the cases that need them.
 
-The cases are data in `barewire.canopen.conform` and the files beside it, and a conversation carries them out, so they
-run in virtual time as well. This holds a device of your own against those that do not start or stop it, in a second:
+The cases are data in `barewire.canopen.conformance.battery` and the files beside it, and a conversation carries them
+out, so they run in virtual time as well. This holds a device of your own against those that do not start or stop it,
+in a second:
 
 ```python
 from barewire.canopen import Device, ObjectDictionary, standard_objects
-from barewire.canopen.conform import carry_out, cases, prepare, survey
+from barewire.canopen.conformance.battery import carry_out, cases, prepare, survey
 from barewire.conversation import play
 
 device = Device(5, ObjectDictionary(standard_objects()))

@@ -1,7 +1,7 @@
 """Keeps docs/conform.md: `python tools/conform_page.py` after every change of a case, or of what we answer.
 
     our column         our own servers are started on real ports and held against the batteries, as `barewire conform`
-                       does; clients are played against tests/modbus/faulty.py
+                       does; clients are played against tests/modbus/client/faulty.py
     strangers          --measure starts those that are installed, and writes tools/conform_measured.json
     the survey         tools/conform_survey.toml: rows and what others did, measured with the versions named there
 
@@ -20,15 +20,15 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
+from barewire.io import open_host  # noqa: E402
+from barewire.io.endpoint import Endpoint  # noqa: E402
+from barewire.io.modbus.conformance import conform  # noqa: E402
 from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
-from barewire.modbus.conform import Case, shown, taken  # noqa: E402
-from barewire.modbus.conform_cases import CASES_ASCII, CASES_RTU, CASES_TCP  # noqa: E402
+from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP  # noqa: E402
+from barewire.modbus.conformance.model import Case, shown, taken  # noqa: E402
 from barewire.rtu import RtuLine  # noqa: E402
-from barewire.shells import open_host  # noqa: E402
-from barewire.shells.conform import conform  # noqa: E402
-from barewire.shells.endpoint import Endpoint  # noqa: E402
 from barewire.tcp import TcpLine  # noqa: E402
-from tests.modbus import faulty  # noqa: E402
+from tests.modbus.client import faulty  # noqa: E402
 from tools import conform_strangers  # noqa: E402
 
 PAGE = ROOT / "docs" / "conform.md"

@@ -21,7 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from barewire.errors import PortError
-from barewire.shells.pseudo_terminal import PseudoTerminal
+from barewire.io.ports.pty import PseudoTerminal
 
 ROOT = Path(__file__).parent.parent
 LINE = "baudrate=115200&parity=N"

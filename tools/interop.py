@@ -19,8 +19,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from barewire.modbus.diagnostics import SUB_FUNCTIONS
-from barewire.modbus.functions import known
+from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS
+from barewire.modbus.messages.registry import known
 
 ROOT = Path(__file__).parent.parent
 TESTS = ROOT / "tests" / "interop"

@@ -10,7 +10,7 @@ The map. Which room for which question:
     barewire.canopen    CAN frames and what CANopen says with them: NMT, SDO, PDO, heartbeat
     barewire.devices    meaning: names, units, scales, places; the three machines and their simulators
     barewire.explain    any frame, field by field, in words
-    barewire.shells     the only room with clocks and sockets: blocking, asyncio, serial ports, TCP, CAN buses
+    barewire.io     the only room with clocks and sockets: blocking, asyncio, serial ports, TCP, CAN buses
     barewire.cli        the command `barewire`
 
 Rooms are loaded when you enter them: `import barewire` costs nothing.

@@ -16,7 +16,7 @@ from barewire.canopen import (
     TimeStamp,
     standard_objects,
 )
-from barewire.canopen.dictionary import Entry
+from barewire.canopen.object_dictionary import Entry
 from barewire.canopen.sdo import SdoAbort
 from barewire.canopen.time_stamp import EPOCH
 from barewire.errors import DecodeError, EncodeError

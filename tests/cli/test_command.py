@@ -17,7 +17,7 @@ import can
 import pytest
 
 from barewire.errors import PortError
-from barewire.shells import open_canopen
+from barewire.io import open_canopen
 
 COMMAND = [sys.executable, "-m", "barewire.cli"]
 ENVIRONMENT = os.environ | {"COLUMNS": "200", "NO_COLOR": "1"}

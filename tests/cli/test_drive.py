@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from barewire.devices import load
-from barewire.devices.cia402 import State
-from barewire.devices.drive_report import Progress
+from barewire.devices.drive.cia402 import State
+from barewire.devices.drive.report import Progress
 from barewire.devices.sim import CsdMt, simulator
-from barewire.shells import connect, open_host
+from barewire.io import connect, open_host
 from tests.cli.test_command import COMMAND, failing, free_port, out, simulated
 
 

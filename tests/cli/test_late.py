@@ -6,8 +6,8 @@ import subprocess
 import threading
 import time
 
+from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import crc16
-from barewire.shells.pseudo_terminal import PseudoTerminal
 from tests.cli.test_command import COMMAND, ENVIRONMENT
 
 

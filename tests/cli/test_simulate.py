@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from barewire.devices.sim import Addressed, Az3, simulator
-from barewire.shells import open_host
-from barewire.shells.faults import KINDS
+from barewire.io import open_host
+from barewire.io.fault_injection.faults import KINDS
 from tests.cli.test_command import COMMAND, ENVIRONMENT, asked_with, failing, free_port, out
 
 

@@ -13,12 +13,12 @@ import pytest
 
 from barewire.ascii import encode as ascii_frame
 from barewire.canopen import CanFrame
-from barewire.explain.pcapng import read
+from barewire.explain.capture.pcapng import read
+from barewire.io.canopen.socketcand import SocketcandHub
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.pty import PseudoTerminal
+from barewire.io.ports.python_can import CanPort
 from barewire.rtu import encode as rtu_frame
-from barewire.shells.can_bus import CanPort
-from barewire.shells.endpoint import Endpoint
-from barewire.shells.pseudo_terminal import PseudoTerminal
-from barewire.shells.socketcand_hub import SocketcandHub
 from tests.cli.test_command import COMMAND, ENVIRONMENT, barewire, failing, out
 from tests.helpers import unhex
 

@@ -20,8 +20,8 @@ from barewire.cli.polling import Poll, Source, due, polls
 from barewire.devices import Device, Reading, load
 from barewire.devices.raw import device_with
 from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.io import open_host
 from barewire.modbus import ModbusException, Table
-from barewire.shells import open_host
 from tests.cli.test_command import COMMAND, ENVIRONMENT, barewire, failing, free_port, out, simulated
 from tests.helpers import refused
 

@@ -12,7 +12,7 @@ from barewire.conversation import Conversation, play
 from barewire.devices import Reading, UnknownName, load, read_modbus, write_modbus
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus import Bus, ModbusException, Server, Table
-from barewire.modbus.message import Response
+from barewire.modbus.messages.base import Response
 from barewire.tcp import TcpLine
 from tests.helpers import Peer, refused, serving
 

@@ -9,7 +9,7 @@ from barewire.devices import UnknownName, load, read_modbus, write_modbus
 from barewire.devices.raw import device_with
 from barewire.devices.sim import simulator
 from barewire.modbus import Bus, Server
-from barewire.modbus.registers import ReadHoldingRegisters, ReadHoldingRegistersResponse
+from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.tcp import TcpLine
 from tests.helpers import refused, serving
 

@@ -13,8 +13,9 @@ from barewire import rtu, tcp
 from barewire.canopen import CanFrame
 from barewire.errors import DecodeError
 from barewire.explain import Explanation, Protocol, Role, explain, explain_text
-from barewire.explain.modbus import explain_ascii
-from barewire.modbus import decode_request, decode_response, functions
+from barewire.explain.modbus.frames import explain_ascii
+from barewire.modbus import decode_request, decode_response
+from barewire.modbus.messages import registry as functions
 
 thorough = settings(max_examples=300, deadline=None, derandomize=True, database=None)
 

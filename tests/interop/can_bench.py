@@ -28,9 +28,9 @@ from barewire.canopen import (
     standard_objects,
 )
 from barewire.conversation import Conversation
-from barewire.shells.blocking import run
-from barewire.shells.can_bus import CanPort
-from barewire.shells.endpoint import Endpoint
+from barewire.io.endpoint import Endpoint
+from barewire.io.engine.blocking import run
+from barewire.io.ports.python_can import CanPort
 
 Result = TypeVar("Result")
 NODE = 5

@@ -83,7 +83,7 @@ def run_slcan(count: int) -> None:
 
 def run_socketcand() -> None:
     """Until the standard input ends."""
-    from barewire.shells.socketcand_hub import SocketcandHub
+    from barewire.io.canopen.socketcand import SocketcandHub
 
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

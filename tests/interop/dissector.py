@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 from barewire.explain import explain
-from barewire.modbus.identification import OBJECT_NAMES
+from barewire.modbus.messages.identification import OBJECT_NAMES
 from barewire.tcp import encode as tcp_frame
 
 UNIT = 17

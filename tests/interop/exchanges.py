@@ -20,7 +20,7 @@ from barewire.modbus import (
     RecordPlace,
     identify,
 )
-from barewire.modbus.diagnostics import (
+from barewire.modbus.messages.diagnostics import (
     CHANGE_ASCII_DELIMITER,
     CLEAR_COUNTERS,
     CLEAR_OVERRUN,

@@ -13,8 +13,8 @@ import time
 
 from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, standard_objects
 from barewire.errors import NoAnswer, PortError
-from barewire.shells import Back, CanopenClient, Gone, Lost, open_canopen, open_host
-from barewire.shells.can_stream import Stream
+from barewire.io import Back, CanopenClient, Gone, Lost, open_canopen, open_host
+from barewire.io.canopen.event_stream import Stream
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
 PATIENCE = 30.0

@@ -14,13 +14,18 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from barewire.io import Host, open_async, open_host, open_modbus, serve
+from barewire.io.modbus.methods import Verbs
 from barewire.modbus import CanopenReference, Counters, Diagnostics, Response, Table
-from barewire.modbus.canopen_reference import CanopenReferenceResponse
-from barewire.modbus.counters import ANSWERED
-from barewire.modbus.diagnostics import CHANGE_ASCII_DELIMITER, FORCE_LISTEN_ONLY, DiagnosticsResponse, Unanswered
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
-from barewire.shells import Host, open_async, open_host, open_modbus, serve
-from barewire.shells.verbs import Verbs
+from barewire.modbus.messages.canopen_reference import CanopenReferenceResponse
+from barewire.modbus.messages.diagnostics import (
+    CHANGE_ASCII_DELIMITER,
+    FORCE_LISTEN_ONLY,
+    DiagnosticsResponse,
+    Unanswered,
+)
+from barewire.modbus.server.serial_counters import ANSWERED
 from tests.certificates import tls_url
 from tests.interop.relay import in_its_own_loop, relayed
 from tests.interop.services import TCP_LIKE, service

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from barewire.errors import PortError
-from barewire.shells.pseudo_terminal import PseudoTerminal
+from barewire.io.ports.pty import PseudoTerminal
 
 T = TypeVar("T")
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from barewire.modbus import Diagnostics
-from barewire.modbus.diagnostics import SUB_FUNCTIONS
+from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS
 
 BITS_AND_REGISTERS = ("01", "02", "03", "04", "05", "06", "0F", "10")
 DIAGNOSTICS = tuple(f"08/{sub:02X}" for sub in SUB_FUNCTIONS)

@@ -12,8 +12,8 @@ from typing import Any
 import canopen
 import pytest
 
-from barewire.shells.conform_can import conform_can
-from barewire.shells.endpoint import Endpoint
+from barewire.io.canopen.conformance import conform_can
+from barewire.io.endpoint import Endpoint
 from tests.interop.can_bench import NODE, dictionary_of_theirs
 
 URL = f"can://virtual/their-node?node={NODE}&timeout=0.15"

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from barewire.io import open_modbus
 from barewire.modbus import ModbusException, WriteMultipleRegisters
-from barewire.shells import open_modbus
 from tests.helpers import refused
 from tests.interop.exchanges import Answers, everything
 from tests.interop.ours import Asker, client_url, our_server, port_of, with_both

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from barewire.io import open_host
 from barewire.modbus import Table
-from barewire.shells import open_host
 from tests.interop.ours import our_server, place_of, port_of
 from tests.interop.relay import serial_at, tls_from
 from tests.interop.services import BITS_AND_REGISTERS, proves

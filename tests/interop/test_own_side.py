@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from barewire.modbus import CanopenReference
-from barewire.modbus.canopen_reference import Dialect
+from barewire.modbus.messages.canopen_reference import Dialect
 from tests.interop.ours import Asker, client_url, our_server, with_both
 from tests.interop.services import CARRIERS
 

@@ -25,9 +25,9 @@ from pymodbus.pdu.file_message import FileRecord
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer, ModbusUdpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from barewire.io import open_modbus
 from barewire.modbus import Diagnostics, RecordPlace
-from barewire.modbus.diagnostics import Unanswered
-from barewire.shells import open_modbus
+from barewire.modbus.messages.diagnostics import Unanswered
 from tests.interop.exchanges import Answers, everything
 from tests.interop.ours import LONG, Asker, client_url, our_server, port_of, until, with_both
 from tests.interop.relay import in_its_own_loop, relayed

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from barewire.shells.tls import role_of
+from barewire.io.ports.tls import role_of
 from tests.interop.exchanges import everything
 from tests.interop.ours import LONG, Asker, client_url, our_server, port_of, until, with_both
 from tests.interop.relay import in_its_own_loop, relayed, serial_at, serial_server

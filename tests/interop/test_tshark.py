@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 
 from barewire.explain import explain
-from barewire.explain.packets import Packer
-from barewire.explain.pcapng import header, packet
-from barewire.explain.replay import replay
+from barewire.explain.capture.modbus_packets import Packer
+from barewire.explain.capture.pcapng import header, packet
+from barewire.explain.modbus.replay import replay
 from barewire.modbus import decode_request
 from barewire.modbus.exceptions import EXCEPTIONS
-from barewire.modbus.sniff import Answered
+from barewire.modbus.sniffer.sniffer import Answered
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from tests.helpers import unhex

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from barewire.errors import EncodeError
 from barewire.modbus import Adu, Noise
-from barewire.modbus.functions import measure_request
-from barewire.modbus.line import Event
+from barewire.modbus.framing import Event
+from barewire.modbus.messages.registry import measure_request
 from barewire.rtu import RtuLine, Timing, crc16, decode, encode
 from barewire.rtu.shape import Role
 from tests.helpers import (

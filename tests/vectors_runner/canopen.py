@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from barewire.canopen.cob import CobEntry, classify, cob_id, is_restricted
-from barewire.canopen.emcy import Emergency
+from barewire.canopen.cob_ids import CobEntry, classify, cob_id, is_restricted
+from barewire.canopen.emcy.message import Emergency
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.heartbeat import NodeState, consumer_entry
-from barewire.canopen.nmt import NmtCommand, NmtMessage
-from barewire.canopen.pdo import Mapped, PdoMapping
-from barewire.canopen.sdo import messages
+from barewire.canopen.nmt.heartbeat import NodeState, consumer_entry
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
+from barewire.canopen.pdo.mapping import Mapped, PdoMapping
 from barewire.canopen.sdo.aborts import AbortCode
+from barewire.canopen.sdo.messages import codec as messages
 from barewire.canopen.sync import Sync
 from barewire.codecs import Value, codec
 from barewire.errors import DecodeError

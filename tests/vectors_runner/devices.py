@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from barewire.codecs import Value, codec, get_bit
-from barewire.devices.cia402 import CONTROL, STATUS, TRANSITIONS, Command, State, command_of, state_of
+from barewire.devices.drive.cia402 import CONTROL, STATUS, TRANSITIONS, Command, State, command_of, state_of
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter
 from barewire.errors import DecodeError
 from tests.vectors_runner.common import Case, check, octets, whole_or_float, words

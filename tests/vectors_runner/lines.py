@@ -14,8 +14,8 @@ import barewire.rtu
 import barewire.tcp
 from barewire.ascii import AsciiLine, lrc
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.functions import measure_request, measure_response
-from barewire.modbus.line import Line
+from barewire.modbus.framing import Line
+from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.rtu import Timing, crc16
 from barewire.rtu.crc import crc16_bit_by_bit
 from barewire.rtu.line import RtuLine

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.functions import (
+from barewire.modbus.messages.base import Message
+from barewire.modbus.messages.registry import (
     decode_request,
     decode_response,
     measure_request,
@@ -16,7 +17,6 @@ from barewire.modbus.functions import (
     request_class,
     response_class,
 )
-from barewire.modbus.message import Message
 from tests.vectors_runner.common import Case, bits, octets, refuse, words
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.guarding import GuardedNode
-from barewire.canopen.lss import LssAddress, LssMessage
-from barewire.canopen.lss_slave import LssSlave
-from barewire.canopen.nmt import NmtState
+from barewire.canopen.lss.messages import LssAddress, LssMessage
+from barewire.canopen.lss.slave import LssSlave
+from barewire.canopen.nmt.messages import NmtState
+from barewire.canopen.nmt.node_guarding import GuardedNode
 from barewire.canopen.time_stamp import TimeStamp
-from barewire.canopen.times import DAY, TimeOfDay
+from barewire.canopen.time_types import DAY, TimeOfDay
 from barewire.errors import EncodeError
 from tests.vectors_runner.canopen import frame_of, wire
 from tests.vectors_runner.common import Case, check, octets

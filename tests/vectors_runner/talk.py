@@ -16,7 +16,7 @@ import barewire.tcp
 from barewire.ascii import AsciiLine
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.line import Line
+from barewire.modbus.framing import Line
 from barewire.rtu import Timing
 from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine

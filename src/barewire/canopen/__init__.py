@@ -33,28 +33,21 @@ Who may import me: devices, shells, cli, bench, tests.
 
 from typing import TYPE_CHECKING
 
-from barewire.door import lazy
+from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.cob import CobEntry, Service, check_node, classify, cob_id, is_restricted
-    from barewire.canopen.device import Device
-    from barewire.canopen.device_sdo import client_channel
-    from barewire.canopen.dictionary import Entry, ObjectDictionary
-    from barewire.canopen.emcy import Emergency, error_text, register_names, register_of
-    from barewire.canopen.emcy_consumer import EmcyConsumer, EmcyEvent
-    from barewire.canopen.emcy_producer import EmcyProducer
+    from barewire.canopen.bus.scan import Found, Survey, scan
+    from barewire.canopen.cob_ids import CobEntry, Service, check_node, classify, cob_id, is_restricted
+    from barewire.canopen.communication_objects import standard_objects
+    from barewire.canopen.device.device import Device
+    from barewire.canopen.device.sdo_channels import client_channel
+    from barewire.canopen.device.storage import StoredParameters
+    from barewire.canopen.emcy.consumer import EmcyConsumer, EmcyEvent
+    from barewire.canopen.emcy.message import Emergency, error_text, register_names, register_of
+    from barewire.canopen.emcy.producer import EmcyProducer
     from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-    from barewire.canopen.guarding import Guard, GuardedNode, GuardEvent, GuardingMaster, LifeEvent
-    from barewire.canopen.heartbeat import (
-        HeartbeatConsumer,
-        HeartbeatEvent,
-        HeartbeatProducer,
-        NodeState,
-        consumer_entry,
-        guarding_request,
-    )
-    from barewire.canopen.lss import Fastscan, LssAddress, LssMessage, LssRefused, LssService, LssState
-    from barewire.canopen.lss_master import (
+    from barewire.canopen.lss.fastscan import Assigned, fastscan, find_all
+    from barewire.canopen.lss.master import (
         activate_bit_timing,
         configure_bit_timing,
         configure_node,
@@ -66,19 +59,27 @@ if TYPE_CHECKING:
         switch_global,
         switch_selective,
     )
-    from barewire.canopen.lss_scan import Assigned, fastscan, find_all
-    from barewire.canopen.lss_slave import LssSlave
-    from barewire.canopen.mpdo import Mpdo
-    from barewire.canopen.nmt import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
-    from barewire.canopen.nmt_master import Obeyed, ask_state, tell_nmt
-    from barewire.canopen.nmt_wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
-    from barewire.canopen.own_objects import standard_objects
-    from barewire.canopen.pdo import Mapped, PdoMapping
-    from barewire.canopen.pdo_engine import PdoEngine
-    from barewire.canopen.pdo_listen import PdoHeard, PdoListener, RemotePdo, remote_pdo
-    from barewire.canopen.pdo_records import Pdo, pdos_of
-    from barewire.canopen.pdo_remote import PdoManner, mapping_of, read_pdo, write_pdo
-    from barewire.canopen.remote_objects import read_object, write_object
+    from barewire.canopen.lss.messages import Fastscan, LssAddress, LssMessage, LssRefused, LssService, LssState
+    from barewire.canopen.lss.slave import LssSlave
+    from barewire.canopen.nmt.heartbeat import (
+        HeartbeatConsumer,
+        HeartbeatEvent,
+        HeartbeatProducer,
+        NodeState,
+        consumer_entry,
+        guarding_request,
+    )
+    from barewire.canopen.nmt.master import Obeyed, ask_state, tell_nmt
+    from barewire.canopen.nmt.messages import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
+    from barewire.canopen.nmt.node_guarding import Guard, GuardedNode, GuardEvent, GuardingMaster, LifeEvent
+    from barewire.canopen.nmt.wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
+    from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+    from barewire.canopen.pdo.config import Pdo, pdos_of
+    from barewire.canopen.pdo.engine import PdoEngine
+    from barewire.canopen.pdo.mapping import Mapped, PdoMapping
+    from barewire.canopen.pdo.multiplexed import Mpdo
+    from barewire.canopen.pdo.named_values import PdoHeard, PdoListener, RemotePdo, remote_pdo
+    from barewire.canopen.pdo.remote_config import PdoManner, mapping_of, read_pdo, write_pdo
     from barewire.canopen.sdo import (
         AZ3,
         STANDARD,
@@ -94,11 +95,10 @@ if TYPE_CHECKING:
         upload,
         upload_to,
     )
-    from barewire.canopen.stored import StoredParameters
-    from barewire.canopen.survey import Found, Survey, scan
+    from barewire.canopen.sdo.client.typed_access import read_object, write_object
     from barewire.canopen.sync import Sync, SyncEvent, SyncMonitor, SyncProducer
     from barewire.canopen.time_stamp import TimeConsumer, TimeHeard, TimeProducer, TimeStamp
-    from barewire.canopen.times import TimeDifference, TimeOfDay
+    from barewire.canopen.time_types import TimeDifference, TimeOfDay
 
 __all__ = [
     "CanFrame",
@@ -211,40 +211,40 @@ __all__ = [
 
 # Which file holds what. Only that one is loaded, with what it needs: a bus shell asks for `CanFrame` and gets no node.
 _FILES = {
-    "cob": "CobEntry Service check_node classify cob_id is_restricted",
-    "device": "Device",
-    "device_sdo": "client_channel",
-    "dictionary": "Entry ObjectDictionary",
-    "emcy": "Emergency error_text register_names register_of",
-    "emcy_consumer": "EmcyConsumer EmcyEvent",
-    "emcy_producer": "EmcyProducer",
+    "cob_ids": "CobEntry Service check_node classify cob_id is_restricted",
+    "device.device": "Device",
+    "device.sdo_channels": "client_channel",
+    "object_dictionary": "Entry ObjectDictionary",
+    "emcy.message": "Emergency error_text register_names register_of",
+    "emcy.consumer": "EmcyConsumer EmcyEvent",
+    "emcy.producer": "EmcyProducer",
     "frame": "CanFrame ErrorFrame FdFrame",
-    "guarding": "Guard GuardedNode GuardEvent GuardingMaster LifeEvent",
-    "heartbeat": "HeartbeatConsumer HeartbeatEvent HeartbeatProducer NodeState consumer_entry guarding_request",
-    "lss": "Fastscan LssAddress LssMessage LssRefused LssService LssState",
-    "lss_master": (
+    "nmt.node_guarding": "Guard GuardedNode GuardEvent GuardingMaster LifeEvent",
+    "nmt.heartbeat": "HeartbeatConsumer HeartbeatEvent HeartbeatProducer NodeState consumer_entry guarding_request",
+    "lss.messages": "Fastscan LssAddress LssMessage LssRefused LssService LssState",
+    "lss.master": (
         "activate_bit_timing configure_bit_timing configure_node identify_slaves identify_unconfigured "
         "inquire_address inquire_node store_configuration switch_global switch_selective"
     ),
-    "lss_scan": "Assigned fastscan find_all",
-    "lss_slave": "LssSlave",
-    "mpdo": "Mpdo",
-    "nmt": "NmtChange NmtCommand NmtMessage NmtSlave NmtState",
-    "nmt_master": "Obeyed ask_state tell_nmt",
-    "nmt_wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
-    "own_objects": "standard_objects",
-    "pdo": "Mapped PdoMapping",
-    "pdo_engine": "PdoEngine",
-    "pdo_listen": "PdoHeard PdoListener RemotePdo remote_pdo",
-    "pdo_records": "Pdo pdos_of",
-    "pdo_remote": "PdoManner mapping_of read_pdo write_pdo",
-    "remote_objects": "read_object write_object",
+    "lss.fastscan": "Assigned fastscan find_all",
+    "lss.slave": "LssSlave",
+    "pdo.multiplexed": "Mpdo",
+    "nmt.messages": "NmtChange NmtCommand NmtMessage NmtSlave NmtState",
+    "nmt.master": "Obeyed ask_state tell_nmt",
+    "nmt.wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
+    "communication_objects": "standard_objects",
+    "pdo.mapping": "Mapped PdoMapping",
+    "pdo.engine": "PdoEngine",
+    "pdo.named_values": "PdoHeard PdoListener RemotePdo remote_pdo",
+    "pdo.config": "Pdo pdos_of",
+    "pdo.remote_config": "PdoManner mapping_of read_pdo write_pdo",
+    "sdo.client.typed_access": "read_object write_object",
     "sdo": "AZ3 STANDARD AbortCode Block Channel Dialect SdoAbort SdoServer abort_text download fit upload upload_to",
-    "stored": "StoredParameters",
-    "survey": "Found Survey scan",
+    "device.storage": "StoredParameters",
+    "bus.scan": "Found Survey scan",
     "sync": "Sync SyncEvent SyncMonitor SyncProducer",
     "time_stamp": "TimeConsumer TimeHeard TimeProducer TimeStamp",
-    "times": "TimeDifference TimeOfDay",
+    "time_types": "TimeDifference TimeOfDay",
 }
 
 __getattr__ = lazy(__name__, _FILES)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from barewire.canopen.times import Time
+from barewire.canopen.time_types import Time
 from barewire.codecs import Number, Value, codec
 from barewire.errors import DecodeError, EncodeError
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from barewire.canopen.cob import SYNC_KEY
+from barewire.canopen.cob_ids import SYNC_KEY
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, EncodeError
 from barewire.frozen import dataclass

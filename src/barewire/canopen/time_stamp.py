@@ -13,9 +13,9 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import NamedTuple
 
-from barewire.canopen.cob import TIME_KEY
+from barewire.canopen.cob_ids import TIME_KEY
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.times import Time, TimeOfDay
+from barewire.canopen.time_types import Time, TimeOfDay
 from barewire.errors import DecodeError, EncodeError
 from barewire.frozen import dataclass
 

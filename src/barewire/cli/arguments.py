@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from barewire.errors import EncodeError
-from barewire.shells.endpoint import Endpoint
+from barewire.io.endpoint import Endpoint
 
 
 class EndpointArgument(click.ParamType[str]):
@@ -42,7 +42,7 @@ timing_option = click.option(
 def say_timing(endpoint: str, wanted: bool) -> None:
     """What `--timing` asks for."""
     if wanted:
-        from barewire.shells.carriers import modbus_endpoint, timing_in_words
+        from barewire.io.modbus.carriers import modbus_endpoint, timing_in_words
 
         print(f"barewire: {endpoint} {timing_in_words(modbus_endpoint(endpoint))}", file=sys.stderr)
 
@@ -55,7 +55,7 @@ def print_json(fields: Any) -> None:
 @contextmanager
 def ending(as_json: bool) -> Iterator[None]:
     """A battery that could not be finished says so in JSON too, as its last object."""
-    from barewire.shells.conform import Unfinished
+    from barewire.io.modbus.conformance import Unfinished
 
     try:
         yield

@@ -10,9 +10,9 @@ import click
 from barewire import __version__
 from barewire.cli.arguments import endpoint_argument
 from barewire.errors import EncodeError
-from barewire.shells.aio_canopen import open_canopen_async
-from barewire.shells.canopen_gateway import serve_gateway
-from barewire.shells.endpoint import Endpoint
+from barewire.io.canopen.async_client import open_canopen_async
+from barewire.io.canopen.gateway_server import serve_gateway
+from barewire.io.endpoint import Endpoint
 
 LOOPBACK = "127.0.0.1:4501"
 

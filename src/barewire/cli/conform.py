@@ -8,10 +8,10 @@ import click
 
 from barewire.cli.arguments import ending, endpoint_argument, json_option, say_timing, timing_option
 from barewire.errors import EncodeError
-from barewire.modbus.conform import shown
-from barewire.shells.conform import Result
-from barewire.shells.conform import conform as run_battery
-from barewire.shells.endpoint import Endpoint
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.conformance import Result
+from barewire.io.modbus.conformance import conform as run_battery
+from barewire.modbus.conformance.model import shown
 
 
 @click.command()

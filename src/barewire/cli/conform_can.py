@@ -6,8 +6,8 @@ import json
 
 from barewire.cli.arguments import ending
 from barewire.errors import EncodeError
-from barewire.shells.conform_can import Result, conform_can
-from barewire.shells.endpoint import Endpoint
+from barewire.io.canopen.conformance import Result, conform_can
+from barewire.io.endpoint import Endpoint
 
 
 def hold(endpoint: str, *, as_json: bool, gentle: bool, large: str | None, only: str) -> int:

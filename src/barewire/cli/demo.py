@@ -25,9 +25,9 @@ from barewire.devices import Device, Reading, load
 from barewire.devices.sim import Simulator, simulator
 from barewire.errors import NoAnswer
 from barewire.explain import Explanation, explain
-from barewire.shells import CanopenClient, connect
-from barewire.shells.client import Client
-from barewire.shells.taps import Direction
+from barewire.io import CanopenClient, connect
+from barewire.io.canopen.client import Client
+from barewire.io.ports.trace import Direction
 
 LINE = "baudrate=19200&parity=E&stopbits=1"
 

@@ -17,12 +17,12 @@ from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.devices import load
-from barewire.devices.drive_report import Look, Progress, bit_names
-from barewire.devices.drive_states import drive_side
+from barewire.devices.drive.report import Look, Progress, bit_names
+from barewire.devices.drive.states import drive_side
 from barewire.devices.parameter import show
 from barewire.errors import NoAnswer, PortError
-from barewire.shells import connect
-from barewire.shells.drive import DriveClient
+from barewire.io import connect
+from barewire.io.drive import DriveClient
 
 Conduct = Callable[..., Look]
 

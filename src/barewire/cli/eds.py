@@ -8,7 +8,7 @@ import click
 
 from barewire.canopen.eds import lint, parse
 from barewire.cli.arguments import json_option, print_json
-from barewire.devices.load import load
+from barewire.devices.description.load import load
 from barewire.errors import PortError
 
 
@@ -22,7 +22,7 @@ def eds() -> None:
 @click.argument("file", required=False, type=click.Path(dir_okay=False, path_type=Path))
 def export_command(device: str, file: Path | None) -> None:
     """Write DEVICE as an EDS to FILE, or to the terminal."""
-    from barewire.devices.export_eds import export
+    from barewire.devices.description.export_eds import export
 
     document = export(load(device), "" if file is None else file.name)
     if file is None:

@@ -11,14 +11,14 @@ from barewire.cli.arguments import json_option, print_json
 from barewire.cli.sniff_can import known_nodes
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain import Explanation, explain_text
-from barewire.explain.can import explain_can, explain_segment
-from barewire.explain.can_recording import Heard, read_recording
-from barewire.explain.candump import log_line
-from barewire.explain.listen import Listener, as_dict, in_words
-from barewire.explain.listen.events import Gap, Loss, Violation
-from barewire.explain.listen.pdos import PdoListener
-from barewire.explain.recorded import AnyFrame, Recorded, Unread
-from barewire.explain.text import parse_any_can
+from barewire.explain.can_monitor import Listener, as_dict, in_words
+from barewire.explain.can_monitor.events import Gap, Loss, Violation
+from barewire.explain.can_monitor.pdos import PdoListener
+from barewire.explain.can_monitor.recording import Heard, read_recording
+from barewire.explain.canopen.frame import explain_can, explain_segment
+from barewire.explain.capture.candump import log_line
+from barewire.explain.capture.model import AnyFrame, Recorded, Unread
+from barewire.explain.input.text import parse_any_can
 
 
 @click.command()

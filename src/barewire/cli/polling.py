@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from barewire.devices import Device, Reading
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
-from barewire.shells import connect
-from barewire.shells.client import Client
+from barewire.io import connect
+from barewire.io.canopen.client import Client
 
 _NONE: Mapping[str, str] = MappingProxyType({})
 

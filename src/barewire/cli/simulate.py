@@ -15,11 +15,11 @@ import click
 from barewire.cli.arguments import EndpointArgument, device_argument
 from barewire.devices.sim import Addressed, Simulator, simulator
 from barewire.errors import EncodeError
+from barewire.io import Host, open_host
+from barewire.io.endpoint import Endpoint
+from barewire.io.fault_injection.faults import LATE, parse_faults
+from barewire.io.fault_injection.ports import open_faulty
 from barewire.modbus import Table, Unit
-from barewire.shells import Host, open_host
-from barewire.shells.endpoint import Endpoint
-from barewire.shells.faults import LATE, parse_faults
-from barewire.shells.faulty import open_faulty
 
 TABLE = "table"
 

@@ -15,15 +15,15 @@ import click
 from barewire.cli.arguments import json_option
 from barewire.cli.sniff_can import events_of, known_nodes, live, print_events
 from barewire.errors import DecodeError, EncodeError, PortError
-from barewire.explain.can_recording import is_can_recording, read_recording
-from barewire.explain.overheard import as_dict, in_words
-from barewire.explain.packets import MODBUS_PORTS, Packer
-from barewire.explain.pcapng import header, packet
-from barewire.explain.replay import replay
-from barewire.modbus.sniff import WINDOW, Asked, Disturbance, Half, Overheard, Unanswered
+from barewire.explain.can_monitor.recording import is_can_recording, read_recording
+from barewire.explain.capture.modbus_packets import MODBUS_PORTS, Packer
+from barewire.explain.capture.pcapng import header, packet
+from barewire.explain.modbus.exchange_text import as_dict, in_words
+from barewire.explain.modbus.replay import replay
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.sniff import listen
+from barewire.modbus.sniffer.sniffer import WINDOW, Asked, Disturbance, Half, Overheard, Unanswered
 from barewire.rtu import encode as rtu_frame
-from barewire.shells.endpoint import Endpoint
-from barewire.shells.listen import listen
 from barewire.tcp import encode as tcp_frame
 
 FORMS = "a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes in hexadecimal"

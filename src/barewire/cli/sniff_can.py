@@ -10,14 +10,14 @@ from pathlib import Path
 
 from barewire.canopen.eds import parse
 from barewire.cli.arguments import print_json
-from barewire.devices.load import load
+from barewire.devices.description.load import load
 from barewire.errors import EncodeError, PortError
-from barewire.explain.can_recording import BUSES_MAX, CanKeeper, Heard
-from barewire.explain.listen import KnownNode, as_dict, in_words, kind, of_device, of_dictionary, repeated
-from barewire.explain.listen.events import Event
-from barewire.explain.listen.words import KINDS
-from barewire.explain.recorded import Item, Recorded, Unread
-from barewire.shells.endpoint import Endpoint
+from barewire.explain.can_monitor import KnownNode, as_dict, in_words, kind, of_device, of_dictionary, repeated
+from barewire.explain.can_monitor.event_text import KINDS
+from barewire.explain.can_monitor.events import Event
+from barewire.explain.can_monitor.recording import BUSES_MAX, CanKeeper, Heard
+from barewire.explain.capture.model import Item, Recorded, Unread
+from barewire.io.endpoint import Endpoint
 
 LIVE = "can0"
 
@@ -51,7 +51,7 @@ def _known(name: str, node: int | None) -> KnownNode:
 
 def live(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
     """Frames from a bus until Ctrl-C; a time where nothing came."""
-    from barewire.shells.can_listen import listen_can
+    from barewire.io.canopen.capture import listen_can
 
     stop = threading.Event()
     with ending_softly(stop):

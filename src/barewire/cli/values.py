@@ -22,8 +22,8 @@ from barewire.devices.asked import to_write
 from barewire.devices.parameter import show
 from barewire.devices.raw import device_with
 from barewire.errors import BarewireError, NoAnswer
-from barewire.shells import ModbusClient, connect
-from barewire.shells.client import Client
+from barewire.io import ModbusClient, connect
+from barewire.io.canopen.client import Client
 
 
 @click.command()

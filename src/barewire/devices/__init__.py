@@ -20,19 +20,19 @@ me; modbus and canopen do not.
 
 from typing import TYPE_CHECKING
 
-from barewire.devices.check import DescriptionError
-from barewire.devices.describe import describe
+from barewire._lazy import lazy
+from barewire.devices.description.check import DescriptionError
+from barewire.devices.description.describe import describe
+from barewire.devices.description.load import load, names
 from barewire.devices.device import CanopenSide, Device, DriveSide, ModbusSide, Pdo, UnknownName
-from barewire.devices.load import load, names
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
-from barewire.door import lazy
 
 if TYPE_CHECKING:
     from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
-    from barewire.devices.cia402 import State, next_control_word, state_of
-    from barewire.devices.drive import Drive
-    from barewire.devices.drive_access import CanopenAccess, ModbusAccess
-    from barewire.devices.drive_report import DriveStuck
+    from barewire.devices.drive.access import CanopenAccess, ModbusAccess
+    from barewire.devices.drive.cia402 import State, next_control_word, state_of
+    from barewire.devices.drive.drive import Drive
+    from barewire.devices.drive.report import DriveStuck
     from barewire.devices.plan import plan_reads, plan_writes
 
 __all__ = [
@@ -68,10 +68,10 @@ __all__ = [
 # Which file holds what. Only that one is loaded, with what it needs: looking a parameter up loads no bus.
 _FILES = {
     "access": "read_canopen read_modbus write_canopen write_modbus",
-    "cia402": "State next_control_word state_of",
-    "drive": "Drive",
-    "drive_access": "CanopenAccess ModbusAccess",
-    "drive_report": "DriveStuck",
+    "drive.cia402": "State next_control_word state_of",
+    "drive.drive": "Drive",
+    "drive.access": "CanopenAccess ModbusAccess",
+    "drive.report": "DriveStuck",
     "plan": "plan_reads plan_writes",
 }
 

@@ -20,8 +20,8 @@ from typing import cast, get_args
 
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
+from barewire.devices.description.load import load
 from barewire.devices.device import CanopenSide, Device, ModbusSide, fold
-from barewire.devices.load import load
 from barewire.devices.parameter import Access, ModbusAt, ObjectAt, Parameter, TableName
 from barewire.errors import EncodeError
 

@@ -27,7 +27,7 @@ I know: the shape of every message.  I never know: devices, ports, files, clocks
 Who may import me: shells, cli, bench, tests.
 """
 
-from barewire.explain.explanation import ExplainedField, Explanation, Problem, Protocol, Role
-from barewire.explain.protocols import explain, explain_text
+from barewire.explain.api import explain, explain_text
+from barewire.explain.result import ExplainedField, Explanation, Problem, Protocol, Role
 
 __all__ = ["explain", "explain_text", "Explanation", "ExplainedField", "Problem", "Protocol", "Role"]

@@ -21,13 +21,22 @@ I know: function codes, their fields and limits, turns of talk.  I never know: c
 what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
 """
 
-from barewire.door import lazy
+from barewire._lazy import lazy
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
-    from barewire.modbus.authorise import Authorisation, Permission
-    from barewire.modbus.bits import (
+    from barewire.modbus.client.bus import Bus
+    from barewire.modbus.client.exchange import ask, tell
+    from barewire.modbus.client.fair_queue import Turns
+    from barewire.modbus.client.line_state import LateReply, WriteOutcomeUnknown
+    from barewire.modbus.client.read_identification import Identification, identify
+    from barewire.modbus.echo import EchoLine
+    from barewire.modbus.exceptions import EXCEPTIONS, ModbusException, exception_name
+    from barewire.modbus.framing import Line
+    from barewire.modbus.messages.base import ExceptionResponse, Message, Request, Response
+    from barewire.modbus.messages.canopen_reference import CanopenReference, CanopenReferenceResponse
+    from barewire.modbus.messages.coils import (
         ReadCoils,
         ReadCoilsResponse,
         ReadDiscreteInputs,
@@ -37,33 +46,28 @@ if TYPE_CHECKING:
         WriteSingleCoil,
         WriteSingleCoilResponse,
     )
-    from barewire.modbus.bus import Bus
-    from barewire.modbus.canopen_reference import CanopenReference, CanopenReferenceResponse
-    from barewire.modbus.combined import (
+    from barewire.modbus.messages.combined import (
         MaskWriteRegister,
         MaskWriteRegisterResponse,
         ReadWriteMultipleRegisters,
         ReadWriteMultipleRegistersResponse,
     )
-    from barewire.modbus.counters import Counters
-    from barewire.modbus.diagnostics import (
-        Diagnostics,
-        DiagnosticsResponse,
-        ReadExceptionStatus,
-        ReadExceptionStatusResponse,
-        Unanswered,
-    )
-    from barewire.modbus.echo import EchoLine
-    from barewire.modbus.events import (
+    from barewire.modbus.messages.comm_events import (
         GetCommEventCounter,
         GetCommEventCounterResponse,
         GetCommEventLog,
         GetCommEventLogResponse,
         event_text,
     )
-    from barewire.modbus.exceptions import EXCEPTIONS, ModbusException, exception_name
-    from barewire.modbus.fifo import ReadFifoQueue, ReadFifoQueueResponse
-    from barewire.modbus.files import (
+    from barewire.modbus.messages.diagnostics import (
+        Diagnostics,
+        DiagnosticsResponse,
+        ReadExceptionStatus,
+        ReadExceptionStatusResponse,
+        Unanswered,
+    )
+    from barewire.modbus.messages.fifo import ReadFifoQueue, ReadFifoQueueResponse
+    from barewire.modbus.messages.files import (
         FileRecord,
         ReadFileRecord,
         ReadFileRecordResponse,
@@ -71,20 +75,13 @@ if TYPE_CHECKING:
         WriteFileRecord,
         WriteFileRecordResponse,
     )
-    from barewire.modbus.functions import decode_request, decode_response, register
-    from barewire.modbus.handlers import Functions
-    from barewire.modbus.identification import (
+    from barewire.modbus.messages.identification import (
         ReadDeviceIdentification,
         ReadDeviceIdentificationResponse,
         ReportServerId,
         ReportServerIdResponse,
     )
-    from barewire.modbus.identity import Identity
-    from barewire.modbus.inquiry import Identification, identify
-    from barewire.modbus.line import Line
-    from barewire.modbus.lost import LateReply, WriteOutcomeUnknown
-    from barewire.modbus.message import ExceptionResponse, Message, Request, Response
-    from barewire.modbus.registers import (
+    from barewire.modbus.messages.registers import (
         ReadHoldingRegisters,
         ReadHoldingRegistersResponse,
         ReadInputRegisters,
@@ -94,12 +91,15 @@ if TYPE_CHECKING:
         WriteSingleRegister,
         WriteSingleRegisterResponse,
     )
-    from barewire.modbus.sdo_abort import ExtendedExceptionResponse, SdoAborted
-    from barewire.modbus.serve import Reply, Server, Unit
-    from barewire.modbus.table import Table
-    from barewire.modbus.talk import ask, tell
-    from barewire.modbus.tally import Tally
-    from barewire.modbus.turns import Turns
+    from barewire.modbus.messages.registry import decode_request, decode_response, register
+    from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse, SdoAborted
+    from barewire.modbus.server.authorization import Authorisation, Permission
+    from barewire.modbus.server.handlers import Functions
+    from barewire.modbus.server.identity import Identity
+    from barewire.modbus.server.serial_counters import Counters
+    from barewire.modbus.server.server import Reply, Server, Unit
+    from barewire.modbus.server.statistics import Tally
+    from barewire.modbus.server.table import Table
 
 __all__ = [
     "BROADCAST",
@@ -187,42 +187,50 @@ __all__ = [
 # Which file holds what. Only that one is loaded, with what it needs: an envelope asks for `Adu` and gets no messages.
 _FILES = {
     "adu": "BROADCAST PDU_LIMIT Adu Noise",
-    "authorise": "Authorisation Permission",
-    "bits": (
+    "server.authorization": "Authorisation Permission",
+    "messages.coils": (
         "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
         "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"
     ),
-    "bus": "Bus",
-    "canopen_reference": "CanopenReference CanopenReferenceResponse",
-    "combined": (
+    "client.bus": "Bus",
+    "messages.canopen_reference": "CanopenReference CanopenReferenceResponse",
+    "messages.combined": (
         "MaskWriteRegister MaskWriteRegisterResponse ReadWriteMultipleRegisters ReadWriteMultipleRegistersResponse"
     ),
-    "counters": "Counters",
-    "diagnostics": "Diagnostics DiagnosticsResponse ReadExceptionStatus ReadExceptionStatusResponse Unanswered",
+    "server.serial_counters": "Counters",
+    "messages.diagnostics": (
+        "Diagnostics DiagnosticsResponse ReadExceptionStatus ReadExceptionStatusResponse Unanswered"
+    ),
     "echo": "EchoLine",
-    "events": "GetCommEventCounter GetCommEventCounterResponse GetCommEventLog GetCommEventLogResponse event_text",
+    "messages.comm_events": (
+        "GetCommEventCounter GetCommEventCounterResponse GetCommEventLog GetCommEventLogResponse event_text"
+    ),
     "exceptions": "EXCEPTIONS ModbusException exception_name",
-    "fifo": "ReadFifoQueue ReadFifoQueueResponse",
-    "files": "FileRecord ReadFileRecord ReadFileRecordResponse RecordPlace WriteFileRecord WriteFileRecordResponse",
-    "functions": "decode_request decode_response register",
-    "handlers": "Functions",
-    "identification": "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse",
-    "identity": "Identity",
-    "inquiry": "Identification identify",
-    "line": "Line",
-    "lost": "LateReply WriteOutcomeUnknown",
-    "message": "ExceptionResponse Message Request Response",
-    "registers": (
+    "messages.fifo": "ReadFifoQueue ReadFifoQueueResponse",
+    "messages.files": (
+        "FileRecord ReadFileRecord ReadFileRecordResponse RecordPlace WriteFileRecord WriteFileRecordResponse"
+    ),
+    "messages.registry": "decode_request decode_response register",
+    "server.handlers": "Functions",
+    "messages.identification": (
+        "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse"
+    ),
+    "server.identity": "Identity",
+    "client.read_identification": "Identification identify",
+    "framing": "Line",
+    "client.line_state": "LateReply WriteOutcomeUnknown",
+    "messages.base": "ExceptionResponse Message Request Response",
+    "messages.registers": (
         "ReadHoldingRegisters ReadHoldingRegistersResponse ReadInputRegisters ReadInputRegistersResponse "
         "WriteMultipleRegisters WriteMultipleRegistersResponse WriteSingleRegister "
         "WriteSingleRegisterResponse"
     ),
-    "sdo_abort": "ExtendedExceptionResponse SdoAborted",
-    "serve": "Reply Server Unit",
-    "table": "Table",
-    "tally": "Tally",
-    "talk": "ask tell",
-    "turns": "Turns",
+    "messages.sdo_abort": "ExtendedExceptionResponse SdoAborted",
+    "server.server": "Reply Server Unit",
+    "server.table": "Table",
+    "server.statistics": "Tally",
+    "client.exchange": "ask tell",
+    "client.fair_queue": "Turns",
 }
 
 __getattr__ = lazy(__name__, _FILES)

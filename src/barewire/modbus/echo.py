@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.line import Event, Line
+from barewire.modbus.framing import Event, Line
 
 PAUSE = 0.1
 """Seconds without a byte after which an echo that has begun will not come to its end."""

@@ -14,7 +14,7 @@ from collections.abc import Callable, Container
 from contextlib import suppress
 
 from barewire.errors import DecodeError
-from barewire.modbus.functions import decode_request, decode_response, measure_request, measure_response
+from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST
 

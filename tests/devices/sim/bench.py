@@ -6,9 +6,10 @@ from barewire.canopen import CanFrame
 from barewire.codecs import Value
 from barewire.devices.parameter import ModbusAt, Parameter
 from barewire.devices.sim import Simulator
-from barewire.modbus import bits, registers
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.message import Response
+from barewire.modbus.messages import coils as bits
+from barewire.modbus.messages import registers
+from barewire.modbus.messages.base import Response
 
 
 class Bench:

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barewire.canopen import CanFrame
-from barewire.devices.load import names
+from barewire.devices.description.load import names
 from barewire.devices.sim import simulator
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.registers import WriteMultipleRegisters, WriteSingleRegister
+from barewire.modbus.messages.registers import WriteMultipleRegisters, WriteSingleRegister
 from tests.devices.sim.bench import Bench
 
 WORDS = st.integers(0, 0xFFFF) | st.sampled_from([0, 1, 3, 6, 7, 0x0F, 0x1F, 0x3F, 0x80, 0x10F, 0x7F80, 0xFF80])

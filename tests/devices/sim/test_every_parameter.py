@@ -6,10 +6,10 @@ import pytest
 
 from barewire.codecs import Value
 from barewire.codecs.numbers import Number
-from barewire.devices.load import load, names
+from barewire.devices.description.load import load, names
 from barewire.devices.parameter import Parameter
 from barewire.devices.sim import simulator
-from barewire.modbus import registers
+from barewire.modbus.messages import registers
 from tests.devices.sim.bench import Bench
 from tests.devices.sim.test_round_trips import PUSHED
 

@@ -10,11 +10,11 @@ import pytest
 from barewire.canopen import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.codecs.numbers import Number
-from barewire.devices.load import load
+from barewire.devices.description.load import load
 from barewire.devices.parameter import ObjectAt, Parameter
 from barewire.errors import EncodeError
 from barewire.modbus import ModbusException
-from barewire.modbus.registers import WriteSingleRegister
+from barewire.modbus.messages.registers import WriteSingleRegister
 from tests.devices.sim.wires import WIRES, CanopenWire, ModbusWire, Wire, canopen
 
 # Written, and not to be read back as written: each acts and falls back, or shows something else at once.

@@ -14,7 +14,7 @@ from barewire.devices.access import read_canopen, read_modbus, write_canopen, wr
 from barewire.devices.parameter import Parameter
 from barewire.devices.sim import Addressed, Simulator, simulator
 from barewire.modbus import Bus, Server
-from barewire.modbus.line import Line
+from barewire.modbus.framing import Line
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 from tests.helpers import Peer, serving

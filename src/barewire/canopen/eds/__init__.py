@@ -17,12 +17,12 @@ unless it is told to be strict. What nobody changed is written byte for byte as 
 I know: the text of CiA 306.  I never know: files on a disk, buses.
 """
 
-from barewire.canopen.eds.compose import add_object, compose, to_dcf
+from barewire.canopen.eds.diagnostics import LINT_RULES, RULES, Diagnostic, EdsError
 from barewire.canopen.eds.document import Document, parse
 from barewire.canopen.eds.lint import lint
-from barewire.canopen.eds.objects import EdsObject, Item
-from barewire.canopen.eds.rules import LINT_RULES, RULES, Diagnostic, EdsError
-from barewire.canopen.eds.values import Formula
+from barewire.canopen.eds.model import EdsObject, Item
+from barewire.canopen.eds.value_syntax import Formula
+from barewire.canopen.eds.writer import add_object, compose, to_dcf
 
 __all__ = [
     "parse",

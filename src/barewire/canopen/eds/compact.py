@@ -20,13 +20,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from barewire.canopen.eds.names import number_of
-from barewire.canopen.eds.objects import RECORD, VAR, EdsObject, Item
-from barewire.canopen.eds.values import Expression, Formula
+from barewire.canopen.eds.model import RECORD, VAR, EdsObject, Item
+from barewire.canopen.eds.section_names import number_of
+from barewire.canopen.eds.value_syntax import Expression, Formula
 
 if TYPE_CHECKING:
     from barewire.canopen.eds.document import Section
-    from barewire.canopen.eds.read import Reader
+    from barewire.canopen.eds.reader import Reader
 
 PDOS = 512
 SWITCHED_OFF = 0x8000_0000

@@ -11,16 +11,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from barewire.canopen.eds.lines import Line, Text, decode, oddities, split
-from barewire.canopen.eds.names import KeyName, SectionName, key_name, section_name
-from barewire.canopen.eds.rules import Diagnostic, EdsError, diagnostic
-from barewire.canopen.eds.values import read_integer
+from barewire.canopen.eds.diagnostics import Diagnostic, EdsError, diagnostic
+from barewire.canopen.eds.lexer import Line, Text, decode, oddities, split
+from barewire.canopen.eds.section_names import KeyName, SectionName, key_name, section_name
+from barewire.canopen.eds.value_syntax import read_integer
 from barewire.errors import EncodeError
 
 if TYPE_CHECKING:
-    from barewire.canopen.dictionary import ObjectDictionary
-    from barewire.canopen.eds.objects import EdsObject
-    from barewire.canopen.eds.values import Expression
+    from barewire.canopen.eds.model import EdsObject
+    from barewire.canopen.eds.value_syntax import Expression
+    from barewire.canopen.object_dictionary import ObjectDictionary
 
 
 class Section(NamedTuple):
@@ -109,7 +109,7 @@ class Document:
 
         Without a node-ID that of [DeviceComissioning] is taken. EncodeError if there is none and a formula needs it.
         """
-        from barewire.canopen.eds.objects import to_dictionary
+        from barewire.canopen.eds.model import to_dictionary
 
         return to_dictionary(self, node_id)
 
@@ -169,7 +169,7 @@ class Document:
         str is written as it is. What CompactSubObj makes has its values and names in a section of their own, and a
         record that CompactPDO implies is written out first. None takes the line away.
         """
-        from barewire.canopen.eds.compose import set_key
+        from barewire.canopen.eds.writer import set_key
 
         set_key(self, index, sub, key, value)
 
@@ -204,7 +204,7 @@ class Document:
 
     def _read_objects(self) -> dict[int, EdsObject]:
         if self._objects is None:
-            from barewire.canopen.eds.objects import read_objects
+            from barewire.canopen.eds.model import read_objects
 
             self._odd_objects = []
             self._objects = read_objects(self, self._odd_objects)

@@ -12,14 +12,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from barewire.canopen.cob import is_restricted
+from barewire.canopen.cob_ids import is_restricted
 from barewire.canopen.datatypes import BY_NAME
-from barewire.canopen.eds.compose import MANDATORY, list_of
+from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
 from barewire.canopen.eds.document import Document, Section
-from barewire.canopen.eds.names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, number_of
-from barewire.canopen.eds.objects import EdsObject, Item, every_item
-from barewire.canopen.eds.rules import Diagnostic, diagnostic
-from barewire.canopen.eds.values import Formula, read_integer
+from barewire.canopen.eds.model import EdsObject, Item, every_item
+from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, number_of
+from barewire.canopen.eds.value_syntax import Formula, read_integer
+from barewire.canopen.eds.writer import MANDATORY, list_of
 
 LONGEST_LINE = 255
 _FILE_INFO = [key for key in FILE_INFO if key != "EDSVersion"]  # without it the version is 3.0 [CiA 306 4.4]

@@ -19,7 +19,7 @@ Who may import me: shells, cli, tests.
 
 from typing import TYPE_CHECKING
 
-from barewire.door import lazy
+from barewire._lazy import lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.gateway.codes import GatewayCode, GatewayError

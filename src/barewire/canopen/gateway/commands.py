@@ -32,8 +32,8 @@ from barewire.canopen.gateway.requests import (
 )
 from barewire.canopen.gateway.values import TYPES, from_text, width, words_of
 from barewire.canopen.gateway.words import Words, sequence_of, split_line
-from barewire.canopen.nmt import NmtCommand
-from barewire.canopen.pdo import BITS_MAX
+from barewire.canopen.nmt.messages import NmtCommand
+from barewire.canopen.pdo.mapping import BITS_MAX
 from barewire.errors import shown
 
 LSS_NUMBERS = {

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from barewire.canopen.cob import NODE_MAX
+from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.requests import Lss
-from barewire.canopen.lss import UNCONFIGURED, LssAddress, LssRefused, LssService, LssState
-from barewire.canopen.lss_master import (
+from barewire.canopen.lss.fastscan import fastscan, find_all
+from barewire.canopen.lss.master import (
     TIMEOUT,
     activate_bit_timing,
     configure_bit_timing,
@@ -31,7 +31,7 @@ from barewire.canopen.lss_master import (
     switch_global,
     switch_selective,
 )
-from barewire.canopen.lss_scan import fastscan, find_all
+from barewire.canopen.lss.messages import UNCONFIGURED, LssAddress, LssRefused, LssService, LssState
 from barewire.conversation import Conversation
 
 _CODES = {

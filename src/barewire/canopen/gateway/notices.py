@@ -12,13 +12,13 @@ A machine that is fed every frame of the net and the time.
 
 from __future__ import annotations
 
-from barewire.canopen.emcy_consumer import EmcyConsumer
+from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.pdos import GatewayPdo
 from barewire.canopen.gateway.requests import SetPdo
-from barewire.canopen.guarding import Guard, GuardEvent, GuardingMaster
-from barewire.canopen.heartbeat import HeartbeatConsumer, HeartbeatEvent
+from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatEvent
+from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
 
 _GUARD_CODES = {"lost": GatewayCode.LOST_CONNECTION, "toggle": GatewayCode.LOST_GUARDING_MESSAGE}
 _GUARD_WORDS = {"lost": "no answer to guarding", "toggle": "the toggle bit did not alternate"}

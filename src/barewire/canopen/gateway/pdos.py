@@ -12,13 +12,13 @@ Indices and sub-indices are for people, the types say how many bits each value h
 
 from __future__ import annotations
 
-from barewire.canopen.dictionary import Entry, ObjectDictionary
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.requests import SetPdo
 from barewire.canopen.gateway.values import TYPES, from_text, to_text, width, words_of
-from barewire.canopen.pdo_engine import PdoEngine
-from barewire.canopen.pdo_records import Pdo
+from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+from barewire.canopen.pdo.config import Pdo
+from barewire.canopen.pdo.engine import PdoEngine
 from barewire.codecs import Value
 
 _INDEX = 0x2000

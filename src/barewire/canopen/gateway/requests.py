@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from barewire.canopen.nmt import NmtCommand
+from barewire.canopen.nmt.messages import NmtCommand
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,13 +38,13 @@ from barewire.canopen.gateway.requests import (
 )
 from barewire.canopen.gateway.values import is_wrong_length, to_text
 from barewire.canopen.gateway.words import sequence_of
-from barewire.canopen.lss import LssRefused
-from barewire.canopen.nmt import NmtMessage
+from barewire.canopen.lss.messages import LssRefused
+from barewire.canopen.nmt.messages import NmtMessage
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
-from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.client.download import download
+from barewire.canopen.sdo.client.upload import upload
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
-from barewire.canopen.sdo.download import download
-from barewire.canopen.sdo.upload import upload
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 

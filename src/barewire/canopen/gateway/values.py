@@ -18,7 +18,7 @@ import binascii
 
 from barewire.canopen.datatypes import object_codec
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.times import DAY
+from barewire.canopen.time_types import DAY
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError, shown
 

@@ -27,13 +27,17 @@ Who may import me: canopen, devices, shells, cli.
 
 from typing import TYPE_CHECKING
 
-from barewire.canopen.sdo.download import download
-from barewire.canopen.sdo.upload import upload, upload_to
-from barewire.door import lazy
+from barewire._lazy import lazy
+from barewire.canopen.sdo.client.download import download
+from barewire.canopen.sdo.client.upload import upload, upload_to
 
 if TYPE_CHECKING:
     from barewire.canopen.sdo.aborts import AbortCode, SdoAbort, abort_text
-    from barewire.canopen.sdo.block_messages import (
+    from barewire.canopen.sdo.client.block_options import Block, BlockWish
+    from barewire.canopen.sdo.client.channel import Channel
+    from barewire.canopen.sdo.client.channel_counters import Hearing
+    from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
+    from barewire.canopen.sdo.messages.block import (
         BlockAck,
         BlockDownloadInitiated,
         BlockEnd,
@@ -44,10 +48,8 @@ if TYPE_CHECKING:
         InitiateBlockUpload,
         StartBlockUpload,
     )
-    from barewire.canopen.sdo.channel import Channel
-    from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
-    from barewire.canopen.sdo.hearing import Hearing
-    from barewire.canopen.sdo.initiate_messages import (
+    from barewire.canopen.sdo.messages.codec import decode_answer, decode_request
+    from barewire.canopen.sdo.messages.initiate import (
         Abort,
         DownloadInitiated,
         ExpeditedDownload,
@@ -56,11 +58,9 @@ if TYPE_CHECKING:
         InitiateUpload,
         UploadInitiated,
     )
-    from barewire.canopen.sdo.messages import decode_answer, decode_request
-    from barewire.canopen.sdo.options import Block, BlockWish
-    from barewire.canopen.sdo.segment_messages import NextSegment, Segment, SegmentTaken
-    from barewire.canopen.sdo.serve import SdoServer
-    from barewire.canopen.sdo.store import ObjectStore, ServerCounters
+    from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+    from barewire.canopen.sdo.server.server import SdoServer
+    from barewire.canopen.sdo.server.store import ObjectStore, ServerCounters
 
 __all__ = [
     "upload",
@@ -107,21 +107,21 @@ __all__ = [
 # have the names of their files, and a file that is loaded later would take the place of its function.
 _FILES = {
     "aborts": "AbortCode SdoAbort abort_text",
-    "block_messages": (
+    "messages.block": (
         "BlockAck BlockDownloadInitiated BlockEnd BlockEnded "
         "BlockSegment BlockUploadInitiated InitiateBlockDownload InitiateBlockUpload StartBlockUpload"
     ),
-    "channel": "Channel",
+    "client.channel": "Channel",
     "dialect": "AZ3 STANDARD Dialect fit",
-    "hearing": "Hearing",
-    "initiate_messages": (
+    "client.channel_counters": "Hearing",
+    "messages.initiate": (
         "Abort DownloadInitiated ExpeditedDownload ExpeditedUpload InitiateDownload InitiateUpload UploadInitiated"
     ),
-    "messages": "decode_answer decode_request",
-    "options": "Block BlockWish",
-    "segment_messages": "NextSegment Segment SegmentTaken",
-    "serve": "SdoServer",
-    "store": "ObjectStore ServerCounters",
+    "messages.codec": "decode_answer decode_request",
+    "client.block_options": "Block BlockWish",
+    "messages.segment": "NextSegment Segment SegmentTaken",
+    "server.server": "SdoServer",
+    "server.store": "ObjectStore ServerCounters",
 }
 
 __getattr__ = lazy(__name__, _FILES)

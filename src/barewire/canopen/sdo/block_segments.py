@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from struct import unpack
 
-from barewire.canopen.sdo.block_messages import BLOCK_MAX, LAST
-from barewire.canopen.sdo.segment_messages import SEGMENT
+from barewire.canopen.sdo.messages.block import BLOCK_MAX, LAST
+from barewire.canopen.sdo.messages.segment import SEGMENT
 
 FRAME = 1 + SEGMENT
 _NUMBERS = bytes(range(1, BLOCK_MAX + 1))

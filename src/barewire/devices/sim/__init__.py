@@ -1,7 +1,7 @@
 """Simulated machines: the three of the catalogue, behaving, and any other that somebody describes.
 
         machine = simulator("az3")            a user's own:  simulator(load("my_device/"))
-        machine.modbus.handle(request, now)   a `barewire.modbus.serve.Unit`, or None if it is not on Modbus
+        machine.modbus.handle(request, now)   a `barewire.modbus.server.server.Unit`, or None if it is not on Modbus
         machine.canopen.feed(frame, now)      frames in, frames out, a `deadline`; None if it is not on CAN
         machine.tick(now)                     time is what it is told: nothing here looks at a clock
 
@@ -33,13 +33,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from barewire.devices.description.load import load
 from barewire.devices.device import Device
-from barewire.devices.load import load
-from barewire.devices.sim.addressed import Addressed
-from barewire.devices.sim.adxl import Adxl
-from barewire.devices.sim.az3 import Az3
-from barewire.devices.sim.csd_mt import CsdMt
-from barewire.devices.sim.simulator import Simulator
+from barewire.devices.sim.adxl.machine import Adxl
+from barewire.devices.sim.az3.machine import Az3
+from barewire.devices.sim.core.addressed import Addressed
+from barewire.devices.sim.core.simulator import Simulator
+from barewire.devices.sim.csd_mt.machine import CsdMt
 
 BEHAVING: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
 """The machines that have been taught to move, by the name of their description."""

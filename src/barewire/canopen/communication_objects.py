@@ -1,0 +1,149 @@
+"""The communication objects 1000h to 1FFFh, as the device that has them reads them and guards them.   [CiA 301]
+
+        1001  error register          100C  guard time, ms            1014  COB-ID EMCY         1017  heartbeat time
+        1003  error history           100D  life time factor          1015  inhibit time EMCY   1018  identity
+        1005  COB-ID SYNC             1010  store parameters          1016  heartbeat consumer  1019  SYNC overflow
+        1006  SYNC period, us         1011  restore defaults          1028  emergencies heard   1029  error behaviour
+        1007  SYNC window, us         1012  COB-ID TIME
+
+All are optional but 1000h, 1001h and 1018h, and a service whose object is missing works with 0 in its place.
+`standard_objects` makes a set that fits most devices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from barewire.canopen.cob_ids import CobEntry, is_restricted
+from barewire.canopen.lss.messages import LssAddress
+from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.codecs import Value
+from barewire.errors import BarewireError
+
+IDENTITY = 0x1018
+
+
+def number(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
+    """The value of an object, `default` where there is none or none to be had."""
+    if (index, sub) not in objects:
+        return default
+    try:
+        return int(objects.get(index, sub))
+    except (BarewireError, ValueError):
+        return default
+
+
+def identity(objects: ObjectDictionary) -> LssAddress:
+    """1018h: the 128 bits by which LSS knows a device."""
+    return LssAddress(*(number(objects, IDENTITY, sub) for sub in (1, 2, 3, 4)))
+
+
+def guard(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int], None]) -> None:
+    """From now on whoever writes the object by SDO must pass `check`, which refuses by raising SdoAbort."""
+    if (index, sub) not in objects:
+        return
+    entry = objects.entry(index, sub)
+    before = entry.on_write
+
+    def on_write(value: Value) -> None:
+        check(int(value))
+        if before is not None:
+            before(value)
+
+    change(objects, replace(entry, on_write=on_write))
+
+
+def change(objects: ObjectDictionary, entry: Entry) -> None:
+    """This entry in place of the one that is there, with the same present value."""
+    value = None if entry.on_read is not None else objects.get(entry.index, entry.sub)
+    objects.replace(entry)
+    if value is not None:
+        objects.set(entry.index, entry.sub, value)
+
+
+def guard_cob_id(
+    objects: ObjectDictionary,
+    index: int,
+    in_use: Callable[[CobEntry], bool],
+    sub: int = 0,
+    *,
+    heard: bool = False,
+) -> None:
+    """A COB-ID may get another identifier only while its service is off, and never one that belongs to others.
+
+    A service that is off may have any: 8000 0000h is how masters switch off. `heard`: the identifier is listened to
+    even when nothing is said with it, so it has to be a lawful one at any time.
+    """
+
+    def check(word: int) -> None:
+        new, old = CobEntry.unpack(word), CobEntry.unpack(number(objects, index, sub))
+        same = (new.identifier, new.extended) == (old.identifier, old.extended)
+        taken = not new.extended and is_restricted(new.identifier) and (heard or in_use(new))
+        if (taken and not (same and in_use(old))) or (not same and in_use(old) and in_use(new)):
+            raise SdoAbort(AbortCode.INVALID_VALUE, index, sub)
+
+    guard(objects, index, sub, check)
+
+
+def standard_objects(
+    address: LssAddress = LssAddress(0, 0, 0, 0),  # noqa: B008 - a value
+    *,
+    device_type: int = 0,
+    name: str = "",
+    heartbeat: int = 0,
+    history: int = 8,
+    watched: int = 4,
+    heard: int = 0,
+    servers: int = 1,
+) -> list[Entry]:
+    """The communication objects of a usual device: everything of the drawing above but storing parameters.
+
+    `heartbeat` is the time of 1017h in ms, `history` the room of 1003h, `watched` how many nodes 1016h can watch,
+    `heard` up to which node 1028h can list whose emergencies are taken, `servers` how many SDO servers there are: those
+    beyond the first are switched off until somebody gives them a channel.
+
+    >>> objects = ObjectDictionary(standard_objects(LssAddress(0x360, 1, 2, 3), heartbeat=1000))
+    >>> objects.get(0x1017), identity(objects).vendor == 0x360
+    (1000, True)
+    """
+    entries = [
+        Entry(0x1000, 0, "device type", "u32", "const", device_type),
+        Entry(0x1001, 0, "error register", "u8", "ro"),
+        Entry(0x1003, 0, "number of errors", "u8", "rw"),
+        *(Entry(0x1003, sub, f"error {sub}", "u32", "ro") for sub in range(1, history + 1)),
+        Entry(0x1005, 0, "COB-ID SYNC", "u32", "rw", 0x80),
+        Entry(0x1006, 0, "communication cycle period", "u32", "rw"),
+        Entry(0x1007, 0, "synchronous window length", "u32", "rw"),
+        Entry(0x100C, 0, "guard time", "u16", "rw"),
+        Entry(0x100D, 0, "life time factor", "u8", "rw"),
+        Entry(0x1012, 0, "COB-ID TIME", "u32", "rw", 0x8000_0100),
+        Entry(0x1014, 0, "COB-ID EMCY", "u32", "rw", 0x80),
+        Entry(0x1015, 0, "inhibit time EMCY", "u16", "rw"),
+        *(Entry(0x1016, sub, f"consumer heartbeat time {sub}", "u32", "rw") for sub in range(1, watched + 1)),
+        Entry(0x1017, 0, "producer heartbeat time", "u16", "rw", heartbeat),
+        *(
+            Entry(IDENTITY, sub, what, "u32", "const", value)
+            for sub, (what, value) in enumerate(
+                zip(("vendor-ID", "product code", "revision number", "serial number"), address), start=1
+            )
+        ),
+        Entry(0x1019, 0, "synchronous counter overflow value", "u8", "rw"),
+        *(Entry(0x1028, sub, f"emergency consumer {sub}", "u32", "rw", 0x8000_0000) for sub in range(1, heard + 1)),
+        Entry(0x1029, 1, "communication error", "u8", "rw"),
+    ]
+    if servers > 1:
+        entries += [
+            Entry(0x1200, sub, what, "u32", "ro", base)
+            for sub, what, base in ((1, "COB-ID client -> server", 0x600), (2, "COB-ID server -> client", 0x580))
+        ]
+    for index in range(0x1201, 0x1200 + servers):
+        entries += [
+            Entry(index, 1, "COB-ID client -> server", "u32", "rw", 0x8000_0000),
+            Entry(index, 2, "COB-ID server -> client", "u32", "rw", 0x8000_0000),
+            Entry(index, 3, "node-ID of the SDO client", "u8", "rw", 0),
+        ]
+    if name:
+        entries.append(Entry(0x1008, 0, "manufacturer device name", "string", "const", name))
+    return entries

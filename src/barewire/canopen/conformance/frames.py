@@ -1,0 +1,144 @@
+"""The words of which the rows of the conformance battery are made: requests and answers of one device as text.
+
+        Sdo(5).upload(0x1000)                 605#4000100000000000        said
+        Sdo(5).value(0x1001, 0, b"\\0")        585#4F01100000......        accepted: reserved bytes may be anything
+        Sdo(5).refused(0x1000, 0, 0x06010002) 585#8000100002000106|585#8000100000000008
+
+I know: how SDO frames are written.  I never know: which cases there are.
+"""
+
+from __future__ import annotations
+
+import re
+from binascii import crc_hqx
+from typing import NamedTuple
+
+from barewire.canopen.conformance.battery import GENERAL, Case, Effect, Subject, Turn
+
+_DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
+_UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
+_SEGMENT = 7
+
+
+class Sdo(NamedTuple):
+    """One node's default SDO."""
+
+    node: int
+
+    def ask(self, text: str) -> str:
+        """A request of these bytes, filled up with 00."""
+        return f"{0x600 + self.node:03X}#{text.replace(' ', '').ljust(16, '0')}"
+
+    def told(self, text: str) -> str:
+        """An answer that begins with these digits; [26] is one of the two."""
+        digits = re.sub(r"\[[^]]*\]", ".", text.replace(" ", ""))
+        return f"{0x580 + self.node:03X}#{text.replace(' ', '')}{'.' * (16 - len(digits))}"
+
+    def upload(self, index: int, sub: int = 0) -> str:
+        """Ask for an object."""
+        return self.ask("40" + place(index, sub))
+
+    def download(self, index: int, sub: int, value: int, size: int) -> str:
+        """Write a number."""
+        return self.ask(f"{_DOWNLOADS[size]:02X}{place(index, sub)}{little(value, size)}")
+
+    def taken(self, index: int, sub: int = 0) -> str:
+        """A download was taken, or may go on."""
+        return self.told("60" + place(index, sub))
+
+    def value(self, index: int, sub: int, data: bytes) -> str:
+        """An expedited answer with just this value; 42h, of no indicated size, is as good."""
+        return f"{self.told(_UPLOADS[len(data)] + place(index, sub) + data.hex().upper())}|" + self.told(
+            "42" + place(index, sub) + data.hex().upper()
+        )
+
+    def any_value(self, index: int, sub: int = 0) -> str:
+        """An expedited answer with whatever value."""
+        return self.told("4[2-9A-F]" + place(index, sub) + "........")
+
+    def unchanged(self, index: int, value: int = 5000) -> tuple[Turn, Turn]:
+        """The first and a later turn of a case in which an object of two bytes must keep its value."""
+        before = Turn((self.download(index, 0, value, 2),), (self.taken(index),))
+        return before, Turn((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
+
+    def refused(self, index: int, sub: int, *codes: int) -> str:
+        """An abort with one of these codes, or without a reason."""
+        return "|".join(self.told(f"80{place(index, sub)}{little(code, 4)}") for code in (*codes, GENERAL))
+
+    def aborted(self, *codes: int) -> str:
+        """The same with any multiplexer: where nothing names an object, devices differ."""
+        return "|".join(self.told(f"80......{little(code, 4)}") for code in (*codes, GENERAL))
+
+    @property
+    def any_abort(self) -> str:
+        """An abort for whatever reason."""
+        return self.told("80")
+
+    @property
+    def abort(self) -> str:
+        """The client gives up."""
+        return self.ask("80 0010 00 0000 0008")
+
+
+def place(index: int, sub: int) -> str:
+    """The multiplexer as it stands in a frame."""
+    return f"{index & 0xFF:02X}{index >> 8:02X}{sub:02X}"
+
+
+def little(value: int, size: int) -> str:
+    """A number as it stands in a frame."""
+    return value.to_bytes(size, "little").hex().upper()
+
+
+def parts(value: bytes, size: int = _SEGMENT) -> list[bytes]:
+    """The segments of a value; an empty one has one, empty."""
+    return [value[at : at + size] for at in range(0, len(value), size)] or [b""]
+
+
+def segment(number: int, data: bytes, last: bool) -> str:
+    """The download or upload segment of that number, counted from 0, as bytes without padding."""
+    return f"{(number & 1) << 4 | (_SEGMENT - len(data)) << 1 | last:02X}{data.hex().upper()}"
+
+
+def block_segment(number: int, data: bytes, last: bool) -> str:
+    """The segment of a block, counted from 1."""
+    return f"{number | last << 7:02X}{data.hex().upper()}"
+
+
+def block_end(value: bytes, crc: int | None = None) -> str:
+    """The end of a block transfer: unused bytes of the last segment, and the CRC (0 if none is agreed on)."""
+    unused = -len(value) % _SEGMENT if value else _SEGMENT
+    return f"{0xC1 | unused << 2:02X}{little(crc_hqx(value, 0) if crc is None else crc, 2)}"
+
+
+def row(
+    subject: Subject,
+    name: str,
+    title: str,
+    clause: str,
+    turns: tuple[Turn, ...],
+    *,
+    effect: Effect,
+    hears: tuple[str, ...],
+    needs: tuple[str, ...] = (),
+    why: str = "",
+) -> Case:
+    """One case; what the subject lacks of `needs` is said in it."""
+    missing = [one for one in needs if not _is_there(subject, one)]
+    return Case(name, title, clause, effect, hears, turns, why, ", ".join(missing))
+
+
+def _is_there(subject: Subject, need: str) -> bool:
+    """`need` is an object (1019h, 1016h:02) or one of: text, large object, TPDO, RPDO, LSS, own heartbeat."""
+    if need == "large object":
+        return subject.large is not None
+    if need == "text of 8 bytes":
+        return len(subject.string[1]) > _SEGMENT and subject.has(subject.string[0])
+    if need == "TPDO":
+        return subject.pdo(0x1800, 0x1A00) is not None
+    if need == "RPDO":
+        return subject.pdo(0x1400, 0x1600) is not None
+    if need == "LSS":
+        return subject.lss is not None
+    index, _, sub = need.partition("h")
+    return subject.has(int(index, 16), int(sub.removeprefix(":") or "0", 16))

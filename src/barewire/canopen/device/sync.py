@@ -1,0 +1,98 @@
+"""SYNC of one device: its objects 1005h, 1006h, 1007h and 1019h, obeyed.   [CiA 301, SYNC]
+
+        1005h  bit 30: this device produces SYNC             1007h  window in us: a synchronous RPDO that comes later
+        1006h  period in us                                         than that after a SYNC is not used
+        1019h  0: no counter, else where it begins again
+
+        a SYNC of the wrong length (1019h says which it must be)   ->  emergency 8240h, and it is no SYNC
+
+The counter is 1 in the first SYNC after the boot-up and after STOPPED. The first SYNC comes one period after bit 30
+was set.
+"""
+
+from __future__ import annotations
+
+from barewire.canopen.cob_ids import SYNC_KEY, CobEntry
+from barewire.canopen.communication_objects import guard, guard_cob_id, number
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.canopen.sync import COUNTER_MAX, SyncProducer
+
+COB_ID, PERIOD, WINDOW, OVERFLOW = 0x1005, 0x1006, 0x1007, 0x1019
+WRONG_LENGTH = 0x8240
+
+
+def guard_sync_objects(objects: ObjectDictionary) -> None:
+    """1019h may change only while there is no period, and a counter ends at 2 to 240."""
+
+    def overflow(value: int) -> None:
+        if number(objects, PERIOD):
+            raise SdoAbort(AbortCode.DEVICE_STATE, OVERFLOW, 0)
+        if value == 1 or value > COUNTER_MAX:
+            raise SdoAbort(AbortCode.INVALID_VALUE, OVERFLOW, 0)
+
+    guard(objects, OVERFLOW, 0, overflow)
+    guard_cob_id(objects, COB_ID, lambda entry: entry.bit30, heard=True)
+
+
+class DeviceSync:
+    """The SYNC of a device, produced or heard. A machine.
+
+    `feed` returns (what to say, the SYNC that takes place now or None, whether one had the wrong length or None if
+    none came).
+    """
+
+    __slots__ = ("_counts", "_set", "key", "objects", "producer", "window")
+
+    def __init__(self, objects: ObjectDictionary) -> None:
+        self.objects = objects
+        self.key = SYNC_KEY
+        self.window = 0.0
+        self.producer: SyncProducer | None = None
+        self._counts: int | None = None
+        self._set: tuple[int, int, int, int] | None = None
+
+    @property
+    def deadline(self) -> float | None:
+        """When this device says SYNC next."""
+        return None if self.producer is None else self.producer.deadline
+
+    def stop(self) -> None:
+        """A boot, or STOPPED: when SYNC is allowed again, the counter begins with 1."""
+        self.producer = None
+        self._set = None
+
+    def follow(self, now: float) -> None:
+        """What the objects say now."""
+        objects = self.objects
+        told = (
+            number(objects, COB_ID, default=SYNC_KEY[0]),
+            number(objects, PERIOD),
+            number(objects, WINDOW),
+            number(objects, OVERFLOW, default=-1),
+        )
+        if told == self._set:
+            return
+        before, self._set = self._set, told
+        word, period, window, overflow = told
+        entry = CobEntry.unpack(word)
+        self.key = (entry.identifier, entry.extended)
+        self.window = window / 1_000_000
+        self._counts = None if overflow < 0 else overflow
+        if before is not None and (before[0], before[1], before[3]) == (word, period, overflow):
+            return  # another window moves no beat
+        self.producer = None
+        if entry.bit30 and period:
+            counts = overflow if 1 < overflow <= COUNTER_MAX else 0
+            self.producer = SyncProducer(period / 1_000_000, overflow=counts, key=self.key)
+            self.producer.start(now)
+
+    def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], CanFrame | None, bool | None]:
+        """What the frame and the time bring about."""
+        if frame is not None and frame.key == self.key and not frame.remote:
+            if self._counts is not None and len(frame.data) != (self._counts > 0):
+                return [], None, True
+            return [], frame, False
+        said = [] if self.producer is None else self.producer.feed(None, now)
+        return said, said[0] if said else None, None

@@ -1,0 +1,185 @@
+"""Bytes <-> lines, without loss: whatever is not understood stays where it is.
+
+        EF BB BF    ParameterName = Device type ; in words CR LF
+        |           '-----------' ^ '---------' '--------' '---'
+        BOM         key           | value       after      end
+                                  between
+
+A document is the list of its lines, and a line is the row of its pieces: joined, they are the bytes that came. So a
+change is another piece in one line, and everything else is untouched, be it right or wrong.
+
+The encoding is the first of UTF-16 (with its mark), ASCII, UTF-8, Windows-1252 and Latin-1 that gives the same bytes
+back; Latin-1 always does.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal, NamedTuple
+
+from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
+
+Kind = Literal["blank", "comment", "section", "pair", "junk"]
+
+_MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
+_ENCODINGS = ("ascii", "utf-8", "cp1252", "latin-1")
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\n|\r)|[^\r\n]+")
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
+
+_CONFLICT = re.compile(r"(?:<{7}|={7}|>{7}|\|{7})(?: .*)?")
+
+_FREE = re.compile(r"line[0-9]+", re.IGNORECASE)  # lines of [Comments]: nothing in them is a comment of the file
+
+
+class Text(NamedTuple):
+    """A file as text: its byte order mark, its encoding, and the text behind the mark."""
+
+    mark: bytes
+    encoding: str
+    text: str
+
+
+def decode(data: bytes) -> Text:
+    """The bytes as text. Never fails; `encode` gives the same bytes back.
+
+    >>> decode(b"[1000]"), decode(b"\\xdcberlast").encoding
+    (Text(mark=b'', encoding='ascii', text='[1000]'), 'cp1252')
+    """
+    mark, first = next(((mark, name) for mark, name in _MARKS if data.startswith(mark)), (b"", "ascii"))
+    rest = data[len(mark) :]
+    for encoding in (first, *_ENCODINGS):
+        try:
+            text = rest.decode(encoding)
+            if text.encode(encoding) == rest:
+                return Text(mark, encoding, text)
+        except UnicodeError:
+            continue
+    raise AssertionError("latin-1 has every byte")
+
+
+class Line(NamedTuple):
+    """One line in pieces. Of a section, `key` is its name; of what is no pair, everything else is in `after`."""
+
+    kind: Kind
+    before: str = ""
+    key: str = ""
+    between: str = ""
+    value: str = ""
+    after: str = ""
+    end: str = ""
+
+    @property
+    def text(self) -> str:
+        """The line as it stands in the file."""
+        return "".join(self[1:])
+
+    @property
+    def shown(self) -> str:
+        """The line for a person."""
+        return self.text.strip()
+
+
+def split(text: str) -> list[Line]:
+    """All lines of a text.
+
+    >>> [line.kind for line in split("; hello\\n\\n[1000]\\nParameterName=Device type\\n?")]
+    ['comment', 'blank', 'section', 'pair', 'junk']
+    """
+    return [read(piece) for piece in _LINE.findall(text)]
+
+
+def read(piece: str) -> Line:
+    """One line with its end, taken to pieces."""
+    body = piece.rstrip("\r\n")
+    end = piece[len(body) :]
+    bare = body.strip()
+    if not bare:
+        return Line("blank", after=body, end=end)
+    if _CONFLICT.fullmatch(bare):
+        return Line("junk", after=body, end=end)
+    if bare.startswith((";", "#", "//")):
+        return Line("comment", after=body, end=end)
+    if bare.startswith("["):
+        return _section(body, end)
+    sign = "=" if "=" in body else ":"
+    left, equals, right = body.partition(sign)
+    if not equals or (sign == ":" and not left.strip().isalnum()):
+        return Line("junk", after=body, end=end)
+    key, rest = left.strip(), right.lstrip()
+    value = rest[: _comment(key, rest)].rstrip()
+    start = left.index(key) if key else len(left)
+    between = left[start + len(key) :] + equals + right[: len(right) - len(rest)]
+    return Line("pair", left[:start], key, between, value, rest[len(value) :], end)
+
+
+def _section(body: str, end: str) -> Line:
+    opened = body.index("[") + 1
+    closed = body.find("]", opened)
+    if closed < 0:
+        closed = opened + _comment("", body[opened:])
+    name = body[opened:closed].strip()
+    start = body.index(name, opened)
+    return Line("section", body[:start], name, after=body[start + len(name) :], end=end)
+
+
+def _comment(key: str, rest: str) -> int:
+    """Where the comment behind a value begins: at a semicolon with a blank before it, since names may have one.
+
+    >>> _comment("ParameterName", "speed;torque ; in words")
+    13
+    """
+    if _FREE.fullmatch(key):
+        return len(rest)
+    at = rest.find(";")
+    while at > 0 and not rest[at - 1].isspace():
+        at = rest.find(";", at + 1)
+    return len(rest) if at < 0 else at
+
+
+def oddities(read_as: Text, lines: list[Line]) -> list[Diagnostic]:
+    """What is odd about the text and about each line by itself."""
+    found = []
+    if read_as.mark:
+        found.append(diagnostic(1, "byte-order-mark", read_as.mark.hex(" ").upper()))
+    if not read_as.text.isascii():
+        first = next(number for number, line in enumerate(lines, 1) if not line.text.isascii())
+        found.append(diagnostic(first, "not-ascii", f"{lines[first - 1].shown} ({read_as.encoding})"))
+    ends = [line.end for line in lines if line.end]
+    for number, line in enumerate(lines, 1):
+        if line.end and (line.end != ends[0] or line.end == "\r"):
+            found.append(diagnostic(number, "line-ends", line.shown))
+            break
+    for number, line in enumerate(lines, 1):
+        found += [diagnostic(number, rule, line.shown) for rule in _rules(line)]
+    return found
+
+
+def _rules(line: Line) -> list[str]:
+    broken = []
+    if _CONTROL.search(line.text[: len(line.text) - len(line.end)]):
+        broken.append("control-character")
+    if line.kind == "junk":
+        broken.append("conflict" if _CONFLICT.fullmatch(line.after.strip()) else "no-equals")
+    elif line.kind == "comment":
+        if not line.after.lstrip().startswith(";"):
+            broken.append("foreign-comment")
+        elif line.after[0].isspace():
+            broken.append("blanks")
+    elif line.kind == "section":
+        behind = line.after.partition("]")[2].strip()
+        if line.before != "[" or line.after[:1].isspace():
+            broken.append("blanks")
+        if "]" not in line.after:
+            broken.append("section-open")
+        elif behind:
+            broken.append("inline-comment" if behind.startswith(";") else "behind-section")
+    elif line.kind == "pair":
+        if not line.key:
+            broken.append("no-key")
+        elif line.between.strip() == ":":
+            broken.append("colon")
+        elif line.before or line.between[:1] != "=":
+            broken.append("blanks")
+        if line.after.strip():
+            broken.append("inline-comment")
+    return broken

@@ -1,0 +1,273 @@
+"""What stands behind the equals sign: numbers in every dress, formulas with the node-ID, values of every data type.
+
+        10  0x0A  012         integers, all ten     0Ah  1,5  +5  08        meant as 10, 1.5, 5, 8, and reported
+        $NODEID+0x200         a formula             0x200+$NODEID           the same, and reported
+        1.5  0x3FC00000       REAL32, either way    FFFEh of an INTEGER16   -2
+        01020A                OCTET_STRING, DOMAIN  Device type             VISIBLE_STRING, as it stands
+
+Nothing here raises: a reading is a value, or None, and the rules that the text breaks.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import NamedTuple
+
+from barewire.canopen.datatypes import BY_NAME, object_codec
+from barewire.canopen.time_types import DAY, Time, TimeDifference, TimeOfDay
+from barewire.codecs import Number, Value
+from barewire.errors import DecodeError, EncodeError
+
+
+class Formula(NamedTuple):
+    """A number that waits for the node-ID.
+
+    >>> str(Formula(0x200)), Formula(0x200).at(5) == 0x205
+    ('$NODEID+0x200', True)
+    """
+
+    offset: int
+
+    def at(self, node: int) -> int:
+        """The number for a node."""
+        return self.offset + node
+
+    def __str__(self) -> str:
+        # The sum is optional [CiA 306 4.3], but there are readers that find no number without it.
+        return f"$NODEID+0x{self.offset:X}"
+
+
+Expression = Value | Formula
+
+
+class Reading(NamedTuple):
+    """What a text was taken for, None if for nothing, and the rules that it breaks."""
+
+    value: Expression | None
+    rules: tuple[str, ...] = ()
+
+
+class Whole(NamedTuple):
+    """As `Reading`, of an integer."""
+
+    value: int | None
+    rules: tuple[str, ...] = ()
+
+
+_LONGEST = 64  # digits; no data type needs more, and int() is slow where there are thousands
+_HEX = re.compile(r"0[xX]([0-9A-Fa-f]+)")
+_DECIMAL = re.compile(r"[0-9]+")
+_SUFFIXED = re.compile(r"(?:0[xX])?([0-9A-Fa-f]+)[hH]|(0[xX][0-9A-Fa-f]+|[0-9]+)[uUlL]{1,3}")
+_BARE_HEX = re.compile(r"(?!0[bB])[0-9A-Fa-f]+")
+_HEX_DIGITS = re.compile(r"[0-9A-Fa-f]+")
+_REAL = re.compile(r"(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
+_SPECIAL = re.compile(r"[+-]?(?:inf|nan|infinity)", re.I)
+_DAYS = re.compile(r"([0-9]{1,4}) ([0-9]{1,8})")  # days and milliseconds, as some tools write a time
+_WORDS = {"true": 1, "yes": 1, "false": 0, "no": 0}
+
+
+def read_integer(text: str) -> Whole:
+    """An integer, whatever it wears.
+
+    >>> read_integer("0x1F"), read_integer("001"), read_integer("soon")
+    (Whole(value=31, rules=()), Whole(value=1, rules=()), Whole(value=None, rules=('bad-number',)))
+
+    A leading zero makes a number octal [CiA 306 4.3]. Few authors mean that, so it is told where it matters.
+
+    >>> read_integer("012"), read_integer("08")
+    (Whole(value=10, rules=('leading-zeros',)), Whole(value=8, rules=('leading-zeros',)))
+    """
+    plain, rules = _undress(text)
+    if not plain:
+        return Whole(None, (*rules, "empty"))
+    sign = -1 if plain[0] == "-" else 1
+    digits = plain[1:] if plain[0] in "+-" else plain
+    if len(digits) > _LONGEST:
+        return Whole(None, (*rules, "bad-number"))
+    if plain[0] == "+":
+        rules.append("number-form")
+    if match := _HEX.fullmatch(digits):
+        value = int(match[1], 16)
+        rules += ["number-form"] if sign < 0 else []
+    elif _DECIMAL.fullmatch(digits):
+        octal = digits[0] == "0" and not {"8", "9"} & set(digits)
+        value = int(digits, 8 if octal else 10)
+        rules += ["leading-zeros"] if digits[0] == "0" and digits != "0" and (not octal or value != int(digits)) else []
+    elif match := _SUFFIXED.fullmatch(digits):
+        value = int(match[1], 16) if match[1] else int(match[2], 16 if match[2][:2].lower() == "0x" else 10)
+        rules.append("number-form")
+    elif digits.casefold() in _WORDS:
+        value = _WORDS[digits.casefold()]
+        rules.append("number-form")
+    elif _BARE_HEX.fullmatch(digits) and not re.fullmatch(r"[0-9]+[eE][0-9]+", digits):
+        value = int(digits, 16)
+        rules.append("number-form")
+    elif _REAL.fullmatch(digits) and float(digits.replace(",", ".")).is_integer():
+        value = int(float(digits.replace(",", ".")))
+        rules += ["decimal-comma"] if "," in digits else ["real-for-integer"]
+    else:  # words: their blanks and quotes are no oddities of a number
+        return Whole(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
+    return Whole(sign * value, tuple(rules))
+
+
+def _undress(text: str) -> tuple[str, list[str]]:
+    """A number without what does not belong to it: a comment, quotes, blanks inside."""
+    plain, rules = text.strip(), []
+    plain, comments = bare_of_comments(plain)
+    rules += comments
+    if len(plain) > 1 and plain[0] == plain[-1] and plain[0] in "\"'":
+        plain = plain[1:-1].strip()
+        rules.append("quoted")
+    if len(plain.split()) > 1:
+        plain = "".join(plain.split())
+        rules.append("blanks-in-number")
+    return plain, rules
+
+
+def bare_of_comments(text: str) -> tuple[str, list[str]]:
+    """What stands before a comment: one of CiA 306, or one that programmers are used to.
+
+    >>> bare_of_comments("0x07 # VAR"), bare_of_comments("5;rpm")
+    (('0x07', ['foreign-comment']), ('5', ['inline-comment']))
+    """
+    at, mark = min(((text.index(mark), mark) for mark in (";", "#", "//") if mark in text), default=(len(text), ""))
+    rules = ["inline-comment"] if mark == ";" else ["foreign-comment"] if mark else []
+    return text[:at].rstrip(), rules
+
+
+def read_expression(text: str) -> Reading:
+    """An integer or a formula.
+
+    >>> read_expression("0x200 + $NODEID").value
+    Formula(offset=512)
+    """
+    if "nodeid" not in text.casefold():
+        return Reading(*read_integer(text))
+    bare, rules = bare_of_comments(text)
+    terms = [term.strip() for term in bare.split("+")]
+    nodes = [term for term in terms if term.casefold() in ("$nodeid", "nodeid")]
+    numbers = [read_integer(term) for term in terms if term not in nodes]
+    if len(nodes) != 1 or any(number.value is None or number.value < 0 for number in numbers):
+        return Reading(None, (*rules, "bad-formula"))
+    if terms[0] != "$NODEID":
+        rules.append("formula-form")
+    for number in numbers:
+        rules += number.rules
+    return Reading(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
+
+
+def read_value(text: str, type: str) -> Reading:
+    """A value of a data type. An empty text is no value, and breaks no rule.
+
+    >>> read_value("0xFFFE", "i16").value, read_value("1,5", "f32"), read_value("01 02", "octets").value
+    (-2, Reading(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
+    """
+    if type in ("string", "unicode"):
+        bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
+        if type == "unicode" or _encodes(bare):
+            return Reading(bare, rules)
+        # A VISIBLE_STRING is bytes in the end: those that UTF-8 has for it, as characters of one byte each.
+        return Reading(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
+    if not text.strip():
+        return Reading(None)
+    if type in ("octets", "domain"):
+        return _octets(text)
+    if type in ("f32", "f64"):
+        return _real(text, type)
+    if type in ("time_of_day", "time_difference") and (match := _DAYS.fullmatch(text.strip())):
+        total = int(match[1]) * DAY + int(match[2])
+        return Reading(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
+    return _of_integer(read_expression(text), type, text)
+
+
+def _is_quoted(text: str) -> bool:
+    return len(text) > 1 and text[0] == text[-1] == '"'
+
+
+def _encodes(text: str) -> bool:
+    return all(ord(letter) < 0x100 for letter in text)
+
+
+def _octets(text: str) -> Reading:
+    plain = text.strip()
+    digits = "".join((plain[2:] if plain[:2] in ("0x", "0X") else plain).split())
+    if not _HEX_DIGITS.fullmatch(digits):
+        return Reading(text.encode("latin-1", "replace"), ("bad-hex",))
+    odd = len(digits) % 2
+    return Reading(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
+
+
+def _real(text: str, type: str) -> Reading:
+    plain, rules = _undress(text)
+    digits = plain.lstrip("+-") if plain.count("+") + plain.count("-") <= 1 else plain
+    if _HEX.fullmatch(digits) and len(digits) <= _LONGEST:
+        bits = int(digits, 16)
+        if bits >> BY_NAME[type].bits or plain[0] == "-":
+            return Reading(None, (*rules, "out-of-range"))
+        form = "f" if type == "f32" else "d"
+        (value,) = struct.unpack(f">{form}", bits.to_bytes(BY_NAME[type].bits // 8, "big"))
+        return Reading(value, tuple(rules))
+    bare = plain.rstrip("fF") if _REAL.fullmatch(plain.rstrip("fF").lstrip("+-")) else plain
+    if not (_REAL.fullmatch(bare.lstrip("+-")) or _SPECIAL.fullmatch(bare)) or len(bare) > _LONGEST:
+        return Reading(None, (*rules, "bad-number"))
+    if bare != plain or _SPECIAL.fullmatch(bare):
+        rules.append("number-form")
+    if "," in bare:
+        rules.append("decimal-comma")
+    try:
+        value = float(bare.replace(",", "."))
+        object_codec(type).encode(value)
+    except EncodeError:
+        return Reading(None, (*rules, "out-of-range"))
+    except ValueError:
+        return Reading(None, (*rules, "bad-number"))
+    return Reading(value, tuple(rules))
+
+
+def _of_integer(reading: Reading, type: str, text: str) -> Reading:
+    """Whether a number or a formula is one of the type; a negative one may have been written without its sign."""
+    value, rules = reading
+    if value is None or "bad-number" in rules:
+        return Reading(None, rules)
+    codec, number = object_codec(type), int(value.offset if isinstance(value, Formula) else value)
+    if isinstance(codec, Time):
+        try:
+            return Reading(codec.decode(number.to_bytes(codec.size, "little")), rules)
+        except (OverflowError, DecodeError):
+            return Reading(None, (*rules, "out-of-range"))
+    low, high = (int(codec.minimum), int(codec.maximum)) if isinstance(codec, Number) else (0, 1)
+    if type[0] == "i" and isinstance(value, int) and high < number <= 2 * high + 1:
+        decimal = not any(mark in text.casefold() for mark in "xabcdefh")
+        return Reading(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
+    if not low <= number <= high:
+        return Reading(None, (*rules, "out-of-range"))
+    return Reading(bool(number), rules) if type == "bool" else reading
+
+
+def write_value(value: Expression, type: str, like: str = "") -> str:
+    """A value as text, in the dress of the one that it takes the place of.
+
+    >>> write_value(10, "u16"), write_value(10, "u16", like="0x0005"), write_value(-2, "i16", like="0xFFFF")
+    ('10', '0x000A', '0xFFFE')
+
+    EncodeError if the type has no such value.
+    """
+    codec = object_codec(type)
+    if isinstance(value, Formula):
+        codec.encode(value.offset)
+        return str(value)
+    data = codec.encode(value)
+    if type in ("string", "unicode"):
+        written = str(codec.decode(data))
+        if _is_quoted(written):
+            raise EncodeError(f"{written} would be read back without its quotes")
+        return written
+    if type in ("octets", "domain"):
+        return data.hex().upper()
+    if like[:2].lower() == "0x" or isinstance(codec, Time):
+        width = 2 * len(data) if type[0] == "f" or isinstance(codec, Time) else len(like) - 2
+        return f"0x{int.from_bytes(data, 'little'):0{width}X}"
+    if isinstance(value, float) and type[0] != "f":
+        return str(int(value))
+    return str(int(value)) if isinstance(value, bool) else str(value)

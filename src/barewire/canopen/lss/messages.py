@@ -1,0 +1,199 @@
+"""LSS: give a device its node-ID and bit rate over the bus itself.   [CiA 305]
+
+        7E5h | service | 7 bytes, numbers little-endian, unused 0 |      master -> every device
+        7E4h | service | 7 bytes                                  |      device -> master
+
+A device has an address that nobody else in the world has: the four numbers of 1018h, 128 bits in all. With it the
+master puts one device into the state *configuration* (the others stay in *waiting*) and asks or tells it things:
+
+        vendor-ID    product code    revision    serial number
+        1018h:01     1018h:02        1018h:03    1018h:04
+
+    switch global 04         all of them, no answer          configure node-ID 11   bit timing 13   answer: 0 done
+    switch selective 40..43  the one with this address       activate bit timing 15, no answer      store 17
+    identify 46..4B, 4C      who is within these limits?     inquire address 5A..5D, node-ID 5E
+    fastscan 51              is a bit of your address so?    how a master finds what it has never heard of
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from barewire.canopen.cob_ids import cob_id
+from barewire.canopen.frame import CanFrame
+from barewire.codecs import Layout
+from barewire.errors import DecodeError, EncodeError, Reason, Refused
+from barewire.frozen import dataclass
+
+REQUEST_KEY = (cob_id("LSS request"), False)
+ANSWER_KEY = (cob_id("LSS answer"), False)
+UNCONFIGURED = 0xFF
+"""The node-ID of a device that has none yet."""
+
+BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
+"""Table 0 of the bit timings: entry -> bits in a second. 5 is reserved, 9 finds out by itself."""
+AUTOMATIC_BIT_RATE = 9
+
+
+class LssService(IntEnum):
+    """The first byte of a message."""
+
+    SWITCH_GLOBAL = 0x04
+    CONFIGURE_NODE = 0x11
+    CONFIGURE_BIT_TIMING = 0x13
+    ACTIVATE_BIT_TIMING = 0x15
+    STORE = 0x17
+    SELECT_VENDOR = 0x40
+    SELECT_PRODUCT = 0x41
+    SELECT_REVISION = 0x42
+    SELECT_SERIAL = 0x43
+    SELECTED = 0x44
+    IDENTIFY_VENDOR = 0x46
+    IDENTIFY_PRODUCT = 0x47
+    IDENTIFY_REVISION_LOW = 0x48
+    IDENTIFY_REVISION_HIGH = 0x49
+    IDENTIFY_SERIAL_LOW = 0x4A
+    IDENTIFY_SERIAL_HIGH = 0x4B
+    IDENTIFY_UNCONFIGURED = 0x4C
+    IDENTIFIED = 0x4F
+    UNCONFIGURED_IDENTIFIED = 0x50
+    FASTSCAN = 0x51
+    INQUIRE_VENDOR = 0x5A
+    INQUIRE_PRODUCT = 0x5B
+    INQUIRE_REVISION = 0x5C
+    INQUIRE_SERIAL = 0x5D
+    INQUIRE_NODE = 0x5E
+
+
+class LssState(IntEnum):
+    """The two states of a device, with the numbers of switch global."""
+
+    WAITING = 0
+    CONFIGURATION = 1
+
+
+class LssAddress(NamedTuple):
+    """The 128 bits of 1018h.
+
+    >>> str(LssAddress(0x360, 1, 0x10002, 77))
+    '00000360-00000001-00010002-0000004D'
+    """
+
+    vendor: int
+    product: int
+    revision: int
+    serial: int
+
+    def __str__(self) -> str:
+        return "-".join(f"{part:08X}" for part in self)
+
+
+@dataclass(frozen=True, slots=True)
+class LssMessage:
+    """One message: the service, and what stands behind it, filled up with zeros to 8 bytes.
+
+    >>> str(LssMessage(LssService.CONFIGURE_NODE, b"\\x05").encode())
+    '7E5#1105000000000000'
+    """
+
+    service: int
+    body: bytes = b""
+    answer: bool = False
+
+    def encode(self) -> CanFrame:
+        """The frame from the master, or from a device with `answer`."""
+        if len(self.body) > 7:
+            raise EncodeError(f"{len(self.body)} bytes behind the service: there is room for 7")
+        data = bytes([self.service]) + self.body
+        return CanFrame((ANSWER_KEY if self.answer else REQUEST_KEY)[0], data.ljust(8, b"\0"))
+
+    @classmethod
+    def decode(cls, frame: CanFrame) -> LssMessage:
+        """Raises DecodeError for another identifier, for other than 8 bytes, for a service that does not exist."""
+        if frame.key not in (REQUEST_KEY, ANSWER_KEY) or frame.remote:
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no LSS message: those have 7E5h or 7E4h")
+        if len(frame.data) != 8:
+            wrong: Reason = "short" if len(frame.data) < 8 else "long"
+            raise DecodeError(wrong, frame.data, min(len(frame.data), 8), "an LSS message has 8 bytes")
+        answer = frame.key == ANSWER_KEY
+        if frame.data[0] not in (ANSWERS if answer else REQUESTS):
+            raise DecodeError("function", frame.data, 0, f"{frame.data[0]:02X}h is no LSS service of this direction")
+        return cls(frame.data[0], frame.data[1:], answer)
+
+    @property
+    def number(self) -> int:
+        """The 32 bits behind the service."""
+        return int.from_bytes(self.body[:4], "little")
+
+
+ANSWERS = frozenset({0x11, 0x13, 0x17, 0x44, 0x4F, 0x50, *range(0x5A, 0x5F)})
+REQUESTS = frozenset(int(service) for service in LssService) - {0x44, 0x4F, 0x50}
+
+
+def numbered(service: LssService, number: int) -> LssMessage:
+    """A message with a number of 32 bits. EncodeError if it has more."""
+    return LssMessage(service, Layout("<I", "number").pack(number))
+
+
+@dataclass(frozen=True, slots=True)
+class Fastscan:
+    """One question of a fastscan: is part `sub` of your address equal to `number`, from bit `bit` upwards?
+
+        51 | number 4 | bit 1 | sub 1 | next 1
+
+    Bit 80h asks for nothing but "is anybody without a node-ID here", and begins a scan. With bit 0 and the next part,
+    the devices that say yes go on to that part; if it is the first again, the one that is left is in configuration.
+
+    >>> str(Fastscan(0x11223344, 31, 0, 0).encode())
+    '7E5#51443322111F0000'
+    """
+
+    number: int
+    bit: int
+    sub: int
+    next: int
+
+    layout = Layout("<IBBB", "number", "bit", "sub", "next")
+
+    def encode(self) -> CanFrame:
+        """The frame."""
+        self.check()
+        body = self.layout.pack(self.number, self.bit, self.sub, self.next)
+        return LssMessage(LssService.FASTSCAN, body).encode()
+
+    @classmethod
+    def of_body(cls, body: bytes) -> Fastscan:
+        """The question behind the service byte; DecodeError for what no device may answer."""
+        question = cls(*cls.layout.unpack(body))
+        try:
+            question.check()
+        except EncodeError as error:
+            raise DecodeError("value", body, 4, str(error)) from None
+        return question
+
+    def check(self) -> None:
+        """Raises EncodeError for a bit or a part that does not exist."""
+        if not (self.bit <= 31 or self.bit == BEGIN):
+            raise EncodeError(f"fastscan of bit {self.bit}: expected 0..31, or {BEGIN:02X}h")
+        if self.sub > 3 or self.next > 3:
+            raise EncodeError(f"fastscan of part {self.sub}, then {self.next}: expected 0..3")
+
+
+BEGIN = 0x80
+"""The `bit` that begins a fastscan."""
+
+
+class LssRefused(Refused):
+    """The device said no. `code` 1: out of its range or not supported; 2 (store): no storage; FFh: see `detail`."""
+
+    def __init__(self, service: LssService, code: int, detail: int) -> None:
+        super().__init__(service, code, detail)
+        self.service = service
+        self.code = code
+        self.detail = detail
+
+    def __str__(self) -> str:
+        words = {1: "not supported" if self.service is LssService.STORE else "out of range", 2: "no access to storage"}
+        why = words.get(self.code, f"code {self.code:02X}h, detail {self.detail:02X}h")
+        return f"{self.service.name.lower().replace('_', ' ')}: {why}"

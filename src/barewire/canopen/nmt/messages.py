@@ -1,0 +1,158 @@
+"""Network management: five commands from one master, four states in every device.   [CiA 301, NMT]
+
+        000h | command | node |          2 bytes, never confirmed; node 0 is everybody
+
+        01 start         02 stop         80 enter pre-operational         81 reset node      82 reset communication
+
+                     power on, 81, 82
+                            v
+                     INITIALISING  00   ---- boot-up message 700h+n | 00 ---->  PRE-OPERATIONAL  7F
+                                                                                   |  ^  01 80  |  ^
+                                                              OPERATIONAL 05 <-----+  +---------+  STOPPED 04
+
+Start, stop and enter pre-operational lead to their state from any of the three; a device in INITIALISING hears
+nothing. What a device may do depends on where it is: `SERVICES_IN` is the table, and `NmtSlave.may` reads it.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from barewire.canopen.cob_ids import ServiceName, check_node, cob_id
+from barewire.canopen.frame import CanFrame
+from barewire.codecs import Layout
+from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
+
+
+class NmtCommand(IntEnum):
+    """The command specifiers of the NMT message."""
+
+    START = 0x01
+    STOP = 0x02
+    ENTER_PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+    RESET_COMMUNICATION = 0x82
+
+
+class NmtState(IntEnum):
+    """The states, with the numbers that a heartbeat carries. 00 travels once, as the boot-up message."""
+
+    INITIALISING = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+
+
+LEADS_TO = {
+    NmtCommand.START: NmtState.OPERATIONAL,
+    NmtCommand.STOP: NmtState.STOPPED,
+    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+    NmtCommand.RESET_NODE: NmtState.INITIALISING,
+    NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
+}
+
+_CONFIGURING = frozenset[ServiceName](
+    {"NMT", "error control", "SYNC", "TIME", "EMCY", "SDO request", "SDO answer"},
+)
+_PDOS = frozenset[ServiceName]({"TPDO1", "TPDO2", "TPDO3", "TPDO4", "RPDO1", "RPDO2", "RPDO3", "RPDO4"})
+
+SERVICES_IN: dict[NmtState, frozenset[ServiceName]] = {
+    NmtState.INITIALISING: frozenset(),
+    NmtState.PRE_OPERATIONAL: _CONFIGURING,
+    NmtState.OPERATIONAL: _CONFIGURING | _PDOS,
+    NmtState.STOPPED: frozenset({"NMT", "error control"}),
+}
+"""What a device says and hears in which state. PDO 5 to 512 follow the row of the first four."""
+
+
+@dataclass(frozen=True, slots=True)
+class NmtMessage:
+    """A command to one node, or to all with node 0.
+
+        000h | command 1 | node 1
+
+    >>> str(NmtMessage(NmtCommand.START, 5).encode())
+    '000#0105'
+    """
+
+    command: NmtCommand
+    node: int = 0
+
+    layout = Layout("<BB", "command", "node")
+
+    def encode(self) -> CanFrame:
+        """The frame with COB-ID 000h."""
+        if self.node:
+            check_node(self.node)
+        if not isinstance(self.command, int):
+            commands = ", ".join(f"NmtCommand.{command.name}" for command in NmtCommand)
+            raise EncodeError(f"NMT command {self.command!r}: expected one of {commands}")
+        return CanFrame(cob_id("NMT"), self.layout.pack(self.command, self.node))
+
+    @classmethod
+    def decode(cls, frame: CanFrame) -> NmtMessage:
+        """Raises DecodeError for another identifier, another length, an unknown command, a node above 127."""
+        if frame.key != (cob_id("NMT"), False) or frame.remote:
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: those have COB-ID 000h")
+        command, node = cls.layout.unpack(frame.data)
+        if command not in LEADS_TO:
+            raise DecodeError("function", frame.data, 0, f"{command:02X}h is no NMT command")
+        if node > 127:
+            raise DecodeError("value", frame.data, 1, f"node {node}: expected 0..127")
+        return cls(NmtCommand(command), node)
+
+
+class NmtChange(NamedTuple):
+    """What a command did. `before` and `after` may be equal: start a device that is operational already."""
+
+    command: NmtCommand
+    before: NmtState
+    after: NmtState
+
+
+class NmtSlave:
+    """The state of one device, moved by the commands that are for it. A machine.
+
+    After a reset it stands in INITIALISING until whoever owns it has set its house in order and calls `booted`.
+
+    >>> slave = NmtSlave(5)
+    >>> slave.booted()
+    >>> slave.feed(NmtMessage(NmtCommand.STOP).encode(), 0.0)[0].after.name, slave.may("SDO request")
+    ('STOPPED', False)
+    """
+
+    __slots__ = ("node", "state")
+
+    def __init__(self, node: int) -> None:
+        self.node = check_node(node)
+        self.state = NmtState.INITIALISING
+
+    @property
+    def deadline(self) -> float | None:
+        """None: a state machine of commands waits for nothing but commands."""
+        return None
+
+    def booted(self) -> None:
+        """Initialising is over: PRE-OPERATIONAL. The boot-up message goes out at this moment."""
+        if self.state is not NmtState.INITIALISING:
+            raise EncodeError(f"node {self.node} is {self.state.name}, not INITIALISING")
+        self.state = NmtState.PRE_OPERATIONAL
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[NmtChange]:
+        """Whatever is no NMT command for this node changes nothing; an unreadable command neither."""
+        if frame is None or frame.id or self.state is NmtState.INITIALISING:
+            return []
+        try:
+            message = NmtMessage.decode(frame)
+        except DecodeError:
+            return []
+        if message.node not in (0, self.node):
+            return []
+        before, self.state = self.state, LEADS_TO[message.command]
+        return [NmtChange(message.command, before, self.state)]
+
+    def may(self, service: ServiceName) -> bool:
+        """Whether the service works in the present state."""
+        return service in SERVICES_IN[self.state]

@@ -1,0 +1,224 @@
+"""The PDOs of another device: read what it has, write what it shall have, in the safe order.   [CiA 301, PDO]
+
+        1  communication :01    the COB-ID with bit 31: off. From now on nobody gets half a PDO
+        2  mapping :00          0
+        3  mapping :01 ...      the entries
+        4  mapping :00          how many
+        5  communication :02    type, then :03 inhibit time, :05 event timer, :06 SYNC start value
+        6  communication :01    the COB-ID without bit 31: on
+
+A multiplexed PDO (`mpdo`) has FEh or FFh in place of 4, no entries, and its type comes first: only 254 and 255 go with
+it.
+
+Not every device has the whole of it, and `PdoManner` says as data how one departs: a mapping that cannot be changed is
+compared instead of written; where a device wants the parameters before the mapping, they go there. What a device does
+not have (no :05, no :06) is not missed as long as it would be 0.
+
+If a step fails, the PDO is left off and the error says so: half a mapping is worse than none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+from barewire.canopen.cob_ids import CobEntry
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.canopen.pdo.config import Direction, Pdo
+from barewire.canopen.pdo.mapping import ENTRIES_MAX, Mapped, PdoMapping
+from barewire.canopen.pdo.multiplexed import COUNTS, Addressing
+from barewire.canopen.sdo import AbortCode, Channel, SdoAbort, download, upload
+from barewire.canopen.sdo.client.channel import channel_to
+from barewire.conversation import Conversation
+from barewire.errors import BarewireError, DecodeError, EncodeError
+
+_COB_ID, _TYPE, _INHIBIT, _EVENT_TIMER, _SYNC_START = 1, 2, 3, 5, 6
+_SIZES = {_COB_ID: 4, _TYPE: 1, _INHIBIT: 2, _EVENT_TIMER: 2, _SYNC_START: 1}
+_OFF = 1 << 31
+_Content = tuple[tuple[int, ...], Addressing | None]
+"""What a PDO carries: these entries, or one object at a time."""
+_ABSENT = frozenset({AbortCode.NO_SUB, AbortCode.NO_OBJECT})
+_LOCKED = frozenset({AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS})
+
+
+class PdoManner(NamedTuple):
+    """How a device wants its PDOs configured.
+
+    `mapping`: `variable`; `fixed`, so it is compared and not written; `try` writes, and compares if the device says
+    that its mapping is read-only. `order`: whether type and timers go `last` or `first`, before the mapping.
+    `skip_equal` leaves out what the device has already, for those that refuse to be told so.
+    """
+
+    mapping: Literal["try", "variable", "fixed"] = "try"
+    order: Literal["last", "first"] = "last"
+    skip_equal: bool = False
+
+
+USUAL = PdoManner()
+
+
+def read_pdo(
+    node: int | Channel, direction: Direction, number: int, *, timeout: float = 1.0
+) -> Conversation[CanFrame, Pdo]:
+    """One PDO of a device as its records say, with its COB-ID as it is there. Raises SdoAbort if it has none, and
+    DecodeError("value") if what it says of its mapping is nothing."""
+    channel = channel_to(node, None)
+    blank = Pdo(direction, number, ())
+    told = {}
+    for sub in _SIZES:
+        told[sub] = yield from _read(channel, blank.communication, sub, timeout, needed=sub in (_COB_ID, _TYPE))
+    mapping, multiplexed = yield from _read_mapping(channel, blank, timeout)
+    return Pdo(
+        direction,
+        number,
+        mapping,
+        type=told[_TYPE] or 0,
+        cob_id=told[_COB_ID],
+        inhibit=told[_INHIBIT] or 0,
+        event_timer=told[_EVENT_TIMER] or 0,
+        sync_start=told[_SYNC_START] or 0,
+        multiplexed=multiplexed,
+    )
+
+
+def write_pdo(
+    node: int | Channel, pdo: Pdo, *, manner: PdoManner = USUAL, timeout: float = 1.0
+) -> Conversation[CanFrame, None]:
+    """Make a PDO of the device the one that is given. The device should be pre-operational.
+
+    Without a `cob_id` the PDO has the one of the predefined connection set. Raises SdoAbort or NoAnswer, and
+    EncodeError if the mapping cannot be changed and is another one.
+    """
+    channel = channel_to(node, None)
+    entry = pdo.cob_entry(channel.node)
+    PdoMapping(Mapped.of_word(word) for word in pdo.mapping)  # more than 64 bits fail here, not half-way
+    return _write_pdo(channel, pdo, entry, manner, timeout)
+
+
+def _write_pdo(
+    channel: Channel, pdo: Pdo, entry: CobEntry, manner: PdoManner, timeout: float
+) -> Conversation[CanFrame, None]:
+    at = pdo.communication
+    # Off with the identifier that it has: some devices do not take another one in the same step.
+    before = (yield from _read(channel, at, _COB_ID, timeout, needed=True)) or 0
+    if not (manner.skip_equal and before & _OFF):
+        yield from _write(channel, at, _COB_ID, before | _OFF, 4, timeout)
+    try:
+        first = manner.order == "first" or pdo.multiplexed is not None
+        if first:
+            yield from _write_parameters(channel, pdo, manner, timeout)
+        yield from _write_mapping(channel, pdo, manner, timeout)
+        if not first:
+            yield from _write_parameters(channel, pdo, manner, timeout)
+        if not (manner.skip_equal and entry.pack() == before | _OFF):
+            yield from _write(channel, at, _COB_ID, entry.pack(), 4, timeout)
+    except BarewireError as error:
+        error.add_note(f"{pdo.direction}{pdo.number} of node {channel.node} is left switched off")
+        raise
+
+
+def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float) -> Conversation[CanFrame, None]:
+    if manner.skip_equal or manner.mapping == "fixed":
+        has = yield from _read_mapping(channel, pdo, timeout)
+        if has == (pdo.mapping, pdo.multiplexed):
+            return
+        if manner.mapping == "fixed":
+            raise _other_mapping(pdo, has)
+    try:
+        yield from _write(channel, pdo.map, 0, 0, 1, timeout)
+    except SdoAbort as refusal:
+        if manner.mapping == "variable" or refusal.code not in _LOCKED:
+            raise
+        has = yield from _read_mapping(channel, pdo, timeout)
+        if has != (pdo.mapping, pdo.multiplexed):
+            raise _other_mapping(pdo, has) from refusal
+        return
+    for sub, word in enumerate(pdo.mapping, start=1):
+        yield from _write(channel, pdo.map, sub, word, 4, timeout)
+    if pdo.count:
+        yield from _write(channel, pdo.map, 0, pdo.count, 1, timeout)
+
+
+def _write_parameters(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float) -> Conversation[CanFrame, None]:
+    wanted = {_TYPE: pdo.type, _INHIBIT: pdo.inhibit, _EVENT_TIMER: pdo.event_timer, _SYNC_START: pdo.sync_start}
+    for sub, value in wanted.items():
+        if manner.skip_equal:
+            has = yield from _read(channel, pdo.communication, sub, timeout, needed=False)
+            if (has or 0) == value:
+                continue
+        try:
+            yield from _write(channel, pdo.communication, sub, value, _SIZES[sub], timeout)
+        except SdoAbort as refusal:
+            if value or sub == _TYPE or refusal.code not in _ABSENT:
+                raise
+
+
+def _read(
+    channel: Channel, index: int, sub: int, timeout: float, *, needed: bool
+) -> Conversation[CanFrame, int | None]:
+    """A number of a communication record; None if the device has none and need not."""
+    try:
+        data = yield from upload(channel, index, sub, timeout=timeout, size=_SIZES[sub])
+    except SdoAbort as refusal:
+        if needed or refusal.code not in _ABSENT:
+            raise
+        return None
+    return int.from_bytes(data[: _SIZES[sub]], "little")
+
+
+def _read_mapping(channel: Channel, pdo: Pdo, timeout: float) -> Conversation[CanFrame, _Content]:
+    data = yield from upload(channel, pdo.map, 0, timeout=timeout, size=1)
+    multiplexed = COUNTS.get(data[0])
+    if multiplexed is not None:
+        return (), multiplexed
+    if data[0] > ENTRIES_MAX:
+        raise DecodeError("value", data, 0, f"{pdo.map:04X}h:00 = {data[0]}: that is no number of entries")
+    words = []
+    for sub in range(1, data[0] + 1):
+        word = yield from upload(channel, pdo.map, sub, timeout=timeout, size=4)
+        words.append(int.from_bytes(word[:4], "little"))
+    return tuple(words), None
+
+
+def _write(
+    channel: Channel, index: int, sub: int, value: int, size: int, timeout: float
+) -> Conversation[CanFrame, None]:
+    yield from download(channel, index, sub, value.to_bytes(size, "little"), timeout=timeout)
+
+
+def _other_mapping(pdo: Pdo, has: _Content) -> EncodeError:
+    shown, wanted = (
+        kind or " ".join(f"{word:08X}" for word in words) or "nothing"
+        for words, kind in (has, (pdo.mapping, pdo.multiplexed))
+    )
+    return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; wanted is {wanted}")
+
+
+def mapping_of(pdo: Pdo, objects: ObjectDictionary | None = None) -> PdoMapping:
+    """The mapping of a PDO with the names and types of a dictionary, by which values are packed and unpacked.
+
+    What the dictionary does not know, or has with another width, is a placeholder under the name of its place: it
+    keeps its bits, so nothing behind it moves.
+
+    >>> mapping_of(Pdo("TPDO", 1, (0x60410010, 0x20050010))).unpack(bytes.fromhex("3706 18FC"))
+    {'6041h:00': 1591, '2005h:00': 64536}
+    """
+    return PdoMapping(_mapped(pdo.mapping, objects))
+
+
+def _mapped(words: tuple[int, ...], objects: ObjectDictionary | None) -> Iterator[Mapped]:
+    names: set[str] = set()
+    for word in words:
+        plain = Mapped.of_word(word)
+        if objects is None or plain.is_dummy or (plain.index, plain.sub) not in objects:
+            yield plain
+            continue
+        entry = objects.entry(plain.index, plain.sub)
+        known = Mapped.of_word(word, entry.type, "" if entry.name in names else entry.name)
+        names.add(entry.name)
+        try:
+            PdoMapping([known])
+        except EncodeError:
+            known = plain
+        yield known

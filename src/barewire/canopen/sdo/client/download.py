@@ -1,0 +1,141 @@
+"""Write an object of another node.   [CiA 301, SDO download]
+
+client                                         server
+2B | 6040h | 00 | 0F 00 00 00      ->
+                                   <-          60 | 6040h | 00 | 00 00 00 00          done
+                                   <-          80 | 6040h | 00 | 30 00 09 06          or no: SdoAbort
+
+21 | 2100h | 00 | 09 00 00 00      ->                                                 9 bytes, in segments
+                                   <-          60 | 2100h | 00 | 00 00 00 00
+00 | 30 31 32 33 34 35 36          ->
+                                   <-          20 | 00 ...                            and so on, toggling
+1B | 37 38 00 00 00 00 00          ->                                                 the last one, 2 bytes
+                                   <-          30 | 00 ...                            done
+
+C6 | 2100h | 00 | 09 00 00 00      ->          in blocks: see `block`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.block_transfer import BURST, BlockSender
+from barewire.canopen.sdo.client.block_options import Block, BlockWish, block_options
+from barewire.canopen.sdo.client.channel import Channel, channel_to
+from barewire.canopen.sdo.client.transfer import Transfer
+from barewire.canopen.sdo.dialect import Dialect
+from barewire.canopen.sdo.messages.block import BlockDownloadInitiated, InitiateBlockDownload
+from barewire.canopen.sdo.messages.codec import SENDER_HEARS
+from barewire.canopen.sdo.messages.initiate import DownloadInitiated, ExpeditedDownload, InitiateDownload
+from barewire.canopen.sdo.messages.segment import SEGMENT, Segment, SegmentTaken
+from barewire.canopen.sdo.stream import Outgoing, Progress
+from barewire.conversation import Conversation, Heard, Listen
+from barewire.errors import EncodeError
+
+
+def download(
+    node: int | Channel,
+    index: int,
+    sub: int,
+    data: bytes | Iterable[bytes],
+    *,
+    timeout: float = 1.0,
+    size: int | None = None,
+    indicated: bool = True,
+    dialect: Dialect | None = None,
+    block: BlockWish = False,
+    progress: Progress | None = None,
+) -> Conversation[CanFrame, None]:
+    """Write `data`, little-endian, to object `index`:`sub`.
+
+    1 to 4 bytes go in one frame, more (or none) in segments, or in blocks if `block` asks for that. `data` may also
+    be pieces of bytes, taken only as they are sent; then `size` is how many bytes they are together, if somebody
+    knows. `indicated` false says nothing about the size: of four bytes the server takes the low ones that its object
+    needs (22h), of segments as many as come.
+
+    Said once and never repeated: after NoAnswer nobody knows whether the server has taken it.
+
+    >>> from barewire.conversation import play
+    >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#6040600000000000"))]
+    >>> play(download(5, 0x6040, 0, b"\\x0f\\x00"), server)
+    (None, 0.001)
+
+    Raises EncodeError at once for what cannot be said; in the conversation SdoAbort and NoAnswer, and EncodeError if
+    the pieces are not as many bytes as `size`.
+    """
+    channel = channel_to(node, dialect)
+    transfer = Transfer(channel, "download", index, sub, timeout)
+    if isinstance(data, str):
+        raise EncodeError(f"{data!r} is text: an object takes bytes, or pieces of bytes")
+    if not isinstance(data, Iterable):
+        what = "an object takes bytes, as many as its type has, such as (1500).to_bytes(4, 'little')"
+        raise EncodeError(f"{data!r} is no bytes: {what}")
+    if isinstance(data, (bytes, bytearray, memoryview)):
+        whole = bytes(data)
+        options = block_options(block, channel, len(whole))
+        if options is None and 1 <= len(whole) <= 4 and (indicated or len(whole) == 4):
+            request = ExpeditedDownload(index, sub, whole, indicated)
+            request.encode()
+            return transfer.carry_out(_in_one_frame(transfer, request))
+        data, size = (whole,), len(whole)
+    else:
+        options = block_options(block, channel, size)
+    announced = InitiateDownload(index, sub, size if indicated else None)
+    announced.encode()
+    value = Outgoing(data, size, progress)
+    if options is None:
+        return transfer.carry_out(_in_segments(transfer, announced, value))
+    return transfer.carry_out(_in_blocks(transfer, announced, options, value))
+
+
+def _in_one_frame(transfer: Transfer, request: ExpeditedDownload) -> Conversation[CanFrame, None]:
+    yield from transfer.ask(request, (DownloadInitiated,))
+
+
+def _in_segments(transfer: Transfer, request: InitiateDownload, value: Outgoing) -> Conversation[CanFrame, None]:
+    yield from transfer.ask(request, (DownloadInitiated,))
+    toggle, first, last = 0, True, False
+    while not last:
+        data = value.take(SEGMENT)
+        last = value.exhausted
+        taken = yield from transfer.ask(Segment(toggle, data, last), (SegmentTaken,))
+        if taken.toggle != toggle and not first:
+            # A bus may deliver a frame twice: this can be the answer before once more.
+            transfer.channel.heard.late += 1
+            taken = yield from transfer.answer((SegmentTaken,))
+        if taken.toggle != toggle:
+            raise Breach(AbortCode.TOGGLE, f"the answer has toggle bit {taken.toggle}, the segment has {toggle}")
+        toggle, first = toggle ^ 1, False
+
+
+def _in_blocks(
+    transfer: Transfer, request: InitiateDownload, options: Block, value: Outgoing
+) -> Conversation[CanFrame, None]:
+    asked = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
+    try:
+        answer = yield from transfer.ask(asked, (BlockDownloadInitiated,))
+    except SdoAbort as refusal:
+        if not options.falls_back or refusal.code != AbortCode.COMMAND:
+            raise
+        transfer.channel.blocks = False
+        return (yield from _in_segments(transfer, request, value))
+    crc = options.crc and answer.crc
+    sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)
+    said = sender.feed(None, transfer.now)
+    while not sender.over:
+        if said:
+            sent: Heard[CanFrame] = yield transfer.send_all(said)
+            transfer.now = sent.now
+        transfer.until = transfer.now + transfer.timeout
+        # In the middle of a block the deadline is now: take what is there, and go on.
+        heard: Heard[CanFrame] = yield Listen(sender.deadline)
+        transfer.now = heard.now
+        try:
+            spoken = None if heard.item is None else transfer.hear(heard.item)
+        except SdoAbort:
+            # What else of the block is on its way finds a server that takes it for something else, and may say so.
+            transfer.channel.quiet_until = heard.now + transfer.timeout
+            raise
+        said = sender.feed(None if spoken is None else transfer.channel.understand(spoken, SENDER_HEARS), heard.now)

@@ -1,0 +1,73 @@
+"""The objects of another device as values: a dictionary says what they are called and which type they have.   [CiA 301]
+
+        "speed"  --find-->  60FFh:00 i32        DC 05 00 00  <--encode--  1500        write_object
+                                                DC 05 00 00  --decode-->  1500        read_object
+
+The dictionary may be your own, or the one of an EDS. Rights and limits are the device's to judge: it says no by its
+abort code. Only what is no value of the type at all is refused here, before anything is sent.
+"""
+
+from __future__ import annotations
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.object_dictionary import ObjectDictionary, Place
+from barewire.canopen.sdo import Channel, Dialect, download, upload
+from barewire.canopen.sdo.client.block_options import BlockWish
+from barewire.codecs import Value
+from barewire.conversation import Conversation
+from barewire.errors import DecodeError, EncodeError
+
+
+def read_object(
+    node: int | Channel,
+    objects: ObjectDictionary,
+    place: Place,
+    *,
+    timeout: float = 1.0,
+    dialect: Dialect | None = None,
+    block: BlockWish = False,
+) -> Conversation[CanFrame, Value]:
+    """The value of an object: by name, by index, or by (index, sub-index).
+
+    >>> from barewire.canopen.object_dictionary import Entry
+    >>> from barewire.conversation import play
+    >>> objects = ObjectDictionary([Entry(0x60FF, 0, "speed", "i32")])
+    >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#43FF600024FAFFFF"))]
+    >>> play(read_object(5, objects, "speed"), server)
+    (-1500, 0.001)
+
+    Raises EncodeError for what the dictionary does not have; in the conversation SdoAbort, NoAnswer, and DecodeError if
+    what comes is no value of the type.
+    """
+    entry = objects.at(place)
+    size = entry.codec.size
+    coming = upload(node, entry.index, entry.sub, size=size, timeout=timeout, dialect=dialect, block=block)
+
+    def reading() -> Conversation[CanFrame, Value]:
+        data = yield from coming
+        try:
+            return entry.codec.decode(data)
+        except DecodeError as error:
+            error.add_note(f"{entry.name} is {entry.type} in the dictionary, and this is what the device has")
+            raise
+
+    return reading()
+
+
+def write_object(
+    node: int | Channel,
+    objects: ObjectDictionary,
+    place: Place,
+    value: Value,
+    *,
+    timeout: float = 1.0,
+    dialect: Dialect | None = None,
+    block: BlockWish = False,
+) -> Conversation[CanFrame, None]:
+    """Give an object this value. Raises EncodeError at once for what is no value of its type."""
+    entry = objects.at(place)
+    try:
+        data = entry.codec.encode(value)
+    except EncodeError as error:
+        raise EncodeError(f"{entry.name}: {error}", entry.name) from None
+    return download(node, entry.index, entry.sub, data, timeout=timeout, dialect=dialect, block=block)

@@ -1,0 +1,232 @@
+"""Read an object of another node.   [CiA 301, SDO upload]
+
+client                                         server
+40 | 6041h | 00 | 00 00 00 00      ->
+                                   <-          4B | 6041h | 00 | 37 06 00 00          the value itself
+                                   <-          80 | 6041h | 00 | 00 00 02 06          or no: SdoAbort
+
+40 | 1008h | 00 | 00 00 00 00      ->
+                                   <-          41 | 1008h | 00 | 10 00 00 00          16 bytes, in segments
+60 | 00 ...                        ->
+                                   <-          00 | 43 41 4E 6F 70 65 6E
+70 | 00 ...                        ->                                                 and so on, toggling
+                                   <-          10 | 44 65 6D 6F 50 49 43
+60 | 00 ...                        ->
+                                   <-          0B | 33 32 00 00 00 00 00              the last one, 2 bytes
+
+A4 | 1008h | 00 | 7F 00 00 00      ->          in blocks: see `block`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.block_segments import FRAME
+from barewire.canopen.sdo.block_transfer import BlockReceiver
+from barewire.canopen.sdo.client.block_options import Block, BlockWish, block_options
+from barewire.canopen.sdo.client.channel import Channel, channel_to
+from barewire.canopen.sdo.client.transfer import ABORT, Transfer
+from barewire.canopen.sdo.dialect import Dialect
+from barewire.canopen.sdo.messages.block import BlockUploadInitiated, InitiateBlockUpload, StartBlockUpload
+from barewire.canopen.sdo.messages.codec import BLOCK_UPLOAD_ANSWERS, UPLOAD_ANSWERS, BlockUploadAnswer
+from barewire.canopen.sdo.messages.initiate import ExpeditedUpload, InitiateUpload
+from barewire.canopen.sdo.messages.segment import NextSegment, Segment
+from barewire.canopen.sdo.stream import LIMIT, Incoming, Progress
+from barewire.conversation import Conversation, Heard, Listen
+
+
+def upload(
+    node: int | Channel,
+    index: int,
+    sub: int = 0,
+    *,
+    timeout: float = 1.0,
+    size: int | None = None,
+    dialect: Dialect | None = None,
+    block: BlockWish = False,
+    limit: int | None = LIMIT,
+    progress: Progress | None = None,
+) -> Conversation[CanFrame, bytes]:
+    """The bytes of object `index`:`sub`, little-endian as they travelled and as many as the server said.
+
+    `size` is how many bytes the type of the object has, if the caller knows. Two servers need it: one whose dialect
+    asks with the size, and one that answers with 42h, four bytes of which it does not say how many count. Then the
+    low `size` bytes are the value, or all four if nobody knows, and `Channel.heard.unsized` says so. A size that
+    the server did indicate is never overruled here: see `fit`.
+
+    `block` asks for a block transfer, which is several times faster with long values; `"auto"` lets the server decide
+    by the length. A value longer than `limit` is not collected but refused; for those there is `upload_to`.
+
+    >>> from barewire.conversation import play
+    >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
+    >>> play(upload(5, 0x6041), server)
+    (b'7\\x06', 0.001)
+
+    Raises EncodeError at once for what cannot be asked; in the conversation SdoAbort and NoAnswer.
+    """
+    parts: list[bytes] = []
+    count = upload_to(
+        node,
+        index,
+        sub,
+        parts.append,
+        timeout=timeout,
+        size=size,
+        dialect=dialect,
+        block=block,
+        limit=limit,
+        progress=progress,
+    )
+    return _joined(parts, count)
+
+
+def _joined(parts: list[bytes], count: Conversation[CanFrame, int]) -> Conversation[CanFrame, bytes]:
+    yield from count
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def upload_to(
+    node: int | Channel,
+    index: int,
+    sub: int,
+    sink: Callable[[bytes], object],
+    *,
+    timeout: float = 1.0,
+    size: int | None = None,
+    dialect: Dialect | None = None,
+    block: BlockWish = False,
+    limit: int | None = None,
+    progress: Progress | None = None,
+) -> Conversation[CanFrame, int]:
+    """As `upload`, but every part goes to `sink` as it comes, and the result is how many bytes there were.
+
+    What the sink has got is the value only when the conversation has returned: size and CRC are checked at the end.
+
+    >>> from barewire.conversation import play
+    >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
+    >>> play(upload_to(5, 0x6041, 0, lambda part: print(part.hex())), server)
+    3706
+    (2, 0.001)
+    """
+    channel = channel_to(node, dialect)
+    request = InitiateUpload(index, sub, channel.dialect.read_command(size))
+    request.encode()
+    options = block_options(block, channel)
+    if options is not None:
+        InitiateBlockUpload(index, sub, options.size, options.switch).encode()
+    transfer = Transfer(channel, "upload", index, sub, timeout)
+
+    def incoming(announced: int | None) -> Incoming:
+        return Incoming(sink, announced, limit=limit, progress=progress)
+
+    return transfer.carry_out(_upload(transfer, request, size, options, incoming))
+
+
+def _upload(
+    transfer: Transfer,
+    request: InitiateUpload,
+    size: int | None,
+    options: Block | None,
+    incoming: Callable[[int | None], Incoming],
+) -> Conversation[CanFrame, int]:
+    answer: BlockUploadAnswer
+    if options is None:
+        answer = yield from transfer.ask(request, UPLOAD_ANSWERS)
+    else:
+        answer = yield from _ask_for_blocks(transfer, request, options)
+    if isinstance(answer, ExpeditedUpload):
+        data = answer.data if answer.indicated or size is None else answer.data[:size]
+        value = incoming(len(data))
+        value.add(data)
+        return value.count
+    value = incoming(answer.size)
+    if isinstance(answer, BlockUploadInitiated) and options is not None:
+        crc = options.crc and answer.crc
+        yield from _in_blocks(transfer, options, crc, value)
+    else:
+        yield from _in_segments(transfer, value)
+    return value.count
+
+
+def _ask_for_blocks(
+    transfer: Transfer, request: InitiateUpload, options: Block
+) -> Conversation[CanFrame, BlockUploadAnswer]:
+    """Ask for blocks. A server that has none may say so, or answer as if it had been asked for segments."""
+    index, sub = request.index, request.sub
+    asked = InitiateBlockUpload(index, sub, options.size, options.switch, options.crc)
+    try:
+        answer = yield from transfer.ask(asked, BLOCK_UPLOAD_ANSWERS)
+    except SdoAbort as refusal:
+        if not options.falls_back or refusal.code != AbortCode.COMMAND:
+            raise
+        transfer.channel.blocks = False
+        return (yield from transfer.ask(request, UPLOAD_ANSWERS))
+    if not isinstance(answer, BlockUploadInitiated) and not options.falls_back:
+        announced = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
+        if announced is None or announced > options.switch:
+            raise Breach(AbortCode.COMMAND, "an ordinary upload came, and blocks were asked for")
+    return answer
+
+
+def _in_segments(transfer: Transfer, value: Incoming) -> Conversation[CanFrame, None]:
+    toggle, first, last = 0, True, False
+    while not last:
+        segment = yield from transfer.ask(NextSegment(toggle), (Segment,))
+        if segment.toggle != toggle and not first:
+            # A bus may deliver a frame twice: this can be the answer before once more.
+            transfer.channel.heard.late += 1
+            segment = yield from transfer.answer((Segment,))
+        if segment.toggle != toggle:
+            raise Breach(AbortCode.TOGGLE, f"the answer has toggle bit {segment.toggle}, the question has {toggle}")
+        value.add(segment.data)
+        toggle, first, last = toggle ^ 1, False, segment.last
+    value.end()
+
+
+def _in_blocks(transfer: Transfer, options: Block, crc: bool, value: Incoming) -> Conversation[CanFrame, None]:
+    yield from transfer.say(StartBlockUpload().encode())
+    channel = transfer.channel
+    identifier, extended = channel.answer_id, channel.answer_extended
+    receiver = BlockReceiver(value, options.size, crc=crc, timeout=transfer.timeout, now=transfer.now)
+    accept, accepted = receiver.accept, 0
+    listen = Listen(receiver.deadline)
+    heard: Heard[CanFrame] = Heard(None, transfer.now)
+    try:
+        while not receiver.over:
+            heard = yield listen
+            frame = heard.item
+            if (
+                frame is not None
+                and frame.id == identifier
+                and frame.extended == extended
+                and not frame.remote
+                and accept(frame.data, heard.now)
+            ):
+                accepted += 1  # the way of nearly every frame; that the deadline moved is seen when the old one is over
+                continue
+            transfer.now = heard.now
+            data = None if frame is None else channel.hear(frame)
+            if data is not None and (len(data) < FRAME or data[0] == ABORT):
+                data = _checked(transfer, data)
+            for said in receiver.feed(data, heard.now):
+                yield from transfer.say(said)
+            if listen.until != receiver.deadline:
+                listen = Listen(receiver.deadline)
+    finally:
+        transfer.now = max(transfer.now, heard.now)
+        channel.heard.answers += accepted
+
+
+def _checked(transfer: Transfer, data: bytes) -> bytes | None:
+    """A frame that is no whole segment: an abort, or one whose zeros at the end were left out, as some devices do;
+    nothing at all says nothing."""
+    if not data:
+        transfer.channel.heard.garbled += 1
+        return None
+    judged = transfer.judge(data)
+    if judged is None or len(judged) == FRAME:
+        return judged
+    transfer.channel.heard.short += 1
+    return judged.ljust(FRAME, b"\0")

@@ -1,0 +1,156 @@
+"""All messages of SDO in one place, and which of them eight bytes are: that depends on the transfer.
+
+        C1 34 12 ...      the end of a block transfer    if the last segment has been acknowledged
+                          segment 41h, the last          inside a block
+                          nothing that belongs here      before any transfer
+
+So `read` is told which messages are possible now. Each tuple below is one such state, and its name says which; where a
+transfer waits for one kind of message only, the kind itself says it.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Protocol, Self, TypeAlias, TypeVar
+
+from barewire.canopen.sdo.messages.block import (
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockSegment,
+    BlockUploadInitiated,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+    StartBlockUpload,
+)
+from barewire.canopen.sdo.messages.initiate import (
+    Abort,
+    DownloadInitiated,
+    ExpeditedDownload,
+    ExpeditedUpload,
+    InitiateDownload,
+    InitiateUpload,
+    UploadInitiated,
+    has_reserved_bits,
+)
+from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+from barewire.codecs import BitPattern
+from barewire.errors import DecodeError
+
+__all__ = [
+    "InitiateUpload",
+    "ExpeditedUpload",
+    "UploadInitiated",
+    "NextSegment",
+    "Segment",
+    "ExpeditedDownload",
+    "InitiateDownload",
+    "DownloadInitiated",
+    "SegmentTaken",
+    "InitiateBlockUpload",
+    "BlockUploadInitiated",
+    "StartBlockUpload",
+    "InitiateBlockDownload",
+    "BlockDownloadInitiated",
+    "BlockSegment",
+    "BlockAck",
+    "BlockEnd",
+    "BlockEnded",
+    "Abort",
+    "Message",
+    "decode_request",
+    "decode_answer",
+    "has_reserved_bits",
+    "may_be_late",
+    "read",
+]
+
+
+class Message(Protocol):
+    """What every SDO message has."""
+
+    pattern: ClassVar[BitPattern]
+
+    def encode(self) -> bytes: ...
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self: ...
+
+
+M = TypeVar("M", bound=Message)
+
+Request: TypeAlias = (
+    InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload | Abort
+)
+UploadAnswer: TypeAlias = ExpeditedUpload | UploadInitiated
+BlockUploadAnswer: TypeAlias = BlockUploadInitiated | ExpeditedUpload | UploadInitiated
+Answer: TypeAlias = BlockUploadAnswer | DownloadInitiated | BlockDownloadInitiated | Abort
+SenderHears: TypeAlias = BlockAck | BlockEnded
+
+REQUESTS: tuple[type[Request], ...] = (
+    InitiateUpload,
+    ExpeditedDownload,
+    InitiateDownload,
+    InitiateBlockUpload,
+    InitiateBlockDownload,
+    Abort,
+)
+UPLOAD_ANSWERS: tuple[type[UploadAnswer], ...] = (ExpeditedUpload, UploadInitiated)
+BLOCK_UPLOAD_ANSWERS: tuple[type[BlockUploadAnswer], ...] = (BlockUploadInitiated, *UPLOAD_ANSWERS)
+ANSWERS: tuple[type[Answer], ...] = (*BLOCK_UPLOAD_ANSWERS, DownloadInitiated, BlockDownloadInitiated, Abort)
+SENDER_HEARS: tuple[type[SenderHears], ...] = (BlockAck, BlockEnded)
+
+_LATE = (Segment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
+
+
+def read(data: bytes, kinds: tuple[type[M], ...]) -> M:
+    """The one of the possible messages that these bytes are.
+
+    >>> read(bytes.fromhex("A2 02 7F 00 00 00 00 00"), SENDER_HEARS)
+    BlockAck(sequence=2, blksize=127)
+
+    Raises DecodeError("short") if bytes are missing and ("function") if it is none of them.
+    """
+    if not data:
+        raise DecodeError("short", data, 0, "the command is byte 0, but there are none")
+    for kind in kinds:
+        if kind.pattern.matches(data[0]):
+            return kind.decode(data)
+    raise DecodeError("function", data, 0, f"command {data[0]:02X}h is nothing that belongs here")
+
+
+def decode_request(data: bytes) -> Request:
+    """What a client said to a server that had no transfer going.
+
+    >>> decode_request(bytes.fromhex("2B40 6000 0F00 0000"))
+    ExpeditedDownload(index=24640, sub=0, data=b'\\x0f\\x00', indicated=True)
+
+    Raises DecodeError as `read` does.
+    """
+    return read(data, REQUESTS)
+
+
+def decode_answer(data: bytes) -> Answer:
+    """What a server said to a request. Trailing bytes that the message does not need may be missing: some trim them.
+
+    >>> decode_answer(bytes.fromhex("4B41 6000 3706"))
+    ExpeditedUpload(index=24641, sub=0, data=b'7\\x06', indicated=True)
+
+    Raises DecodeError as `read` does.
+    """
+    return read(data, ANSWERS)
+
+
+def may_be_late(data: bytes) -> bool:
+    """Whether these bytes could be an answer at all, in whatever state of a transfer: then they came late.
+
+    >>> may_be_late(bytes.fromhex("A1 00 00 00 00 00 00 00")), may_be_late(bytes.fromhex("E0 00 00 00 00 00 00 00"))
+    (True, False)
+    """
+    for kinds in (ANSWERS, _LATE):
+        try:
+            read(data, kinds)
+        except DecodeError:
+            continue
+        return True
+    return False

@@ -1,0 +1,202 @@
+"""The server's four long transfers: what is remembered between two frames of a client.   [CiA 301, SDO]
+
+        SegmentedUpload      60 70 ...           -> 00 10 ... the bytes             the value as it was when asked for
+        SegmentedDownload    00 10 ... bytes     -> 20 30                           written to the dictionary at the end
+        BlockUpload          A3, A2, A1          -> 01 02 03 ..., C1                with a BlockSender
+        BlockDownload        01 02 03 ..., C1    -> A2, A1                          with a BlockReceiver
+
+Each is a machine with the same members, and there is one of them at a time, or none. What it must not hear any more it
+answers by raising Breach or SdoAbort; then it is over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from barewire.canopen.sdo.aborts import AbortCode, Breach
+from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender
+from barewire.canopen.sdo.messages.block import StartBlockUpload
+from barewire.canopen.sdo.messages.codec import SENDER_HEARS, M, read
+from barewire.canopen.sdo.messages.segment import SEGMENT, NextSegment, Segment, SegmentTaken
+from barewire.canopen.sdo.stream import Incoming, Outgoing
+from barewire.errors import DecodeError
+
+Write = Callable[[bytes], None]
+"""Takes a whole value, or refuses it by raising SdoAbort."""
+
+
+class Session(Protocol):
+    """A transfer that has begun. `deadline` is when it wants to be fed None."""
+
+    over: bool
+
+    @property
+    def deadline(self) -> float: ...
+
+    @property
+    def next_segment(self) -> int:
+        """The number of the block segment that would come next; 0 where none is expected."""
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether all that matters has been said, so that a new request may take its place."""
+
+    def accept(self, data: bytes, now: float) -> bool:
+        """Whether that was the next segment inside a block, and nothing is to be said to it: see `BlockReceiver`."""
+
+    def feed(self, data: bytes | None, now: float) -> list[bytes]: ...
+
+
+def never(data: bytes, now: float) -> bool:
+    """The `accept` of the transfers that answer every frame."""
+    return False
+
+
+def _expect(data: bytes, *kinds: type[M]) -> M:
+    """The message; anything else ends the transfer."""
+    try:
+        return read(data, kinds)
+    except DecodeError as error:
+        raise Breach(AbortCode.COMMAND, error.text) from None
+
+
+def _silence(now: float, deadline: float) -> list[bytes]:
+    if now >= deadline:
+        raise Breach(AbortCode.TIMED_OUT, "the client said nothing more")
+    return []
+
+
+class SegmentedUpload:
+    """A value that is fetched segment by segment."""
+
+    __slots__ = ("_timeout", "_toggle", "_value", "deadline", "over")
+    next_segment = 0
+    gives_way = False
+    accept = staticmethod(never)
+
+    def __init__(self, value: bytes, timeout: float, now: float) -> None:
+        self._value = Outgoing((value,), len(value))
+        self._toggle = 0
+        self._timeout = timeout
+        self.deadline = now + timeout
+        self.over = False
+
+    def feed(self, data: bytes | None, now: float) -> list[bytes]:
+        """The next segment."""
+        if data is None:
+            return _silence(now, self.deadline)
+        toggle = _expect(data, NextSegment).toggle
+        if toggle != self._toggle:
+            raise Breach(AbortCode.TOGGLE, f"segment with toggle bit {toggle} asked, {self._toggle} is next")
+        part = self._value.take(SEGMENT)
+        self.over = self._value.exhausted
+        self._toggle ^= 1
+        self.deadline = now + self._timeout
+        return [Segment(toggle, part, self.over).encode()]
+
+
+class SegmentedDownload:
+    """A value that comes segment by segment."""
+
+    __slots__ = ("_buffer", "_timeout", "_toggle", "_value", "_write", "deadline", "over")
+    next_segment = 0
+    gives_way = False
+    accept = staticmethod(never)
+
+    def __init__(self, write: Write, size: int | None, limit: int, timeout: float, now: float) -> None:
+        self._buffer = bytearray()
+        self._value = Incoming(self._buffer.extend, size, limit=limit)
+        self._write = write
+        self._toggle = 0
+        self._timeout = timeout
+        self.deadline = now + timeout
+        self.over = False
+
+    def feed(self, data: bytes | None, now: float) -> list[bytes]:
+        """The confirmation of a segment; of the last one when the dictionary has taken the value."""
+        if data is None:
+            return _silence(now, self.deadline)
+        segment = _expect(data, Segment)
+        if segment.toggle != self._toggle:
+            raise Breach(AbortCode.TOGGLE, f"segment with toggle bit {segment.toggle} came, {self._toggle} is next")
+        self._value.add(segment.data)
+        if segment.last:
+            self._value.end()
+            self._write(bytes(self._buffer))
+        self.over = segment.last
+        self._toggle ^= 1
+        self.deadline = now + self._timeout
+        return [SegmentTaken(segment.toggle).encode()]
+
+
+class BlockUpload:
+    """A value that is sent in blocks, once the client says start."""
+
+    __slots__ = ("_blksize", "_crc", "_sender", "_timeout", "_value", "deadline", "over")
+    next_segment = 0
+    accept = staticmethod(never)
+
+    def __init__(self, value: bytes, blksize: int, crc: bool, timeout: float, now: float) -> None:
+        self._value = value
+        self._blksize = blksize
+        self._crc = crc
+        self._timeout = timeout
+        self._sender: BlockSender | None = None
+        self.deadline = now + timeout
+        self.over = False
+
+    @property
+    def gives_way(self) -> bool:
+        """The end has been said: a client that begins anew has what it wanted, only its A1 was lost."""
+        return self._sender is not None and self._sender.ended
+
+    def feed(self, data: bytes | None, now: float) -> list[bytes]:
+        """The next segments, or the end."""
+        sender = self._sender
+        if sender is None:
+            if data is None:
+                return _silence(now, self.deadline)
+            _expect(data, StartBlockUpload)
+            value = Outgoing((self._value,), len(self._value))
+            sender = BlockSender(value, self._blksize, crc=self._crc, timeout=self._timeout, burst=BURST, now=now)
+            self._sender, data = sender, None
+        said = sender.feed(None if data is None else _expect(data, *SENDER_HEARS), now)
+        self.deadline, self.over = sender.deadline, sender.over
+        return said
+
+
+class BlockDownload:
+    """A value that comes in blocks."""
+
+    __slots__ = ("_buffer", "_receiver", "_write", "accept", "over")
+    gives_way = False
+
+    def __init__(
+        self, write: Write, size: int | None, limit: int, blksize: int, crc: bool, timeout: float, now: float
+    ) -> None:
+        self._buffer = bytearray()
+        value = Incoming(self._buffer.extend, size, limit=limit)
+        self._receiver = BlockReceiver(value, blksize, crc=crc, timeout=timeout, now=now)
+        self.accept = self._receiver.accept  # the way of nearly every frame, and so without a step in between
+        self._write = write
+        self.over = False
+
+    @property
+    def deadline(self) -> float:
+        """When the receiver wants to be told that time has passed."""
+        return self._receiver.deadline
+
+    @property
+    def next_segment(self) -> int:
+        """The number of the segment that would come next; 0 when all of them are here."""
+        return self._receiver.next_segment
+
+    def feed(self, data: bytes | None, now: float) -> list[bytes]:
+        """The acknowledgement of a block; of the whole when the dictionary has taken the value."""
+        receiver = self._receiver
+        said = receiver.feed(data, now)
+        if receiver.over:
+            self._write(bytes(self._buffer))
+            self.over = True
+        return said

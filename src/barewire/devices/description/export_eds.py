@@ -1,0 +1,163 @@
+"""A device description as an EDS, for the tools that speak nothing else.
+
+        Parameter  name, type, range, default, access  --.
+        several of one index, with sub-indices         ---+--> EdsObject --> compose --> Document --> bytes
+        bits of one object                             --'
+        CanopenSide.pdos  which objects stand in PDOs  ----> PDOMapping=1
+
+An EDS has raw numbers, so ranges and defaults are told without scale and unit. COB-IDs of PDO records become formulas
+of the node-ID again. What a description does not tell is not made up: names of whole records are what the names of
+their entries have in common, and vendor and product are 0. Objects that every node has (1000h, 1001h, 1018h) are added.
+
+I know: descriptions and what an EDS wants of them.  I never know: files, buses.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from itertools import takewhile
+
+from barewire.canopen.eds import Document, EdsObject, Formula, Item, compose
+from barewire.canopen.eds.model import RECORD, VAR
+from barewire.codecs import Value
+from barewire.devices.device import Device
+from barewire.devices.parameter import Parameter
+from barewire.errors import EncodeError
+
+SERVO_402 = 0x0002_0192
+"""Device type: profile 402, servo drive. 0, no profile, for what has no status word."""
+
+STATUS_WORD = 0x6041
+COMMUNICATION_RECORDS = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
+MAPPING_RECORDS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
+_RATE = re.compile(r"([0-9]+) ([kM])bit/s")
+RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+
+
+def export(device: Device, file_name: str = "") -> Document:
+    """The EDS of a device. EncodeError if its description tells of no CANopen.
+
+    >>> from barewire.devices import load
+    >>> document = export(load("az3"))
+    >>> document.get("6041", "ParameterName"), document.get("1400sub1", "DefaultValue"), document.diagnostics
+    ('STATUS WORD', '$NODEID+0x200', ())
+    """
+    if device.canopen is None:
+        raise EncodeError(f"{device.name} has no CANopen in its description")
+    objects = {described.index: described for described in (*_basic(device), *_objects(device))}
+    rates = {device.canopen.bitrate, *_selectable_rates(device)}
+    receive = sum(0x1400 <= index < 0x1600 for index in objects)
+    transmit = sum(0x1800 <= index < 0x1A00 for index in objects)
+    return compose(
+        objects.values(),
+        {
+            "FileName": file_name or f"{device.name}.eds",
+            "FileVersion": "1",
+            "FileRevision": "1",
+            "EDSVersion": "4.0",
+            "Description": device.title,
+            "CreatedBy": "barewire",
+            "CreationTime": "12:00AM",
+            "CreationDate": "01-01-1984",
+            "ModificationTime": "12:00AM",
+            "ModificationDate": "01-01-1984",
+            "ModifiedBy": "barewire",
+        },
+        {
+            "ProductName": device.title,
+            **{f"BaudRate_{rate // 1000}": str(int(rate in rates)) for rate in RATES},
+            "SimpleBootUpSlave": "1",
+            "Granularity": "8",
+            "NrOfRXPDO": str(receive),
+            "NrOfTXPDO": str(transmit),
+        },
+        comments=[f"From: {document}" for document in device.documents],
+    )
+
+
+def _selectable_rates(device: Device) -> Iterator[int]:
+    """The bit rates that the values of a parameter on CANopen name, as in "7: 500 kbit/s"."""
+    for parameter in _told(device):
+        for text in parameter.values.values():
+            if match := _RATE.fullmatch(text):
+                yield int(match[1]) * (1_000_000 if match[2] == "M" else 1000)
+
+
+def _basic(device: Device) -> Iterator[EdsObject]:
+    """What every node has; the description may tell the same objects, and then counts."""
+    profile = SERVO_402 if any(_place(one)[0] == STATUS_WORD for one in _told(device)) else 0
+    yield _variable(0x1000, Item(0, "Device type", "u32", "ro", profile))
+    yield _variable(0x1001, Item(0, "Error register", "u8", "ro", 0))
+    vendor = Item(1, "Vendor-ID", "u32", "ro", 0)
+    yield EdsObject(0x1018, "Identity object", RECORD, (_highest(1), vendor))
+
+
+def _objects(device: Device) -> Iterator[EdsObject]:
+    """One object for each index that the parameters name."""
+    by_index: dict[int, dict[int, Parameter]] = {}
+    for parameter in _told(device):
+        index, sub = _place(parameter)
+        by_index.setdefault(index, {}).setdefault(sub, parameter)
+    mapped = {(index, sub) for pdo in device.canopen.pdos for index, sub, _ in pdo.map} if device.canopen else set()
+    for index, subs in sorted(by_index.items()):
+        items = [_item(device, parameter, (index, sub) in mapped) for sub, parameter in sorted(subs.items())]
+        if [*subs] == [0]:
+            yield _variable(index, items[0])
+            continue
+        if 0 not in subs:
+            first = Item(0, "Number of mapped objects", "u8", "rw", len(items))
+            items.insert(0, first if index in MAPPING_RECORDS else _highest(max(subs)))
+        yield EdsObject(index, _record_name(index, subs.values()), RECORD, tuple(items))
+
+
+def _told(device: Device) -> Iterator[Parameter]:
+    """The parameters that own an object: whole ones first, so that bits stand only for what nobody tells as a whole."""
+    of_objects = [parameter for parameter in device.parameters if parameter.object is not None]
+    return iter(sorted(of_objects, key=lambda parameter: _bit(parameter) is not None))
+
+
+def _place(parameter: Parameter) -> tuple[int, int]:
+    assert parameter.object is not None
+    return parameter.object.index, parameter.object.sub
+
+
+def _bit(parameter: Parameter) -> int | None:
+    return None if parameter.object is None else parameter.object.bit
+
+
+def _variable(index: int, item: Item) -> EdsObject:
+    return EdsObject(index, item.name, VAR, (item,))
+
+
+def _highest(sub: int) -> Item:
+    return Item(0, "Highest sub-index supported", "u8", "const", sub)
+
+
+def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
+    words = zip(*(parameter.name.split() for parameter in parameters))
+    common = " ".join(row[0] for row in takewhile(lambda row: len({*row}) == 1, words))
+    if index in COMMUNICATION_RECORDS or index in MAPPING_RECORDS:
+        kind = "communication" if index in COMMUNICATION_RECORDS else "mapping"
+        return f"{common.partition(' ')[0]} {kind} parameter".strip()
+    return common or f"Object {index:04X}h"
+
+
+def _item(device: Device, parameter: Parameter, mapped: bool) -> Item:
+    index, sub = _place(parameter)
+    if _bit(parameter) is not None:
+        return Item(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mapped)
+    default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
+    if index in COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
+        default = Formula(default - device.canopen.node)
+    type = "string" if parameter.type == "text" else parameter.type
+    low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
+    return Item(sub, parameter.name, type, parameter.access, default, low, high, mapped)
+
+
+def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:
+    """A limit as a raw number; of a text it is a length, which an EDS has no key for."""
+    if limit is None or parameter.type == "text":
+        return None
+    raw = parameter.to_raw(limit)
+    return raw if isinstance(raw, (int, float)) else None

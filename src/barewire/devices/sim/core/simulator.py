@@ -1,0 +1,111 @@
+"""A simulated machine, whatever it is: a store, a clock hand, and a face for each bus that its description has.
+
+                       tick(now)                 time passes: what moves by itself, moves
+        modbus  ---->  store  <----  canopen     the same values through both faces
+                       power_cycle(now)          everything as at power-on, what was saved is kept
+
+This class alone is the simulator of a device that nobody has taught to move: it keeps what is written and answers what
+it keeps. The three machines of the catalogue are subclasses that override `tick` and hang their behaviour on cells.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barewire.codecs import Value
+from barewire.devices.device import Device
+from barewire.devices.sim.core.modbus import ModbusFace
+from barewire.devices.sim.core.store import Store
+from barewire.errors import EncodeError
+
+if TYPE_CHECKING:
+    from barewire.devices.sim.core.canopen import CanopenFace
+
+
+class Simulator:
+    """A device that keeps what is written.
+
+    >>> from barewire.devices.description.load import load
+    >>> from barewire.modbus.messages.registers import ReadHoldingRegisters, WriteSingleRegister
+    >>> machine = Simulator(load("adxl"))
+    >>> machine.modbus.handle(WriteSingleRegister(0x4FFF, 7), now=0.0)
+    WriteSingleRegisterResponse(address=20479, value=7)
+    >>> machine.store["Menu number selection"]
+    7
+    """
+
+    def __init__(self, device: Device, now: float = 0.0) -> None:
+        self.device = device
+        self.now = now
+        self.on_since: float | None = None
+        """When power came: the first time that the machine is told."""
+        self.saved: dict[str, Value] = {}
+        """What survives power-off, by name."""
+        self.address = 1 if device.modbus is None else device.modbus.unit
+        """The unit address on Modbus. Machines that can be given another one take it when they start anew."""
+        self.store = Store(device.parameters)
+        self.modbus = self._modbus_face()
+        self.canopen: CanopenFace | None = None
+        if device.canopen is not None:
+            # Only a device that is on CAN loads the room that speaks it.
+            from barewire.devices.sim.core.canopen import CanopenFace
+
+            self.canopen = CanopenFace(self, device.canopen)
+
+    def _modbus_face(self) -> ModbusFace | None:
+        return None if self.device.modbus is None else ModbusFace(self, self.device.modbus)
+
+    def tick(self, now: float) -> None:
+        """Time has passed. A clock that goes backwards is read over."""
+        if self.on_since is None:
+            self.on_since = now
+        self.now = max(self.now, now)
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since power-on."""
+        return 0.0 if self.on_since is None else self.now - self.on_since
+
+    def reset(self) -> None:
+        """Every value as at power-on: defaults, and over them what was saved."""
+        self.store.restore(self.saved)
+
+    def surround(self, text: str) -> None:
+        """Set one thing of the world around the machine, NAME=VALUE as at a command line. EncodeError for others."""
+        world = getattr(self, "world", None)
+        if world is None:
+            raise EncodeError(f"{text!r}: there is nothing to set around {self.device.name}")
+        world.put(text)
+
+    def reset_communication(self) -> None:
+        """NMT reset communication: the store has the values of 1000h to 1FFFh again. A place for machines."""
+
+    def readdress(self, address: int) -> None:
+        """Deliver it with another unit address."""
+        self.address = address
+
+    def power_cycle(self, now: float) -> None:
+        """Off and on again."""
+        self.tick(now)
+        self.on_since = self.now
+        self.reset()
+        if self.canopen is not None:
+            self.canopen.power_on(self.now)
+
+
+def number_of(text: str, names: tuple[str, ...]) -> tuple[str, float]:
+    """NAME=NUMBER with one of these names, in which - may stand for _ ; EncodeError otherwise.
+
+    >>> number_of("kick-time=0.5", ("kick_time", "line"))
+    ('kick_time', 0.5)
+    """
+    name, _, value = text.partition("=")
+    name = name.strip().lower().replace("-", "_")
+    try:
+        number = float(value)
+    except ValueError:
+        number = -1.0
+    if name not in names or not 0 <= number < float("inf"):
+        known = ", ".join(one.replace("_", "-") for one in names)
+        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {known}")
+    return name, number

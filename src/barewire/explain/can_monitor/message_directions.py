@@ -1,0 +1,47 @@
+"""Which SDO messages a client says, which a server, and which answers each request wants.   [CiA 301, SDO]"""
+
+from __future__ import annotations
+
+from barewire.canopen.sdo.messages.block import (
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockUploadInitiated,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+    StartBlockUpload,
+)
+from barewire.canopen.sdo.messages.codec import Message
+from barewire.canopen.sdo.messages.initiate import (
+    Abort,
+    DownloadInitiated,
+    ExpeditedDownload,
+    ExpeditedUpload,
+    InitiateDownload,
+    InitiateUpload,
+    UploadInitiated,
+)
+from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+from barewire.explain.can_monitor.events import Direction, Manner
+
+Request = InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload
+
+Answer = ExpeditedUpload | UploadInitiated | DownloadInitiated | BlockUploadInitiated | BlockDownloadInitiated
+
+_UPLOADED = (ExpeditedUpload, UploadInitiated)
+BEGINS: dict[type, tuple[Direction, Manner, tuple[type, ...]]] = {
+    InitiateUpload: ("upload", "expedited", _UPLOADED),
+    ExpeditedDownload: ("download", "expedited", (DownloadInitiated,)),
+    InitiateDownload: ("download", "segmented", (DownloadInitiated,)),
+    InitiateBlockUpload: ("upload", "block", (BlockUploadInitiated, *_UPLOADED)),
+    InitiateBlockDownload: ("download", "block", (BlockDownloadInitiated,)),
+}
+CLIENT_SAYS: tuple[type[Message], ...] = (
+    *(InitiateUpload, ExpeditedDownload, InitiateDownload, NextSegment, Segment, Abort),
+    *(InitiateBlockUpload, InitiateBlockDownload, StartBlockUpload, BlockAck, BlockEnd, BlockEnded),
+)
+SERVER_SAYS: tuple[type[Message], ...] = (
+    *(ExpeditedUpload, UploadInitiated, DownloadInitiated, Segment, SegmentTaken, Abort),
+    *(BlockUploadInitiated, BlockDownloadInitiated, BlockAck, BlockEnd, BlockEnded),
+)

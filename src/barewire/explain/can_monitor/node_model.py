@@ -1,0 +1,104 @@
+"""What somebody knows of a node: the names and types of its objects, and its PDOs as it leaves the factory.
+
+of_device(load("az3"), 5)               the catalogue: names, units, values and bits in words
+of_dictionary(dictionary, 5)            an EDS or DCF: names and types
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from barewire.canopen.cob_ids import check_node, classify
+from barewire.canopen.datatypes import object_codec
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.canopen.pdo.config import Direction, Pdo, pdos_of
+from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
+from barewire.canopen.time_types import TimeDifference, TimeOfDay
+from barewire.codecs import Value
+from barewire.devices.device import Device
+from barewire.devices.parameter import Parameter, show
+from barewire.errors import BarewireError, EncodeError
+
+
+class Known(NamedTuple):
+    """One object. With a `parameter` there are a unit, a scale, and words."""
+
+    name: str
+    type: str
+    parameter: Parameter | None = None
+
+    def value(self, raw: Value) -> Value:
+        """A raw number as the value that is meant."""
+        return raw if self.parameter is None else self.parameter.from_raw(raw)
+
+    def text(self, raw: Value) -> str:
+        """The value of a raw number, with its unit, in words."""
+        if self.parameter is not None:
+            return self.parameter.text(self.parameter.from_raw(raw))
+        if isinstance(raw, bytes):
+            return raw.hex(" ").upper()
+        if isinstance(raw, TimeOfDay):
+            return str(raw.datetime)
+        if isinstance(raw, TimeDifference):
+            return str(raw.timedelta)
+        return repr(raw) if isinstance(raw, str) else show(raw)
+
+    def read(self, data: bytes) -> str:
+        """The bytes of the object as its value in words; empty if they are not one."""
+        try:
+            if self.parameter is not None and self.type != "text":
+                return self.parameter.text(self.parameter.from_object(data))
+            return self.text(object_codec("string" if self.type == "text" else self.type).decode(data))
+        except BarewireError:
+            return ""
+
+
+class KnownNode(NamedTuple):
+    """One node: its objects by index and sub-index, and the factory setting of its PDOs."""
+
+    node: int
+    title: str
+    objects: Mapping[tuple[int, int], Known]
+    pdos: tuple[Pdo, ...]
+    commands: tuple[int, ...] = ()
+    """Requests of its dialect that the standard says otherwise."""
+
+
+def of_device(device: Device, node: int | None = None) -> KnownNode:
+    """A device of the catalogue as that node. EncodeError if its description tells of no CANopen.
+
+    >>> from barewire.devices import load
+    >>> known = of_device(load("az3"), 5)
+    >>> known.objects[0x6041, 0].name, [pdo.direction for pdo in known.pdos][:2]
+    ('STATUS WORD', ['RPDO', 'RPDO'])
+    """
+    if device.canopen is None:
+        raise EncodeError(f"{device.name} has no CANopen in its description")
+    number = check_node(device.canopen.node if node is None else node)
+    objects: dict[tuple[int, int], Known] = {}
+    for parameter in device.parameters:
+        place = parameter.object
+        if place is not None and place.bit is None:
+            objects.setdefault((place.index, place.sub), Known(parameter.name, parameter.type, parameter))
+    pdos = []
+    for described in device.canopen.pdos:
+        owner = classify(CanFrame(described.cob_id + number))
+        if owner is None or "PDO" not in owner[0].name:
+            continue
+        direction: Direction = "TPDO" if owner[0].name.startswith("T") else "RPDO"
+        words = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
+        pdos.append(Pdo(direction, int(owner[0].name[4:]), words, described.transmission))
+    dialect = DIALECTS.get(device.canopen.dialect, STANDARD)
+    commands = tuple(command for _, command in dialect.read_commands)
+    return KnownNode(number, device.title, objects, tuple(pdos), commands)
+
+
+def of_dictionary(objects: ObjectDictionary, node: int, title: str = "") -> KnownNode:
+    """What an object dictionary tells, such as one out of an EDS."""
+    known = {(entry.index, entry.sub): Known(entry.name, entry.type) for entry in objects}
+    for entry in objects:
+        if entry.object_name and entry.sub and entry.object_name != entry.name:
+            known[entry.index, entry.sub] = Known(f"{entry.object_name}.{entry.name}", entry.type)
+    return KnownNode(check_node(node), title, known, tuple(pdos_of(objects, node)))

@@ -1,0 +1,190 @@
+"""SYNC, TIME, emergencies and LSS overheard.   [CiA 301; CiA 305]
+
+A SYNC counter that jumps is two different things, and the clock tells which: after four periods it counts on by four
+(three beats are not in the recording), after one period it must count on by one (the producer is wrong).
+"""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Literal
+
+from barewire.canopen.emcy.message import Emergency
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.lss.messages import BEGIN, REQUEST_KEY, Fastscan, LssAddress, LssMessage, LssService
+from barewire.canopen.sync import sync_counter
+from barewire.canopen.time_stamp import TimeStamp
+from barewire.errors import DecodeError
+from barewire.explain.can_monitor.events import Emcy, Event, Gap, Lss, Sync, Time, Violation
+from barewire.explain.canopen.lss import read_lss
+
+MISSING = 2.5
+"""After so many periods without a SYNC it is missing."""
+INTERVALS = 7
+
+
+class SyncListener:
+    """The beat of somebody else: period, jitter, counter. A machine."""
+
+    def __init__(self) -> None:
+        self.beats = 0
+        self.shortest: float | None = None
+        self.longest: float | None = None
+        self._intervals: list[float] = []
+        self._last: float | None = None
+        self._counter: int | None = None
+        self._highest = 0
+        self._missing = False
+
+    @property
+    def period(self) -> float | None:
+        """What was learned of it."""
+        return median(self._intervals) if len(self._intervals) >= 3 else None
+
+    @property
+    def deadline(self) -> float | None:
+        """When it is missing."""
+        period = self.period
+        return None if period is None or self._last is None or self._missing else self._last + MISSING * period
+
+    def pass_time(self, now: float) -> list[Event]:
+        """Whether it is missing by now."""
+        due = self.deadline
+        if due is None or now < due:
+            return []
+        self._missing = True
+        return [Sync(due, "missing", self._counter, self.beats, self.period, self.shortest, self.longest)]
+
+    def interrupt(self) -> None:
+        """The recording has a hole here."""
+        self._last, self._counter, self._missing = None, None, False
+
+    def hear(self, frame: CanFrame, now: float) -> list[Event]:
+        """A beat."""
+        try:
+            counter = sync_counter(frame.data)
+        except DecodeError as error:
+            rule = "SYNC-LENGTH" if error.reason == "long" else "SYNC-COUNTER"
+            return [Violation(now, rule, 0, error.text, str(frame))]
+        events: list[Event] = []
+        since = None if self._last is None else now - self._last
+        if self._last is not None and (counter is None) is not (self._counter is None):
+            text = "with a counter, the one before had none" if counter else "without a counter, the one before had one"
+            events.append(Violation(now, "SYNC-LENGTH", 0, text, str(frame)))
+        elif counter is not None and self._counter is not None and since is not None:
+            events += self._judge(counter, self._counter, since, frame, now)
+        kind: Literal["back", "beat", "first"] = "back" if self._missing else "beat" if self.beats else "first"
+        self.beats += 1
+        if since is not None and not self._missing:
+            self.shortest = since if self.shortest is None else min(self.shortest, since)
+            self.longest = since if self.longest is None else max(self.longest, since)
+            self._intervals = [*self._intervals[1 - INTERVALS :], since]
+        self._last, self._counter, self._missing = now, counter, False
+        self._highest = max(self._highest, counter or 0)
+        events.append(Sync(now, kind, counter, self.beats, self.period, self.shortest, self.longest))
+        return events
+
+    def _judge(self, counter: int, before: int, since: float, frame: CanFrame, now: float) -> list[Event]:
+        """Whether a counter follows the one before it; 1 always may: the producer begins again."""
+        if counter in (1, before + 1):
+            return []
+        step = counter - before if counter > before else counter - before + self._highest
+        period = self.period
+        if period and step > 1 and abs(since / period - step) < 0.5:
+            text = f"the SYNC counter goes from {before} to {counter}, and so does the time"
+            return [Gap(now, now - since, step - 1, text)]
+        return [Violation(now, "SYNC-COUNTER", 0, f"{counter} after {before}", str(frame))]
+
+    def end(self, now: float) -> list[Event]:
+        """How it was, if there was one."""
+        if self.beats < 2:
+            return []
+        return [Sync(now, "summary", self._counter, self.beats, self.period, self.shortest, self.longest)]
+
+
+def hear_emergency(node: int, frame: CanFrame, now: float) -> list[Event]:
+    """An emergency; a short one is filled up, as everybody does who does not want to lose it."""
+    events: list[Event] = []
+    if len(frame.data) != 8:
+        events.append(Violation(now, "EMCY-LENGTH", node, f"{len(frame.data)} bytes", str(frame)))
+    try:
+        message = Emergency.decode(frame._replace(data=frame.data[:8]))
+    except DecodeError:
+        return events
+    return [*events, Emcy(now, node, message.code, message.register, message.info)]
+
+
+def hear_time(frame: CanFrame, now: float) -> list[Event]:
+    """TIME."""
+    try:
+        stamp = TimeStamp.decode(frame)
+    except DecodeError as error:
+        return [Violation(now, "TIME-VALUE" if error.reason == "value" else "TIME-LENGTH", 0, error.text, str(frame))]
+    return [Time(now, int(stamp.moment), f"{stamp.moment.datetime.isoformat(' ', 'milliseconds')}")]
+
+
+class LssListener:
+    """LSS: each message in words, and a whole fastscan as one."""
+
+    def __init__(self) -> None:
+        self._questions = self._answers = 0
+        self._began = 0.0
+        self._asked: Fastscan | None = None
+        self._parts: dict[int, int] = {}
+
+    def hear(self, frame: CanFrame, now: float) -> list[Event]:
+        """A message of the master or of a device."""
+        answer = frame.key != REQUEST_KEY
+        try:
+            message = LssMessage.decode(frame)
+        except DecodeError as error:
+            rule = "LSS-SERVICE" if error.reason == "function" else "LSS-LENGTH"
+            return [*self.end(now), Violation(now, rule, 0, error.text, str(frame))]
+        if message.service == LssService.FASTSCAN and not answer:
+            return self._scan(message.body, now)
+        if self._asked is not None and answer and message.service == LssService.IDENTIFIED:
+            self._answers += 1
+            if self._asked.bit == 0:
+                self._parts[self._asked.sub] = self._asked.number
+            return []
+        return [*self.end(now), Lss(now, answer, message.service, _text(frame, answer))]
+
+    def _scan(self, body: bytes, now: float) -> list[Event]:
+        events: list[Event] = []
+        try:
+            question = Fastscan.of_body(body)
+        except DecodeError as error:
+            return [
+                *self.end(now),
+                Lss(now, False, LssService.FASTSCAN, f"fastscan, which nobody answers: {error.text}"),
+            ]
+        if self._asked is None or question.bit == BEGIN:
+            events = self.end(now)
+            self._began = now
+        self._asked = question
+        self._questions += 1
+        return events
+
+    def end(self, now: float) -> list[Event]:
+        """The fastscan that was going on, as one event."""
+        if self._asked is None:
+            return []
+        asked = f"fastscan, {self._questions} questions in {now - self._began:.3f} s, {self._answers} answers: "
+        if len(self._parts) == 4:
+            found = f"found {LssAddress(*(self._parts[part] for part in range(4)))}"
+        else:
+            found = "nobody is there" if not self._answers else "not finished"
+        self._questions = self._answers = 0
+        self._asked, self._parts = None, {}
+        return [Lss(self._began, False, LssService.FASTSCAN, asked + found)]
+
+
+def _text(frame: CanFrame, answer: bool) -> str:
+    """The service, and what its fields say."""
+    fields, _, summary = read_lss(frame.data, "response" if answer else "request")
+    said = []
+    for field in fields[1:]:
+        if field.name != "reserved":
+            number = f"{field.value:08X}h" if field.length == 4 and isinstance(field.value, int) else field.value
+            said.append(f"{field.name} {number}" + (f" ({field.meaning})" if field.meaning else ""))
+    return ", ".join([summary, *said])

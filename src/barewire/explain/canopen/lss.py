@@ -1,0 +1,123 @@
+"""LSS: give a device its node-ID and bit rate over the bus itself.   [CiA 305]
+
+7E5h   | service | 7 bytes, numbers little-endian, unused 0 |      master -> device
+7E4h   | service | 7 bytes                                  |      device -> master
+
+Which services there are, and in which direction, `canopen.lss` knows; here are the names of what stands behind them.
+"""
+
+from __future__ import annotations
+
+from barewire.canopen.lss.messages import (
+    ANSWERS,
+    AUTOMATIC_BIT_RATE,
+    BEGIN,
+    BIT_RATES,
+    REQUESTS,
+    UNCONFIGURED,
+    Fastscan,
+    LssAddress,
+    LssService,
+    LssState,
+)
+from barewire.codecs import Field, Layout
+from barewire.errors import DecodeError
+from barewire.explain.result import Role, cover
+
+PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
+"""The four numbers of an LSS address, as `LssAddress` has them, and as the standard calls them."""
+
+_PART = {number: PARTS[name] for number, name in enumerate(LssAddress._fields)}
+_LIMITS = (_PART[0], _PART[1], _PART[2], _PART[2], _PART[3], _PART[3])
+_RESULT = Layout("<BB", "result", "details")
+_NUMBER = {name: Layout("<I", name) for name in PARTS.values()}
+
+TITLES: dict[LssService, str] = {
+    LssService.SWITCH_GLOBAL: "switch state global",
+    LssService.CONFIGURE_NODE: "configure node-ID",
+    LssService.CONFIGURE_BIT_TIMING: "configure bit timing",
+    LssService.ACTIVATE_BIT_TIMING: "activate bit timing",
+    LssService.STORE: "store configuration",
+    **{LssService(LssService.SELECT_VENDOR + k): f"switch state selective: {name}" for k, name in _PART.items()},
+    LssService.SELECTED: "switch state selective: it is me",
+    LssService.IDENTIFY_VENDOR: "identify device: vendor-ID",
+    LssService.IDENTIFY_PRODUCT: "identify device: product code",
+    LssService.IDENTIFY_REVISION_LOW: "identify device: revision, lowest",
+    LssService.IDENTIFY_REVISION_HIGH: "identify device: revision, highest",
+    LssService.IDENTIFY_SERIAL_LOW: "identify device: serial number, lowest",
+    LssService.IDENTIFY_SERIAL_HIGH: "identify device: serial number, highest",
+    LssService.IDENTIFY_UNCONFIGURED: "identify devices without a node-ID",
+    LssService.IDENTIFIED: "identify device: it is me",
+    LssService.UNCONFIGURED_IDENTIFIED: "a device without a node-ID is here",
+    LssService.FASTSCAN: "fastscan",
+    **{LssService(LssService.INQUIRE_VENDOR + k): f"inquire {name}" for k, name in _PART.items()},
+    LssService.INQUIRE_NODE: "inquire node-ID",
+}
+_SCAN = Layout("<IBBB", "number", "bit check", "LSS sub", "LSS next")
+assert _SCAN.size == Fastscan.layout.size
+
+_ASKED: dict[LssService, Layout] = {
+    LssService.SWITCH_GLOBAL: Layout("<B", "mode"),
+    LssService.CONFIGURE_NODE: Layout("<B", "node-ID"),
+    LssService.CONFIGURE_BIT_TIMING: Layout("<BB", "table", "entry"),
+    LssService.ACTIVATE_BIT_TIMING: Layout("<H", "delay"),
+    **{LssService(LssService.SELECT_VENDOR + k): _NUMBER[name] for k, name in _PART.items()},
+    **{LssService(LssService.IDENTIFY_VENDOR + k): _NUMBER[name] for k, name in enumerate(_LIMITS)},
+    LssService.FASTSCAN: _SCAN,
+}
+_ANSWERED: dict[LssService, Layout] = {
+    LssService.CONFIGURE_NODE: _RESULT,
+    LssService.CONFIGURE_BIT_TIMING: _RESULT,
+    LssService.STORE: _RESULT,
+    **{LssService(LssService.INQUIRE_VENDOR + k): _NUMBER[name] for k, name in _PART.items()},
+    LssService.INQUIRE_NODE: Layout("<B", "node-ID"),
+}
+
+
+def read_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, str]:
+    """Fields, fault and summary of an LSS frame.
+
+    >>> read_lss(bytes.fromhex("1105000000000000"), "request")[2]
+    'configure node-ID'
+    """
+    if not data:
+        return [], DecodeError("short", data, 0, "the service is byte 0, but there are none"), ""
+    if data[0] not in (REQUESTS if role == "request" else ANSWERS):
+        error = DecodeError("function", data, 0, f"{data[0]:02X}h is no service of an LSS {role}")
+        return cover([Field(0, 1, "service", data[0], "unknown")], len(data)), error, "unknown service"
+    service = LssService(data[0])
+    title = TITLES[service]
+    fields = [Field(0, 1, "service", data[0], title)]
+    layout = (_ASKED if role == "request" else _ANSWERED).get(service)
+    at = 1
+    for field in [] if layout is None else layout.fields(data[1:], 1):
+        value = int.from_bytes(data[field.offset : field.offset + field.length], "little")
+        fields.append(field._replace(value=value, meaning=_words(service, field.name, value)))
+        at = field.offset + field.length
+    if layout is not None and at < 1 + layout.size:
+        missing = layout.names[len(fields) - 1]
+        return cover(fields, len(data), missing), None, title
+    if at < len(data):
+        fields.append(Field(at, len(data) - at, "reserved", data[at:].hex(" ").upper()))
+    return fields, None, title
+
+
+def _words(service: LssService, name: str, value: int) -> str:
+    match name:
+        case "mode":
+            return LssState(value).name.lower() if value in tuple(LssState) else "not defined"
+        case "node-ID":
+            return "no node-ID yet" if value == UNCONFIGURED else "" if 1 <= value <= 127 else "expected 1..127"
+        case "result":
+            return {0: "done", 0xFF: "failed, see details"}.get(value, "refused")
+        case "delay":
+            return "ms before the change, and the same again after it"
+        case "entry" if value in BIT_RATES:
+            return f"{BIT_RATES[value] // 1000} kbit/s"
+        case "entry":
+            return "finds out by itself" if value == AUTOMATIC_BIT_RATE else "reserved"
+        case "bit check" if value == BEGIN:
+            return "the beginning: is anybody without a node-ID here"
+        case "LSS sub" | "LSS next" if value in _PART:
+            return _PART[value]
+    return ""

@@ -1,0 +1,274 @@
+"""One SDO frame without the talk around it: eight bytes, and the drawing of the first says what the others are.
+
+        605h  | 2B | 40 60 | 00 | 0F 00 | 00 00 |         001- nnes    initiate download, ccs 1, n 2, e 1, s 1
+                command index sub  data    unused
+
+The same byte means different things in the two directions, so there are two tables. And a frame alone is not the whole
+truth: **inside a block transfer** every byte 0 from 01h to 7Fh, or with bit 7 set for the last, is the number of a
+segment. Only who has heard the transfer begin knows that; here every frame is explained as if it stood alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+from barewire.canopen.sdo import AZ3, abort_text
+from barewire.canopen.sdo.messages.codec import Abort, InitiateUpload, has_reserved_bits
+from barewire.codecs import BitPattern, Field, codec
+from barewire.errors import DecodeError
+from barewire.explain.result import Role, counted, cover
+
+LENGTH = 8
+Rest = Callable[[bytes, dict[str, int]], list[Field]]
+"""Lays out bytes 1 to 7, given the frame and the bits of its command byte."""
+
+AREAS = (
+    (0x0001, 0x0FFF, "data types"),
+    (0x1000, 0x1FFF, "communication profile"),
+    (0x2000, 0x5FFF, "manufacturer's own"),
+    (0x6000, 0x9FFF, "device profile"),
+    (0xA000, 0xBFFF, "interface profile"),
+)
+
+
+class Said(NamedTuple):
+    """One SDO frame explained."""
+
+    fields: list[Field]
+    error: DecodeError | None
+    summary: str
+
+
+class Command(NamedTuple):
+    """One row: the drawing of byte 0, its name, and how the other seven bytes lie."""
+
+    pattern: BitPattern
+    name: str
+    rest: Rest
+
+
+def _number(data: bytes, offset: int, length: int, name: str, meaning: str = "") -> list[Field]:
+    """One number, if all of it is there."""
+    part = data[offset : offset + length]
+    return [Field(offset, length, name, int.from_bytes(part, "little"), meaning)] if len(part) == length else []
+
+
+def _object(data: bytes) -> list[Field]:
+    """Index and sub-index."""
+    index = int.from_bytes(data[1:3], "little")
+    area = next((name for first, last, name in AREAS if first <= index <= last), "reserved")
+    return _number(data, 1, 2, "index", area) + _number(data, 3, 1, "sub-index")
+
+
+def _reserved(data: bytes, start: int) -> list[Field]:
+    """The bytes that carry nothing."""
+    rest = data[start:LENGTH]
+    meaning = "" if not any(rest) else "should be 0"
+    return [Field(start, len(rest), "reserved", rest.hex(" ").upper(), meaning)] if rest else []
+
+
+def _only_object(data: bytes, bits: dict[str, int]) -> list[Field]:
+    return _object(data) + _reserved(data, 4)
+
+
+def _nothing(data: bytes, bits: dict[str, int]) -> list[Field]:
+    return _reserved(data, 1)
+
+
+def _sized(data: bytes, bits: dict[str, int]) -> list[Field]:
+    """A size if s says so."""
+    return _object(data) + (_number(data, 4, 4, "size", "bytes will follow") if bits["s"] else _reserved(data, 4))
+
+
+def _value(data: bytes, bits: dict[str, int]) -> list[Field]:
+    """The value itself, 1 to 4 bytes, or a size where e is 0."""
+    if not bits["e"]:
+        return _sized(data, bits)
+    size = 4 - bits["n"] if bits["s"] else 4
+    words = readings(data[4 : 4 + size])
+    if not bits["s"]:
+        words = f"nobody says how many of the 4 bytes count; all of them: {words}"
+    unused = data[4 + size : LENGTH]
+    found = _object(data) + _number(data, 4, size, "data", words)
+    if unused:
+        found.append(Field(4 + size, len(unused), "unused", unused.hex(" ").upper()))
+    return found
+
+
+def _abort(data: bytes, bits: dict[str, int]) -> list[Field]:
+    return _object(data) + _number(data, 4, 4, "abort code", abort_text(int.from_bytes(data[4:8], "little")))
+
+
+def _segment(data: bytes, bits: dict[str, int]) -> list[Field]:
+    """Up to seven bytes of a value; n are not data."""
+    end = LENGTH - bits["n"]
+    found = [Field(1, len(data[1:end]), "data", data[1:end].hex(" ").upper(), _text(data[1:end]))]
+    if data[end:LENGTH]:
+        found.append(Field(end, len(data[end:LENGTH]), "unused", data[end:LENGTH].hex(" ").upper()))
+    return [field for field in found if field.length]
+
+
+def _block_of(data: bytes, bits: dict[str, int]) -> list[Field]:
+    return _object(data) + _number(data, 4, 1, "block size", "segments in a block") + _reserved(data, 5)
+
+
+def _block_asked(data: bytes, bits: dict[str, int]) -> list[Field]:
+    switch = "up to so many bytes an ordinary upload may answer" if data[5:6] != b"\0" else "never an ordinary upload"
+    found = _object(data) + _number(data, 4, 1, "block size", "segments in a block")
+    return found + _number(data, 5, 1, "protocol switch", switch) + _reserved(data, 6)
+
+
+def _acknowledged(data: bytes, bits: dict[str, int]) -> list[Field]:
+    found = _number(data, 1, 1, "sequence", "the last segment that came in order")
+    return found + _number(data, 2, 1, "block size", "segments in the next block") + _reserved(data, 3)
+
+
+def _block_end(data: bytes, bits: dict[str, int]) -> list[Field]:
+    return _number(data, 1, 2, "CRC", "of the whole value, if both sides calculate one") + _reserved(data, 3)
+
+
+REQUESTS = (
+    Command(BitPattern("000t nnnc"), "download segment", _segment),
+    Command(BitPattern("001- nnes"), "initiate download", _value),
+    Command(BitPattern("010- ----"), "initiate upload", _only_object),
+    Command(BitPattern("011t ----"), "upload segment", _nothing),
+    Command(Abort.pattern, "abort", _abort),
+    Command(BitPattern("101- -c00"), "initiate block upload", _block_asked),
+    Command(BitPattern("101- --01"), "end block upload", _nothing),
+    Command(BitPattern("101- --10"), "acknowledge block upload", _acknowledged),
+    Command(BitPattern("101- --11"), "start block upload", _nothing),
+    Command(BitPattern("110- -cs0"), "initiate block download", _sized),
+    Command(BitPattern("110n nn-1"), "end block download", _block_end),
+)
+RESPONSES = (
+    Command(BitPattern("000t nnnc"), "upload segment", _segment),
+    Command(BitPattern("001t ----"), "download segment", _nothing),
+    Command(BitPattern("010- nnes"), "initiate upload", _value),
+    Command(BitPattern("011- ----"), "initiate download", _only_object),
+    Command(Abort.pattern, "abort", _abort),
+    Command(BitPattern("101- -c00"), "initiate block download", _block_of),
+    Command(BitPattern("101- --10"), "acknowledge block download", _acknowledged),
+    Command(BitPattern("101- --01"), "end block download", _nothing),
+    Command(BitPattern("110- -cs0"), "initiate block upload", _sized),
+    Command(BitPattern("110n nn-1"), "end block upload", _block_end),
+)
+
+
+def read_sdo(data: bytes, role: Role) -> Said:
+    """Explain the data of an SDO frame. Never raises: what is wrong is in `error`.
+
+    >>> said = read_sdo(bytes.fromhex("4B41600037060000"), "response")
+    >>> said.summary
+    'initiate upload, 6041h:00, 2 bytes: 0637h'
+    >>> said.fields[0].meaning
+    'initiate upload response: expedited, 2 bytes, size indicated (scs 2, n 2, e 1, s 1)'
+    """
+    if not data:
+        return Said([], DecodeError("short", data, 0, "the command is byte 0, but there are none"), "nothing")
+    row = next((row for row in (REQUESTS if role == "request" else RESPONSES) if row.pattern.matches(data[0])), None)
+    if row is None:
+        fields = [Field(0, 1, "command", data[0], f"no command of an SDO {role}")]
+        error = DecodeError("function", data, 0, f"command {data[0]:02X}h is no command of an SDO {role}")
+        return Said(cover(fields, len(data)), error, "unknown command")
+    bits = row.pattern.decode(data[0])
+    name = row.name if row.name == "abort" else f"{row.name} {role}"
+    fields = [Field(0, 1, "command", data[0], _command_words(name, row, data[0], role, bits)), *row.rest(data, bits)]
+    fields = [field for field in fields if field.offset + field.length <= len(data)]
+    return Said(cover(fields, len(data)), None, _summary(row.name, fields))
+
+
+class Object(Protocol):
+    """What somebody knows of an object."""
+
+    @property
+    def name(self) -> str: ...
+
+    def read(self, data: bytes) -> str: ...
+
+
+def with_object(
+    fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], Object | None]
+) -> tuple[list[Field], str]:
+    """Fields and summary of an SDO frame, with the name of its object and its value in words, if they are known."""
+    held = {field.name: field for field in fields}
+    index, sub = (held[name].value if name in held else None for name in ("index", "sub-index"))
+    known = find(index, sub) if isinstance(index, int) and isinstance(sub, int) else None
+    if known is None:
+        return fields, summary
+    place = f"{index:04X}h:{sub:02X}"
+    summary = summary.replace(place, f"{place} {known.name}", 1)
+    words = {"index": known.name}
+    if (value := held.get("data")) is not None:
+        read = known.read(data[value.offset : value.offset + value.length])
+        if read:
+            words["data"] = read
+            summary += f", {read}"
+    return [field._replace(meaning=words.get(field.name, field.meaning)) for field in fields], summary
+
+
+def readings(data: bytes) -> str:
+    """What 1 to 4 bytes are as numbers of that width; nobody but the object knows which of them is meant.
+
+    >>> readings(bytes.fromhex("CDCC8C3F"))
+    'u32 1066192077, f32 1.1'
+    >>> readings(b"\\xfb")
+    'u8 251, i8 -5'
+    """
+    if not 1 <= len(data) <= 4:
+        return ""
+    bits = 8 * len(data)
+    found = [f"u{bits} {codec(f'u{bits}', 'DCBA').decode(data)}"]
+    if data[-1] & 0x80:
+        found.append(f"i{bits} {codec(f'i{bits}', 'DCBA').decode(data)}")
+    if len(data) == 4:
+        found.append(f"f32 {codec('f32', 'DCBA').decode(data):.7g}")
+    return ", ".join(found)
+
+
+def _text(data: bytes) -> str:
+    """Bytes as characters, if all of them are."""
+    return repr(data.decode("ascii")) if data and all(32 <= byte < 127 for byte in data) else ""
+
+
+def _command_words(name: str, row: Command, command: int, role: Role, bits: dict[str, int]) -> str:
+    """The name, what the bits say, and the bits."""
+    said = []
+    if "e" in bits:
+        size = f"{counted(4 - bits['n'])}, size indicated" if bits["s"] else "size not indicated"
+        said.append(f"expedited, {size}" if bits["e"] else "in segments, " + size.rpartition(", ")[2])
+    if "t" in bits:
+        said.append(f"toggle bit {bits['t']}")
+    if row.rest is _segment:
+        said.append(counted(7 - bits["n"]) + (", the last" if bits["c"] else ", more follow"))
+    elif "c" in bits:
+        said.append("with CRC" if bits["c"] else "without CRC")
+    elif row.rest is _block_end:
+        said.append(f"{counted(7 - bits['n'])} in the last segment")
+    specifier = "cs" if name == "abort" else "ccs" if role == "request" else "scs"
+    drawn = ", ".join([f"{specifier} {command >> 5}", *(f"{letter} {bit}" for letter, bit in bits.items())])
+    words = f"{name}{': ' + ', '.join(said) if said else ''} ({drawn})"
+    if has_reserved_bits(row.pattern, command):
+        words += "; " + _dialect(row, command)
+    return words
+
+
+def _dialect(row: Command, command: int) -> str:
+    if row.pattern.pattern == InitiateUpload.pattern.pattern and any(command == one for _, one in AZ3.read_commands):
+        return "CiA 301 has 40h for every read request; the AZ3's guide asks in this form"
+    return f"{row.pattern.pattern}: reserved bits are set, which a reader passes over"
+
+
+def _summary(name: str, fields: list[Field]) -> str:
+    """Command, object and value in one line; the direction stands in the identifier already."""
+    held = {field.name: field for field in fields}
+    parts = [name]
+    if "index" in held and "sub-index" in held:
+        parts.append(f"{held['index'].value:04X}h:{held['sub-index'].value:02X}")
+    if "abort code" in held:
+        parts.append(held["abort code"].meaning)
+    data = held.get("data")
+    if data is not None:
+        value = f": {data.value:0{2 * data.length}X}h" if isinstance(data.value, int) else ""
+        parts.append(counted(data.length) + value)
+    return ", ".join(parts)

@@ -1,0 +1,132 @@
+"""What the fields of a Modbus message mean, in words: the sentences that `explain` prints on the right.
+
+The messages know where their fields lie and the few meanings that are theirs alone; here is what a reader wants to be
+told in addition: that addresses count from 0, who a unit is, which function codes are for everyone's own use.
+"""
+
+from __future__ import annotations
+
+from barewire.codecs import Field
+from barewire.explain.result import Role
+from barewire.modbus.exceptions import EXCEPTIONS, exception_name
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.identification import MORE, NO_MORE, OBJECT_NAMES, READ_CODES
+from barewire.modbus.messages.registry import ENCAPSULATED, request_class
+from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
+
+# Public functions by name, also those that have no message class here.                     [MB-APP 5.1]
+PUBLIC = {
+    0x08: "Diagnostics",
+    0x0B: "Get Comm Event Counter",
+    0x0C: "Get Comm Event Log",
+    0x14: "Read File Record",
+    0x15: "Write File Record",
+    0x16: "Mask Write Register",
+    0x17: "Read/Write Multiple Registers",
+    0x18: "Read FIFO Queue",
+    0x2B: "Encapsulated Interface Transport",
+}
+MEI_TYPES = {0x0D: "CANopen General Reference", 0x0E: "Read Device Identification"}
+USER_DEFINED = (*range(65, 73), *range(100, 111))
+RESERVED = (9, 10, 13, 14, 41, 42, 90, 91, 125, 126, 127)
+
+_QUANTITY_OF = {
+    0x01: "coils",
+    0x02: "discrete inputs",
+    0x03: "holding registers",
+    0x04: "input registers",
+    0x0F: "coils",
+    0x10: "holding registers",
+}
+
+
+def unit_words(unit: int, serial: bool) -> str:
+    """Who a unit is.
+
+    >>> unit_words(0, serial=True)
+    'broadcast: all units, and nobody answers'
+    """
+    if unit == 0:
+        return "broadcast: all units, and nobody answers" if serial else "the server itself (or a broadcast behind it)"
+    if unit == 255 and not serial:
+        return "the server itself, no unit behind it"
+    return f"unit {unit}" + (": 248..255 are reserved" if unit > 247 else "")
+
+
+def code_words(code: int) -> str:
+    """What a function code is that has no name.
+
+    >>> code_words(65), code_words(9), code_words(99)
+    ('user-defined function', 'reserved function', 'not a public function of the standard')
+    """
+    if code in USER_DEFINED:
+        return "user-defined function"
+    return "reserved function" if code in RESERVED else "not a public function of the standard"
+
+
+def title(pdu: bytes) -> str:
+    """The name of the function of a PDU."""
+    known = request_class(pdu)
+    if known is not None:
+        return known.name
+    if pdu[0] == ENCAPSULATED and len(pdu) > 1 and pdu[1] in MEI_TYPES:
+        return MEI_TYPES[pdu[1]]
+    return PUBLIC.get(pdu[0]) or f"function {pdu[0]:02X} ({code_words(pdu[0])})"
+
+
+def code_title(code: int) -> str:
+    """Number and name: '04 Read Input Registers', as far as one byte tells it."""
+    known = request_class(bytes([code]))
+    name = known.name if known else PUBLIC.get(code)
+    return f"{code:02X} {name or code_words(code)}"
+
+
+def with_meanings(fields: list[Field], pdu: bytes, role: Role | None) -> list[Field]:
+    """The fields of a PDU, each with its sentence; what a message says itself is kept."""
+    held = {field.name: field.value for field in fields}
+    start = held.get("address") if role == "request" else None
+    told = []
+    for field in fields:
+        words = _words(field, pdu)
+        if field.name.startswith("register ") and isinstance(start, int):
+            words = ", ".join(filter(None, (f"for address {start + int(field.name[9:]):04X}h", words)))
+        told.append(field._replace(meaning=words or field.meaning))
+    return told
+
+
+def _words(field: Field, pdu: bytes) -> str:
+    """The sentence for one field; empty where there is nothing to add."""
+    value = field.value
+    if not isinstance(value, int):
+        return ""
+    if field.name.startswith("register ") or (field.name == "value" and not field.meaning):
+        return f"{value - 0x10000} if signed" if value >= 0x8000 else ""
+    match field.name:
+        case "function_code" if value & EXCEPTION_BIT:
+            return f"bit 7: exception to {code_title(value & ~EXCEPTION_BIT)}"
+        case "function_code":
+            return code_title(value) if value else "there is no function 00"
+        case "exception_code" if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
+            return ""
+        case "exception_code":
+            known = EXCEPTIONS.get(value)
+            return f"{known.name}: {known.hint}" if known else exception_name(value)
+        case "address" | "read_address" | "write_address":
+            return f"0-based; number {value + 1} in 1-based tables"
+        case "quantity":
+            return _QUANTITY_OF.get(pdu[0], "")
+        case "byte_count":
+            there = len(pdu) - field.offset - field.length
+            return "so many bytes follow" if there == value else f"{value} bytes announced, {there} follow"
+        case "mei_type":
+            return f"{value:02X} {MEI_TYPES.get(value, 'reserved')}"
+        case "read_code":
+            return READ_CODES.get(value, "not defined")
+        case "object_id":
+            return OBJECT_NAMES.get(value, "private" if value >= 0x80 else "reserved")
+        case "conformity":
+            one = ", or one object at a time" if value & 0x80 else ""
+            return READ_CODES.get(value & 0x7F, "not defined") + one
+        case "more_follows":
+            return {MORE: "more follows", NO_MORE: "this is all"}.get(value, "neither FFh nor 00h")
+    return ""

@@ -1,0 +1,144 @@
+"""The letter inside the three Modbus envelopes: which message it is, who says it, and what each field means.
+
+        04 0F B1 00 02        fits a request (5 bytes), and no response: the byte count would be 0Fh
+        04 04 00 00 01 10     fits a response (byte count 4, 4 bytes follow), and no request
+        06 00 01 00 03        fits both: a write is answered with its echo
+
+A message does not say whether it is a request or a response; whoever listens has to know who is speaking. Where nobody
+says it, both shapes are tried. If both fit it is called a request, with a note. If none fits, the one counts that is
+nearer in length, because a message with a wrong value in it is more usual than one with a wrong length.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from barewire.codecs import Field
+from barewire.errors import DecodeError
+from barewire.explain.modbus.field_text import code_title, title, with_meanings
+from barewire.explain.result import LEFT_OVER, Role, counted, cover
+from barewire.modbus.exceptions import exception_name
+from barewire.modbus.messages.base import EXCEPTION_BIT, Message
+from barewire.modbus.messages.registry import ENCAPSULATED, request_class, response_class
+from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
+
+UNKNOWN_SHAPE = "data"
+
+
+class Letter(NamedTuple):
+    """One PDU explained; offsets are counted in it. `note` says what could not be decided."""
+
+    role: Role | None
+    fields: list[Field]
+    error: DecodeError | None
+    summary: str
+    note: str = ""
+
+
+def read_letter(pdu: bytes, role: Role | None = None) -> Letter:
+    """Explain a PDU. Never raises: what is wrong with it is in `error`.
+
+    >>> read_letter(bytes.fromhex("8302")).summary
+    'exception 02 (illegal data address) to 03 Read Holding Registers'
+    """
+    if not pdu:
+        return Letter(role, [], DecodeError("short", pdu, 0, "there is no function code"), "nothing")
+    note = ""
+    if role is None:
+        role, note = guess(pdu)
+    message = _shape(pdu, role)
+    fields = with_meanings(_fields(message, pdu), pdu, role)
+    return Letter(role, fields, _error(message, pdu, role), _summary(fields, pdu), note)
+
+
+def guess(pdu: bytes) -> tuple[Role | None, str]:
+    """Who says this, and a note if it might as well be the other. None for a function nobody here knows.
+
+    >>> guess(bytes.fromhex("0600010003"))
+    ('request', 'a response can look the same')
+    """
+    if pdu[0] & EXCEPTION_BIT:
+        return "response", ""
+    request, response = request_class(pdu), response_class(pdu)
+    if request is None or response is None:
+        return None, ""
+    fits_request, fits_response = _decode_error(request, pdu) is None, _decode_error(response, pdu) is None
+    if fits_request:
+        return "request", "a response can look the same" if fits_response else ""
+    if fits_response or _missed(response, pdu) < _missed(request, pdu):
+        return "response", ""
+    return "request", ""
+
+
+def _missed(message: type[Message], pdu: bytes) -> int:
+    """By how many bytes the length misses the shape."""
+    size = message.measure(pdu)
+    return abs(size - len(pdu)) if size is not None else len(pdu)
+
+
+def _shape(pdu: bytes, role: Role | None) -> type[Message] | None:
+    """The class that lays out these bytes. Bit 7 says "exception response", whatever role was claimed."""
+    if role == "response" or pdu[0] & EXCEPTION_BIT:
+        return response_class(pdu)
+    return request_class(pdu)
+
+
+def _decode_error(message: type[Message], pdu: bytes) -> DecodeError | None:
+    try:
+        message.decode(pdu)
+    except DecodeError as error:
+        return error
+    return None
+
+
+def _error(message: type[Message] | None, pdu: bytes, role: Role | None) -> DecodeError | None:
+    if pdu[0] & ~EXCEPTION_BIT == 0:
+        return DecodeError("function", pdu, 0, f"function code {pdu[0]:02X}: there is no function 00")
+    if role == "request" and pdu[0] & EXCEPTION_BIT:
+        return DecodeError(
+            "function", pdu, 0, f"function code {pdu[0]:02X}: bit 7 is set, as in exception responses only"
+        )
+    # A function that nobody here knows is no fault: 65..72 and 100..110 are for everyone's own use.
+    return _decode_error(message, pdu) if message else None
+
+
+def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
+    """Each byte in a field, named as far as the shape is known."""
+    if message is not None:
+        found = message.fields(pdu)
+        names = message.layout.names
+        return cover(found, len(pdu), names[len(found)] if len(found) < len(names) else "")
+    found = [Field(0, 1, "function_code", pdu[0])]
+    if pdu[0] == ENCAPSULATED and len(pdu) > 1:
+        found.append(Field(1, 1, "mei_type", pdu[1]))
+    if len(pdu) > len(found):
+        rest = pdu[len(found) :]
+        found.append(Field(len(found), len(rest), UNKNOWN_SHAPE, rest.hex(" ").upper()))
+    return found
+
+
+def _summary(fields: list[Field], pdu: bytes) -> str:
+    """The message in one line, for the verdict."""
+    if pdu[0] & EXCEPTION_BIT:
+        said = f"exception {pdu[1]:02X} ({exception_name(pdu[1])})" if len(pdu) > 1 else "exception"
+        if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
+            said = "extended exception"
+        return f"{said} to {code_title(pdu[0] & ~EXCEPTION_BIT)}"
+    held = {field.name: field.value for field in fields}
+    address, quantity, value = held.get("address"), held.get("quantity"), held.get("value")
+    if isinstance(address, int):
+        if isinstance(quantity, int):
+            return f"{title(pdu)}, {quantity} from {address:04X}h"
+        if isinstance(value, int):
+            words = {field.name: field.meaning for field in fields}
+            return f"{title(pdu)}, {words['value'] if pdu[0] == 0x05 else value} to {address:04X}h"
+    registers = sum(field.name.startswith("register ") for field in fields)
+    if registers:
+        return f"{title(pdu)}, {counted(registers, 'register')}"
+    packed = sum(field.name in ("coils", "inputs") for field in fields)
+    return f"{title(pdu)}, {counted(packed)} of bits" if packed else title(pdu)
+
+
+def left_over(at: int, size: int, meaning: str = "") -> list[Field]:
+    """The field for the bytes behind a frame that is complete, if there are any."""
+    return [Field(at, size - at, LEFT_OVER, None, meaning)] if size > at else []

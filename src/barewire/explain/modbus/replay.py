@@ -1,0 +1,119 @@
+"""A recording, listened to once more: captures, logs and dumps, all by the decoder that listens to live lines.
+
+pcapng, pcap     TCP port 502 by connection and direction; RTU in datagrams on port 5020
+anything else    text, as `bytelog` reads it: RTU, or ASCII where the bytes begin with a colon
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterator
+
+from barewire.ascii import AsciiLine
+from barewire.errors import DecodeError
+from barewire.explain.capture.bytelog import parse_log
+from barewire.explain.capture.modbus_packets import MODBUS_PORTS, Connection, unpack
+from barewire.explain.capture.pcapng import is_capture, read
+from barewire.modbus.framing import Line
+from barewire.modbus.sniffer.numbered import NumberedSniffer
+from barewire.modbus.sniffer.sniffer import WINDOW, Overheard, Sniffer
+from barewire.rtu import RtuLine, Timing
+from barewire.tcp import TcpLine
+
+_SEGMENTS = 64
+_ANY_SPEED = Timing(0.0, 0.0, 0.0)
+"""Nobody wrote down how fast the line was: only pauses end a frame that nobody can count."""
+
+
+def rtu_listener() -> Line:
+    """A line that hears both sides at whatever speed."""
+    return RtuLine(_ANY_SPEED, role="listener")
+
+
+def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBUS_PORTS) -> Iterator[Overheard]:
+    """What a recording says, in the order in which it was said.
+
+    >>> [type(event).__name__ for event in replay(b"1.0 01 83 02 C0 F1")]
+    ['Answered']
+
+    Raises DecodeError for what is no recording.
+    """
+    if is_capture(data):
+        return _replay_capture(data, window, ports)
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
+    return _replay_log(text, window)
+
+
+def _replay_log(text: str, window: float) -> Iterator[Overheard]:
+    chunks = parse_log(text).chunks
+    new_line: Callable[[], Line] = AsciiLine if chunks and chunks[0].data[:1] == b":" else rtu_listener
+    sniffer = Sniffer(new_line(), window=window)
+    for chunk in chunks:
+        yield from _feed(sniffer, chunk.data, chunk.at)
+    yield from sniffer.end(chunks[-1].at if chunks else 0.0)
+
+
+def _feed(sniffer: Sniffer, data: bytes, at: float) -> Iterator[Overheard]:
+    """Bytes that came at this time, after whatever was due before."""
+    while (deadline := sniffer.deadline) is not None and deadline < at:
+        yield from sniffer.feed(None, deadline)
+    yield from sniffer.feed(data, at)
+
+
+class _Stream:
+    """One direction of a TCP connection: segments in the order of their numbers, each byte once."""
+
+    def __init__(self) -> None:
+        self._next: int | None = None
+        self._early: dict[int, bytes] = {}
+
+    def put(self, sequence: int, data: bytes) -> bytes:
+        """What can be read now."""
+        if self._next is None:
+            self._next = sequence
+        self._early[sequence] = max(self._early.get(sequence, b""), data, key=len)
+        if len(self._early) > _SEGMENTS:  # the missing one was not captured: go on behind it
+            expected = self._next
+            self._next = min(self._early, key=lambda number: number - expected & 0xFFFFFFFF)
+        out = b""
+        while (found := self._following(self._next)) is not None:
+            out += found
+            self._next = self._next + len(found) & 0xFFFFFFFF
+        return out
+
+    def _following(self, at: int) -> bytes | None:
+        for number in list(self._early):
+            behind = at - number & 0xFFFFFFFF
+            if behind < 0x80000000:
+                rest = self._early.pop(number)[behind:]
+                if rest:
+                    return rest
+        return None
+
+
+def _replay_capture(data: bytes, window: float, ports: Container[int]) -> Iterator[Overheard]:
+    serial: dict[Connection, Sniffer] = {}
+    numbered: dict[Connection, NumberedSniffer] = {}
+    streams: dict[tuple[Connection, bool], _Stream] = {}
+    now = 0.0
+    for packet in read(data):
+        carried = unpack(packet, ports)
+        if carried is None:
+            continue
+        now, where = carried.at, carried.connection
+        if carried.sequence is None:
+            sniffer = serial.setdefault(where, Sniffer(rtu_listener(), window=window))
+            yield from _feed(sniffer, carried.data, now)
+            # A datagram is a whole frame, or noise.
+            if (ends := sniffer.line.deadline) is not None:
+                yield from sniffer.feed(None, ends)
+        else:
+            pair = numbered.setdefault(where, NumberedSniffer(TcpLine(), TcpLine(), window=window))
+            stream = streams.setdefault((where, carried.from_client), _Stream())
+            yield from pair.feed(carried.from_client, stream.put(carried.sequence, carried.data), now)
+    for sniffer in serial.values():
+        yield from sniffer.end(now)
+    for pair in numbered.values():
+        yield from pair.end(now)

@@ -1,0 +1,107 @@
+"""A CAN bus between processes without CAN hardware: a small server of the socketcand protocol.
+
+    client                      hub
+    ------                      ---
+                     <-  < hi >
+    < open can0 >    ->
+                     <-  < ok >
+    < rawmode >      ->
+                     <-  < ok >
+    < send 605 8 40 41 60 0 0 0 0 0 >   ->   to all others:  < frame 605 1764000000.000001 4041600000000000 >
+
+python-can's `socketcand` interface speaks it, so any program that uses python-can can join; the names of buses are told
+apart. What one client sends all others on the same bus hear, as on a cable.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX
+from barewire.errors import PortError
+from barewire.io.ports.tcp import reason
+
+_BACKLOG = 0x10000
+"""Bytes that may wait for one client."""
+
+_LONGEST = 4096
+"""Characters without a complete message after which a client is not speaking this protocol."""
+
+
+class SocketcandHub:
+    """A hub in a thread of its own. Raises PortError if the port is taken."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._buses: dict[str, set[asyncio.StreamWriter]] = {}
+        try:
+            self._server = self._loop.run_until_complete(asyncio.start_server(self._client, host, port))
+        except OSError as error:
+            self._loop.close()
+            raise PortError(f"{host}:{port}: {reason(error)}") from None
+        self._thread = threading.Thread(target=self._loop.run_forever, name="socketcand", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Hang up on everybody and give the port back."""
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(timeout=5.0)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(timeout=5.0)
+        self._loop.close()
+
+    async def _end(self) -> None:
+        self._server.close()
+        tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        bus: set[asyncio.StreamWriter] = set()
+        text = ""
+        writer.write(b"< hi >")
+        try:
+            while (data := await reader.read(_LONGEST)) and len(text) < _LONGEST:
+                text += data.decode("latin-1")
+                while ">" in text:
+                    message, _, text = text.partition(">")
+                    words = message.partition("<")[2].split()
+                    if words[:1] == ["open"] and len(words) == 2:
+                        bus = self._buses.setdefault(words[1], set())
+                        writer.write(b"< ok >")
+                    elif words == ["rawmode"]:
+                        bus.add(writer)
+                        writer.write(b"< ok >")
+                    elif words == ["echo"]:
+                        writer.write(b"< echo >")
+                    elif words[:1] != ["send"] or not self._pass_on(words[1:], bus - {writer}):
+                        writer.write(b"< error unknown command >")
+        except (ConnectionError, asyncio.CancelledError):
+            pass
+        finally:
+            bus.discard(writer)
+            writer.close()
+            with contextlib.suppress(ConnectionError, asyncio.CancelledError):
+                await writer.wait_closed()
+
+    def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> bool:
+        """IDENTIFIER LENGTH BYTE...: to all others, if it is a frame; python-can would fall over what is none."""
+        try:
+            identifier, length, *data = (int(word, 16) for word in words)
+            frame = bytes(data)
+        except ValueError:
+            return False
+        base = len(words[0]) == 3  # three digits are a base identifier, whatever the number
+        limit = BASE_MAX if base else EXTENDED_MAX
+        if not 0 <= identifier <= limit or length != len(frame) or length > DATA_MAX:
+            return False
+        written = f"{identifier:03X}" if base else f"{identifier:08X}"
+        said = f"< frame {written} {time.time():.6f} {frame.hex().upper()} >".encode()
+        for other in others:
+            # Who does not listen is dropped, as a full controller drops: the others must not wait, nor the memory fill.
+            if other.transport.get_write_buffer_size() < _BACKLOG:
+                other.write(said)
+        return True

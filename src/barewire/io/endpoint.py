@@ -1,0 +1,259 @@
+"""Where something is, written as a URL: one way to name a port for every command and every client.
+
+tcp://127.0.0.1:1502?unit=1               Modbus TCP
+tls://10.0.0.5?cert=me.crt&key=me.key&ca=ca.crt        the same inside TLS; port 802
+udp://10.0.0.5:502                        the same frames, one a datagram
+rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
+ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E
+rtu+tcp://10.0.0.5:4001                   a serial line behind a transparent serial server; ascii+tcp:// too
+rtu://pty                                 a new pseudo-terminal (where a simulator is to be started)
+can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can names it: socketcan, slcan, ...
+can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
+
+scheme     options, and what they are without being said
+all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after questions
+           without an answer a unit is left alone for a while (never), late_window (three time-outs), recovery (probe)
+tcp        any_unit, any_transaction (0): quirks tolerated; server: connections (1024), idle seconds (0: no limit)
+tls        as tcp, and cert, key, ca (files), server_name (the host); server: roles (a file, or "any")
+udp        any_unit, any_transaction (0)
+rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (usb: see LATENCIES), patience (that of the
+           latency, in seconds, or "strict"), echo (0, 1, or auto: found out by reading a register), rs485 (off, kernel
+           or rts), pace
+ascii      as rtu, but patience (1) and no latency
+rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
+can        node (the device's own, or 1), timeout (1), bitrate (125000 bit/s), whatever the python-can interface takes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from barewire.errors import EncodeError, shown
+from barewire.io.url import pairs, split, unquote
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import NamedTuple
+else:
+    from barewire.record import NamedTuple
+
+PSEUDO_TERMINAL = "pty"
+LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
+"""The longest pause, in seconds, that is forgiven inside an RTU frame, by what carries the bytes. A UART's FIFO and the
+scheduler hold them back for milliseconds, USB adapters for up to 16 ms twice, a network for as long as it likes."""
+
+_ALL = frozenset({"unit", "timeout", "gap", "dead_after", "late_window", "recovery"})
+_TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
+_WIRE = {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
+_TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
+_KNOWN = {
+    "tcp": _TCP,
+    "tls": _TCP | {"cert", "key", "ca", "server_name", "roles"},
+    "udp": _ALL | {"any_unit", "any_transaction"},
+    "rtu": _ALL | _WIRE | {"latency"},
+    "ascii": _ALL | _WIRE,
+    "rtu+tcp": _TUNNEL | {"latency"},
+    "ascii+tcp": _TUNNEL,
+}
+_WHOLE: dict[str, tuple[int, int | None]] = {
+    "unit": (0, 255),
+    "node": (1, 127),
+    "dead_after": (0, None),
+    "connections": (1, None),
+    "baudrate": (1, None),
+    "bitrate": (1000, 1_000_000),
+}
+"""Options that are whole numbers: the smallest, and the largest if there is one."""
+_SECONDS = {"timeout", "gap", "late_window", "idle", "patience"}
+_WORDS = {
+    "parity": ("N", "E", "O"),
+    "stopbits": ("1", "1.5", "2"),
+    "bytesize": ("7", "8"),
+    "latency": tuple(LATENCIES),
+    "echo": ("0", "1", "auto"),
+    "rs485": ("off", "kernel", "rts"),
+    "recovery": ("probe", "wait"),
+    "any_unit": ("0", "1"),
+    "any_transaction": ("0", "1"),
+    "pace": ("0", "1"),
+}
+"""Options that are one of a few words."""
+MODBUS = tuple(_KNOWN)
+SCHEMES = (*MODBUS, "can")
+_PORTS = {"tls": 802}
+
+SOCKETCAND_PORT = 29536
+
+
+def socketcand_address(channel: str) -> tuple[str, int]:
+    """HOST and PORT of the channel of a socketcand endpoint, HOST:PORT/BUS.
+
+    >>> socketcand_address("127.0.0.1:29536/can0")
+    ('127.0.0.1', 29536)
+    """
+    host, _, port = channel.partition("/")[0].partition(":")
+    number = int(port) if port.isdecimal() else SOCKETCAND_PORT
+    if number > 0xFFFF:
+        raise EncodeError(f"{shown(channel)}: port {number} is not a number in 0..65535")
+    return host, number
+
+
+def can_be_host(name: str) -> bool:
+    """Whether a name server could be asked for this, or whether it is an address.
+
+    >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
+    (True, False, False, True)
+    """
+    if name.isascii():
+        *labels, last = name.split(".")
+        return all(0 < len(label) < 64 for label in labels) and len(last) < 64
+    try:
+        return bool(name.encode("idna"))  # a codec that brings `re` along
+    except UnicodeError:
+        return False
+
+
+Turn = Callable[[bool], None]
+"""Turns the direction of a two-wire line: called with True before the first bit is sent, with False after the last."""
+
+
+class Endpoint(NamedTuple):
+    """A URL, taken apart. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
+
+    `turn` is what no URL can say: who turns the direction of a two-wire line, see `turned_by`.
+
+    >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
+    >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)
+    ('rtu', '/dev/ttyUSB0', 7, 9600)
+    """
+
+    scheme: str
+    place: str
+    options: Mapping[str, str]
+    turn: Turn | None = None
+
+    @classmethod
+    def parse(cls, url: str) -> Endpoint:
+        """The URL taken apart; EncodeError says what is wrong with it and what was expected."""
+        scheme, place, query = split(url)
+        if scheme not in SCHEMES:
+            forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
+            forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
+            raise EncodeError(f"endpoint {url!r}: expected {forms}")
+        if "#" in url:
+            raise EncodeError(f"endpoint {url!r}: '#' begins nothing in an endpoint, a name has %23 for it")
+        if "?" in query:
+            raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&', a name has %3F for it")
+        said = pairs(query)
+        options = dict(said)
+        if len(options) < len(said):
+            raise EncodeError(f"endpoint {url!r}: an option is said twice")
+        known = _KNOWN.get(scheme)
+        for key in options:
+            if known is not None and key not in known:
+                raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
+        place = unquote(place)
+        if scheme == "can":
+            interface, _, channel = place.partition("/")
+            if not interface or not channel:
+                raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
+        if scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
+            place = PSEUDO_TERMINAL
+        if not place.strip("/") or "\0" in place:
+            raise EncodeError(f"endpoint {url!r}: it names no port")
+        endpoint = cls(scheme, place, options)
+        if scheme == "can":
+            socketcand_address(place.partition("/")[2])
+        elif not endpoint.is_serial_port:
+            _ = endpoint.host_and_port  # a wrong one is told before anything is opened
+        for key in options:
+            endpoint._check(key)
+        if endpoint.scheme == "rtu" and options.get("bytesize") == "7":
+            raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
+        return endpoint
+
+    def _check(self, key: str) -> None:
+        """An option is wrong from the start, not when somebody asks for it: who asks may be somebody else."""
+        if key in _WHOLE:
+            _ = self.integer(key, 1)
+        elif key in _WORDS:
+            _ = self.choice(key, "")
+        elif key in _SECONDS and not (key == "patience" and self.envelope == "rtu" and self.options[key] == "strict"):
+            _ = self.seconds(key, 0.0)
+
+    def __str__(self) -> str:
+        query = "&".join(f"{key}={value}" for key, value in self.options.items())
+        return f"{self.scheme}://{self.place}" + (f"?{query}" if query else "")
+
+    def turned_by(self, turn: Turn | None) -> Endpoint:
+        """The same, its line turned by this function (a GPIO pin). EncodeError where that makes no sense."""
+        if turn is None:
+            return self
+        if not self.is_serial_port:
+            raise EncodeError(f"endpoint {str(self)!r}: turn= is for serial ports, rtu:// and ascii://", "turn")
+        if self.options.get("rs485", "off") != "off":
+            raise EncodeError(f"endpoint {str(self)!r}: rs485= and turn= both turn the line, say one of them", "turn")
+        return self._replace(turn=turn)
+
+    @property
+    def envelope(self) -> str:
+        """What is around a PDU: rtu, ascii or tcp; can for a bus."""
+        return "tcp" if self.scheme in ("tls", "udp") else self.scheme.partition("+")[0]
+
+    @property
+    def is_serial_port(self) -> bool:
+        """Whether `place` is a serial device, not a host."""
+        return self.scheme in ("rtu", "ascii")
+
+    @property
+    def host_and_port(self) -> tuple[str, int]:
+        """Where a host is: 502 is the port that nobody has to say, 802 for TLS. An IPv6 address stands in brackets."""
+        host, colon, port = self.place.rpartition(":")
+        if not colon or port.endswith("]"):
+            host, port = self.place, str(_PORTS.get(self.scheme, 502))
+        bracketed = host.startswith("[") and host.endswith("]")
+        if bracketed != (":" in host) or "[" in host.strip("[]"):
+            raise EncodeError(f"endpoint {shown(str(self))}: an IPv6 address stands in brackets, as [::1]:502")
+        if not port.isdecimal() or int(port) > 0xFFFF:
+            raise EncodeError(f"endpoint {shown(str(self))}: port {port!r} is not a number in 0..65535")
+        if not can_be_host(host):
+            raise EncodeError(f"endpoint {shown(str(self))}: {shown(host)} cannot be the name of a host")
+        return host.strip("[]"), int(port)
+
+    def integer(self, key: str, default: int) -> int:
+        """An option that is a whole number."""
+        text = self.options.get(key)
+        if text is None:
+            return default
+        least, most = _WHOLE.get(key, (None, None))
+        try:
+            number = int(text, 0)
+        except ValueError:
+            raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a whole number") from None
+        if (least is not None and number < least) or (most is not None and number > most):
+            expected = f"{least}..{most}" if most else f"{least} or more"
+            raise EncodeError(f"endpoint {str(self)!r}: {key} {number}: expected {expected}")
+        return number
+
+    def flag(self, key: str) -> bool:
+        """An option that is 0 or 1; 0 if it is not said."""
+        return self.choice(key, "0") == "1"
+
+    def seconds(self, key: str, default: float) -> float:
+        """An option that is a time in seconds, not negative."""
+        text = self.options.get(key)
+        try:
+            number = default if text is None else float(text)
+        except ValueError:
+            number = -1.0
+        if not 0 <= number < float("inf"):
+            raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a number of seconds")
+        return number
+
+    def choice(self, key: str, default: str) -> str:
+        """An option that is one of a few words."""
+        text = self.options.get(key, default)
+        for one in _WORDS[key]:
+            if text.lower() == one.lower():
+                return one
+        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(_WORDS[key])}")

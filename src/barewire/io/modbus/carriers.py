@@ -1,0 +1,140 @@
+"""What carries Modbus, by URL: the line and the port that a client needs, and the line that a server needs.
+
+    scheme      line            port                            a late answer
+    tcp, tls    TcpLine         TCP, TLS inside it              is known by its number
+    udp         DatagramLine    UDP                             is known by its number
+    rtu, ascii  RtuLine ...     serial                          is taken care of by the bus
+    rtu+tcp     RtuLine ...     TCP, to a serial server         is taken care of by the bus
+
+A port that needs a library, and an envelope, is loaded when a URL names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container
+
+from barewire.errors import EncodeError
+from barewire.io.endpoint import LATENCIES, MODBUS, Endpoint
+from barewire.tcp import DatagramLine, TcpLine
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, Literal
+
+    from barewire.io.engine.blocking import Port
+    from barewire.modbus.framing import Line
+    from barewire.rtu.timing import Timing
+
+    Role = Literal["client", "server"]
+
+
+def modbus_endpoint(url: str) -> Endpoint:
+    """The URL taken apart, if Modbus goes over it."""
+    endpoint = Endpoint.parse(url)
+    if endpoint.scheme not in MODBUS:
+        raise EncodeError(f"endpoint {url!r}: Modbus goes over {', '.join(f'{name}://' for name in MODBUS)}")
+    return endpoint
+
+
+def modbus_line(endpoint: Endpoint, role: Role, units: Container[int] = ()) -> Line:
+    """The framing state of a new connection."""
+    line: Line
+    if endpoint.envelope == "tcp":
+        kind = DatagramLine if endpoint.scheme == "udp" else TcpLine
+        return kind(any_unit=endpoint.flag("any_unit"), any_transaction=endpoint.flag("any_transaction"))
+    if endpoint.envelope == "ascii":
+        from barewire.ascii import AsciiLine
+
+        bits = 7 if endpoint.options.get("bytesize") == "7" else 8
+        line = AsciiLine(character_timeout=endpoint.seconds("patience", 1.0), data_bits=bits)
+    else:
+        from barewire.rtu.line import RtuLine  # it counts bytes, so it needs all the messages
+
+        line = RtuLine(_timing(endpoint), role=role, units=units, patience=patience(endpoint))
+    echo = endpoint.choice("echo", "0")
+    if echo == "0":
+        return line
+    from barewire.modbus.echo import EchoLine
+
+    if echo == "auto":
+        # A server need not find out: it knows its own answer, if that comes before anybody else may speak.
+        return EchoLine(line, echoes=None) if role == "client" else line
+    return EchoLine(line)
+
+
+def patience(endpoint: Endpoint) -> float | None:
+    """The longest pause forgiven inside an RTU frame; None for the letter of the standard."""
+    if endpoint.options.get("patience") == "strict":
+        return None
+    latency = endpoint.choice("latency", "usb" if endpoint.is_serial_port else "tunnel")
+    return endpoint.seconds("patience", LATENCIES[latency])
+
+
+def timing_in_words(endpoint: Endpoint) -> str:
+    """The numbers that a latency preset and the settings of a line mean, in one line.
+
+    >>> timing_in_words(Endpoint.parse("rtu:///dev/ttyUSB0?latency=uart"))
+    'speaks after 2.01 ms of silence (t3.5), forgives pauses of 5 ms inside a frame'
+    >>> timing_in_words(Endpoint.parse("ascii:///dev/ttyUSB0"))
+    'keeps no silence, forgives pauses of 1000 ms between two characters of a frame'
+    >>> timing_in_words(Endpoint.parse("tcp://10.0.0.5"))
+    'keeps no silence: lengths and numbers tell frames and answers apart'
+    """
+    if endpoint.envelope == "tcp":
+        return "keeps no silence: lengths and numbers tell frames and answers apart"
+    if endpoint.envelope == "ascii":
+        between = 1e3 * endpoint.seconds("patience", 1.0)
+        return f"keeps no silence, forgives pauses of {between:g} ms between two characters of a frame"
+    timing, forgiven = _timing(endpoint), patience(endpoint)
+    speaks = f"speaks after {1e3 * timing.t35:.2f} ms of silence (t3.5)" if timing.t35 else "keeps no silence"
+    if forgiven is None:
+        return f"{speaks}, forgives no pause above {1e3 * timing.t15:.2f} ms (t1.5) inside a frame"
+    return f"{speaks}, forgives pauses of {1e3 * forgiven:g} ms inside a frame"
+
+
+def _timing(endpoint: Endpoint) -> Timing:
+    if not endpoint.is_serial_port:
+        from barewire.rtu.timing import Timing
+
+        return Timing(0.0, 0.0, 0.0)  # behind a serial server nobody knows the line: it keeps the silences itself
+    from barewire.io.ports.serial import SerialSettings
+
+    return SerialSettings.of(endpoint).timing
+
+
+def dialer(endpoint: Endpoint) -> Callable[[], Port[bytes]]:
+    """What opens the port of a blocking client, as often as it is called."""
+    if endpoint.is_serial_port:
+        return lambda: open_serial(endpoint)
+    host, port = endpoint.host_and_port
+    if endpoint.scheme == "tls":
+        from barewire.io.ports.tls import TlsPort, client_context
+
+        context, name = client_context(endpoint), endpoint.options.get("server_name", host)
+        return lambda: TlsPort(host, port, context, name)
+    from barewire.io.ports.tcp import TcpPort, UdpPort
+
+    return lambda: UdpPort(host, port) if endpoint.scheme == "udp" else TcpPort(host, port)
+
+
+def open_serial(endpoint: Endpoint) -> Port[bytes]:
+    """The serial port of an rtu:// or ascii:// URL."""
+    from barewire.io.ports.serial import SerialPort
+
+    return SerialPort.of(endpoint)
+
+
+def bus_options(endpoint: Endpoint) -> dict[str, Any]:
+    """What a URL says about how a bus is to be treated: arguments of `Bus`."""
+    options: dict[str, Any] = {"recovery": endpoint.choice("recovery", "probe")}
+    options["gap"] = endpoint.seconds("gap", 0.0)
+    if "late_window" in endpoint.options:
+        options["late_window"] = endpoint.seconds("late_window", 0.0)
+    if "dead_after" in endpoint.options:
+        options["dead_after"] = endpoint.integer("dead_after", 0) or None
+    return options
+
+
+def unit_of(endpoint: Endpoint) -> int | None:
+    """The unit that a URL names."""
+    return endpoint.integer("unit", 0) if "unit" in endpoint.options else None

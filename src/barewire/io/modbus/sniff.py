@@ -1,0 +1,48 @@
+"""Listening in on a live line: the port is read and never written to.
+
+    for event in listen(Endpoint.parse("rtu:///dev/ttyUSB0"), stop): ...
+
+A receiver beside the two talkers is enough: an adapter whose A and B are on the bus, its transmitter unused.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+from barewire.errors import EncodeError
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.carriers import dialer, modbus_line
+from barewire.modbus.sniffer.sniffer import WINDOW, Overheard, Sniffer
+
+_LOOK = 0.1
+"""Seconds between two looks at whether to stop."""
+
+
+def listen(
+    endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None, window: float = WINDOW
+) -> Iterator[Overheard]:
+    """What is said on the line, until `stop` is set or so many seconds are over. Times are seconds since 1970.
+
+    Raises EncodeError for what is no line, PortError when the port fails.
+    """
+    if endpoint.envelope not in ("rtu", "ascii"):
+        text = "listening in needs a line, rtu:// or ascii://; record a network with tcpdump and give the file"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
+    # A server without units of its own hears requests and responses alike.
+    sniffer = Sniffer(modbus_line(endpoint, "server"), window=window)
+    port = dialer(endpoint)()
+    # The clock that never jumps, counted from the wall's time at the beginning.
+    start = time.time() - time.monotonic()
+    until = float("inf") if seconds is None else time.monotonic() + seconds
+    try:
+        while not stop.is_set() and (now := time.monotonic()) < until:
+            wait = min(_LOOK, until - now)
+            if (deadline := sniffer.deadline) is not None:
+                wait = min(wait, max(0.0, deadline - start - now))
+            data = port.receive(wait)
+            yield from sniffer.feed(data, start + time.monotonic())
+        yield from sniffer.end(start + time.monotonic())
+    finally:
+        port.close()

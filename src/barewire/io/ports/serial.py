@@ -1,0 +1,203 @@
+"""A serial port through pyserial: sends, hears, and says in one line what is wrong with it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import select
+import sys
+import time
+from typing import NamedTuple
+
+from barewire.errors import PortError
+from barewire.io.endpoint import Endpoint, Turn
+from barewire.io.ports.pty import is_pseudo_terminal
+from barewire.io.ports.tcp import CHUNK, reason
+from barewire.rtu.timing import Timing, character_bits
+
+try:
+    import serial
+    from serial.rs485 import RS485Settings
+except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
+    raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from missing
+
+
+# All that pyserial and what is below it raise: ValueError and OverflowError for settings that no port has, TypeError
+# for a port that another thread closed meanwhile.
+_FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError, TypeError, serial.SerialException)
+if sys.platform != "win32":
+    import termios
+
+    _FAILURES += (termios.error,)
+
+
+class SerialSettings(NamedTuple):
+    """The settings of a line. The default of Modbus is 19200 8E1 [MB-SERIAL 2.5.1]."""
+
+    baudrate: int = 19200
+    bytesize: int = 8
+    parity: str = "E"
+    stopbits: float = 1
+
+    @classmethod
+    def of(cls, endpoint: Endpoint) -> SerialSettings:
+        """From the options of a URL."""
+        return cls(
+            endpoint.integer("baudrate", 19200),
+            int(endpoint.choice("bytesize", "8")),
+            endpoint.choice("parity", "E"),
+            float(endpoint.choice("stopbits", "1")),
+        )
+
+    @property
+    def timing(self) -> Timing:
+        """The character times of these settings."""
+        return Timing.of(self.baudrate, character_bits(self.bytesize, self.parity, self.stopbits))
+
+
+class SerialPort:
+    """An open serial port. `pace` makes a port without a real line (a pseudo-terminal) take its time to send.
+
+    `rs485` is who turns the direction of a two-wire line: the adapter by itself (off), the driver (kernel), or we by
+    RTS: on while we send, off when the last bit is out. `turn` is a function of the user's that does the same with a
+    pin of its own: called with True before the first bit and with False after the last, and when the port is opened.
+    """
+
+    def __init__(
+        self, path: str, settings: SerialSettings, *, pace: bool = False, rs485: str = "off", turn: Turn | None = None
+    ) -> None:
+        self.name = path
+        self._timed = pace or not is_pseudo_terminal(path)
+        self._pace = settings.timing if pace else None
+        self._character = settings.timing.character
+        self._rts = rs485 == "rts"
+        self._turn = turn
+        self._sending = False
+        self._serial = _open(path, settings)
+        try:
+            if rs485 == "kernel":
+                self._serial.rs485_mode = RS485Settings()
+            elif self._rts:
+                self._serial.rts = False
+        except _FAILURES as error:
+            self.close()
+            raise PortError(f"{path}: rs485={rs485} is not possible here: {_say(error)}") from None
+        try:
+            if turn is not None:
+                self._call(turn, sending=False)
+        except PortError:
+            self.close()
+            raise
+
+    @classmethod
+    def of(cls, endpoint: Endpoint) -> SerialPort:
+        """The port of a URL."""
+        turned = endpoint.choice("rs485", "off")
+        return cls(
+            endpoint.place, SerialSettings.of(endpoint), pace=endpoint.flag("pace"), rs485=turned, turn=endpoint.turn
+        )
+
+    def fileno(self) -> int:
+        """The descriptor, for whoever waits with others (POSIX)."""
+        return int(self._serial.fileno())
+
+    def send(self, item: bytes) -> None:
+        """Send the bytes; returns when the last one has left, as far as the system knows."""
+        ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
+        try:
+            self.turn(sending=True)
+            try:
+                self._serial.write(item)
+                self._serial.flush()
+            finally:
+                self.turn(sending=False)
+        except PortError:
+            raise
+        except _FAILURES as error:
+            raise PortError(f"{self.name}: {_say(error)}") from None
+        time.sleep(max(0.0, ends - time.monotonic()))
+
+    def turn(self, *, sending: bool) -> None:
+        """The direction of the line, where RTS or the user's function turns it."""
+        self._sending = sending
+        if self._rts:
+            self._serial.rts = sending
+        elif self._turn is not None:
+            self._call(self._turn, sending=sending)
+
+    def _call(self, turn: Turn, *, sending: bool) -> None:
+        try:
+            turn(sending)
+        except Exception as error:
+            # A line that cannot be turned is a port that failed, whatever the user's code has for it.
+            raise PortError(f"{self.name}: the line could not be turned: {type(error).__name__}: {error}") from error
+
+    def takes(self, length: int) -> float:
+        """How long so many bytes are on the wire."""
+        return length * self._character if self._timed else 0.0
+
+    def waiting(self) -> int:
+        """How many bytes the system has still to send."""
+        return int(self._serial.out_waiting)
+
+    def receive(self, timeout: float) -> bytes | None:
+        """What came within `timeout` seconds, or None."""
+        try:
+            if hasattr(self._serial, "fileno"):
+                # Not pyserial's own timeout: changing that configures the port anew each time.
+                if not select.select([self._serial.fileno()], [], [], min(timeout, 3600.0))[0]:
+                    return None
+                data = self._serial.read(CHUNK)
+                if not data:
+                    raise PortError(f"{self.name}: the device is gone")
+                return bytes(data)
+            self._serial.timeout = min(timeout, 3600.0)
+            data = self._serial.read(1)
+            return bytes(data + self._serial.read(self._serial.in_waiting)) if data else None
+        except _FAILURES as error:
+            if isinstance(error, PortError):
+                raise
+            raise PortError(f"{self.name}: {_say(error)}") from None
+
+    def close(self) -> None:
+        """Give the port back; a line that was left in the middle of sending is turned back first."""
+        if self._sending and self._turn is not None:
+            with contextlib.suppress(PortError):
+                self.turn(sending=False)
+        with contextlib.suppress(*_FAILURES):
+            self._serial.close()
+
+
+def _open(path: str, settings: SerialSettings) -> serial.Serial:
+    parity, bytesize = settings.parity, settings.bytesize
+    if is_pseudo_terminal(path):
+        # It has neither parity nor 7 bits, and a second attempt to set them fails with "invalid argument".
+        parity, bytesize = "N", 8
+    baudrate, stopbits = settings.baudrate, settings.stopbits
+    try:
+        # Alone: two programs on one line would take each other's answers, and neither would know.
+        return serial.Serial(
+            path, baudrate, bytesize, parity, stopbits, timeout=0, write_timeout=5, exclusive=os.name == "posix" or None
+        )
+    except _FAILURES as error:
+        raise PortError(f"{path}: {_say(error)}") from None
+
+
+def _say(error: Exception) -> str:
+    """pyserial wraps the system's words in its own: unwrap them."""
+    if isinstance(error, TypeError):
+        return "the port was closed"
+    if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
+        return "another program has it open"
+    if isinstance(error, OSError) and error.errno is not None:
+        return reason(OSError(error.errno, os.strerror(error.errno)))
+    text = str(error)
+    if "readiness to read" in text:
+        return "the device is gone"
+    # "Could not configure port: (25, 'Inappropriate ioctl for device')", or termios's own (5, 'Input/output error').
+    system = re.search(r"\((\d+), '([^']+)'\)", text)
+    if system and int(system[1]) == errno.ENOTTY:
+        return "it is there, but no serial port"
+    return system[2][:1].lower() + system[2][1:] if system else text

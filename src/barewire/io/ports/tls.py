@@ -1,0 +1,205 @@
+"""Modbus/TCP Security: TLS 1.2 or later, both sides with a certificate, and the role that stands in the client's.
+
+    client                                         server
+    ------                                         ------
+    "the server's name, signed by my CA?"  <---->  "signed by my CA? which role?"
+    Modbus TCP, inside TLS, port 802       ------>  permitted?  no: exception 01
+
+The role is an extension of the certificate, OID 1.3.6.1.4.1.50316.802.1, a UTF8String [MB-TLS R-21, R-22]. The standard
+library shows no extensions it does not know, so the certificate's DER is walked here, from the outside in: a role is
+found where extensions stand and nowhere else.
+
+A certificate that is wrong, expired or missing is one line that says so. In TLS 1.3 a client learns that its own was
+refused when it first hears something, not when it connects.
+"""
+
+from __future__ import annotations
+
+import socket
+import ssl
+from collections.abc import Iterator
+
+from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.tcp import CHUNK, TcpPort, reason
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from barewire.modbus.server.authorization import Authorisation
+
+ROLE = bytes.fromhex("2B0601040183890C862201")
+"""1.3.6.1.4.1.50316.802.1, as DER writes it."""
+
+_SEQUENCE, _EXTENSIONS, _OID, _OCTETS, _UTF8 = 0x30, 0xA3, 0x06, 0x04, 0x0C
+
+_WORDS = {
+    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "the other side showed no certificate",
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side asks for a certificate and was shown none",
+    "SSLV3_ALERT_HANDSHAKE_FAILURE": "the other side refuses us: no certificate was shown, or no cipher is common",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "the other side refuses our certificate: it has expired",
+    "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "the other side refuses our certificate",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "the other side refuses our certificate",
+    "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "the other side refuses our certificate: it is not for this purpose",
+    "TLSV1_ALERT_UNKNOWN_CA": "the other side refuses our certificate: it does not trust who signed it",
+    "TLSV1_ALERT_PROTOCOL_VERSION": "the other side does not speak our versions of TLS: 1.2 or later",
+    "UNSUPPORTED_PROTOCOL": "the other side does not speak TLS 1.2 or later",
+    "WRONG_VERSION_NUMBER": "the other side does not speak TLS",
+    "HTTP_REQUEST": "the other side speaks HTTP, not TLS",
+    "UNEXPECTED_EOF_WHILE_READING": "the other side ended the connection in the middle of TLS",
+}
+
+
+def client_context(endpoint: Endpoint) -> ssl.SSLContext:
+    """What a client brings: its certificate, and whose certificates it trusts. The server's name is checked."""
+    return _context(endpoint, ssl.PROTOCOL_TLS_CLIENT)
+
+
+def server_context(endpoint: Endpoint) -> ssl.SSLContext:
+    """What a server brings. A client without a certificate is turned away [MB-TLS R-06]."""
+    context = _context(endpoint, ssl.PROTOCOL_TLS_SERVER)
+    context.verify_mode = ssl.CERT_REQUIRED
+    return context
+
+
+def _context(endpoint: Endpoint, side: ssl._SSLMethod) -> ssl.SSLContext:
+    from pathlib import Path  # every asyncio client loads this file, for the words of `tls_reason`
+
+    files = {}
+    for key in ("cert", "key", "ca"):
+        if key not in endpoint.options:
+            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE: cert and key of our own, and the ca")
+        files[key] = Path(endpoint.options[key])
+        if not files[key].is_file():
+            raise EncodeError(f"endpoint {str(endpoint)!r}: {key}: there is no file {files[key]}")
+    context = ssl.SSLContext(side)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.options |= ssl.OP_NO_RENEGOTIATION | ssl.OP_NO_COMPRESSION
+    try:
+        context.load_cert_chain(files["cert"], files["key"])
+    except (OSError, ValueError) as error:
+        text = "they do not belong together" if "MISMATCH" in str(error) else "no certificate and key in PEM"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: cert {files['cert']}, key {files['key']}: {text}") from None
+    try:
+        context.load_verify_locations(files["ca"])
+    except OSError:
+        raise EncodeError(f"endpoint {str(endpoint)!r}: ca {files['ca']}: no certificate in PEM") from None
+    return context
+
+
+class TlsPort(TcpPort):
+    """A TLS connection to a server, as a blocking port."""
+
+    def __init__(self, host: str, port: int, context: ssl.SSLContext, server_name: str) -> None:
+        self._context = context
+        self._server_name = server_name
+        super().__init__(host, port)
+
+    def _connect(self, host: str, port: int, timeout: float) -> socket.socket:
+        connection = super()._connect(host, port, timeout)
+        try:
+            return self._context.wrap_socket(connection, server_hostname=self._server_name)
+        except (OSError, ValueError) as error:
+            connection.close()
+            raise PortError(f"{self.name}: {tls_reason(error)}") from None
+
+    def send(self, item: bytes) -> None:
+        """Hand the bytes over."""
+        try:
+            self._socket.settimeout(5.0)
+            self._socket.sendall(item)
+        except OSError as error:
+            raise PortError(f"{self.name}: {tls_reason(error)}") from None
+
+    def receive(self, timeout: float) -> bytes | None:
+        """What came within `timeout` seconds. TLS may hold bytes that the socket has no more, so it is asked itself."""
+        try:
+            self._socket.settimeout(min(timeout, 3600.0))
+            data = self._socket.recv(CHUNK)
+        except (TimeoutError, ssl.SSLWantReadError):
+            return None
+        except OSError as error:
+            raise PortError(f"{self.name}: {tls_reason(error)}") from None
+        if not data:
+            raise PortError(f"{self.name}: the other side closed the connection")
+        return data
+
+
+def tls_reason(error: Exception) -> str:
+    """Why a connection failed, in one line: what TLS says of certificates, or what the system says."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"the other side's certificate is refused: {error.verify_message.rstrip('.')}"
+    if isinstance(error, ssl.SSLError):
+        code = error.reason or ("UNEXPECTED_EOF_WHILE_READING" if isinstance(error, ssl.SSLEOFError) else "TLS failed")
+        return _WORDS.get(code, code.replace("_", " ").lower())
+    return reason(error)
+
+
+# The role -------------------------------------------------------------------------------------------------------------
+
+
+def role_of(certificate: bytes) -> str | None:
+    """The role in a certificate (DER), None if it names none. DecodeError for more than one, or one that is no text.
+
+    Certificate > TBSCertificate > [3] > Extensions > Extension { OID, critical?, OCTET STRING > UTF8String }
+    """
+    roles = []
+    _, certificate_body = next(_parts(certificate))
+    _, signed = next(_parts(certificate_body))
+    for tag, extensions in _parts(signed):
+        if tag != _EXTENSIONS:
+            continue
+        _, rows = next(_parts(extensions))
+        for _, extension in _parts(rows):
+            fields = list(_parts(extension))
+            if fields[0] == (_OID, ROLE):
+                roles.append(_text(certificate, fields[-1][1]))
+    if len(roles) > 1:
+        raise DecodeError("value", certificate, 0, f"{len(roles)} roles in one certificate, there may be one")
+    return roles[0] if roles else None
+
+
+def _text(certificate: bytes, inside: bytes) -> str:
+    values = list(_parts(inside))
+    if len(values) != 1 or values[0][0] != _UTF8:
+        raise DecodeError("value", certificate, 0, "the role in the certificate is not one UTF8String")
+    try:
+        return values[0][1].decode()
+    except UnicodeDecodeError:
+        raise DecodeError("value", certificate, 0, "the role in the certificate is not UTF-8") from None
+
+
+def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """The values in a row of DER: tag and content."""
+    at = 0
+    while at < len(data) or not data:
+        if at + 2 > len(data):
+            raise DecodeError("short", data, len(data), "DER ends within a value")
+        tag, size, start = data[at], data[at + 1], at + 2
+        if size & 0x80:
+            start += size & 0x7F
+            size = int.from_bytes(data[at + 2 : start], "big")
+        if start + size > len(data):
+            raise DecodeError("short", data, len(data), "DER ends within a value")
+        yield tag, data[start : start + size]
+        at = start + size
+
+
+def roles_of(endpoint: Endpoint) -> Authorisation | None:
+    """The table that a URL names; None if it says that whoever has a certificate may do all."""
+    name = endpoint.options.get("roles")
+    if name is None:
+        text = "roles=FILE says who may do what; roles=any permits all to whoever has a certificate"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
+    if name == "any":
+        return None
+    from pathlib import Path
+
+    from barewire.modbus.server.authorization import Authorisation
+
+    try:
+        return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        text = f"roles {name}: not UTF-8 at byte {error.start}"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles") from None
+    except OSError as error:
+        raise EncodeError(f"endpoint {str(endpoint)!r}: roles {name}: {reason(error)}", "roles") from None

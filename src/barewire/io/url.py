@@ -1,0 +1,53 @@
+"""A URL in three: scheme, place, options. What endpoints need of `urllib.parse`, without `re` and `ipaddress`.
+
+        rtu:///dev/tty%23USB0?baudrate=9600&unit=7     ->     rtu     /dev/tty#USB0     (baudrate, 9600), (unit, 7)
+        |-|   |--------------||-------------------|           %23 is a byte in hexadecimal, in options + is a blank
+
+`tests/io/test_url.py` holds it against `urllib`.
+"""
+
+from __future__ import annotations
+
+_HEXADECIMAL = frozenset("0123456789abcdefABCDEF")
+
+
+def split(url: str) -> tuple[str, str, str]:
+    """Scheme in lower case, what stands before the first "?", and what stands behind it; none without "://".
+
+    >>> split("TCP://10.0.0.5:502?unit=1")
+    ('tcp', '10.0.0.5:502', 'unit=1')
+    """
+    scheme, mark, rest = url.strip().partition("://")
+    place, _, query = rest.partition("?")
+    return scheme.lower() if mark else "", place, query
+
+
+def pairs(query: str) -> list[tuple[str, str]]:
+    """The options, in their order. One without "=" has the value "".
+
+    >>> pairs("unit=1&server_name=a+b%26c&lazy")
+    [('unit', '1'), ('server_name', 'a b&c'), ('lazy', '')]
+    """
+    found = []
+    for one in query.replace("+", " ").split("&"):
+        if one:
+            key, _, value = one.partition("=")
+            found.append((unquote(key), unquote(value)))
+    return found
+
+
+def unquote(text: str) -> str:
+    """Text with %XX for bytes. A "%" without two digits stays one; what is no UTF-8 becomes U+FFFD.
+
+    >>> unquote("/dev/tty%23%C3%A9"), unquote("100%")
+    ('/dev/tty#é', '100%')
+    """
+    first, *parts = text.split("%")
+    data = first.encode("utf-8", "surrogatepass")
+    for part in parts:
+        code, rest = part[:2], part[2:]
+        if len(code) == 2 and _HEXADECIMAL.issuperset(code):
+            data += bytes.fromhex(code) + rest.encode("utf-8", "surrogatepass")
+        else:
+            data += b"%" + part.encode("utf-8", "surrogatepass")
+    return data.decode("utf-8", "replace") if parts else text

@@ -1,0 +1,244 @@
+"""What every server must do, as data: three batteries, for TCP, RTU and ASCII, to be held against ours and anybody's.
+
+    ANYWHERE      what is answered, whatever is around it: the figures of the application protocol
+    CASES_TCP     anywhere, and what a stream with headers may look like (TLS and UDP too)
+    CASES_RTU     a line with others on it, noise and broken frames, and anywhere
+    CASES_ASCII   the same, and what colons, digits and line ends may look like
+
+The unit under test has registers and coils 0 to 9 that can be read and written. No more than that is expected of it: a
+function that it does not have is exception 01.
+"""
+
+from __future__ import annotations
+
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.conformance.model import CLOSED, SILENCE, Case, Say, Turn
+
+
+def _pdu(text: str, unit: int | None = None) -> Say:
+    return Say(bytes.fromhex(text), unit)
+
+
+def _raw(text: str) -> Say:
+    return Say(raw=bytes.fromhex(text))
+
+
+def _one(name: str, clause: str, request: str, *answers: str) -> Case:
+    """One request, and what may be answered."""
+    return Case(name, clause, (Turn((_pdu(request),)),), tuple((answer,) for answer in answers))
+
+
+READ, VALUE = "03 0000 0001", "03 02 .. .."
+_READ = Turn((_pdu(READ),))
+_TIDY = "06 0000 1234"
+_ECHO = "06 00 00 12 34"
+_DISCARDED = ((SILENCE, VALUE), (CLOSED, VALUE))
+
+ANYWHERE: tuple[Case, ...] = (
+    _one("03 with quantity 0", "MB-APP 6.3", "03 0000 0000", "83 03"),
+    _one("03 with quantity 126", "MB-APP 6.3", "03 0000 007E", "83 03"),
+    _one("01 with quantity 0", "MB-APP 6.1", "01 0000 0000", "81 03"),
+    _one("01 with quantity 2001", "MB-APP 6.1", "01 0000 07D1", "81 03"),
+    _one("03 over the end of all addresses is 02", "MB-APP figure 13", "03 FFFF 0002", "83 02"),
+    _one("03 with a bad address and quantity 0 is 03", "MB-APP figure 13", "03 FFFF 0000", "83 03"),
+    _one("05 with 1234h, neither on nor off", "MB-APP 6.5", "05 0000 1234", "85 03"),
+    _one("0F with 1969 coils", "MB-APP 6.11", "0F 0000 07B1 F7" + "00" * 247, "8F 03"),
+    _one("0F with a byte count that does not fit", "MB-APP figure 21", "0F 0000 0009 01 FF", "8F 03"),
+    _one("10 with a byte count that does not fit", "MB-APP figure 22", "10 0000 0001 04 0001 0002", "90 03"),
+    _one("08 with sub-function 99h", "MB-APP figure 18", "08 0099 0000", "88 01"),
+    _one("08/0B bus message count, if it has diagnostics", "MB-APP 6.8", "08 000B 0000", "88 01", "08 00 0B .. .."),
+    Case(
+        "08/04 listen only: silence from then on, until 08/01",
+        "MB-APP 6.8",
+        (Turn((_pdu("08 0004 0000"),)), _READ, Turn((_pdu("08 0001 0000"),)), _READ),
+        (("88 01", VALUE, "88 01", VALUE), (SILENCE, SILENCE, SILENCE, VALUE)),
+    ),
+    Case(
+        "16 keeps the bits that the AND mask keeps",
+        "MB-APP 6.16",
+        (Turn((_pdu(_TIDY),)), Turn((_pdu("16 0000 00F2 0025"),)), _READ),
+        ((_ECHO, "16 00 00 00 F2 00 25", "03 02 00 35"), (_ECHO, "96 01", "03 02 12 34")),
+    ),
+    Case(
+        "17 writes before it reads",
+        "MB-APP 6.17",
+        (Turn((_pdu(_TIDY),)), Turn((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
+        ((_ECHO, "17 02 AB CD"), (_ECHO, "97 01")),
+    ),
+    _one("17 with 126 to read", "MB-APP 6.17", "17 0000 007E 0000 0001 02 0001", "97 03", "97 01"),
+    _one("2B/0E with read code 05", "MB-APP 6.21", "2B 0E 05 00", "AB 03", "AB 01"),
+    _one("2B/0E with read code 00", "MB-APP 6.21", "2B 0E 00 00", "AB 03", "AB 01"),
+    _one("2B/0D, which hardly anybody has", "MB-APP 6.19", "2B 0D 00 1F 1005 00 0000 0008", "AB 01", "AB FF ..."),
+    _one("40h, which nobody has", "MB-APP figure 9", "40 00", "C0 01"),
+)
+"""For a server on whatever wire."""
+
+
+def _cut_short(otherwise: str) -> tuple[Case, ...]:
+    """Requests that end too early, in a good envelope: 03, or what a server does that takes them for no request."""
+    return (
+        _one("10 cut short", "MB-APP figure 22", "10 0000 0002 04 0001", "90 03", otherwise),
+        _one("03 cut short", "MB-APP figure 13", "03 0000", "83 03", otherwise),
+    )
+
+
+CASES_TCP: tuple[Case, ...] = (
+    *ANYWHERE,
+    *_cut_short(CLOSED),
+    _one("80h is no function", "MB-APP 4.1", "80 00", SILENCE, CLOSED, "80 01"),
+    Case(
+        "five requests in one segment",
+        "MB-TCP 4.4.2",
+        (Turn((_pdu(READ),) * 5),),
+        (("; ".join([VALUE] * 5),),),
+    ),
+    Case(
+        "another protocol identifier is discarded",
+        "MB-TCP 4.4.2",
+        (Turn((_raw("0009 0001 0006 01 03 0000 0001"),)), _READ),
+        _DISCARDED,
+    ),
+    Case("length 0", "MB-TCP 3.1.3", (Turn((_raw("0009 0000 0000"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))),
+    Case("length 1", "MB-TCP 3.1.3", (Turn((_raw("0009 0000 0001 01"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))),
+    *(
+        Case(
+            f"unit {unit}, if it is nobody",
+            "MB-TCP 4.4.2",
+            (Turn((_pdu(READ, unit),)),),
+            ((VALUE,), ("83 0A",), ("83 0B",), (SILENCE,)),
+        )
+        for unit in (0, 255)
+    ),
+)
+"""For a server on TCP, TLS or UDP."""
+
+_OTHER, _NOBODY = 2, 77
+
+
+def _first_four(frame: bytes) -> bytes:
+    return frame[:4]
+
+
+def _wrong_crc(frame: bytes) -> bytes:
+    return frame[:-1] + bytes((frame[-1] ^ 0x10,))
+
+
+_LINE: tuple[Case, ...] = (
+    Case(
+        "a broadcast is carried out and not answered",
+        "MB-SERIAL 2.1",
+        (Turn((_pdu(_TIDY),)), Turn((_pdu("06 0000 0055", BROADCAST),)), Turn(_READ.says, 0.3)),
+        ((_ECHO, SILENCE, "03 02 00 55"),),
+    ),
+    Case(
+        "a request to nobody is not answered",
+        "MB-SERIAL 2.2",
+        (Turn((_pdu(READ, _NOBODY),)), _READ),
+        ((SILENCE, VALUE),),
+    ),
+    Case(
+        "somebody else's request and its answer, then ours",
+        "MB-SERIAL 2.4.1",
+        (Turn((_pdu(READ, _OTHER),)), Turn((_pdu("03 02 1234", _OTHER),), 0.02), Turn(_READ.says, 0.02)),
+        ((SILENCE, SILENCE, VALUE),),
+    ),
+    Case(
+        "somebody else's function 10 and its answer, then ours",
+        "MB-SERIAL 2.4.1",
+        (
+            Turn((_pdu("10 0000 0002 04 0001 0002", _OTHER),)),
+            Turn((_pdu("10 0000 0002", _OTHER),), 0.02),
+            Turn(_READ.says, 0.02),
+        ),
+        ((SILENCE, SILENCE, VALUE),),
+    ),
+    Case(
+        "half a frame, 300 ms, a good one",
+        "MB-SERIAL 2.5.1.1",
+        (Turn((Say(bytes.fromhex(READ), how=_first_four),)), Turn(_READ.says, 0.3)),
+        ((SILENCE, VALUE),),
+    ),
+    Case(
+        "three bytes of noise, 300 ms, a good one",
+        "MB-SERIAL 2.5.1.1",
+        (Turn((_raw("FF 00 55"),)), Turn(_READ.says, 0.3)),
+        ((SILENCE, VALUE),),
+    ),
+    Case(
+        "noise right before a frame spoils no more than that one",
+        "MB-SERIAL 2.5.1.1",
+        (Turn((_raw("FF 00 55"), _pdu(READ))), Turn(_READ.says, 0.3)),
+        ((VALUE, VALUE), (SILENCE, VALUE)),
+    ),
+    _one("41h, which nobody has", "MB-APP figure 9", "41 00", "C1 01"),
+)
+"""For a server on a line with others."""
+
+CASES_RTU: tuple[Case, ...] = (
+    *_LINE,
+    Case(
+        "a wrong CRC is not answered",
+        "MB-SERIAL 2.5.1.2",
+        (Turn((Say(bytes.fromhex(READ), how=_wrong_crc),)), Turn(_READ.says, 0.3)),
+        ((SILENCE, VALUE),),
+    ),
+    Case(
+        "300 bytes without a pause are no frame",
+        "MB-SERIAL 2.5.1.1",
+        (Turn((Say(raw=b"\x41" * 300),)), Turn(_READ.says, 0.3)),
+        ((SILENCE, VALUE),),
+    ),
+    *ANYWHERE,
+    *_cut_short(SILENCE),
+)
+"""For an RTU server."""
+
+
+def _broken(name: str, how: str, *first: str) -> Case:
+    """A read whose characters are changed, then a good one. `first` is what may be answered to the first."""
+    turns = (Turn((Say(bytes.fromhex(READ), how=_HOW[how]),)), Turn(_READ.says, 0.1))
+    return Case(name, "MB-SERIAL 2.5.2.1", turns, tuple((answer, VALUE) for answer in first or (SILENCE,)))
+
+
+_HOW = {
+    "wrong LRC": lambda frame: frame[:-3] + (b"0" if frame[-3:-2] != b"0" else b"1") + frame[-2:],
+    "lower case": lambda frame: frame.lower(),
+    "no colon": lambda frame: frame[1:],
+    "no CR": lambda frame: frame[:-2] + b"\n",
+    "no digit": lambda frame: frame[:4] + b"G" + frame[5:],
+    "a digit less": lambda frame: frame[:4] + frame[5:],
+    "twice": lambda frame: frame[:9] + frame,
+    "semicolon": lambda frame: frame[:-1] + b";",
+}
+_SEMICOLON = _HOW["semicolon"]
+
+CASES_ASCII: tuple[Case, ...] = (
+    *_LINE,
+    _broken("a wrong LRC is not answered", "wrong LRC"),
+    _broken("lower-case digits: answered or not, and the next one is", "lower case", VALUE, SILENCE),
+    _broken("no colon, no frame", "no colon"),
+    _broken("LF without CR ends nothing", "no CR"),
+    _broken("a G is no digit", "no digit"),
+    _broken("a byte with one digit", "a digit less"),
+    _broken("a colon inside a frame begins it anew", "twice", VALUE),
+    Case(
+        "a frame of more than 513 characters is none",
+        "MB-SERIAL 2.5.2.1",
+        (Turn((Say(raw=b":" + b"01" * 300 + b"\r\n"),)), Turn(_READ.says, 0.1)),
+        ((SILENCE, VALUE),),
+    ),
+    *ANYWHERE,
+    *_cut_short(SILENCE),
+    Case(
+        "08/03 another delimiter, if it can be changed, until 08/01",
+        "MB-APP 6.8",
+        (
+            Turn((_pdu("08 0003 3B00"),)),
+            Turn((Say(bytes.fromhex(READ), how=_SEMICOLON),)),
+            Turn((Say(bytes.fromhex("08 0001 0000"), how=_SEMICOLON),)),
+            _READ,
+        ),
+        (("08 00 03 3B 00", VALUE, "08 00 01 00 00", VALUE), ("88 01", SILENCE, SILENCE, VALUE)),
+    ),
+)
+"""For an ASCII server."""

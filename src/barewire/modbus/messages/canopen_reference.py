@@ -1,0 +1,230 @@
+"""An object dictionary behind Modbus: function code 2B/0D, CANopen General Reference. **Experimental.**
+
+The standard gives the number away to CAN in Automation and says no more [MB-APP 6.20]; CiA 309-2 is not public. What is
+here was read in manuals of devices that speak it, which differ by one byte, and was not checked against CiA 309-2:
+
+    dialect      layout behind 2B 0D                                                                  known from
+    cia309       control 1 | 00 | node 1 | index 2 | sub-index 1 | start 2 | count 2 | data ...       Nanotec
+    schneider    control 1      | node 1 | index 2 | sub-index 1 | start 2 | count 2 | data ...       Schneider
+
+Control is 00 to read and 01 to write. Its other bits are not spoken here, and a message that has one set is refused:
+the manuals that can be read publish three of them (counted from the most significant: 0, the value goes on in further
+messages; 1, control has a second byte; 2, a counter byte follows) and not those that tell whether a network number and
+encoded data follow, without which nobody can tell where the node stands. Numbers of the header are big-endian. **The
+data are bytes of the object dictionary and stay bytes here**: a read shows them little-endian, as CANopen has them,
+while no manual settles it for writing.
+
+A dialect shows itself: where `cia309` has its 00 there stands the node, and no node has the number 0. What the object
+dictionary refuses comes back as an exception of its own form: `sdo_abort`.
+"""
+
+from __future__ import annotations
+
+from barewire.codecs import Field, Layout
+from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
+from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.sdo_abort import MEI_CANOPEN, ExtendedExceptionResponse, SdoAborted
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Literal, Self
+
+    Dialect = Literal["cia309", "schneider"]
+else:
+    Dialect = str
+
+READ, WRITE = 0x00, 0x01
+
+_HEAD = ("node", "index", "sub_index", "start", "count")
+_LAYOUTS: dict[str, Layout] = {
+    "cia309": Layout(">BBBBBHBHH", "function_code", "mei_type", "control", "reserved", *_HEAD, tail="data"),
+    "schneider": Layout(">BBBBHBHH", "function_code", "mei_type", "control", *_HEAD, tail="data"),
+}
+
+
+def _dialect(pdu: bytes) -> Dialect:
+    """Whose layout these bytes have: no node is number 0."""
+    return "cia309" if len(pdu) < 4 or pdu[3] == 0 else "schneider"
+
+
+def _check(message: CanopenReference | CanopenReferenceResponse) -> None:
+    if message.dialect not in _LAYOUTS:
+        raise EncodeError(f"dialect {message.dialect!r}: expected one of {', '.join(_LAYOUTS)}", "dialect")
+    check_range("node", message.node, 1, 127)
+    check_range("index", message.index, 0, 0xFFFF)
+    check_range("sub_index", message.sub_index, 0, 0xFF)
+    check_range("start", message.start, 0, 0xFFFF)
+    check_range("count", message.count, 0, 0xFFFF)
+    size = _LAYOUTS[message.dialect].size
+    check_range("data length", len(message.data), 0, 253 - size)
+
+
+def _encode(message: CanopenReference | CanopenReferenceResponse) -> bytes:
+    place = (message.node, message.index, message.sub_index, message.start, message.count)
+    control = (WRITE if message.write else READ, *([0] if message.dialect == "cia309" else []))
+    layout = _LAYOUTS[message.dialect]
+    return layout.pack(message.function_code, MEI_CANOPEN, *control, *place, tail=message.data)
+
+
+def _decode(pdu: bytes, *, has_data: bool) -> dict[str, Any]:
+    """The fields of either message; `has_data` where a write carries data, as in requests, and a read does not."""
+    dialect = _dialect(pdu)
+    _, mei_type, control, *rest, data = _LAYOUTS[dialect].unpack(pdu)
+    if mei_type != MEI_CANOPEN:
+        raise DecodeError("mismatch", pdu, 1, f"MEI type {mei_type:02X}h where 0Dh was expected")
+    if control not in (READ, WRITE):
+        raise DecodeError("value", pdu, 2, f"control {control:02X}h: expected 00h (read) or 01h (write)")
+    node, index, sub_index, start, count = rest[-5:]
+    there = count if (control == WRITE) == has_data else 0
+    if len(data) != there:
+        at = _LAYOUTS[dialect].size - 2
+        raise DecodeError("length", pdu, at, f"count {count}, but {len(data)} bytes of data where {there} belong")
+    place = {"node": node, "index": index, "sub_index": sub_index, "start": start, "count": count}
+    return {**place, "data": bytes(data), "write": control == WRITE, "dialect": dialect}
+
+
+def _measure(pdu: bytes, *, has_data: bool) -> int:
+    if len(pdu) < 4:
+        return 4
+    layout = _LAYOUTS[_dialect(pdu)]
+    if (pdu[2] & WRITE == WRITE) != has_data or len(pdu) < layout.size:
+        return layout.size
+    return layout.size + int.from_bytes(pdu[layout.size - 2 : layout.size], "big")
+
+
+def _fields(pdu: bytes) -> list[Field]:
+    dialect = _dialect(pdu)
+    controls = {READ: "read", WRITE: "write"}
+    words = {"control": f"{controls.get(pdu[2], 'more than this can tell')}; dialect {dialect}"} if len(pdu) > 2 else {}
+    found = [field._replace(meaning=words.get(field.name, "")) for field in _LAYOUTS[dialect].fields(pdu)]
+    return [field._replace(meaning=f"object {field.value:04X}h") if field.name == "index" else field for field in found]
+
+
+@dataclass(frozen=True, slots=True)
+class CanopenReferenceResponse(Response):
+    """The header once more, with the bytes that were read. Experimental.                  [MB-APP 6.20]
+
+        2B | 0D | control | (00) | node | index 2 | sub-index | start 2 | count 2 | data, when reading
+
+    >>> answer = CanopenReferenceResponse.decode(bytes.fromhex("2B 0D 00 1F 1005 00 0000 0004 80000000"))
+    >>> answer.dialect, answer.data
+    ('schneider', b'\\x80\\x00\\x00\\x00')
+    """
+
+    node: int
+    index: int
+    sub_index: int = 0
+    start: int = 0
+    count: int = 0
+    data: bytes = b""
+    write: bool = False
+    dialect: Dialect = "cia309"
+
+    name: ClassVar[str] = "CANopen General Reference"
+    function_code: ClassVar[int] = 0x2B
+    layout: ClassVar[Layout] = _LAYOUTS["cia309"]
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if len(self.data) != (0 if self.write else self.count):
+            raise EncodeError(f"{len(self.data)} bytes of data for a count of {self.count}", "count")
+
+    def encode(self) -> bytes:
+        """The PDU, in its dialect."""
+        return _encode(self)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message, whichever dialect it is."""
+        cls.check_function(pdu)
+        fields = _decode(pdu, has_data=False)
+        return cls.make(pdu, *fields.values())
+
+    @classmethod
+    def measure(cls, pdu: bytes) -> int | None:
+        """An answer to a read carries as many bytes as its count says."""
+        return _measure(pdu, has_data=False)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """With the dialect in words."""
+        return _fields(pdu)
+
+
+@dataclass(frozen=True, slots=True)
+class CanopenReference(Request[CanopenReferenceResponse]):
+    """Read up to `count` bytes of an object, or write `data`. Experimental.               [MB-APP 6.20]
+
+        2B | 0D | control | (00) | node | index 2 | sub-index | start 2 | count 2 | data, when writing
+
+    >>> CanopenReference.read(node=5, index=0x6041, count=2).encode().hex(" ")
+    '2b 0d 00 00 05 60 41 00 00 00 00 02'
+    >>> CanopenReference.read(node=31, index=0x1005, count=8, dialect="schneider").encode().hex(" ")
+    '2b 0d 00 1f 10 05 00 00 00 00 08'
+    """
+
+    node: int
+    index: int
+    sub_index: int = 0
+    start: int = 0
+    count: int = 0
+    data: bytes = b""
+    write: bool = False
+    dialect: Dialect = "cia309"
+
+    name: ClassVar[str] = "CANopen General Reference"
+    function_code: ClassVar[int] = 0x2B
+    layout: ClassVar[Layout] = _LAYOUTS["cia309"]
+    response: ClassVar[type[Response]] = CanopenReferenceResponse
+    writes: ClassVar[bool] = True  # whether it does is not told by the class, so it is never repeated by itself
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if len(self.data) != (self.count if self.write else 0):
+            raise EncodeError(f"{len(self.data)} bytes of data for a count of {self.count}", "count")
+
+    @classmethod
+    def read(cls, node: int, index: int, sub_index: int = 0, *, count: int, dialect: Dialect = "cia309") -> Self:
+        """Ask for at most `count` bytes of an object."""
+        return cls(node, index, sub_index, count=count, dialect=dialect)
+
+    @classmethod
+    def write_to(cls, node: int, index: int, sub_index: int, data: bytes, *, dialect: Dialect = "cia309") -> Self:
+        """Write these bytes, in the order in which the device wants them."""
+        return cls(node, index, sub_index, count=len(data), data=data, write=True, dialect=dialect)
+
+    def encode(self) -> bytes:
+        """The PDU, in its dialect."""
+        return _encode(self)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message, whichever dialect it is."""
+        cls.check_function(pdu)
+        return cls.make(pdu, *_decode(pdu, has_data=True).values())
+
+    @classmethod
+    def measure(cls, pdu: bytes) -> int | None:
+        """A request to write carries as many bytes as its count says."""
+        return _measure(pdu, has_data=True)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """With the dialect in words."""
+        return _fields(pdu)
+
+    def read_response(self, pdu: bytes) -> CanopenReferenceResponse:
+        """As always; an abort of the object dictionary is raised as `SdoAborted`."""
+        if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
+            raise SdoAborted(ExtendedExceptionResponse.decode(pdu).abort_code)
+        return Request.read_response(self, pdu)
+
+    def fit(self, response: Any, pdu: bytes) -> Any:
+        """The same object of the same node, in the same dialect; and no more bytes than were asked for."""
+        for name in ("write", "dialect", "node", "index", "sub_index", "start"):
+            if getattr(response, name) != getattr(self, name):
+                self.refuse(pdu, name, getattr(self, name), getattr(response, name))
+        if not self.write and response.count > self.count:
+            self.refuse(pdu, "count", self.count, response.count)
+        return response

@@ -1,0 +1,299 @@
+"""Coils and discrete inputs: function codes 01, 02, 05 and 0F.
+
+On the wire a row of bits is packed eight to a byte, the first in the lowest bit of the first byte; the last byte is
+filled up with zeros [MB-APP 6.1]. Coils can be written, discrete inputs cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from barewire.codecs import Field, Layout, pack_bits, unpack_bits
+from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
+from barewire.modbus.messages.base import Request, Response, check_range
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Self
+
+READ_LIMIT = 2000
+WRITE_LIMIT = 1968
+ON, OFF = 0xFF00, 0x0000
+_BITS = frozenset((False, True))
+
+
+def _packed(bits: Sequence[bool | int]) -> bytes:
+    """A row of bits as bytes; EncodeError for what is none, which would pass for `on`."""
+    if not _BITS.issuperset(bits):
+        place = next(place for place, bit in enumerate(bits) if bit not in _BITS)
+        raise EncodeError(f"bit {place} of {len(bits)}: {bits[place]!r} is not True or False", "bits")
+    return pack_bits(bits)
+
+
+def _check_coil(value: bool | int) -> None:
+    if value not in _BITS:
+        raise EncodeError(f"value = {value!r}: expected True or False", "value")
+
+
+def _bit_fields(found: list[Field], name: str) -> list[Field]:
+    """A packed row opened up: one line for each byte, its bits in the order of their addresses."""
+    tail = found[-1] if found and isinstance(found[-1].value, str) else None
+    if tail is None:
+        return found
+    rows = []
+    for place, byte in enumerate(bytes.fromhex(str(tail.value))):
+        bits = " ".join(str(byte >> bit & 1) for bit in range(8))
+        meaning = f"{name} {8 * place}..{8 * place + 7} of this answer or request, first to last: {bits}"
+        rows.append(Field(tail.offset + place, 1, f"{name}s", byte, meaning))
+    return [*found[:-1], *rows]
+
+
+@dataclass(frozen=True, slots=True)
+class ReadCoilsResponse(Response):
+    """The coils asked for.                                                                [MB-APP 6.1]
+
+        01 | byte count | packed coils ...
+
+    Decoded alone it holds whole bytes of coils; `ReadCoils.read_response` gives as many as were asked.
+
+    >>> ReadCoilsResponse((True, False, True)).encode().hex(" ")
+    '01 01 05'
+    """
+
+    bits: tuple[bool, ...]
+
+    name: ClassVar[str] = "Read Coils"
+    function_code: ClassVar[int] = 0x01
+    layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="coils", count="byte_count")
+
+    def __post_init__(self) -> None:
+        check_range("quantity", len(self.bits), 1, READ_LIMIT)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        data = _packed(self.bits)
+        return self.layout.pack(self.function_code, len(data), tail=data)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message: eight bits for each byte."""
+        cls.check_function(pdu)
+        return cls.make(pdu, unpack_bits(cls.layout.unpack(pdu)[-1]))
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """Bit by bit."""
+        return _bit_fields(cls.layout.fields(pdu), str(cls.layout.tail)[:-1])
+
+
+@dataclass(frozen=True, slots=True)
+class ReadDiscreteInputsResponse(ReadCoilsResponse):
+    """The discrete inputs asked for.                                                      [MB-APP 6.2]
+
+    02 | byte count | packed inputs ...
+    """
+
+    name: ClassVar[str] = "Read Discrete Inputs"
+    function_code: ClassVar[int] = 0x02
+    layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="inputs", count="byte_count")
+
+
+@dataclass(frozen=True, slots=True)
+class ReadCoils(Request[ReadCoilsResponse]):
+    """Read 1 to 2000 coils in a row.                                                      [MB-APP 6.1]
+
+        01 | address 2 | quantity 2
+
+    >>> ReadCoils(address=19, quantity=19).encode().hex(" ")
+    '01 00 13 00 13'
+    """
+
+    address: int
+    quantity: int
+
+    name: ClassVar[str] = "Read Coils"
+    function_code: ClassVar[int] = 0x01
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "quantity")
+    response: ClassVar[type[Response]] = ReadCoilsResponse
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("quantity", self.quantity, 1, READ_LIMIT)
+
+    def fit(self, response: Any, pdu: bytes) -> Any:
+        """Exactly the bytes that the quantity fills, cut to the quantity."""
+        asked = (self.quantity + 7) // 8
+        if len(response.bits) != 8 * asked:
+            self.refuse(pdu, "byte_count", asked, len(response.bits) // 8)
+        return type(response)(response.bits[: self.quantity])
+
+
+@dataclass(frozen=True, slots=True)
+class ReadDiscreteInputs(ReadCoils):
+    """Read 1 to 2000 discrete inputs in a row.                                            [MB-APP 6.2]
+
+        02 | address 2 | quantity 2
+
+    >>> ReadDiscreteInputs(address=196, quantity=22).encode().hex(" ")
+    '02 00 c4 00 16'
+    """
+
+    name: ClassVar[str] = "Read Discrete Inputs"
+    function_code: ClassVar[int] = 0x02
+    response: ClassVar[type[Response]] = ReadDiscreteInputsResponse
+
+
+@dataclass(frozen=True, slots=True)
+class WriteSingleCoilResponse(Response):
+    """The echo.                                                                           [MB-APP 6.5]
+
+    05 | address 2 | FF00 or 0000
+    """
+
+    address: int
+    value: bool
+
+    name: ClassVar[str] = "Write Single Coil"
+    function_code: ClassVar[int] = 0x05
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        _check_coil(self.value)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        return self.layout.pack(self.function_code, self.address, ON if self.value else OFF)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """FF00h is on, 0000h is off, everything else is DecodeError("value")."""
+        cls.check_function(pdu)
+        _, address, value = cls.layout.unpack(pdu)
+        if value not in (ON, OFF):
+            raise DecodeError("value", pdu, 3, f"coil value {value:04X}h: expected FF00h (on) or 0000h (off)")
+        return cls(address, value == ON)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """The value in words."""
+        found = cls.layout.fields(pdu)
+        if len(found) > 2:
+            word = {ON: "on", OFF: "off"}.get(int(str(found[2].value)), "neither on (FF00h) nor off (0000h)")
+            found[2] = found[2]._replace(meaning=word)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class WriteSingleCoil(Request[WriteSingleCoilResponse]):
+    """Switch one coil on (FF00h) or off (0000h); no other value exists.                   [MB-APP 6.5]
+
+        05 | address 2 | value 2
+
+    >>> WriteSingleCoil(address=172, value=True).encode().hex(" ")
+    '05 00 ac ff 00'
+    """
+
+    address: int
+    value: bool
+
+    name: ClassVar[str] = "Write Single Coil"
+    function_code: ClassVar[int] = 0x05
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
+    response: ClassVar[type[Response]] = WriteSingleCoilResponse
+    writes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        _check_coil(self.value)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        return self.layout.pack(self.function_code, self.address, ON if self.value else OFF)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """As the response: they are the same bytes."""
+        same = WriteSingleCoilResponse.decode(pdu)
+        return cls(same.address, same.value)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """As the response."""
+        return WriteSingleCoilResponse.fields(pdu)
+
+
+@dataclass(frozen=True, slots=True)
+class WriteMultipleCoilsResponse(Response):
+    """How many were written, and from where.                                              [MB-APP 6.11]
+
+    0F | address 2 | quantity 2
+    """
+
+    address: int
+    quantity: int
+
+    name: ClassVar[str] = "Write Multiple Coils"
+    function_code: ClassVar[int] = 0x0F
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "quantity")
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("quantity", self.quantity, 1, WRITE_LIMIT)
+
+
+@dataclass(frozen=True, slots=True)
+class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
+    """Write 1 to 1968 coils in a row.                                                     [MB-APP 6.11]
+
+        0F | address 2 | quantity 2 | byte count | packed coils ...
+
+    >>> WriteMultipleCoils(19, (1, 0, 1, 1, 0, 0, 1, 1, 1, 0)).encode().hex(" ")
+    '0f 00 13 00 0a 02 cd 01'
+    """
+
+    address: int
+    bits: tuple[bool | int, ...]
+
+    name: ClassVar[str] = "Write Multiple Coils"
+    function_code: ClassVar[int] = 0x0F
+    layout: ClassVar[Layout] = Layout(
+        ">BHHB", "function_code", "address", "quantity", "byte_count", tail="coils", count="byte_count"
+    )
+    response: ClassVar[type[Response]] = WriteMultipleCoilsResponse
+    writes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("quantity", len(self.bits), 1, WRITE_LIMIT)
+        _packed(self.bits)  # each one on or off, or EncodeError
+        object.__setattr__(self, "bits", tuple(map(bool, self.bits)))
+
+    @property
+    def quantity(self) -> int:
+        """How many coils."""
+        return len(self.bits)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        data = pack_bits(self.bits)
+        return self.layout.pack(self.function_code, self.address, len(self.bits), len(data), tail=data)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message; the byte count must be what the quantity fills."""
+        cls.check_function(pdu)
+        _, address, quantity, byte_count, data = cls.layout.unpack(pdu)
+        try:
+            check_range("quantity", quantity, 1, WRITE_LIMIT)
+        except EncodeError as error:
+            raise DecodeError("value", pdu, 3, str(error)) from None
+        if byte_count != (quantity + 7) // 8:
+            raise DecodeError("length", pdu, 5, f"byte count {byte_count} for {quantity} coils")
+        return cls(address, unpack_bits(data, quantity))
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """Bit by bit."""
+        return _bit_fields(cls.layout.fields(pdu), "coil")

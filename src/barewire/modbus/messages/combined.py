@@ -1,0 +1,173 @@
+"""Two things in one message: function codes 16 (mask write) and 17 (write, then read).
+
+Between a read and a write of its own a client may be overtaken by another one; these two cannot be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from barewire.codecs import Field, Layout, from_registers, to_registers
+from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
+from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.registers import READ_LIMIT, ReadHoldingRegistersResponse, register_fields
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Self
+
+WRITE_LIMIT = 121
+"""Two registers fewer than function 10 can write: the read address and the read quantity need their place."""
+
+
+def masked(register: int, and_mask: int, or_mask: int) -> int:
+    """What a mask write makes of a register: kept where AND is 1, taken from OR where AND is 0.   [MB-APP 6.16]
+
+    >>> hex(masked(0x12, and_mask=0xF2, or_mask=0x25))
+    '0x17'
+    """
+    return register & and_mask | or_mask & ~and_mask & 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class MaskWriteRegisterResponse(Response):
+    """The echo.                                                                           [MB-APP 6.16]
+
+    16 | address 2 | AND mask 2 | OR mask 2
+    """
+
+    address: int
+    and_mask: int
+    or_mask: int
+
+    name: ClassVar[str] = "Mask Write Register"
+    function_code: ClassVar[int] = 0x16
+    layout: ClassVar[Layout] = Layout(">BHHH", "function_code", "address", "and_mask", "or_mask")
+
+    def __post_init__(self) -> None:
+        for name in ("address", "and_mask", "or_mask"):
+            check_range(name, getattr(self, name), 0, 0xFFFF)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """What each mask does."""
+        found = cls.layout.fields(pdu)
+        words = ("", "", "bits to keep", "value of the bits that are not kept")
+        return [field._replace(meaning=meaning) for field, meaning in zip(found, words)]
+
+
+@dataclass(frozen=True, slots=True)
+class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
+    """Change some bits of one holding register and keep the others.                       [MB-APP 6.16]
+
+        16 | address 2 | AND mask 2 | OR mask 2          new = (old AND and) OR (or AND NOT and)
+
+    >>> MaskWriteRegister(address=4, and_mask=0xF2, or_mask=0x25).encode().hex(" ")
+    '16 00 04 00 f2 00 25'
+    """
+
+    address: int
+    and_mask: int
+    or_mask: int
+
+    name: ClassVar[str] = "Mask Write Register"
+    function_code: ClassVar[int] = 0x16
+    layout: ClassVar[Layout] = MaskWriteRegisterResponse.layout
+    response: ClassVar[type[Response]] = MaskWriteRegisterResponse
+    writes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        MaskWriteRegisterResponse(self.address, self.and_mask, self.or_mask)  # the same fields, the same limits
+
+    @classmethod
+    def of_bits(cls, address: int, mask: int, value: int) -> Self:
+        """Set the bits of `mask` to `value`: bits 1 and 2 of register 7 to 01 is `of_bits(7, 0b110, 0b010)`."""
+        return cls(address, ~mask & 0xFFFF, value & mask)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """As the response."""
+        return MaskWriteRegisterResponse.fields(pdu)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadWriteMultipleRegistersResponse(ReadHoldingRegistersResponse):
+    """The registers that were read.                                                       [MB-APP 6.17]
+
+    17 | byte count | registers, 2 bytes each ...
+    """
+
+    name: ClassVar[str] = "Read/Write Multiple Registers"
+    function_code: ClassVar[int] = 0x17
+
+
+@dataclass(frozen=True, slots=True)
+class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
+    """Write 1 to 121 holding registers, **then** read 1 to 125.                           [MB-APP 6.17]
+
+        17 | read address 2 | read quantity 2 | write address 2 | write quantity 2 | byte count | registers ...
+
+    >>> ReadWriteMultipleRegisters(read_address=3, read_quantity=6, write_address=14, registers=[255]).encode().hex(" ")
+    '17 00 03 00 06 00 0e 00 01 02 00 ff'
+    """
+
+    read_address: int
+    read_quantity: int
+    write_address: int
+    registers: Sequence[int]
+
+    name: ClassVar[str] = "Read/Write Multiple Registers"
+    function_code: ClassVar[int] = 0x17
+    layout: ClassVar[Layout] = Layout(
+        ">BHHHHB",
+        *("function_code", "read_address", "read_quantity", "write_address", "write_quantity", "byte_count"),
+        tail="registers",
+        count="byte_count",
+    )
+    response: ClassVar[type[Response]] = ReadWriteMultipleRegistersResponse
+    writes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_range("read_address", self.read_address, 0, 0xFFFF)
+        check_range("read_quantity", self.read_quantity, 1, READ_LIMIT)
+        check_range("write_address", self.write_address, 0, 0xFFFF)
+        check_range("write_quantity", len(self.registers), 1, WRITE_LIMIT)
+        object.__setattr__(self, "registers", tuple(self.registers))
+        from_registers(self.registers)  # each one in 0..65535, or EncodeError
+
+    @property
+    def write_quantity(self) -> int:
+        """How many registers are written."""
+        return len(self.registers)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        data = from_registers(self.registers)
+        places = (self.read_address, self.read_quantity, self.write_address, len(self.registers))
+        return self.layout.pack(self.function_code, *places, len(data), tail=data)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message; the byte count must be twice the quantity."""
+        cls.check_function(pdu)
+        _, read_address, read_quantity, write_address, write_quantity, byte_count, data = cls.layout.unpack(pdu)
+        try:
+            check_range("read_quantity", read_quantity, 1, READ_LIMIT)
+            check_range("write_quantity", write_quantity, 1, WRITE_LIMIT)
+        except EncodeError as error:
+            raise DecodeError("value", pdu, 3 if error.field == "read_quantity" else 7, str(error)) from None
+        if byte_count != 2 * write_quantity:
+            raise DecodeError("length", pdu, 9, f"byte count {byte_count} for {write_quantity} registers")
+        return cls(read_address, read_quantity, write_address, to_registers(data))
+
+    def fit(self, response: Any, pdu: bytes) -> Any:
+        """Exactly as many registers as were to be read."""
+        if len(response.registers) != self.read_quantity:
+            self.refuse(pdu, "byte_count", 2 * self.read_quantity, 2 * len(response.registers))
+        return response
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """Register by register."""
+        return register_fields(cls.layout.fields(pdu))

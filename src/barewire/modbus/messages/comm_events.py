@@ -1,0 +1,186 @@
+"""What a serial server has done lately: function codes 0B (event counter) and 0C (event log).
+
+An event is one byte; what its bits mean depends on the two at the top [MB-APP 6.10]:
+
+    1.......    a request came       bit 1 damaged, 4 overrun, 5 while in listen only mode, 6 a broadcast
+    01......    it was dealt with    bit 0 exception 1..3, 1 exception 4, 2 exception 5 or 6, 3 exception 7,
+                                     4 write time-out, 5 while in listen only mode
+    00000100    entered listen only mode
+    00000000    communications were restarted
+"""
+
+from __future__ import annotations
+
+from barewire.codecs import Field, Layout
+from barewire.errors import DecodeError
+from barewire.frozen import dataclass
+from barewire.modbus.messages.base import Request, Response, check_range
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import ClassVar, Self
+
+EVENT_LIMIT = 64
+"""The most events that a log holds."""
+
+READY, BUSY = 0x0000, 0xFFFF
+"""The status word: BUSY while a program command given before is still being worked on."""
+
+RESTARTED, LISTENS_ONLY, SENT, RECEIVED = 0x00, 0x04, 0x40, 0x80
+
+_RECEIVED_BITS = {1: "communication error", 4: "character overrun", 5: "in listen only mode", 6: "broadcast"}
+_SENT_BITS = {
+    0: "exception 1..3",
+    1: "exception 4",
+    2: "exception 5 or 6",
+    3: "exception 7",
+    4: "write time-out",
+    5: "in listen only mode",
+}
+
+
+def event_text(event: int) -> str:
+    """One byte of the log in words.
+
+    >>> event_text(0xC0), event_text(0x41), event_text(0x04)
+    ('received: broadcast', 'sent: exception 1..3', 'entered listen only mode')
+    """
+    if event & RECEIVED:
+        kind, bits = "received", _RECEIVED_BITS
+    elif event & SENT:
+        kind, bits = "sent", _SENT_BITS
+    else:
+        known = {RESTARTED: "communications restarted", LISTENS_ONLY: "entered listen only mode"}
+        return known.get(event, "undefined event")
+    told = ", ".join(words for bit, words in bits.items() if event >> bit & 1)
+    return f"{kind}: {told}" if told else kind
+
+
+def _status_words(found: list[Field], name: str = "status") -> list[Field]:
+    words = {READY: "ready", BUSY: "busy with a program command"}
+    return [
+        field._replace(meaning=words.get(int(str(field.value)), "neither 0000h nor FFFFh"))
+        if field.name == name
+        else field
+        for field in found
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class GetCommEventCounterResponse(Response):
+    """How many requests were carried out well.                                            [MB-APP 6.9]
+
+        0B | status 2 | event count 2
+
+    >>> GetCommEventCounterResponse(status=0xFFFF, event_count=264).encode().hex(" ")
+    '0b ff ff 01 08'
+    """
+
+    status: int
+    event_count: int
+
+    name: ClassVar[str] = "Get Comm Event Counter"
+    function_code: ClassVar[int] = 0x0B
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "status", "event_count")
+
+    def __post_init__(self) -> None:
+        check_range("status", self.status, 0, 0xFFFF)
+        check_range("event_count", self.event_count, 0, 0xFFFF)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """The status in words."""
+        return _status_words(cls.layout.fields(pdu))
+
+
+@dataclass(frozen=True, slots=True)
+class GetCommEventCounter(Request[GetCommEventCounterResponse]):
+    """Ask how many requests were carried out well: the same before and after a lost answer, it was not.  [MB-APP 6.9]
+
+        0B
+
+    >>> GetCommEventCounter().encode().hex(" ")
+    '0b'
+    """
+
+    name: ClassVar[str] = "Get Comm Event Counter"
+    function_code: ClassVar[int] = 0x0B
+    layout: ClassVar[Layout] = Layout(">B", "function_code")
+    response: ClassVar[type[Response]] = GetCommEventCounterResponse
+
+
+@dataclass(frozen=True, slots=True)
+class GetCommEventLogResponse(Response):
+    """Both counters and the latest events, at most 64, the newest first.                  [MB-APP 6.10]
+
+        0C | byte count (6 + events) | status 2 | event count 2 | message count 2 | events ...
+
+    >>> log = GetCommEventLogResponse.decode(bytes.fromhex("0C 08 0000 0108 0121 C040"))
+    >>> log.message_count, log.texts()
+    (289, ['received: broadcast', 'sent'])
+    """
+
+    status: int
+    event_count: int
+    message_count: int
+    events: bytes
+
+    name: ClassVar[str] = "Get Comm Event Log"
+    function_code: ClassVar[int] = 0x0C
+    layout: ClassVar[Layout] = Layout(
+        ">BBHHH", "function_code", "byte_count", "status", "event_count", "message_count", tail="events"
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("status", "event_count", "message_count"):
+            check_range(name, getattr(self, name), 0, 0xFFFF)
+        check_range("events", len(self.events), 0, EVENT_LIMIT)
+
+    def texts(self) -> list[str]:
+        """The events in words, the newest first."""
+        return [event_text(event) for event in self.events]
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        counts = (self.status, self.event_count, self.message_count)
+        return self.layout.pack(self.function_code, 6 + len(self.events), *counts, tail=self.events)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message."""
+        cls.check_function(pdu)
+        _, byte_count, status, event_count, message_count, events = cls.layout.unpack(pdu)
+        if byte_count != 6 + len(events):
+            text = f"byte_count says {byte_count}, but {6 + len(events)} bytes follow"
+            raise DecodeError("length", pdu, 1, text)
+        if len(events) > EVENT_LIMIT:
+            raise DecodeError("value", pdu, 1, f"{len(events)} events: expected 0..{EVENT_LIMIT}")
+        return cls(status, event_count, message_count, bytes(events))
+
+    @classmethod
+    def measure(cls, pdu: bytes) -> int | None:
+        """The byte count tells it, once it is in; never less than the three counters."""
+        return max(cls.layout.size, 2 + pdu[1]) if len(pdu) > 1 else cls.layout.size
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """Event by event, in words."""
+        found = _status_words([field for field in cls.layout.fields(pdu) if field.name != "events"])
+        rows = [Field(at, 1, "event", pdu[at], event_text(pdu[at])) for at in range(cls.layout.size, len(pdu))]
+        return [*found, *rows]
+
+
+@dataclass(frozen=True, slots=True)
+class GetCommEventLog(Request[GetCommEventLogResponse]):
+    """Ask what happened lately.                                                           [MB-APP 6.10]
+
+        0C
+
+    >>> GetCommEventLog().encode().hex(" ")
+    '0c'
+    """
+
+    name: ClassVar[str] = "Get Comm Event Log"
+    function_code: ClassVar[int] = 0x0C
+    layout: ClassVar[Layout] = Layout(">B", "function_code")
+    response: ClassVar[type[Response]] = GetCommEventLogResponse

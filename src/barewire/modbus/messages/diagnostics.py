@@ -1,0 +1,246 @@
+"""The state of the server itself: function codes 07 and 08. Serial lines only, says the standard; many have it on TCP.
+
+Diagnostics (08) is a family: two bytes of sub-function say what is asked for. 00 is an echo, 01 to 04 and 0A, 14 do
+something, 0B to 12 are the counters that every serial server keeps.
+"""
+
+from __future__ import annotations
+
+from barewire.codecs import Field, Layout
+from barewire.errors import EncodeError
+from barewire.frozen import dataclass
+from barewire.modbus.messages.base import Request, Response, check_range
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Self
+
+
+@dataclass(frozen=True, slots=True)
+class ReadExceptionStatusResponse(Response):
+    """Eight bits whose meaning is the device's own.                                       [MB-APP 6.7]
+
+        07 | status
+
+    >>> ReadExceptionStatusResponse(0x6D).encode().hex(" ")
+    '07 6d'
+    """
+
+    status: int
+
+    name: ClassVar[str] = "Read Exception Status"
+    function_code: ClassVar[int] = 0x07
+    layout: ClassVar[Layout] = Layout(">BB", "function_code", "status")
+
+    def __post_init__(self) -> None:
+        check_range("status", self.status, 0, 0xFF)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """The bits, 7 to 0."""
+        found = cls.layout.fields(pdu)
+        if len(found) > 1:
+            found[1] = found[1]._replace(meaning=f"bits 7..0: {pdu[1]:08b}")
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class ReadExceptionStatus(Request[ReadExceptionStatusResponse]):
+    """Read the eight exception status bits.                                               [MB-APP 6.7]
+
+        07
+
+    >>> ReadExceptionStatus().encode().hex(" ")
+    '07'
+    """
+
+    name: ClassVar[str] = "Read Exception Status"
+    function_code: ClassVar[int] = 0x07
+    layout: ClassVar[Layout] = Layout(">B", "function_code")
+    response: ClassVar[type[Response]] = ReadExceptionStatusResponse
+
+
+RETURN_QUERY_DATA = 0x00
+RESTART_COMMUNICATIONS = 0x01
+DIAGNOSTIC_REGISTER = 0x02
+CHANGE_ASCII_DELIMITER = 0x03
+FORCE_LISTEN_ONLY = 0x04
+CLEAR_COUNTERS = 0x0A
+CLEAR_OVERRUN = 0x14
+
+SUB_FUNCTIONS: dict[int, str] = {
+    0x00: "Return Query Data",
+    0x01: "Restart Communications Option",
+    0x02: "Return Diagnostic Register",
+    0x03: "Change ASCII Input Delimiter",
+    0x04: "Force Listen Only Mode",
+    0x0A: "Clear Counters and Diagnostic Register",
+    0x0B: "Return Bus Message Count",
+    0x0C: "Return Bus Communication Error Count",
+    0x0D: "Return Bus Exception Error Count",
+    0x0E: "Return Server Message Count",
+    0x0F: "Return Server No Response Count",
+    0x10: "Return Server NAK Count",
+    0x11: "Return Server Busy Count",
+    0x12: "Return Bus Character Overrun Count",
+    0x14: "Clear Overrun Counter and Flag",
+}
+"""The public sub-functions [MB-APP 6.8.1]. The others are reserved."""
+
+ECHOED = frozenset({0x00, 0x01, 0x03, 0x0A, 0x14})
+"""Sub-functions whose response is the request once more."""
+
+
+RESTART_AND_CLEAR_LOG = b"\xff\x00"
+"""The data of Restart Communications that clears the event log too; zeros keep it."""
+
+
+def _check_diagnostics(sub_function: int, data: bytes) -> None:
+    check_range("sub_function", sub_function, 0, 0xFFFF)
+    check_range("data length", len(data), 0, 250)
+    # What a reserved sub-function has for data is nobody's business: a server declines it whatever it is.
+    if sub_function in SUB_FUNCTIONS and sub_function != RETURN_QUERY_DATA and len(data) != 2:
+        raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, here are {len(data)}", "data")
+
+
+def _check_asked(sub_function: int, data: bytes) -> None:
+    """The data of a request: zeros, but for what is echoed, to restart (0000 or FF00), and the delimiter (CHAR 00)."""
+    if sub_function == RESTART_COMMUNICATIONS:
+        allowed = data in (b"\0\0", RESTART_AND_CLEAR_LOG)
+    elif sub_function == CHANGE_ASCII_DELIMITER:
+        allowed = data[1:] == b"\0"
+    else:
+        allowed = sub_function == RETURN_QUERY_DATA or sub_function not in SUB_FUNCTIONS or data == b"\0\0"
+    if not allowed:
+        expected = {RESTART_COMMUNICATIONS: "00 00 or FF 00", CHANGE_ASCII_DELIMITER: "a character and 00"}
+        shown, right = data.hex(" ").upper(), expected.get(sub_function, "00 00")
+        raise EncodeError(f"data {shown} for sub-function {sub_function:02X}: expected {right}", "data")
+
+
+def _diagnostics_fields(found: list[Field]) -> list[Field]:
+    if len(found) > 1:
+        name = SUB_FUNCTIONS.get(int(str(found[1].value)), "reserved: no public sub-function")
+        found[1] = found[1]._replace(meaning=name)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosticsResponse(Response):
+    """The echo, or what was asked for.                                                    [MB-APP 6.8]
+
+        08 | sub-function 2 | data 2 (Return Query Data: any length)
+
+    >>> DiagnosticsResponse(0x0B, bytes([0, 17])).count
+    17
+    """
+
+    sub_function: int
+    data: bytes
+
+    name: ClassVar[str] = "Diagnostics"
+    function_code: ClassVar[int] = 0x08
+    layout: ClassVar[Layout] = Layout(">BH", "function_code", "sub_function", tail="data")
+
+    def __post_init__(self) -> None:
+        _check_diagnostics(self.sub_function, self.data)
+
+    @property
+    def count(self) -> int:
+        """The data as a number: what the counters are."""
+        return int.from_bytes(self.data, "big")
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        return self.layout.pack(self.function_code, self.sub_function, tail=self.data)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message."""
+        cls.check_function(pdu)
+        return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
+
+    @classmethod
+    def measure(cls, pdu: bytes) -> int | None:
+        """Two bytes of data. Longer echoes exist, and on RTU only silence ends those."""
+        return cls.layout.size + 2
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """The sub-function with its name."""
+        return _diagnostics_fields(cls.layout.fields(pdu))
+
+
+@dataclass(frozen=True, slots=True)
+class Unanswered(DiagnosticsResponse):
+    """What `ask` returns for Force Listen Only Mode, and for the restart of a unit that listens only, when the unit was
+    silent: nothing was said, and nothing was to be. Whether it is there at all is not known. [MB-APP 6.8.1]
+
+    >>> Diagnostics(FORCE_LISTEN_ONLY).without_answer()
+    Unanswered(sub_function=4, data=b'')
+    """
+
+    data: bytes = b""
+
+    def __post_init__(self) -> None:
+        """Nothing to check."""
+
+    def encode(self) -> bytes:
+        """It is never sent."""
+        raise EncodeError("nothing is sent where nothing is to be said", "data")
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostics(Request[DiagnosticsResponse]):
+    """Ask a server about itself, or to do something about it.                             [MB-APP 6.8]
+
+        08 | sub-function 2 | data 2 (Return Query Data: any length)
+
+    >>> Diagnostics(RETURN_QUERY_DATA, bytes.fromhex("A537")).encode().hex(" ")
+    '08 00 00 a5 37'
+    """
+
+    sub_function: int
+    data: bytes = b"\0\0"
+
+    name: ClassVar[str] = "Diagnostics"
+    function_code: ClassVar[int] = 0x08
+    layout: ClassVar[Layout] = Layout(">BH", "function_code", "sub_function", tail="data")
+    response: ClassVar[type[Response]] = DiagnosticsResponse
+
+    def __post_init__(self) -> None:
+        _check_diagnostics(self.sub_function, self.data)
+        _check_asked(self.sub_function, self.data)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        return self.layout.pack(self.function_code, self.sub_function, tail=self.data)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message."""
+        cls.check_function(pdu)
+        return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
+
+    @classmethod
+    def measure(cls, pdu: bytes) -> int | None:
+        """As the response."""
+        return DiagnosticsResponse.measure(pdu)
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """The sub-function with its name."""
+        return _diagnostics_fields(cls.layout.fields(pdu))
+
+    def without_answer(self, *, listens_only: bool = False) -> DiagnosticsResponse | None:
+        """Force Listen Only Mode is not answered; nor is a restart by a unit that listens only."""
+        if self.sub_function == FORCE_LISTEN_ONLY or (listens_only and self.sub_function == RESTART_COMMUNICATIONS):
+            return Unanswered(self.sub_function)
+        return None
+
+    def fit(self, response: Any, pdu: bytes) -> Any:
+        """The same sub-function; and the same data, where the response is an echo."""
+        if response.sub_function != self.sub_function:
+            self.refuse(pdu, "sub_function", self.sub_function, response.sub_function)
+        if self.sub_function in ECHOED and response.data != self.data:
+            self.refuse(pdu, "data", self.data.hex(" ").upper(), response.data.hex(" ").upper())
+        return response

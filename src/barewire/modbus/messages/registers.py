@@ -1,0 +1,302 @@
+"""Holding and input registers: function codes 03, 04, 06 and 10.
+
+A register is 16 bits, the more significant byte first [MB-APP 4.2]. Holding registers can be written, input registers
+cannot. What several registers mean together is not Modbus's business: see `barewire.codecs.order`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from struct import Struct
+from struct import error as StructError
+
+from barewire.codecs import Field, Layout, from_registers, to_registers
+from barewire.errors import DecodeError, EncodeError
+from barewire.frozen import dataclass
+from barewire.modbus.messages.base import Request, Response, check_range
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, ClassVar, Self
+
+READ_LIMIT = 125
+WRITE_LIMIT = 123
+_REQUEST = Struct(">BHH")
+_ROWS = tuple(Struct(f">{quantity}H") for quantity in range(READ_LIMIT + 1))
+"""For each quantity, what turns its bytes into registers."""
+_ROW = Layout(">BB", "function_code", "byte_count", tail="registers", count="byte_count")
+_RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_LIMIT + 1))
+"""For each quantity, what makes the whole answer."""
+
+
+def register_fields(found: list[Field]) -> list[Field]:
+    """A tail of registers opened up: one line for each."""
+    tail = found[-1] if found and isinstance(found[-1].value, str) else None
+    if tail is None:
+        return found
+    data = bytes.fromhex(str(tail.value))
+    rows = [
+        Field(tail.offset + 2 * place, 2, f"register {place}", int.from_bytes(data[2 * place : 2 * place + 2], "big"))
+        for place in range(len(data) // 2)
+    ]
+    if len(data) % 2:
+        rows.append(Field(tail.offset + len(data) - 1, 1, "odd byte", data[-1], "half a register cannot be"))
+    return [*found[:-1], *rows]
+
+
+@dataclass(frozen=True, slots=True)
+class ReadHoldingRegistersResponse(Response):
+    """The registers asked for.                                                            [MB-APP 6.3]
+
+        03 | byte count | registers, 2 bytes each ...
+
+    >>> ReadHoldingRegistersResponse((555, 0, 100)).encode().hex(" ")
+    '03 06 02 2b 00 00 00 64'
+    """
+
+    registers: tuple[int, ...]
+
+    name: ClassVar[str] = "Read Holding Registers"
+    function_code: ClassVar[int] = 0x03
+    layout: ClassVar[Layout] = _ROW
+
+    def __post_init__(self) -> None:
+        check_range("quantity", len(self.registers), 1, READ_LIMIT)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        row = self.registers
+        try:
+            if self.layout is _ROW:
+                return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
+        except (StructError, IndexError):
+            pass
+        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # says what is wrong
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message. An odd byte count is DecodeError("length")."""
+        cls.check_function(pdu)
+        _, byte_count, data = cls.layout.unpack(pdu)
+        if byte_count % 2:
+            raise DecodeError("length", pdu, 1, f"byte count {byte_count} is odd, registers have 2 bytes")
+        return cls.make(pdu, to_registers(data))
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """Register by register."""
+        return register_fields(cls.layout.fields(pdu))
+
+
+@dataclass(frozen=True, slots=True)
+class ReadInputRegistersResponse(ReadHoldingRegistersResponse):
+    """The registers asked for.                                                            [MB-APP 6.4]
+
+    04 | byte count | registers, 2 bytes each ...
+    """
+
+    name: ClassVar[str] = "Read Input Registers"
+    function_code: ClassVar[int] = 0x04
+
+
+@dataclass(frozen=True, slots=True)
+class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
+    """Read 1 to 125 holding registers in a row.                                           [MB-APP 6.3]
+
+        03 | address 2 | quantity 2
+
+    >>> ReadHoldingRegisters(address=107, quantity=3).encode().hex(" ")
+    '03 00 6b 00 03'
+    """
+
+    address: int
+    quantity: int
+
+    name: ClassVar[str] = "Read Holding Registers"
+    function_code: ClassVar[int] = 0x03
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "quantity")
+    response: ClassVar[type[Response]] = ReadHoldingRegistersResponse
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("quantity", self.quantity, 1, READ_LIMIT)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """As of every message. Where nothing can be wrong, and nearly always nothing is, one look is enough; but who
+        knows what a subclass of a user's wants besides."""
+        if cls in _OURS and len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
+            _, address, quantity = _REQUEST.unpack(pdu)
+            if 1 <= quantity <= READ_LIMIT:
+                request = _new(cls)
+                _set_address(request, address)
+                _set_quantity(request, quantity)
+                return request
+        return super().decode(pdu)
+
+    def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
+        """As of every request. The answer that fits, and nearly all do, is known at one look and read by one call."""
+        size = 2 * self.quantity
+        if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size or type(self) not in _OURS:
+            return Request.read_response(self, pdu)
+        return _with_row(self.response, _ROWS[self.quantity].unpack_from(pdu, 2))
+
+    def answer(self, row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
+        """The response with this row, which must be registers and as many as were asked: nobody looks again."""
+        if type(self) in _OURS:
+            return _with_row(self.response, row)
+        cls: Any = self.response
+        response: ReadHoldingRegistersResponse = cls(row)
+        return response
+
+    def fit(self, response: Any, pdu: bytes) -> Any:
+        """Exactly as many registers as were asked."""
+        if len(response.registers) != self.quantity:
+            self.refuse(pdu, "byte_count", 2 * self.quantity, 2 * len(response.registers))
+        return response
+
+
+@dataclass(frozen=True, slots=True)
+class ReadInputRegisters(ReadHoldingRegisters):
+    """Read 1 to 125 input registers in a row.                                             [MB-APP 6.4]
+
+        04 | address 2 | quantity 2
+
+    >>> ReadInputRegisters(address=8, quantity=1).encode().hex(" ")
+    '04 00 08 00 01'
+    """
+
+    name: ClassVar[str] = "Read Input Registers"
+    function_code: ClassVar[int] = 0x04
+    response: ClassVar[type[Response]] = ReadInputRegistersResponse
+
+
+_OURS = (ReadHoldingRegisters, ReadInputRegisters)
+"""Whose shortcuts are the whole truth: they put values that are known to be right straight into their slots."""
+_new = object.__new__
+_set_address, _set_quantity = (vars(ReadHoldingRegisters)[name].__set__ for name in ("address", "quantity"))
+_set_registers = vars(ReadHoldingRegistersResponse)["registers"].__set__
+
+
+def _with_row(cls: type[Any], row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
+    response: ReadHoldingRegistersResponse = _new(cls)
+    _set_registers(response, row)
+    return response
+
+
+@dataclass(frozen=True, slots=True)
+class WriteSingleRegisterResponse(Response):
+    """The echo.                                                                           [MB-APP 6.6]
+
+    06 | address 2 | value 2
+    """
+
+    address: int
+    value: int
+
+    name: ClassVar[str] = "Write Single Register"
+    function_code: ClassVar[int] = 0x06
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("value", self.value, 0, 0xFFFF)
+
+
+@dataclass(frozen=True, slots=True)
+class WriteSingleRegister(Request[WriteSingleRegisterResponse]):
+    """Write one holding register.                                                         [MB-APP 6.6]
+
+        06 | address 2 | value 2
+
+    >>> WriteSingleRegister(address=1, value=3).encode().hex(" ")
+    '06 00 01 00 03'
+    """
+
+    address: int
+    value: int
+
+    name: ClassVar[str] = "Write Single Register"
+    function_code: ClassVar[int] = 0x06
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
+    response: ClassVar[type[Response]] = WriteSingleRegisterResponse
+    writes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("value", self.value, 0, 0xFFFF)
+
+
+@dataclass(frozen=True, slots=True)
+class WriteMultipleRegistersResponse(Response):
+    """How many were written, and from where.                                              [MB-APP 6.12]
+
+    10 | address 2 | quantity 2
+    """
+
+    address: int
+    quantity: int
+
+    name: ClassVar[str] = "Write Multiple Registers"
+    function_code: ClassVar[int] = 0x10
+    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "quantity")
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("quantity", self.quantity, 1, WRITE_LIMIT)
+
+
+@dataclass(frozen=True, slots=True)
+class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
+    """Write 1 to 123 holding registers in a row.                                          [MB-APP 6.12]
+
+        10 | address 2 | quantity 2 | byte count | registers, 2 bytes each ...
+
+    >>> WriteMultipleRegisters(1, (10, 258)).encode().hex(" ")
+    '10 00 01 00 02 04 00 0a 01 02'
+    """
+
+    address: int
+    registers: Sequence[int]
+
+    name: ClassVar[str] = "Write Multiple Registers"
+    function_code: ClassVar[int] = 0x10
+    layout: ClassVar[Layout] = Layout(
+        ">BHHB", "function_code", "address", "quantity", "byte_count", tail="registers", count="byte_count"
+    )
+    response: ClassVar[type[Response]] = WriteMultipleRegistersResponse
+    writes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_range("address", self.address, 0, 0xFFFF)
+        check_range("quantity", len(self.registers), 1, WRITE_LIMIT)
+        object.__setattr__(self, "registers", tuple(self.registers))
+        from_registers(self.registers)  # each one in 0..65535, or EncodeError
+
+    @property
+    def quantity(self) -> int:
+        """How many registers."""
+        return len(self.registers)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        data = from_registers(self.registers)
+        return self.layout.pack(self.function_code, self.address, len(self.registers), len(data), tail=data)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message; the byte count must be twice the quantity."""
+        cls.check_function(pdu)
+        _, address, quantity, byte_count, data = cls.layout.unpack(pdu)
+        try:
+            check_range("quantity", quantity, 1, WRITE_LIMIT)
+        except EncodeError as error:
+            raise DecodeError("value", pdu, 3, str(error)) from None
+        if byte_count != 2 * quantity:
+            raise DecodeError("length", pdu, 5, f"byte count {byte_count} for {quantity} registers")
+        return cls(address, to_registers(data))
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """Register by register."""
+        return register_fields(cls.layout.fields(pdu))

@@ -1,0 +1,154 @@
+"""Who may do what: roles, and what each of them is permitted. Data, and nothing is permitted that it does not say.
+
+    {"Viewer":   [{"functions": [1, 2, 3, 4]}],
+     "Operator": [{"functions": [1, 2, 3, 4, 23]},
+                  {"functions": [5, 6, 15, 16], "units": "1-10", "addresses": "0-99,200"}],
+     "":         []}                                     the role of a certificate that names none
+
+A request is permitted if one line of its role permits it whole: its function, its unit, and every address it touches.
+What has no addresses (files, diagnostics) is permitted by a line with `addresses` only if that line names its function:
+whoever may touch registers 0 to 9 was not told that all files are his.
+The table is the user's: there is no default, and a role that is not in it may do nothing [MB-TLS R-23, R-27, R-28].
+What is refused gets exception 01 [MB-TLS R-31].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from barewire.errors import EncodeError
+from barewire.modbus.messages.base import Request
+
+TYPE_CHECKING = False  # see `barewire.record`
+if TYPE_CHECKING:
+    from typing import Any, NamedTuple
+else:
+    from barewire.record import NamedTuple
+
+_NUMBERS = "numbers and ranges, such as 0-99,200"
+_PLACES = (
+    ("address", "quantity"),
+    ("read_address", "read_quantity"),
+    ("write_address", "write_quantity"),
+)
+"""The fields of a request that say what it touches. Without a quantity it is one."""
+
+
+class Permission(NamedTuple):
+    """One line of the table. None stands for all: all functions, all units, all addresses."""
+
+    functions: frozenset[int] | None = None
+    units: tuple[range, ...] | None = None
+    addresses: tuple[range, ...] | None = None
+
+    def allows(self, unit: int, request: Request[Any]) -> bool:
+        """Whether this line permits the request whole."""
+        if self.functions is not None and request.function_code not in self.functions:
+            return False
+        if self.units is not None and not any(unit in span for span in self.units):
+            return False
+        if self.addresses is None:
+            return True
+        touched = touches(request)
+        return all(map(self._covers, touched)) if touched else self.functions is not None
+
+    def _covers(self, touched: range) -> bool:
+        assert self.addresses is not None
+        return all(any(address in span for span in self.addresses) for address in touched)
+
+
+class Authorisation:
+    """The whole table: role -> its permissions.
+
+    >>> table = Authorisation.parse('{"Viewer": [{"functions": [3, 4], "addresses": "0-99"}]}')
+    >>> from barewire.modbus import ReadHoldingRegisters, WriteSingleRegister
+    >>> [table.allows("Viewer", 1, ReadHoldingRegisters(at, 2)) for at in (98, 99)]
+    [True, False]
+    >>> table.allows("Viewer", 1, WriteSingleRegister(0, 0)), table.allows(None, 1, ReadHoldingRegisters(0, 1))
+    (False, False)
+    """
+
+    def __init__(self, roles: Mapping[str, Sequence[Permission]]) -> None:
+        self.roles = dict(roles)
+
+    @classmethod
+    def parse(cls, text: str) -> Authorisation:
+        """The table from JSON. EncodeError says what is wrong with it."""
+        import json  # every server loads this file, and few have such a table
+
+        form = "a table of roles is JSON, role -> list of permissions"
+        try:
+            table = json.loads(text, object_pairs_hook=_once)
+        except EncodeError:
+            raise
+        except (ValueError, RecursionError) as error:
+            raise EncodeError(f"{form}: {error}") from None
+        if not isinstance(table, dict):
+            raise EncodeError(f"{form}: this is a {type(table).__name__}")
+        return cls({role: _permissions(role, rows) for role, rows in table.items()})
+
+    def allows(self, role: str | None, unit: int, request: Request[Any]) -> bool:
+        """Whether somebody of this role may ask this of that unit."""
+        return any(line.allows(unit, request) for line in self.roles.get(role or "", ()))
+
+
+def touches(request: Request[Any]) -> list[range]:
+    """The addresses that a request reads or writes; none for a request that has no addresses."""
+    found = []
+    for at, count in _PLACES:
+        first = getattr(request, at, None)
+        if first is not None:
+            registers: Sequence[int] = getattr(request, "registers", (0,))
+            quantity = getattr(request, count, len(registers) if at == "write_address" else 1)
+            found.append(range(first, first + quantity))
+    return found
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of the JSON. Of a name that is said twice the last would win, and the first be forgotten in silence."""
+    table = dict(pairs)
+    for name, _ in pairs if len(table) < len(pairs) else ():
+        if sum(name == other for other, _ in pairs) > 1:
+            raise EncodeError(f"a table of roles: {name!r} is said twice")
+    return table
+
+
+def _permissions(role: str, rows: Any) -> list[Permission]:
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise EncodeError(f"role {role!r}: expected a list of permissions, each {{...}}")
+    return [_permission(role, row) for row in rows]
+
+
+def _permission(role: str, row: Mapping[str, Any]) -> Permission:
+    unknown = set(row) - {"functions", "units", "addresses"}
+    if unknown:
+        raise EncodeError(f"role {role!r}: unknown {min(unknown)!r}, expected functions, units, addresses")
+    functions = row.get("functions")
+    if functions is not None and not (isinstance(functions, list) and all(map(_is_code, functions))):
+        raise EncodeError(f"role {role!r}: functions {functions!r}: expected a list of 1..127", "functions")
+    return Permission(
+        None if functions is None else frozenset(functions),
+        _spans(role, "units", row.get("units"), 0xFF),
+        _spans(role, "addresses", row.get("addresses"), 0xFFFF),
+    )
+
+
+def _is_code(code: Any) -> bool:
+    return type(code) is int and 1 <= code <= 0x7F  # True is an int too, and no function code
+
+
+def _spans(role: str, name: str, text: Any, last: int) -> tuple[range, ...] | None:
+    if text is None:
+        return None
+    spans = []
+    for part in str(text).split(","):
+        low, dash, high = (number.strip() for number in part.partition("-"))
+        high = high if dash else low
+        if not (_is_number(low) and _is_number(high) and int(low) <= int(high) <= last):
+            raise EncodeError(f"role {role!r}: {name} {text!r}: expected {_NUMBERS}, up to {last}", name)
+        spans.append(range(int(low), int(high) + 1))
+    return tuple(spans)
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal()

@@ -1,0 +1,83 @@
+"""What a server says about itself: the objects of 2B/0E, all three levels, in as many answers as they need.
+
+basic      00 VendorName, 01 ProductCode, 02 MajorMinorRevision       every device has these
+regular    03 VendorUrl ... 06 UserApplicationName                    and the basic ones
+extended   80 ... FF, the device's own                                and all others           [MB-APP 6.21]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from barewire.errors import EncodeError
+from barewire.modbus.adu import PDU_LIMIT
+from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ModbusException
+from barewire.modbus.messages.identification import (
+    BASIC,
+    EXTENDED,
+    INDIVIDUAL,
+    OBJECT_LIMIT,
+    REGULAR,
+    SINGLE_ACCESS,
+    ReadDeviceIdentification,
+    ReadDeviceIdentificationResponse,
+)
+
+_LAST = {BASIC: 0x02, REGULAR: 0x06, EXTENDED: 0xFF}
+_ROOM = PDU_LIMIT - 7  # behind the header of an answer
+
+
+class Identity:
+    """The objects of one device by number; text is sent as UTF-8.
+
+    >>> identity = Identity({0: "ACME", 1: "bench", 2: "1.0", 0x80: "serial 42"})
+    >>> identity.answer(ReadDeviceIdentification(4, 0x80)).objects
+    ((128, b'serial 42'),)
+
+    Raises EncodeError for a number that the standard reserves, a basic object that is missing, and a value longer than
+    244 bytes: that one could never be sent, so it is refused here and not when somebody asks.
+    """
+
+    def __init__(self, objects: Mapping[int, str | bytes]) -> None:
+        for number, value in objects.items():
+            if not isinstance(value, (str, bytes, bytearray)):
+                raise EncodeError(f"object {number:02X}h is {value!r}: expected text or bytes", "objects")
+        self.objects = {
+            number: value.encode() if isinstance(value, str) else bytes(value)
+            for number, value in sorted(objects.items())
+        }
+        for number, value in self.objects.items():
+            if not (0 <= number <= 6 or 0x80 <= number <= 0xFF):
+                raise EncodeError(f"object {number:02X}h is reserved: expected 00h..06h or 80h..FFh", "objects")
+            if len(value) > OBJECT_LIMIT:
+                text = f"object {number:02X}h has {len(value)} bytes: more than {OBJECT_LIMIT} never fit a PDU"
+                raise EncodeError(text, "objects")
+        if not {0, 1, 2} <= set(self.objects):
+            raise EncodeError("objects 00h, 01h and 02h (vendor, product, revision) are not optional", "objects")
+
+    @property
+    def conformity(self) -> int:
+        """The highest level of which there is an object, and that single ones are given too."""
+        highest = max(self.objects)
+        return min(level for level, last in _LAST.items() if highest <= last) | SINGLE_ACCESS
+
+    def answer(self, request: ReadDeviceIdentification) -> ReadDeviceIdentificationResponse:
+        """One object, or as many as fit from the one asked for on.
+
+        A stream from an object that is not there begins again at 0; a single one that is not there is exception 02.
+        A level that the device does not reach is answered with what it has.
+        """
+        code, first = request.read_code, request.object_id
+        if code == INDIVIDUAL:
+            if first not in self.objects:
+                raise ModbusException(ILLEGAL_DATA_ADDRESS)
+            return ReadDeviceIdentificationResponse(code, self.conformity, ((first, self.objects[first]),))
+        stream = [(number, value) for number, value in self.objects.items() if number <= _LAST[code]]
+        rest = [pair for pair in stream if pair[0] >= first] if (first, self.objects.get(first)) in stream else stream
+        fitting, used = 0, 0
+        while fitting < len(rest) and used + 2 + len(rest[fitting][1]) <= _ROOM:
+            used += 2 + len(rest[fitting][1])
+            fitting += 1
+        more = fitting < len(rest)
+        following = rest[fitting][0] if more else 0
+        return ReadDeviceIdentificationResponse(code, self.conformity, tuple(rest[:fitting]), more, following)

@@ -1,0 +1,108 @@
+"""What a bus knows of its nodes by listening, and waiting for what they say."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame, Channel, ErrorFrame, NmtState, NodeState, upload
+from barewire.canopen.bus.node_monitor import Presence
+from barewire.canopen.nmt.wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
+from barewire.conversation import Conversation, Heard, Listen, play
+from barewire.errors import NoAnswer
+
+
+def heard(*lines: tuple[float, str]) -> Presence:
+    presence = Presence()
+    for at, text in lines:
+        assert presence.feed(CanFrame.parse(text), at) == []
+    return presence
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ((), "node 5 was never heard, 0 frames on 585h, nothing at all on the bus meanwhile"),
+        (((7.0, "705#7F"),), "node 5 last heard 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus"),
+        (((7.0, "705#04"),), "stopped, and a stopped node answers no SDO"),
+        (((7.0, "705#00"),), "node 5 last heard 3 s ago, booting"),
+        (((8.0, "705#7F"), (9.5, "185#00")), "node 5 last heard 0.5 s ago, pre-operational"),
+        (((7.0, "605#4000100000000000"),), "node 5 was never heard"),
+        (((7.0, "00000585#4000100000000000"),), "1 frame on extended 00000585h, which is another identifier"),
+        (
+            ((7.0, "706#7F"), (7.0, "706#7F")),
+            "node 5 was never heard (heard so far: node 6), 0 frames on 585h, 2 frames on the bus",
+        ),
+    ],
+)
+def test_why_a_node_was_silent(lines: tuple[tuple[float, str], ...], told: str) -> None:
+    mark = Presence().mark(0x585)
+    assert told in heard(*lines).explain(5, 0x585, mark, 10.0, answers=0)
+
+
+def test_the_controller_s_report_is_told_while_it_is_fresh() -> None:
+    presence = Presence()
+    presence.report(ErrorFrame(0x60), 10.0)
+    mark = presence.mark(0x585)
+    report = "the controller reported no acknowledgement, bus off 0.5 s ago"
+    assert report in presence.explain(5, 0x585, mark, 10.5, answers=0)
+    assert report[:14] not in presence.explain(5, 0x585, mark, 30.0, answers=0)
+
+
+def test_a_foreign_protocol_does_not_fill_the_memory() -> None:
+    presence = Presence()
+    for number in range(10_000):
+        presence.feed(CanFrame(0x18F00000 + number, b"", True), 0.0)
+    assert (presence.foreign, presence.frames, len(presence._extended)) == (10_000, 10_000, 0)
+
+
+def test_a_channel_explains_with_what_the_bus_knows() -> None:
+    presence = heard((-3.0, "705#7F"))
+    with pytest.raises(NoAnswer) as caught:
+        play(upload(Channel(5, presence=presence), 0x6041), lambda frame, now: [])
+    assert str(caught.value) == (
+        "node 5 did not answer the upload of 6041h:00 within 1 s: node 5 last heard 4 s ago, pre-operational, "
+        "0 frames on 585h, nothing at all on the bus meanwhile"
+    )
+
+
+def listening(conversation: Conversation[CanFrame, NodeState], *lines: tuple[float, str]) -> NodeState:
+    """Carry out what only listens: the frames are on their way already."""
+    coming = [(at, CanFrame.parse(text)) for at, text in lines]
+    now = 0.0
+    step = next(conversation)
+    try:
+        while True:
+            assert isinstance(step, Listen)
+            if coming and coming[0][0] <= max(step.until, now):
+                at, frame = coming.pop(0)
+                now = max(now, at)
+                step = conversation.send(Heard(frame, now))
+            else:
+                now = max(now, step.until)
+                step = conversation.send(Heard(None, now))
+    except StopIteration as stop:
+        result: NodeState = stop.value
+        return result
+
+
+def test_waiting_for_what_a_node_says() -> None:
+    beats = (0.1, "706#00"), (0.2, "705#00"), (0.3, "705#7F"), (0.4, "185#00"), (0.5, "705#05")
+    assert listening(wait_for_boot_up(5), *beats).node == 5
+    assert listening(wait_for_boot_up(), *beats).node == 6
+    assert listening(wait_for_heartbeat(5), *beats).state == NmtState.PRE_OPERATIONAL
+    assert listening(wait_for_state(5, [NmtState.OPERATIONAL]), *beats).state == 5
+    with pytest.raises(NoAnswer, match=r"within 0.35 s that it is operational: its last word was pre-operational"):
+        listening(wait_for_state(5, [NmtState.OPERATIONAL], timeout=0.35), *beats)
+    with pytest.raises(NoAnswer, match="no node said within 1 s that it has booted"):
+        listening(wait_for_boot_up(timeout=1.0))
+
+
+def test_a_wrong_node_id_shows() -> None:
+    presence = Presence()
+    mark = presence.mark(0x585)
+    presence.feed(CanFrame.parse("581#0000000000000000"), 1.0)
+    text = "node 5 was never heard (heard so far: node {}), 0 frames on 585h, {} on the bus meanwhile"
+    assert presence.explain(5, 0x585, mark, 2.0, answers=0) == text.format("1", "1 frame")
+    for node in (2, 3, 4, 6, 7):
+        presence.feed(CanFrame.parse(f"{0x700 + node:03X}#05"), 1.0)
+    assert presence.explain(5, 0x585, mark, 2.0, answers=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")

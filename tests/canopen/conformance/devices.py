@@ -1,0 +1,83 @@
+"""The devices that the conformance battery is held against, and the run of it in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen.conformance.battery import Case, Outcome, Subject, carry_out, cases, prepare, survey, wants_reset
+from barewire.devices.sim import simulator
+from tests.canopen.virtual_bus import Participant, VirtualBus
+
+NODE = 5
+LARGE = (0x2100, 0)
+ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
+
+
+def plain() -> Device:
+    """A device with everything that the battery asks for."""
+    objects = [
+        *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device"),
+        Entry(0x1010, 1, "save all", "u32", "rw", 1),
+        Entry(*LARGE, "anything", "domain", "rw", b""),
+        Entry(0x6040, 0, "controlword", "u16", "rw", 0),
+        Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
+    ]
+    pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
+    return Device(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS))
+
+
+def az3() -> Participant:
+    """The simulated drive."""
+    node = simulator("az3", 0.0, node=NODE).canopen
+    assert node is not None
+    return node
+
+
+def bus_with(device: Participant) -> VirtualBus:
+    """A bus on which the device has been switched on."""
+    bus = VirtualBus()
+    bus.add(device, said=device.start(0.0) if isinstance(device, Device) else [])
+    bus.pass_time(0.01)
+    return bus
+
+
+def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = None) -> Subject:
+    """What the survey finds of such a device."""
+    return bus_with(make()).run(survey(NODE, timeout=0.1, large=large))
+
+
+def hold(bus: VirtualBus, subject: Subject, case: Case, before: Case | None = None) -> Outcome:
+    """One case, behind a reset where it wants one."""
+    if wants_reset(case, before):
+        bus.run(prepare(subject))
+    return bus.run(carry_out(case))
+
+
+class Spoiled:
+    """A device some of whose answers come out wrong, or not at all."""
+
+    def __init__(self, device: Device, spoil: Callable[[Device, CanFrame | None, list[CanFrame]], list[CanFrame]]):
+        self.device = device
+        self.spoil = spoil
+
+    @property
+    def deadline(self) -> float | None:
+        return self.device.deadline
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        return self.spoil(self.device, frame, self.device.feed(frame, now))
+
+
+def failures(bus: VirtualBus, subject: Subject, *, prefixes: tuple[str, ...] = ("",)) -> dict[str, str]:
+    """What fails of the whole battery against one device that is never switched off, by the name of the case."""
+    found: dict[str, str] = {}
+    before = None
+    for case in cases(subject):
+        if case.lacks or not case.name.startswith(prefixes):
+            continue
+        outcome = hold(bus, subject, case, before)
+        before = case
+        if outcome.failure is not None:
+            found[case.name] = outcome.failure
+    return found

@@ -1,0 +1,220 @@
+"""The battery that is held against strangers, held against ourselves: a plain device and the AZ3, in virtual time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+
+from barewire.canopen import CanFrame, Device, NmtState
+from barewire.canopen.conformance.battery import FLOOD, Case, Subject, Turn, carry_out, cases, survey
+from barewire.canopen.conformance.frames import Sdo
+from barewire.conversation import play
+from barewire.errors import NoAnswer
+from tests.canopen.conformance.devices import LARGE, NODE, Spoiled, az3, bus_with, failures, hold, plain, subject_of
+
+PLAIN_SUBJECT, AZ3_SUBJECT = subject_of(plain, LARGE), subject_of(az3)
+PLAIN, AZ3 = cases(PLAIN_SUBJECT), cases(AZ3_SUBJECT)
+# What the guide of the AZ3 says, and the standard does not.
+DEVIATIONS = {
+    "SDO-03": "it lists no identity object",
+    "SDO-04": "it lists no identity object",
+    "SDO-47": "it sends every number in four bytes",
+    "SDO-51": "it stores without the signature",
+}
+
+
+@pytest.mark.parametrize("case", [case for case in PLAIN if not case.lacks], ids=lambda case: case.name)
+def test_a_plain_device(case: Case) -> None:
+    outcome = hold(bus_with(plain()), PLAIN_SUBJECT, case)
+    assert outcome.failure is None
+    assert len(outcome.heard) <= len(case.turns)
+
+
+@pytest.mark.parametrize("case", [case for case in AZ3 if not case.lacks], ids=lambda case: case.name)
+def test_the_simulated_drive(case: Case) -> None:
+    outcome = hold(bus_with(az3()), AZ3_SUBJECT, case)
+    assert (outcome.failure is not None) == (case.name in DEVIATIONS), outcome.failure
+
+
+def test_one_device_goes_through_all_of_it() -> None:
+    device = plain()
+    bus = bus_with(device)
+    subject = bus.run(survey(NODE, timeout=0.1, large=LARGE))
+    assert failures(bus, subject) == {}
+    assert device.sdo.counters.timed_out == 0
+
+
+def test_how_many_there_are() -> None:
+    held = Counter(case.name[:3] for case in PLAIN if not case.lacks)
+    assert held.total() >= 130
+    assert {"SDO", "SEG", "BLK", "NMT", "HB-", "GRD", "HBC", "EMC", "SYN", "TIM", "RPD", "TPD", "LSS"} <= set(held)
+    assert sum(not case.lacks for case in AZ3) >= 130
+
+
+def test_names_are_told_once_and_every_frame_can_be_said() -> None:
+    assert len({case.name for case in PLAIN}) == len(PLAIN)
+    for case in PLAIN:
+        assert case.title
+        assert case.clause.startswith(("CiA 301 7.2.", "CiA 305"))
+        for turn in case.turns:
+            assert turn.ways
+            assert [str(CanFrame.parse(text)) for text in turn.says] == list(turn.says), case.name
+
+
+def test_what_reads_only_says_nothing_that_changes_a_device() -> None:
+    for case in PLAIN:
+        if case.effect == "reads":
+            said = [CanFrame.parse(text) for turn in case.turns for text in turn.says]
+            assert not any(frame.id in (0x000, 0x080) for frame in said), case.name
+            sdo = [frame.data[0] for frame in said if frame.key == (0x600 + NODE, False) and frame.data]
+            assert not any(command & 0xE0 == 0x20 or command & 0xE1 == 0xC0 for command in sdo), case.name
+
+
+def test_what_a_device_lacks_is_said_and_not_asked() -> None:
+    lacking = {case.name: case.lacks for case in AZ3 if case.lacks}
+    assert lacking["LSS-01"] == "LSS"
+    assert lacking["SYN-04"] == "1005h, 1006h, 1019h"
+    assert lacking["SEG-01"] == "text of 8 bytes"
+    assert lacking["BLK-53"] == "large object"
+
+
+def test_where_nobody_is() -> None:
+    with pytest.raises(NoAnswer):
+        bus_with(plain()).run(survey(NODE + 1, timeout=0.1))
+
+
+# The battery finds what is wrong -----------------------------------------------------------------------------------
+
+
+Spoil = Callable[[Device, CanFrame | None, list[CanFrame]], list[CanFrame]]
+
+
+def without(identifier: int) -> Spoil:
+    """Nothing comes out on this identifier."""
+    return lambda device, heard, said: [frame for frame in said if frame.id != identifier]
+
+
+def other(old: str, new: str) -> Spoil:
+    """These digits at the beginning of a frame come out as those."""
+
+    def spoil(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+        texts = [new + str(frame)[len(old) :] if str(frame).startswith(old) else str(frame) for frame in said]
+        return [CanFrame.parse(text) for text in texts]
+
+    return spoil
+
+
+def talks_when_stopped(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+    if device.state is NmtState.STOPPED and heard is not None and heard.id == 0x600 + NODE:
+        return [*said, CanFrame(0x580 + NODE, heard.data)]
+    return said
+
+
+def answers_twice(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+    return [one for frame in said for one in ([frame, frame] if frame.id == 0x580 + NODE else [frame])]
+
+
+def answers_aborts(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+    if heard is not None and heard.key == (0x600 + NODE, False) and heard.data[:1] == b"\x80":
+        return [CanFrame(0x580 + NODE, heard.data)]
+    return said
+
+
+def sends_with_every_sync(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+    if heard is not None and heard.id == 0x080 and not said:
+        return [CanFrame(0x180 + NODE, bytes(2))]
+    return said
+
+
+def boots_twice(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+    return [*said, said[0]] if said and said[0] == CanFrame(0x700 + NODE, b"\0") else said
+
+
+SILENT_LSS = without(0x7E4)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "found"),
+    [
+        pytest.param(talks_when_stopped, {"NMT-02", "NMT-03", "NMT-06", "NMT-12"}, id="talks when stopped"),
+        pytest.param(answers_twice, {"SDO-01", "SDO-06", "SDO-45"}, id="answers twice"),
+        pytest.param(answers_aborts, {"SDO-27", "SEG-06", "BLK-17"}, id="answers aborts"),
+        pytest.param(sends_with_every_sync, {"TPD-31", "TPD-33", "TPD-34", "TPD-36"}, id="a PDO with every SYNC"),
+        pytest.param(boots_twice, {"NMT-10", "NMT-11"}, id="boots twice"),
+        pytest.param(without(0x085), {"HBC-01", "EMC-02", "GRD-06", "RPD-31", "SYN-11"}, id="no emergencies"),
+        pytest.param(SILENT_LSS, set(), id="no LSS at all is no failure"),
+        pytest.param(other("705#05", "705#85"), {"HB-02"}, id="bit 7 in a heartbeat"),
+        pytest.param(other("705#FF", "705#7F"), {"GRD-01"}, id="guarding without a toggle"),
+        pytest.param(other("585#10", "585#00"), {"SEG-01", "SEG-43"}, id="segments without a toggle"),
+        pytest.param(other("585#8000100002", "585#8000100001"), {"SDO-40"}, id="another abort code"),
+        pytest.param(other("585#80FF0F00", "585#80000000"), {"SDO-06", "SDO-43"}, id="another object in the abort"),
+        pytest.param(other("585#A201", "585#A200"), {"BLK-30", "BLK-31", "BLK-53"}, id="blocks never acknowledged"),
+        pytest.param(other("585#4B171000", "585#43171000"), {"SDO-45", "NMT-17"}, id="two bytes told as four"),
+        pytest.param(other("185#37", "185#0037"), {"TPD-30"}, id="a PDO that is too long"),
+        pytest.param(other("080#02", "080#01"), {"SYN-04"}, id="a counter that does not count"),
+        pytest.param(other("7E4#5A", "7E4#5B"), {"LSS-02"}, id="another LSS answer"),
+    ],
+)
+def test_a_device_that_is_wrong_is_found(spoil: Spoil, found: set[str]) -> None:
+    device = plain()
+    bus = bus_with(Spoiled(device, spoil))
+    bus.pass_time(0.01)
+    for frame in device.start(bus.now):
+        assert frame == CanFrame(0x700 + NODE, b"\0")
+    subject = bus.run(survey(NODE, timeout=0.1, large=LARGE)) if spoil is SILENT_LSS else PLAIN_SUBJECT
+    wrong = failures(bus, subject, prefixes=tuple({name[:3] for name in found}) or ("",)).keys()
+    assert found <= wrong if found else not wrong
+
+
+def test_a_difference_is_told_in_one_sentence() -> None:
+    case = replace_turns(Turn(("605#4000100000000000",), ("585#43......", "585#80")), Turn(("080#",), ("",)))
+    answers = {"605#4000100000000000": "585#80", "080#": "185#01"}
+    outcome, _ = play(carry_out(case), lambda frame, now: [(now + 0.1, CanFrame.parse(answers[str(frame)]))])
+    assert outcome.heard == (("585#80",), ("185#01",))
+    assert outcome.failure == "after 080#: 185#01, expected silence"
+
+
+def test_a_flood_is_an_answer_that_is_too_long() -> None:
+    """Frames without end, each of them one that the case listens for: it comes to an end, and so does the sentence."""
+    case = Case("X-1", "any", "CiA 301", "reads", ("585",), (Turn(("605#4000100000000000",), ("585#43......",)),))
+
+    def flood(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        return [(now + at / 1e6, CanFrame.parse(f"585#{at:016X}")) for at in range(30_000)]
+
+    outcome, _ = play(carry_out(case), flood)
+    assert outcome.failure is not None
+    assert outcome.failure.startswith("after 605#4000100000000000: 585#0000000000000000, 585#00")
+    assert f"{FLOOD} frames and more, expected 585#43" in outcome.failure
+    assert len(outcome.failure) < 400
+    assert sum(map(len, outcome.heard)) == FLOOD
+
+
+def test_an_accepted_end_ends_the_case() -> None:
+    case = replace_turns(Turn(("605#A400100014000000",), ("585#C6",), ("585#80",)), Turn(("605#A3",), ("585#81",)))
+    outcome, _ = play(carry_out(case), lambda frame, now: [(now + 0.1, CanFrame.parse("585#80"))])
+    assert (outcome.heard, outcome.failure) == ((("585#80",),), None)
+
+
+def test_weather_is_passed_over() -> None:
+    case = replace_turns(Turn(("605#4000100000000000",), ("585#43",)))
+    answers = ["705#7F", "181#0000", "00000585#80", "585#43"]
+    coming = [(0.1 * place, CanFrame.parse(text)) for place, text in enumerate(answers)]
+    outcome, _ = play(carry_out(case), lambda frame, now: coming)
+    assert outcome.failure is None
+
+
+def replace_turns(*turns: Turn) -> Case:
+    return PLAIN[0]._replace(turns=turns, hears=("585#", "185#"))
+
+
+def test_an_answer_is_padded_and_classes_count_as_one_digit() -> None:
+    assert Sdo(5).told("A[04]171000") == "585#A[04]171000........"
+    assert Sdo(5).value(0x1001, 0, b"\x11") == "585#4F01100011......|585#4201100011......"
+
+
+def test_a_subject_without_pdos_or_texts_still_has_rows() -> None:
+    subject = Subject(NODE, {})
+    assert {case.name for case in cases(subject)} >= {"SDO-01", "TPD-30", "LSS-01"}
+    assert all(case.lacks for case in cases(subject) if case.name[:3] in ("TPD", "RPD", "LSS", "EMC"))

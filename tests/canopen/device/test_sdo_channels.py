@@ -1,0 +1,168 @@
+"""The further SDO servers of a device, as its objects 1201h to 127Fh tell them."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame, Channel, Device, Entry, ObjectDictionary, SdoAbort, download, upload
+from barewire.canopen.communication_objects import standard_objects
+from barewire.canopen.device.sdo_channels import client_channel
+from barewire.canopen.sdo.client.find_channel import find_channel
+from barewire.errors import EncodeError
+from tests.canopen.virtual_bus import VirtualBus
+
+OFF = 1 << 31
+
+
+def device(*channels: tuple[int, int, int, int]) -> Device:
+    """Node 5 with records (index, COB-ID, COB-ID, node)."""
+    words = [
+        Entry(index, sub, f"{index:04X}h:{sub}", "u8" if sub == 3 else "u32", "rw", word)
+        for index, *rest in channels
+        for sub, word in enumerate(rest, start=1)
+    ]
+    return Device(
+        5,
+        ObjectDictionary(
+            [
+                *standard_objects(),
+                Entry(0x1200, 1, "COB-ID client -> server", "u32", "ro", 0x600),
+                Entry(0x1200, 2, "COB-ID server -> client", "u32", "ro", 0x580),
+                Entry(0x2100, 0, "anything", "domain", "rw", bytes(range(200))),
+                *words,
+            ]
+        ),
+    )
+
+
+def on_bus(node: Device) -> VirtualBus:
+    bus = VirtualBus()
+    bus.add(node, said=node.start(0.0))
+    return bus
+
+
+def hear(node: Device, text: str, now: float = 0.0) -> list[str]:
+    return [str(frame) for frame in node.feed(CanFrame.parse(text), now)]
+
+
+def test_every_server_of_the_dictionary_answers_on_its_channel() -> None:
+    node = device((0x1201, 0x6A0, 0x6A1, 7), (0x1207, 0x20000685, 0x20000585, 8))
+    bus = on_bus(node)
+    default = Channel(5)
+    value = bytes(range(200))
+    for number in (2, 8):
+        channel = bus.run(find_channel(default, number))
+        for block in (False, True):
+            assert bus.run(upload(channel, 0x2100, block=block)) == value
+            bus.run(download(channel, 0x2100, 0, value, block=block))
+    assert sorted(node.channels.servers) == [2, 8]
+    assert node.channels.servers[8].answer_extended
+    assert any(text.startswith("00000585#") for _, text in bus.log)
+    assert bus.run(upload(default, 0x1200, 1)) == (0x605).to_bytes(4, "little")
+
+
+def test_two_transfers_at_once_on_two_channels() -> None:
+    node = device((0x1201, 0x6A0, 0x6A1, 7))
+    node.start(0.0)
+    assert hear(node, "605#4000210000000000") == ["585#41002100C8000000"]
+    assert hear(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
+    assert hear(node, "605#6000000000000000") == ["585#0000010203040506"]
+    assert hear(node, "6A0#6000000000000000") == ["6A1#0000010203040506"]
+    assert hear(node, "6A0#8000210000000000") == []
+    assert hear(node, "605#7000000000000000") == ["585#100708090A0B0C0D"]
+    assert node.deadline == 1.0
+    assert [str(frame) for frame in node.feed(None, 1.0)] == ["585#8000210000000405"]
+
+
+def test_a_transfer_of_a_further_server_times_out_by_itself() -> None:
+    node = device((0x1201, 0x6A0, 0x6A1, 7))
+    node.start(0.0)
+    hear(node, "6A0#4000210000000000", 0.5)
+    assert node.deadline == 1.5
+    assert [str(frame) for frame in node.feed(None, 1.5)] == ["6A1#8000210000000405"]
+    assert node.deadline is None
+
+
+def test_switched_on_and_off_and_moved_by_sdo() -> None:
+    node = device((0x1201, OFF, OFF, 0))
+    bus = on_bus(node)
+    default = Channel(5)
+
+    def write(sub: int, word: int) -> None:
+        bus.run(download(default, 0x1201, sub, word.to_bytes(1 if sub == 3 else 4, "little")))
+
+    with pytest.raises(EncodeError, match="switched off"):
+        bus.run(find_channel(default, 2))
+    for word in (0, 0x601, 0x581, 0x701, 0x7F):  # zero is NMT's
+        with pytest.raises(SdoAbort, match="0609 0030h"):
+            write(1, word)
+    write(1, 0x6A0)
+    assert node.channels.servers == {}
+    write(2, 0x6A1)
+    write(3, 9)
+    with pytest.raises(SdoAbort, match="1201h:03: 0609 0030h"):
+        write(3, 128)
+    channel = bus.run(find_channel(default, 2))
+    assert bus.run(upload(channel, 0x1201, 3)) == b"\x09"
+    with pytest.raises(SdoAbort, match="1201h:01: 0609 0030h"):
+        write(1, 0x6A2)
+    # A channel may switch itself off: the confirmation is the last that it says.
+    bus.run(download(channel, 0x1201, 1, (OFF | 0x6A0).to_bytes(4, "little")))
+    assert node.channels.servers == {}
+    assert hear(node, "6A0#4000210000000000", bus.now) == []
+    write(1, 0x6A4)
+    assert hear(node, "6A4#4001120300000000", bus.now) == ["6A1#4F01120309000000"]
+
+
+def test_states_and_resets_hold_for_all_servers() -> None:
+    node = device((0x1201, 0x6A0, 0x6A1, 7))
+    assert hear(node, "6A0#4000210000000000") == []
+    node.start(0.0)
+    assert hear(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
+    assert hear(node, "000#0205") == []
+    assert hear(node, "6A0#6000000000000000") == []
+    hear(node, "000#8005")
+    assert hear(node, "6A0#6000000000000000") == ["6A1#8000000001000405"]  # the transfer is gone
+    hear(node, "605#2301120100000080")
+    assert hear(node, "6A0#4000210000000000") == []
+    assert hear(node, "000#8205") == ["705#00"]
+    assert hear(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
+
+
+def test_a_channel_of_our_own_as_a_client() -> None:
+    node = device((0x1201, 0x6A0, 0x6A1, 7))
+    ours = ObjectDictionary(
+        [Entry(0x1283, sub, "client", "u32", "rw", word) for sub, word in ((1, 0x6A0), (2, 0x6A1), (3, 5))]
+    )
+    channel = client_channel(ours, 4)
+    assert on_bus(node).run(upload(channel, 0x2100)) == bytes(range(200))
+    ours.set(0x1283, 2, OFF | 0x6A1)
+    for client in (1, 4):
+        with pytest.raises(EncodeError, match=f"SDO client {client} is not in use"):
+            client_channel(ours, client)
+    with pytest.raises(EncodeError, match=r"SDO client 129: expected 1\.\.128"):
+        client_channel(ours, 129)
+
+
+def test_the_usual_objects_with_three_servers() -> None:
+    node = Device(5, ObjectDictionary(standard_objects(servers=3)))
+    bus = on_bus(node)
+    default = Channel(5)
+    for sub, word in ((1, 0x6A0), (2, 0x6A1)):
+        bus.run(download(default, 0x1202, sub, word.to_bytes(4, "little")))
+    channel = bus.run(find_channel(default, 3))
+    assert bus.run(upload(channel, 0x1200, 2)) == (0x585).to_bytes(4, "little")
+    with pytest.raises(EncodeError, match="SDO server 2 of node 5 is switched off"):
+        bus.run(find_channel(default, 2))
+    with pytest.raises(SdoAbort, match="0602 0000h"):
+        bus.run(find_channel(default, 4))
+
+
+def test_switching_emcy_and_time_off_takes_any_identifier_and_on_only_a_lawful_one() -> None:
+    node = device()
+    node.start(0.0)
+    assert hear(node, "605#2314100000000080") == ["585#6014100000000000"]
+    assert hear(node, "605#2314100000000000") == ["585#8014100030000906"]
+    assert hear(node, "605#2314100085000000") == ["585#6014100000000000"]
+    assert hear(node, "605#2305100000000000") == ["585#8005100030000906"]  # SYNC is listened to in any case
+    assert hear(node, "605#2305100081000000") == ["585#6005100000000000"]

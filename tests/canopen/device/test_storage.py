@@ -1,0 +1,108 @@
+"""Store and restore: what a device comes back with."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, SdoAbort
+from barewire.canopen.communication_objects import standard_objects
+
+SUBS = range(1, 5)
+
+
+def device() -> Device:
+    objects = ObjectDictionary(
+        [
+            *(Entry(0x1010, sub, f"store {sub}", "u32", "rw") for sub in SUBS),
+            *(Entry(0x1011, sub, f"restore {sub}", "u32", "rw") for sub in SUBS),
+            Entry(0x1017, 0, "heartbeat", "u16", "rw", 0),
+            Entry(0x2000, 0, "own", "u16", "rw", 1),
+            Entry(0x6000, 0, "profile's", "u16", "rw", 2),
+            Entry(0x6001, 0, "measured", "u16", "ro", 3),
+        ]
+    )
+    device = Device(5, objects)
+    device.start(0.0)
+    return device
+
+
+def values(device: Device) -> list[int]:
+    return [int(device.objects.get(index)) for index in (0x1017, 0x2000, 0x6000, 0x6001)]
+
+
+def change(device: Device, by: int) -> None:
+    for index in (0x1017, 0x2000, 0x6000, 0x6001):
+        device.objects.set(index, 0, int(device.objects.get(index)) + by)
+
+
+def reset(device: Device, command: str) -> list[int]:
+    device.feed(CanFrame.parse(f"000#{command}05"), 1.0)
+    return values(device)
+
+
+@pytest.mark.parametrize(
+    ("sub", "after_node", "after_communication"),
+    [
+        (1, [10, 11, 12, 3], [10, 111, 112, 113]),
+        (2, [10, 1, 2, 3], [10, 111, 112, 113]),
+        (3, [0, 1, 12, 3], [0, 111, 112, 113]),
+        (4, [0, 11, 2, 3], [0, 111, 112, 113]),
+    ],
+)
+def test_areas(sub: int, after_node: list[int], after_communication: list[int]) -> None:
+    one = device()
+    change(one, 10)
+    one.objects.write(0x1010, sub, b"save")
+    change(one, 100)
+    assert reset(one, "82") == after_communication
+    assert reset(one, "81") == after_node
+
+
+def test_load_is_effective_at_the_reset() -> None:
+    one = device()
+    change(one, 10)
+    one.objects.write(0x1010, 1, b"save")
+    one.objects.write(0x1011, 1, b"load")
+    assert values(one) == [10, 11, 12, 13]
+    assert reset(one, "81") == [0, 1, 2, 3]
+
+
+def test_only_the_signature_stores() -> None:
+    one = device()
+    for index in (0x1010, 0x1011):
+        assert one.objects.read(index, 1) == b"\1\0\0\0"
+        for wrong in (bytes(4), b"evas", b"\1\0\0\0"):
+            with pytest.raises(SdoAbort, match="0800 0020h"):
+                one.objects.write(index, 1, wrong)
+    assert one.stored.values == {}
+
+
+def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> None:
+    """A COB-ID of the predefined connection set is stored as what it is: that of whatever node-ID there is."""
+    address = LssAddress(1, 2, 3, 4)
+    slave = LssSlave(address, store=lambda node, rate: True)
+    objects = ObjectDictionary(
+        [*standard_objects(address), Entry(0x1010, 1, "store", "u32"), Entry(0x6041, 0, "statusword", "u16", "ro", 7)]
+    )
+    device = Device(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("TPDO", 2, ())], lss=slave)
+    device.start(0.0)
+    objects.write(0x1800, 2, b"\x03")
+    for word in (0x8000_0285, 0x2AB):
+        objects.write(0x1801, 1, word.to_bytes(4, "little"))
+    objects.write(0x1010, 1, b"save")
+    for text in ("7E5#0401000000000000", "7E5#1109000000000000", "7E5#0400000000000000", "000#8105"):
+        device.feed(CanFrame.parse(text), 0.0)
+    assert (device.node, objects.get(0x1014), objects.get(0x1800, 1)) == (9, 0x89, 0x189)
+    assert (objects.get(0x1800, 2), objects.get(0x1801, 1)) == (3, 0x2AB)
+
+
+def test_a_channel_that_was_given_for_a_while_is_not_stored() -> None:
+    objects = ObjectDictionary([*standard_objects(servers=3), Entry(0x1010, 1, "store", "u32")])
+    one = Device(5, objects)
+    one.start(0.0)
+    for_a_while, for_good = 1 << 30 | 0x6A0, 0x6A1
+    for index, word in ((0x1201, for_a_while), (0x1202, for_good)):
+        objects.write(index, 1, word.to_bytes(4, "little"))
+    objects.write(0x1010, 1, b"save")
+    one.feed(CanFrame.parse("000#8205"), 1.0)
+    assert [objects.get(index, 1) for index in (0x1201, 0x1202)] == [1 << 31, for_good]

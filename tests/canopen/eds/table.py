@@ -1,0 +1,70 @@
+"""The tables of rules in docs/eds.md, with an example line each out of the cases of the tests.
+
+`python -m tests.canopen.eds.table` writes them anew; `test_eds.py` holds the page against them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from barewire.canopen import eds
+from barewire.canopen.eds.diagnostics import LINT_RULES, RULES
+from tests.canopen.eds.field_files import FIELD, LINTED
+from tests.canopen.eds.oddities import MADE
+from tests.canopen.eds.test_lint import FAULTS, FINE
+
+PAGE = Path(__file__).parents[3] / "docs" / "eds.md"
+_UNSEEN = {
+    "byte-order-mark": "EF BB BF",
+    "line-ends": "\\r",
+    "control-character": "\\x1a",
+    "long-line": "Description=xxx...",
+}
+
+
+_BEST = ("DefaultValue=1Fh", "DefaultValue=010", "to be done", "[MyTool]", "DefaultValue=0x200+$NODEID", "[2000Sub1]")
+"""Of the lines of a rule, those that show it best."""
+
+
+def examples() -> dict[str, str]:
+    """A line of some case for each rule; none where something is missing in the file as a whole."""
+    found: dict[str, list[str]] = {}
+    for file in files():
+        document = eds.parse(file)
+        for one in eds.lint(document):
+            if one.line:
+                found.setdefault(one.rule, []).append(document.lines[one.line - 1].text.rstrip("\r\n"))
+    best = {rule: next((line for line in _BEST if line in lines), lines[0]) for rule, lines in found.items()}
+    return best | _UNSEEN
+
+
+def files() -> Iterator[bytes]:
+    """Small files first: each has the line that matters."""
+    for oddity in [*FIELD, *MADE, *LINTED]:
+        yield oddity.file if isinstance(oddity.file, bytes) else oddity.file.encode()
+    for old, new, _, _ in FAULTS:
+        yield FINE.replace(old, new, 1).encode()
+
+
+def table(rules: dict[str, str]) -> str:
+    """One table, in the order of the rules."""
+    shown = examples()
+    rows = ["| rule | what is said | for example |", "|---|---|---|"]
+    for rule, says in rules.items():
+        line = shown.get(rule, "")
+        rows.append(f"| `{rule}` | {says} | {f'`{line}`' if line else ''} |")
+    return "\n".join(rows)
+
+
+def page(text: str) -> str:
+    """The page with both tables as they should be."""
+    for heading, rules in (("## Rules of reading", RULES), ("## Rules of lint", LINT_RULES)):
+        pattern = re.compile(rf"({re.escape(heading)}\n.*?\n)\| rule \|.*?(?=\n\n)", re.DOTALL)
+        text = pattern.sub(lambda match, rules=rules: match[1] + table(rules), text, count=1)  # type: ignore[misc]
+    return text
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,286 @@
+"""Changing and making EDS files: a change touches the lines that it means, and is read back as it was meant."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.canopen import eds
+from barewire.canopen.eds.model import RECORD as RECORD_TYPE
+from barewire.canopen.time_types import TimeOfDay
+from barewire.errors import EncodeError
+from tests.canopen.eds.field_files import ODDITIES
+from tests.canopen.eds.oddities import COMPACT, GOOD, RECORD, typed
+from tests.helpers import modest
+
+
+def lines_that_differ(before: bytes, after: bytes) -> list[tuple[bytes, bytes]]:
+    old, new = before.splitlines(keepends=True), after.splitlines(keepends=True)
+    assert len(old) == len(new)
+    return [(one, other) for one, other in zip(old, new) if one != other]
+
+
+def test_one_line_changes_and_keeps_its_dress() -> None:
+    file = GOOD.replace("DefaultValue=5", "  defaultvalue =\t0x0005   ; rpm").encode()
+    document = eds.parse(file)
+    document.set(0x2000, 0, "DefaultValue", -2)
+    assert lines_that_differ(file, document.encode()) == [
+        (b"  defaultvalue =\t0x0005   ; rpm\n", b"  defaultvalue =\t0xFFFE   ; rpm\n")
+    ]
+    assert document.dictionary().get(0x2000) == -2
+
+
+@pytest.mark.parametrize(
+    ("code", "old", "value", "written"),
+    [
+        ("6", "5", 1000, "1000"),
+        ("6", "0x05", 1000, "0x3E8"),
+        ("3", "0x05", -1, "0xFFFF"),
+        ("1", "0", True, "1"),
+        ("8", "1.5", 2.25, "2.25"),
+        ("8", "0x3FC00000", 2.25, "0x40100000"),
+        ("9", "old", "new", "new"),
+        ("9", "old", b"new", "new"),
+        ("11", "old", "new", "new"),
+        ("10", "01", b"\1\xff", "01FF"),
+        ("12", "0", TimeOfDay.of(datetime(1984, 1, 2)), "0x000100000000"),
+        ("7", "0x200", eds.Formula(0x180), "$NODEID+0x180"),
+        ("7", "0x200", eds.Formula(0), "$NODEID+0x0"),
+        ("7", "0x200", "$NODEID+1", "$NODEID+1"),
+    ],
+)
+def test_values_in_the_form_of_the_old_one(code: str, old: str, value: Any, written: str) -> None:
+    document = eds.parse(typed(code, old).encode())
+    document.set(0x2000, 0, "DefaultValue", value)
+    assert document.get("2000", "DefaultValue") == written
+    given = value.at(5) if isinstance(value, eds.Formula) else value
+    if not isinstance(value, (str, bytes)) or code == "10":
+        assert document.dictionary(5).get(0x2000) == given
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("DefaultValue", 40000, "does not fit i16"),
+        ("DefaultValue", b"x", "not a whole number"),
+        ("DefaultValue", eds.Formula(40000), "does not fit i16"),
+        ("ObjFlags", 1.5, "expected text or a whole number"),
+        ("ParameterName", "two\nlines", "would not be read back"),
+        ("ParameterName", " blank", "would not be read back"),
+        ("ParameterName", "name ; comment", "would not be read back"),
+        ("ParameterName", "Überlast", "cannot be written in ascii"),
+        ("Bad=Key", "x", "would not be read back"),
+    ],
+)
+def test_what_cannot_be_written_leaves_the_file(key: str, value: Any, says: str) -> None:
+    document = eds.parse(GOOD.encode())
+    with pytest.raises(EncodeError, match=says):
+        document.set(0x2000, 0, key, value)
+    assert document.encode() == GOOD.encode()
+
+
+def test_quotes_around_a_text_would_be_lost() -> None:
+    document = eds.parse(typed("9", '"old"').encode())
+    assert document.dictionary().get(0x2000) == "old"
+    with pytest.raises(EncodeError, match="would be read back without its quotes"):
+        document.set(0x2000, 0, "ParameterValue", b'"new"')
+    document.set(0x2000, 0, "DefaultValue", b"new")
+    assert document.dictionary().get(0x2000) == "new"
+
+
+def test_places_that_are_not_there() -> None:
+    document = eds.parse(GOOD.encode())
+    with pytest.raises(EncodeError, match="no object 3000h"):
+        document.set(0x3000, 0, "DefaultValue", 1)
+    with pytest.raises(EncodeError, match="no sub-index 01h"):
+        document.set(0x2000, 1, "DefaultValue", 1)
+    with pytest.raises(EncodeError, match="would not be read back"):
+        document.put("two]sections", "key", "value")
+    assert document.encode() == GOOD.encode()
+
+
+def test_new_keys_and_sections_use_the_line_end_of_the_file() -> None:
+    file = GOOD.replace("\n", "\r\n").removesuffix("\r\n")
+    document = eds.parse(file.encode())
+    document.set(0x2000, 0, "parametervalue", 6)
+    document.put("Tool", "Colour", "red")
+    assert document.encode().decode() == f"{file}\r\nParameterValue=6\r\n\r\n[Tool]\r\nColour=red\r\n"
+    empty = eds.parse(b"")
+    empty.put("FileInfo", "FileName", "a.eds")
+    assert empty.encode() == b"[FileInfo]\r\nFileName=a.eds\r\n"
+
+
+def test_a_new_key_stands_behind_the_last_one_of_its_section() -> None:
+    document = eds.parse(b"[FileInfo]\nFileName=a\n; end of it\n\n[DeviceInfo]\n")
+    document.put("FileInfo", "FileVersion", "1")
+    document.put("DeviceInfo", "VendorName", "me")
+    assert document.encode() == b"[FileInfo]\nFileName=a\nFileVersion=1\n; end of it\n\n[DeviceInfo]\nVendorName=me\n"
+
+
+def test_none_takes_every_such_line_away() -> None:
+    document = eds.parse(GOOD.replace("=5\n", "=5\ndefaultvalue=6\n").encode())
+    document.set(0x2000, 0, "DefaultValue", None)
+    document.set(0x2000, 0, "Denotation", None)
+    document.put("Nowhere", "key", None)
+    assert document.encode() == GOOD.replace("DefaultValue=5\n", "").encode()
+
+
+def test_a_value_in_place_of_nothing_but_a_comment() -> None:
+    document = eds.parse(GOOD.replace("=5", "=;none").encode())
+    document.set(0x2000, 0, "DefaultValue", 7)
+    assert document.get("2000", "DefaultValue") == "7"
+    assert b"DefaultValue=7 ;none\n" in document.encode()
+
+
+def test_compact_storage_keeps_values_in_a_section_of_their_own() -> None:
+    document = eds.parse(COMPACT.encode())
+    document.set(0x2000, 2, "ParameterValue", 9)
+    document.set(0x2000, 1, "ParameterValue", 8)
+    document.set(0x2000, 2, "ParameterName", "second")
+    document.set(0x2000, 2, "Denotation", "left")
+    text = document.encode().decode()
+    assert text.startswith(COMPACT)
+    assert "[2000Value]\nNrOfEntries=2\n2=9\n1=8\n" in text
+    assert [document.dictionary().get(0x2000, sub) for sub in range(4)] == [3, 8, 9, 5]
+    item = document.objects[0x2000].item(2)
+    assert (item.name, item.denotation, item.value) == ("second", "left", 9)
+    for sub, key in ((1, "DefaultValue"), (0, "ParameterName")):
+        with pytest.raises(EncodeError, match="made by CompactSubObj"):
+            document.set(0x2000, sub, key, 1)
+
+
+def test_an_implied_record_is_written_out() -> None:
+    document = eds.parse(b"[DeviceInfo]\nNrOfRXPDO=0\nNrOfTXPDO=1\nCompactPDO=0x13\n")
+    document.set(0x1800, 2, "ParameterValue", 255)
+    assert document.get("1800", "SubNumber") == "4"
+    assert document.get("1800sub1", "DefaultValue") == "$NODEID+0x180"
+    assert document.get("OptionalObjects", "1") == "0x1800"
+    assert document.diagnostics == ()
+    assert document.dictionary(1).get(0x1800, 2) == 255
+    assert document.objects[0x1A00].line == 0
+    with pytest.raises(EncodeError, match="there already"):
+        eds.add_object(document, document.objects[0x1800])
+
+
+EDITABLE = [oddity for oddity in ODDITIES if isinstance(oddity.file, str) and "5" in oddity.file]
+
+
+@modest
+@given(st.sampled_from(EDITABLE), st.integers(0, 100), st.data())
+def test_set_then_parse(oddity: Any, value: int, data: st.DataObject) -> None:
+    """Whatever is odd about a file: what was written is read, and no other line has changed."""
+    before = oddity.file.encode("ascii")
+    document = eds.parse(before)
+    places = [(index, item) for index, one in document.objects.items() for item in one.items if one.line]
+    numbers = [(index, item) for index, item in places if item.type[0] in "ui" and item.type != "unicode"]
+    if not numbers:
+        return
+    index, item = data.draw(st.sampled_from(numbers))
+    if document.objects[index].compact and f"{index:04x}sub{item.sub:x}" not in document.sections:
+        return
+    had = f"{index:04X}sub{item.sub:X}" if f"{index:04x}sub{item.sub:x}" in document.sections else f"{index:04X}"
+    is_new = document.get(had, "DefaultValue") is None
+    document.set(index, item.sub, "DefaultValue", value)
+    again = eds.parse(document.encode())
+    assert again.objects[index].item(item.sub).default == value
+    assert again.encode() == document.encode()
+    old, new = (eds.parse(text).lines for text in (before, document.encode()))
+    if is_new:
+        added = [line for line in new if line not in old]
+        assert len(new) == len(old) + 1
+        assert len(added) <= 2  # the last line may have had no end
+    else:
+        assert sum(one != other for one, other in zip(old, new, strict=True)) <= 1
+
+
+# From scratch
+
+
+def test_a_file_of_our_own_is_without_fault() -> None:
+    ramps = eds.EdsObject(
+        0x2000,
+        "Ramps",
+        RECORD_TYPE,
+        (
+            eds.Item(0, "Highest sub-index", "u8", "const", 2),
+            eds.Item(1, "Up", "u16", "rw", 7, low=1, high=1000, pdo=True, flags=1),
+            eds.Item(2, "Name", "string", "ro", "ramp", value="up", denotation="left"),
+        ),
+    )
+    basic = [
+        eds.EdsObject(0x1000, "Device type", 7, (eds.Item(0, "Device type", "u32", "ro", 0),)),
+        eds.EdsObject(0x1001, "Error register", 7, (eds.Item(0, "Error register", "u8", "ro", 0),)),
+        eds.EdsObject(0x1014, "COB-ID EMCY", 7, (eds.Item(0, "COB-ID EMCY", "u32", "rw", eds.Formula(0x80)),)),
+        eds.EdsObject(
+            0x1018, "Identity", 9, (eds.Item(0, "n", "u8", "ro", 1), eds.Item(1, "Vendor-ID", "u32", "ro", 0))
+        ),
+    ]
+    times = {"CreationTime": "09:30AM", "CreationDate": "01-31-2026"}
+    times |= {"ModificationTime": "12:59PM", "ModificationDate": "12-31-2026"}
+    document = eds.compose([ramps, *basic], times, {"VendorName": "Nobody"}, comments=["hello ; you"], dummies=[5])
+    assert eds.lint(document) == ()
+    again = eds.parse(document.encode(), strict=True)
+    assert [(item.name, item.type, item.default, item.low, item.pdo) for item in again.objects[0x2000].items] == [
+        ("Highest sub-index", "u8", 2, None, False),
+        ("Up", "u16", 7, 1, True),
+        ("Name", "string", "ramp", None, False),
+    ]
+    assert again.objects[0x2000].item(2).denotation == "left"
+    assert again.get("Comments", "line1") == "hello ; you"
+    assert again.dummies == {5}
+    assert repr(again) == f"<Document: {len(again.lines)} lines, 5 objects>"
+    assert eds.parse(again.encode()).encode() == again.encode()
+
+
+def test_names_that_a_file_cannot_have() -> None:
+    bad = eds.EdsObject(0x2000, "x", 7, (eds.Item(0, "a ; b", "u8"),))
+    with pytest.raises(EncodeError, match="would not be read back"):
+        eds.compose([bad])
+    with pytest.raises(EncodeError, match="'Ü' cannot be written in ascii"):
+        eds.compose([], {"Description": "Ü"})
+    assert eds.compose([], {"Description": "Ü"}, encoding="latin-1").encoding == "latin-1"
+
+
+# DCF
+
+
+def test_an_eds_becomes_a_dcf() -> None:
+    before = ("[FileInfo]\nFileName=a.eds\n" + RECORD).encode()
+    document = eds.parse(before)
+    made = eds.to_dcf(document, 5, {(0x2000, 1): 9}, name="left wheel", bitrate=500_000)
+    assert document.encode() == before
+    assert made.get("FileInfo", "LastEDS") == "a.eds"
+    assert made.get("DeviceComissioning", "NodeID") == "5"
+    assert made.get("DeviceComissioning", "NodeName") == "left wheel"
+    assert made.get("DeviceComissioning", "Baudrate") == "500"
+    assert made.dictionary().get(0x2000, 1) == 9
+    assert made.dictionary().entry(0x2000, 1).default == 7
+    assert eds.parse(made.encode(), strict=True).get("DeviceComissioning", "CANopenManager") == "0"
+    again = eds.to_dcf(made, 6, {"ramps.up": 10})
+    assert (again.get("DeviceComissioning", "NodeID"), again.dictionary().get(0x2000, 1)) == ("6", 10)
+    assert again.get("DeviceComissioning", "NodeName") == "left wheel"
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({(0x2000, 0): 11}, r"2000h:00 Speed = 11: expected -10..10"),
+        ({(0x2000, 0): -11}, "expected -10..10"),
+        ({(0x2000, 1): 1}, "no object 2000h:01"),
+        ({"Nothing": 1}, "no object is called 'Nothing'"),
+        ({(0x2000, 0): "text"}, None),
+    ],
+)
+def test_a_dcf_has_values_within_their_limits(values: Any, says: str | None) -> None:
+    document = eds.parse(GOOD.replace("=5\n", "=5\nLowLimit=-10\nHighLimit=10\n").encode())
+    if says is None:
+        assert [one.rule for one in eds.to_dcf(document, 5, values).diagnostics] == ["bad-number"]
+        return
+    with pytest.raises(EncodeError, match=says):
+        eds.to_dcf(document, 5, values)
+    with pytest.raises(EncodeError, match="expected one of 10, 20"):
+        eds.to_dcf(document, 5, bitrate=33_000)

@@ -1,0 +1,196 @@
+"""EMCY: a device's register, history and inhibit time; what a listener makes of the messages."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import (
+    CanFrame,
+    Device,
+    EmcyConsumer,
+    EmcyProducer,
+    Entry,
+    NmtState,
+    ObjectDictionary,
+    register_of,
+    standard_objects,
+)
+from barewire.canopen.emcy.consumer import ERRORS_MAX
+from barewire.canopen.emcy.producer import WAITING_MAX
+from barewire.canopen.sdo import SdoAbort
+
+
+def device() -> Device:
+    device = Device(5, ObjectDictionary(standard_objects()))
+    device.start(0.0)
+    return device
+
+
+def texts(frames: list[CanFrame]) -> list[str]:
+    return [str(frame) for frame in frames]
+
+
+@pytest.mark.parametrize(
+    ("code", "register"),
+    [(0x1000, 1), (0x2310, 3), (0x3210, 5), (0x4210, 9), (0x5000, 1), (0x8130, 0x11), (0x8000, 1), (0xFF42, 0x81)],
+)
+def test_register_of_a_code(code: int, register: int) -> None:
+    assert register_of(code) == register
+
+
+def test_zero_clears_only_what_it_says() -> None:
+    one = device()
+    assert texts(one.error(0x3210, 1.0)) == ["085#1032050000000000"]
+    assert texts(one.error(0x8130, 2.0, info=b"\2")) == ["085#3081150200000000"]
+    assert one.error(0x8130, 2.5) == []  # it is there already
+    assert texts(one.error_gone(0x3210, 3.0)) == ["085#0000110000000000"]
+    assert one.error_gone(0x3210, 3.5) == []
+    assert one.objects.get(0x1001) == 0x11
+    assert texts(one.error_gone(0x8130, 4.0)) == ["085#0000000000000000"]
+    assert one.errors.active == ()
+
+
+def test_the_same_error_of_two_sources_is_two() -> None:
+    one = device()
+    one.error(0x8210, 0.0, source=1)
+    assert len(one.error(0x8210, 0.0, source=2)) == 1
+    assert texts(one.error_gone(0x8210, 0.0, source=1)) == ["085#0000110000000000"]
+
+
+def test_history() -> None:
+    one = device()
+    for code in range(0x1001, 0x100B):
+        one.error(code, 0.0, info=b"\x34\x12")
+    objects = one.objects
+    assert objects.read(0x1003, 0) == b"\x08"
+    assert objects.get(0x1003, 1) == 0x1234100A
+    assert objects.get(0x1003, 8) == 0x12341003
+    with pytest.raises(SdoAbort, match="0609 0030h"):
+        objects.write(0x1003, 0, b"\1")
+    with pytest.raises(SdoAbort, match="0601 0002h"):
+        objects.write(0x1003, 1, bytes(4))
+    objects.write(0x1003, 0, b"\0")
+    assert objects.read(0x1003, 0) == b"\0"
+    with pytest.raises(SdoAbort, match="0800 0024h"):
+        objects.read(0x1003, 1)
+
+
+def test_inhibit_time() -> None:
+    one = device()
+    one.objects.set(0x1015, 0, 1000)  # 100 ms
+    assert len(one.error(0x1000, 0.0)) == 1
+    assert one.error(0x3210, 0.01) == []
+    assert one.error_gone(0x1000, 0.02) == []
+    assert one.deadline == pytest.approx(0.1)
+    assert texts(one.feed(None, 0.1)) == ["085#1032050000000000"]
+    assert one.deadline == pytest.approx(0.2)
+    assert texts(one.feed(None, 0.25)) == ["085#0000050000000000"]
+    assert one.deadline is None
+
+
+def test_what_waits_does_not_grow() -> None:
+    errors = EmcyProducer(5, ObjectDictionary([Entry(0x1015, 0, "inhibit", "u16", "rw", 60_000)]))
+    for code in range(0x1000, 0x1000 + 3 * WAITING_MAX):
+        errors.come(code, 0.0)
+    assert errors.dropped == 2 * WAITING_MAX - 1
+    assert len(errors.history) == 8
+
+
+def test_stopped_devices_keep_it_to_themselves() -> None:
+    one = device()
+    one.feed(CanFrame.parse("000#0205"), 0.0)
+    assert one.error(0x3210, 0.0) == []
+    assert one.objects.get(0x1001) == 5
+    assert one.objects.get(0x1003, 1) == 0x3210
+    one.feed(CanFrame.parse("000#8005"), 0.0)
+    assert texts(one.error_gone(0x3210, 1.0)) == ["085#0000000000000000"]
+
+
+def test_1014h_moves_and_switches_off() -> None:
+    one = device()
+    assert one.objects.get(0x1014) == 0x85
+    for word, code in ((0x86, "0609 0030h"), (0x80000605, None), (0x605, "0609 0030h"), (0x9A, None)):
+        data = word.to_bytes(4, "little")
+        if code is not None:
+            with pytest.raises(SdoAbort, match=code):
+                one.objects.write(0x1014, 0, data)
+        else:
+            one.objects.write(0x1014, 0, data)
+    assert texts(one.error(0x1000, 0.0)) == ["09A#0010010000000000"]
+    one.objects.write(0x1014, 0, (0x8000009A).to_bytes(4, "little"))
+    assert one.error_gone(0x1000, 0.0) == []
+
+
+def test_resets() -> None:
+    one = device()
+    one.error(0x3210, 0.0)
+    one.error(0x8130, 0.0)
+    assert texts(one.feed(CanFrame.parse("000#8205"), 1.0)) == ["705#00"]
+    assert (one.errors.active, one.state) == ((0x3210,), NmtState.PRE_OPERATIONAL)
+    one.feed(CanFrame.parse("000#8105"), 2.0)
+    assert (one.errors.active, one.errors.history) == ((), ())
+
+
+def test_a_register_of_the_application_is_left_to_it() -> None:
+    one = Device(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro", on_read=lambda: 0x20)]))
+    one.start(0.0)
+    assert texts(one.error(0xFF00, 0.0)) == ["085#00FF200000000000"]
+
+
+def test_the_consumer_keeps_what_is_not_gone() -> None:
+    consumer = EmcyConsumer()
+    for text in ("085#1032050000000000", "085#3081150200000000", "085#1042150000000000"):
+        (event,) = consumer.feed(CanFrame.parse(text), 0.0)
+    assert event.active == (0x3210, 0x8130, 0x4210)
+    (event,) = consumer.feed(CanFrame.parse("085#0000110000000000"), 1.0)
+    assert (event.gone, event.active) == ((0x3210, 0x4210), (0x8130,))
+    assert (consumer.active(5), consumer.register(5), consumer.active(6)) == ((0x8130,), 0x11, ())
+    (event,) = consumer.feed(CanFrame.parse("085#0000000000000000"), 2.0)
+    assert event.gone == (0x8130,)
+
+
+def test_short_messages_are_kept_and_flagged() -> None:
+    consumer = EmcyConsumer()
+    (event,) = consumer.feed(CanFrame.parse("085#308111"), 0.0)
+    assert (event.message.padded, event.active) == (True, (0x8130,))
+    assert consumer.feed(CanFrame.parse("085#30"), 0.0) == []
+    assert consumer.unreadable == 1
+    for text in ("00000085#3081110200000000", "085#R8", "080#", "185#0000"):
+        assert consumer.feed(CanFrame.parse(text), 0.0) == []
+    assert len(consumer.history) == 1
+
+
+def test_other_identifiers_boots_and_floods() -> None:
+    consumer = EmcyConsumer({(0x18FF0005, True): 5})
+    assert consumer.feed(CanFrame.parse("18FF0005#3081110200000000"), 0.0)[0].message.node == 5
+    consumer.feed(CanFrame.parse("705#00"), 1.0)
+    assert (consumer.active(5), consumer.register(5)) == ((), None)
+    for code in range(0x1000, 0x1400):
+        consumer.feed(CanFrame(0x86, code.to_bytes(2, "little") + bytes(6)), 2.0)
+    assert len(consumer.active(6)) == ERRORS_MAX
+    assert consumer.active(6)[-1] == 0x13FF
+
+
+def test_1028h_says_whose_emergencies_are_taken() -> None:
+    objects = ObjectDictionary(standard_objects(heard=127))
+    device = Device(5, objects)
+    device.start(0.0)
+    hear = [CanFrame.parse(text) for text in ("089#3081110000000000", "1F0#1032150000000000")]
+    for frame in hear:
+        device.feed(frame, 0.1)
+    assert (device.emergencies.active(9), device.emergencies.active(16)) == ((), ())
+    objects.write(0x1028, 9, (0x89).to_bytes(4, "little"))
+    objects.write(0x1028, 16, (0x1F0).to_bytes(4, "little"))
+    for frame in [*hear, CanFrame.parse("08A#3081110000000000")]:
+        device.feed(frame, 0.2)
+        device.feed(frame, 0.2)
+    assert device.emergencies.active(9) == (0x8130,)
+    assert device.emergencies.active(16) == (0x3210,)
+    assert device.emergencies.active(10) == ()
+
+
+def test_a_controller_that_was_bus_off_and_is_back_is_told() -> None:
+    device = Device(5, ObjectDictionary(standard_objects()))
+    device.start(0.0)
+    assert [str(frame) for frame in device.recovered(1.0)] == ["085#4081110000000000", "085#0000000000000000"]
+    assert device.objects.get(0x1003, 1) == 0x8140

@@ -1,0 +1,162 @@
+"""Fastscan: addresses that nobody knows, found fast, by several devices, with frames lost."""
+
+from __future__ import annotations
+
+import random
+from functools import partial
+
+import pytest
+
+from barewire.canopen import Assigned, CanFrame, Device, LssAddress, LssSlave, ObjectDictionary, fastscan, find_all
+from barewire.canopen.lss.fastscan import Progress
+from barewire.errors import EncodeError, NoAnswer
+from tests.canopen.virtual_bus import VirtualBus, never
+
+ADDRESS = LssAddress(0x12345678, 0x9ABCDEF0, 0xFFFFFFFF, 0x00000001)
+WORST = LssAddress(0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF)
+ZERO = LssAddress(0, 0, 0, 0)
+
+
+def add(bus: VirtualBus, address: LssAddress, latency: float = 0.001) -> Device:
+    device = Device(None, ObjectDictionary(), lss=LssSlave(address, store=lambda node, rate: True))
+    bus.add(device, latency, device.start(0.0))
+    return device
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.0008, 0.005, 0.016])
+@pytest.mark.parametrize("address", [ADDRESS, WORST, ZERO], ids=["mixed", "all ones", "all zeros"])
+def test_128_bits_in_five_seconds(address: LssAddress, latency: float) -> None:
+    bus = VirtualBus()
+    device = add(bus, address, latency)
+    limit = 5.0 if latency < 0.01 else 8.0  # 16 ms is an adapter that hands over in batches
+    assert bus.run(fastscan()) == address
+    assert bus.now < limit
+    assert device.lss is not None
+    assert device.lss.state.name == "CONFIGURATION"
+
+
+def test_how_the_time_is_spent() -> None:
+    steps: list[Progress] = []
+    bus = VirtualBus()
+    add(bus, ADDRESS)
+    bus.run(fastscan(progress=steps.append))
+    assert len(steps) == 128
+    assert [(step.part, step.bit) for step in (steps[0], steps[-1])] == [(0, 31), (3, 0)]
+    assert {step.wait for step in steps} == {0.010}
+    assert bus.now < 1.6
+
+
+def test_nobody_there() -> None:
+    bus = VirtualBus()
+    assert bus.run(fastscan(timeout=0.1)) is None
+    assert bus.now == pytest.approx(0.2)
+
+
+def test_what_is_known_is_not_asked_bit_by_bit() -> None:
+    bus = VirtualBus()
+    add(bus, ADDRESS)
+    steps: list[Progress] = []
+    known = (ADDRESS.vendor, ADDRESS.product, None, None)
+    assert bus.run(fastscan(known, progress=steps.append)) == ADDRESS
+    assert {step.part for step in steps} == {2, 3}
+    assert [one.node for one in bus.run(find_all([5], known))] == [5]
+
+
+def test_known_parts_that_nobody_has() -> None:
+    bus = VirtualBus()
+    add(bus, ADDRESS)
+    assert bus.run(fastscan((0x360, None, None, None))) is None
+    assert bus.run(fastscan((ADDRESS.vendor, 1, None, None))) is None
+    with pytest.raises(EncodeError, match="an LSS address has 4"):
+        bus.run(fastscan((1, 2)))
+
+
+@pytest.mark.parametrize("latencies", [(0.001, 0.001, 0.001), (0.001, 0.004, 0.009)], ids=["together", "apart"])
+def test_several_devices_get_their_node_ids(latencies: tuple[float, ...]) -> None:
+    bus = VirtualBus()
+    addresses = [ADDRESS, LssAddress(0x12345678, 0x9ABCDEF0, 7, 8), LssAddress(0x12345678, 0x9ABCDEF0, 7, 9)]
+    devices = [add(bus, address, latency) for address, latency in zip(addresses, latencies)]
+    told: list[Assigned] = []
+    result = bus.run(find_all(range(10, 20), found=told.append))
+    assert result == told
+    assert sorted(one.address for one in result) == sorted(addresses)
+    assert [(one.node, one.booted) for one in result] == [(10, True), (11, True), (12, True)]
+    assert sorted(device.node or 0 for device in devices) == [10, 11, 12]
+
+
+def test_no_more_devices_than_node_ids() -> None:
+    bus = VirtualBus()
+    for serial in range(3):
+        add(bus, LssAddress(1, 2, 3, serial))
+    assert len(bus.run(find_all([5, 6]))) == 2
+
+
+def is_number(missing: int, number: int, frame: CanFrame) -> bool:
+    return number == missing
+
+
+def test_every_single_frame_lost_in_turn() -> None:
+    """Whichever frame is missing, the address found is the right one and the device is in configuration."""
+    bus = VirtualBus()
+    add(bus, ADDRESS)
+    bus.run(fastscan())
+    frames = len(bus.log)
+    for missing in [*range(1, frames + 1, 3), frames - 1, frames]:
+        bus = VirtualBus(lose=partial(is_number, missing))
+        device = add(bus, ADDRESS)
+        assert bus.run(fastscan()) == ADDRESS, missing
+        assert device.lss is not None
+        assert device.lss.state.name == "CONFIGURATION"
+        assert bus.now < 8.0, missing
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_two_in_a_hundred_frames_lost(seed: int) -> None:
+    chance = random.Random(seed)
+    bus = VirtualBus(lose=lambda number, frame: chance.random() < 0.02)
+    add(bus, ADDRESS)
+    assert bus.run(fastscan()) == ADDRESS
+
+
+def test_a_bus_that_loses_half_of_everything() -> None:
+    chance = random.Random(1)
+    bus = VirtualBus(lose=lambda number, frame: number > 40 and chance.random() < 0.5)
+    add(bus, ADDRESS)
+    with pytest.raises(NoAnswer, match="never came to an address"):
+        bus.run(fastscan())
+
+
+def test_others_talk_on_the_same_bus() -> None:
+    bus = VirtualBus(lose=never)
+    add(bus, ADDRESS)
+    for tick in range(2000):
+        for text in ("000007E4#4F00000000000000", "7E4#R8", "705#05", "7E4#4F", "7E4#5000000000000000"):
+            bus.inject(text, tick / 1000)
+    assert bus.run(fastscan()) == ADDRESS
+
+
+def test_late_answers_are_not_believed() -> None:
+    """A device whose answers take longer and longer: the wait follows, or the confirmation finds the wrong bit."""
+
+    class Slow:
+        def __init__(self) -> None:
+            self.device = Device(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
+            self.device.start(0.0)
+            self.waiting: list[tuple[float, CanFrame]] = []
+            self.answers = 0
+
+        @property
+        def deadline(self) -> float | None:
+            return self.waiting[0][0] if self.waiting else None
+
+        def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+            for answer in self.device.feed(frame, now):
+                self.answers += 1
+                self.waiting.append((now + (0.030 if self.answers % 20 == 0 else 0.001), answer))
+            due = [answer for when, answer in self.waiting if when <= now]
+            self.waiting = [(when, answer) for when, answer in self.waiting if when > now]
+            return due
+
+    bus = VirtualBus()
+    bus.add(Slow(), 0.0)
+    assert bus.run(fastscan()) == ADDRESS

@@ -1,0 +1,35 @@
+"""The PDOs of other devices, by name."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame, Channel, Entry, ObjectDictionary, Pdo, SdoServer
+from barewire.canopen.pdo.named_values import PdoListener, RemotePdo, remote_pdo
+from barewire.errors import EncodeError
+from tests.canopen.sdo.sdo_bus import Bus, Store
+
+
+def test_the_pdo_of_a_device_with_names() -> None:
+    store = Store()
+    record = {(0x1800, 1): "85010000", (0x1800, 2): "FF", (0x1800, 3): "0000", (0x1A00, 0): "02"}
+    record |= {(0x1A00, 1): "10004160", (0x1A00, 2): "08000620"}
+    store.objects |= {place: bytes.fromhex(text) for place, text in record.items()}
+    objects = ObjectDictionary([Entry(0x6041, 0, "statusword", "u16"), Entry(0x2006, 0, "mode", "i8")])
+    bus = Bus(SdoServer(5, store))
+    store.objects |= {(0x1800, 5): bytes(2), (0x1800, 6): bytes(1)}
+    remote = bus.run(remote_pdo(Channel(5), "TPDO", 1, objects))
+    assert remote.key == (0x185, False)
+    assert remote.decode(CanFrame.parse("185#3706FF")) == {"statusword": 0x0637, "mode": -1}
+    listener = PdoListener([remote])
+    assert listener.deadline is None
+    (good,) = listener.feed(CanFrame.parse("185#3706FF"), 1.5)
+    (bad,) = listener.feed(CanFrame.parse("185#3706"), 2.5)
+    assert (good.values, good.at) == ({"statusword": 0x0637, "mode": -1}, 1.5)
+    assert (bad.values, bad.data, bad.why) == (None, bytes.fromhex("3706"), "3 bytes are mapped, here are 2")
+    assert listener.feed(CanFrame.parse("186#3706FF"), 3.0) == listener.feed(CanFrame.parse("185#R3"), 3.0) == []
+
+
+def test_a_pdo_that_is_switched_off_has_no_identifier() -> None:
+    with pytest.raises(EncodeError, match="RPDO5 of node 5 is switched off"):
+        RemotePdo.of(5, Pdo("RPDO", 5, (0x60400010,)))

@@ -1,0 +1,346 @@
+"""The two halves of a block transfer, each alone, and both together with values of every length."""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+from collections.abc import Iterator
+
+import pytest
+
+from barewire.canopen import AbortCode, Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload, upload_to
+from barewire.canopen.sdo import BlockAck, BlockEnded
+from barewire.canopen.sdo.aborts import Breach
+from barewire.canopen.sdo.block_transfer import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
+from barewire.canopen.sdo.stream import Incoming, Outgoing
+from barewire.conversation import Conversation, Heard, Listen, last_words, play
+from barewire.errors import EncodeError, NoAnswer
+from tests.canopen.sdo.sdo_bus import Bus, Store
+
+
+def counting(length: int) -> bytes:
+    return bytes(place % 256 for place in range(length))
+
+
+@pytest.mark.parametrize(
+    ("data", "crc"),
+    [
+        (b"123456789", 0x31C3),
+        (b"", 0x0000),
+        (bytes(40), 0x0000),
+        (b"A", 0x58E5),
+        (counting(7), 0xD90C),
+        (b"0123456789", 0x9C58),
+        (b"CANopenDemoPIC32", 0x43F3),
+        (counting(256), 0x7E55),
+        (counting(889), 0x0232),
+        (counting(890), 0xFDFC),
+        (counting(4000), 0x9438),
+    ],
+)
+def test_the_crc_at_the_end(data: bytes, crc: int) -> None:
+    bus = Bus(SdoServer(5, Store()))
+    bus.run(download(5, 0x2100, 0, data, block=True))
+    unused = -len(data) % 7 if data else 7
+    assert bus.log[-2] == f"C {0xC1 + 4 * unused:02X} {crc & 0xFF:02X} {crc >> 8:02X} 00 00 00 00 00"
+    assert crc_hqx(data, 0) == crc
+
+
+@pytest.mark.parametrize("block", [False, True, Block(size=3), Block(crc=False)])
+@pytest.mark.parametrize("length", [*range(21), 21, 22, 889, 890, 4000])
+def test_every_length_there_and_back(length: int, block: bool | Block) -> None:
+    value, store, channel = counting(length), Store(), Channel(5)
+    bus = Bus(SdoServer(5, store, blksize=127 if block is True else 5))
+    pieces = [value[at : at + 5] for at in range(0, length, 5)]
+    for data, size in ((value, None), (pieces, length), (pieces, None), (iter([b"", value, b""]), None)):
+        store.objects[0x2100, 0] = b"before"
+        bus.run(download(channel, 0x2100, 0, data, size=size, block=block))
+        assert store.objects[0x2100, 0] == value
+    parts: list[bytes] = []
+    assert bus.run(upload(channel, 0x2100, block=block)) == value
+    assert bus.run(upload_to(channel, 0x2100, 0, parts.append, block=block)) == length
+    assert b"".join(parts) == value
+    assert (channel.total.late, channel.total.garbled) == (0, 0)
+
+
+def test_progress_is_told() -> None:
+    told: list[tuple[int, int | None]] = []
+    store = Store()
+    bus = Bus(SdoServer(5, store))
+    bus.run(download(5, 0x2100, 0, counting(2000), block=True, progress=lambda *done: told.append(done)))
+    assert told == [(889, 2000), (1778, 2000), (2000, 2000)]
+    told.clear()
+    bus.run(upload(5, 0x2100, block=True, progress=lambda *done: told.append(done)))
+    assert told == [(889, 2000), (1778, 2000), (2000, 2000)]
+    told.clear()
+    bus.run(download(5, 0x2100, 0, [counting(10)], progress=lambda *done: told.append(done)))
+    assert told == [(7, None), (10, None)]
+
+
+def test_pieces_are_taken_as_they_are_sent() -> None:
+    """Of a long value there is never more in memory than a block."""
+    taken = 0
+
+    def pieces() -> Iterator[bytes]:
+        nonlocal taken
+        for _ in range(1000):
+            taken += 100
+            assert taken - confirmed() <= 889 + 200
+            yield bytes(100)
+
+    def confirmed() -> int:
+        return sum(7 * int(line[5:7], 16) for line in bus.log if line.startswith("S A2"))
+
+    bus = Bus(SdoServer(5, Store()))
+    bus.run(download(5, 0x2100, 0, pieces(), block=True))
+    assert taken == 100_000
+
+
+@pytest.mark.parametrize("block", [False, True])
+@pytest.mark.parametrize("size", [19, 21])
+def test_pieces_that_are_not_as_many_bytes_as_was_said(size: int, block: bool) -> None:
+    store = Store()
+    bus = Bus(SdoServer(5, store))
+    with pytest.raises(EncodeError, match=f"{size} bytes were announced, the data"):
+        bus.run(download(5, 0x2100, 0, [bytes(20)], size=size, block=block))
+    assert bus.log[-1] == "C 80 00 21 00 00 00 00 08"
+    assert store.writes == 0
+
+
+@pytest.mark.parametrize("block", [False, True])
+def test_a_longer_value_than_the_client_wants(block: bool) -> None:
+    store = Store()
+    store.objects[0x2100, 0] = bytes(100)
+    bus = Bus(SdoServer(5, store))
+    with pytest.raises(SdoAbort, match="100 bytes announced, the limit is 99") as caught:
+        bus.run(upload(5, 0x2100, limit=99, block=block))
+    assert caught.value.code == AbortCode.OUT_OF_MEMORY
+    assert bus.run(upload(5, 0x2100, limit=100, block=block)) == bytes(100)
+
+
+@pytest.mark.parametrize("block", [False, True])
+def test_a_sink_that_fails_ends_the_transfer(block: bool) -> None:
+    def full(part: bytes) -> None:
+        raise OSError("disk full")
+
+    store, channel = Store(), Channel(5)
+    store.objects[0x2100, 0] = bytes(100)
+    bus = Bus(server := SdoServer(5, store))
+    with pytest.raises(OSError, match="disk full"):
+        bus.run(upload_to(channel, 0x2100, 0, full, block=block))
+    bus.rest(0.001)
+    assert (server.deadline, server.counters.aborts_heard) == (None, 1)
+    assert bus.run(upload(channel, 0x2101)) == b"other"
+
+
+# Aborts at any moment.
+
+
+def turns_of(block: bool, downloads: bool) -> int:
+    """How many frames a transfer of 50 bytes has."""
+    bus = Bus(server(Store(), downloads))
+    bus.run(moving(Channel(5), block, downloads))
+    return len(bus.log)
+
+
+def server(store: Store, downloads: bool) -> SdoServer:
+    store.objects[0x2100, 0] = b"" if downloads else bytes(50)
+    return SdoServer(5, store, blksize=3)
+
+
+def moving(channel: Channel, block: bool, downloads: bool) -> Conversation[CanFrame, object]:
+    how = Block(size=3) if block else False
+    return download(channel, 0x2100, 0, bytes(50), block=how) if downloads else upload(channel, 0x2100, block=how)
+
+
+@pytest.mark.parametrize("downloads", [False, True])
+@pytest.mark.parametrize("block", [False, True])
+def test_an_abort_of_the_server_at_any_moment(block: bool, downloads: bool) -> None:
+    abort = CanFrame.parse("585#8000210000000008")
+    # Behind the end of a block upload the client has what it wanted, and hears no more.
+    deaf = 2 if block and not downloads else 1
+    for moment in range(turns_of(block, downloads) - deaf):
+        store, channel = Store(), Channel(5)
+        bus = Bus(server(store, downloads))
+
+        def weather(number: int, frame: CanFrame, moment: int = moment) -> list[tuple[float, CanFrame]]:
+            return [(0.0, frame), (0.0, abort)] if number == moment else [(0.0, frame)]
+
+        bus.weather = weather
+        with pytest.raises(SdoAbort) as caught:
+            bus.run(moving(channel, block, downloads))
+        assert (caught.value.code, caught.value.why) == (AbortCode.GENERAL, "")
+        bus.rest(5.0)
+        assert bus.run(upload(channel, 0x2101)) == b"other"
+
+
+@pytest.mark.parametrize("downloads", [False, True])
+@pytest.mark.parametrize("block", [False, True])
+def test_a_client_that_leaves_at_any_moment(block: bool, downloads: bool) -> None:
+    for moment in range(turns_of(block, downloads)):
+        store, channel = Store(), Channel(5)
+        bus = Bus(node := server(store, downloads))
+        conversation, steps = moving(channel, block, downloads), moment
+        step, now = next(conversation), 0.0
+        waiting: list[CanFrame] = []
+        while steps:
+            heard = None
+            if not isinstance(step, Listen):
+                for frame in step.items[:steps]:
+                    waiting += node.feed(frame, now)
+                    steps -= 1
+            elif waiting:
+                heard = waiting.pop(0)
+            else:
+                now = max(now, step.until)
+                waiting += node.feed(None, now)
+            if steps:
+                try:
+                    step = conversation.send(Heard(heard, now))
+                except StopIteration:
+                    break
+        for frame in last_words(conversation):
+            assert frame.data.hex() == "8000210000000008"
+            node.feed(frame, now)
+        assert node.deadline is None or node.deadline > now
+        bus.now = now + 5.0
+        bus.rest(5.0)
+        assert bus.run(upload(channel, 0x2101)) == b"other"
+
+
+# Each half alone.
+
+
+def sender(length: int, blksize: int, burst: int = 99) -> BlockSender:
+    return BlockSender(Outgoing([counting(length)], length), blksize, crc=True, timeout=1.0, burst=burst, now=0.0)
+
+
+def numbers(frames: list[bytes]) -> list[str]:
+    """Command byte and first byte of data."""
+    return [frame[:2].hex() for frame in frames]
+
+
+def test_a_sender_says_a_burst_and_listens() -> None:
+    half = sender(50, 6, burst=4)
+    assert numbers(half.feed(None, 0.0)) == ["0100", "0207", "030e", "0415"]
+    assert half.deadline == 0.0
+    assert numbers(half.feed(None, 0.1)) == ["051c", "0623"]
+    assert half.deadline == 1.1
+    assert half.feed(None, 0.5) == []
+    assert numbers(half.feed(BlockAck(6, 6), 0.6)) == ["012a", "8231"]
+    assert numbers(half.feed(BlockAck(2, 6), 0.7)) == ["d9" + f"{crc_hqx(counting(50), 0) & 0xFF:02x}"]
+    assert half.feed(BlockAck(2, 6), 0.8) == []  # once more
+    assert half.feed(BlockEnded(), 0.9) == []
+    assert half.over
+
+
+def test_a_sender_takes_an_early_acknowledgement() -> None:
+    half = sender(50, 6, burst=1)
+    assert numbers(half.feed(None, 0.0) + half.feed(None, 0.0) + half.feed(None, 0.0)) == ["0100", "0207", "030e"]
+    assert numbers(half.feed(BlockAck(1, 2), 0.0) + half.feed(None, 0.0)) == ["0107", "020e"]
+    assert numbers(half.feed(BlockAck(2, 127), 0.0) + half.feed(None, 0.0)) == ["0115", "021c"]
+
+
+def test_a_sender_knows_the_last_word_when_it_comes_again() -> None:
+    half = sender(50, 6)
+    half.feed(None, 0.0)
+    half.feed(BlockAck(6, 6), 0.0)
+    assert numbers(half.feed(BlockAck(6, 6), 0.7)) == ["012a", "8231"]
+    with pytest.raises(Breach, match="segment 5 was acknowledged, and 2 were sent"):
+        half.feed(BlockAck(5, 6), 0.8)
+
+
+def test_a_sender_does_not_begin_anew_for_ever() -> None:
+    half = sender(50, 6)
+    half.feed(None, 0.0)
+    for _ in range(FUTILE_MAX):
+        assert len(half.feed(BlockAck(0, 6), 0.5)) == 6
+    with pytest.raises(Breach, match="5 times nothing of a block arrived"):
+        half.feed(BlockAck(0, 6), 0.5)
+
+
+def test_a_sender_waits_so_long_and_no_longer() -> None:
+    half = sender(5, 6)
+    half.feed(None, 0.0)
+    assert half.feed(None, 0.9) == []
+    with pytest.raises(Breach) as caught:
+        half.feed(None, 1.0)
+    assert caught.value.code == AbortCode.TIMED_OUT
+
+
+def receiver(blksize: int = 4) -> tuple[BlockReceiver, bytearray]:
+    parts = bytearray()
+    return BlockReceiver(Incoming(parts.extend, None), blksize, crc=True, timeout=1.0, now=0.0), parts
+
+
+def segment(number: int, fill: int) -> bytes:
+    return bytes([number]) + bytes([fill]) * 7
+
+
+def test_a_receiver_passes_over_what_does_not_follow() -> None:
+    half, parts = receiver()
+    for frame in (segment(2, 9), segment(4, 9), segment(1, 1), segment(1, 1), segment(3, 9), segment(2, 2)):
+        assert half.feed(frame, 0.0) == []
+    assert half.feed(segment(4, 9), 0.0) == [bytes.fromhex("A202040000000000")]
+    assert parts == b"\1" * 7 + b"\2" * 7
+
+
+def test_a_receiver_tells_an_old_segment_from_another_block() -> None:
+    half, _ = receiver()
+    half.feed(segment(1, 1), 0.0)
+    with pytest.raises(Breach, match="segment 1 came again with other bytes"):
+        half.feed(segment(1, 2), 0.0)
+
+
+def test_a_receiver_says_after_silence_what_it_has() -> None:
+    half, _ = receiver(2)
+    half.feed(segment(1, 1), 0.0)
+    half.feed(segment(2, 2), 1.0)  # acknowledged; and of the next block nothing comes: our word was lost, perhaps
+    assert half.deadline == pytest.approx(1.7)
+    assert half.feed(None, 1.6) == []
+    assert half.feed(None, 1.7) == [bytes.fromhex("A202020000000000")]
+    assert half.feed(segment(2, 4), 2.0) == []  # its first segment was lost
+    assert half.feed(None, 2.7) == [bytes.fromhex("A200020000000000")]
+    assert half.feed(segment(1, 3), 2.8) == []
+    assert half.feed(None, 3.5) == [bytes.fromhex("A201020000000000")]
+    with pytest.raises(Breach, match="no segment and no end within 1 s"):
+        half.feed(None, 3.8)
+
+
+def test_a_receiver_does_not_repeat_a_word_that_could_be_taken_for_another() -> None:
+    """With one segment in a block: was our "1" lost, or the only segment of the block behind it?"""
+    half, _ = receiver(1)
+    assert half.feed(segment(1, 1), 0.0) == [bytes.fromhex("A201010000000000")]
+    assert half.feed(None, 0.7) == []
+    assert half.deadline == 1.0
+
+
+def test_a_receiver_does_not_listen_to_nonsense_for_ever() -> None:
+    half, _ = receiver()
+    for _ in range(STRAYS_MAX):
+        assert half.feed(segment(3, 3), 0.0) == []
+    with pytest.raises(Breach, match="segments came out of turn"):
+        half.feed(segment(3, 3), 0.0)
+
+
+# Channels side by side, and nobody there.
+
+
+def test_two_channels_at_once() -> None:
+    stores = [Store(), Store()]
+    bus = Bus(SdoServer(5, stores[0]), SdoServer(6, stores[1]))
+    values = counting(3000), counting(2000)[::-1]
+    bus.run_all(*(download(node, 0x2100, 0, value, block=True) for node, value in zip((5, 6), values)))
+    assert [store.objects[0x2100, 0] for store in stores] == list(values)
+    assert bus.run_all(upload(5, 0x2100, block=True), upload(6, 0x2100)) == list(values)
+
+
+@pytest.mark.parametrize("block", [False, True])
+def test_a_server_that_is_gone_in_the_middle(block: bool) -> None:
+    store = Store()
+    store.objects[0x2100, 0] = bytes(1000)
+    bus = Bus(SdoServer(5, store))
+    bus.weather = lambda number, frame: [(0.0, frame)] * (number < 20)
+    with pytest.raises(NoAnswer, match="node 5 did not answer the upload of 2100h:00 within 1 s: heard"):
+        bus.run(upload(5, 0x2100, block=block))
+    with pytest.raises(NoAnswer, match="nothing at all was heard"):
+        play(download(5, 0x2100, 0, bytes(10), block=block), lambda frame, now: [])

@@ -1,0 +1,442 @@
+"""Long SDO transfers byte for byte: what client and server say to each other, and each of them to a script."""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+
+import pytest
+
+from barewire.canopen import (
+    AbortCode,
+    Block,
+    CanFrame,
+    Channel,
+    Device,
+    Entry,
+    ObjectDictionary,
+    SdoAbort,
+    SdoServer,
+    download,
+    upload,
+)
+from barewire.canopen.sdo.stream import LIMIT
+from barewire.conversation import Conversation, play
+from tests.canopen.sdo.sdo_bus import Bus, Store
+from tests.canopen.sdo.test_client import Script
+
+NAME = "CANopenDemoPIC32"
+
+
+def objects() -> ObjectDictionary:
+    return ObjectDictionary(
+        [
+            Entry(0x1000, 0, "device type", "u32", "ro", 0x000F0191),
+            Entry(0x1008, 0, "device name", "string", "const", NAME),
+            Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000),
+            Entry(0x2100, 0, "anything", "domain", "rw", b"", maximum=100),
+        ]
+    )
+
+
+def lines(text: str) -> list[str]:
+    """One frame a line, what is zero behind it left out."""
+    frames = []
+    for line in text.strip().splitlines():
+        who, _, data = line.strip().partition(" ")
+        frames.append(f"{who} {bytes.fromhex(data).ljust(8, bytes(1)).hex(' ').upper()}")
+    return frames
+
+
+# As the logs of a conformance test tool have them, or worked out from the standard's rules.
+DIALOGUES = {
+    "write in segments": (
+        download(5, 0x1017, 0, [b"\0\0"], size=2),
+        None,
+        """C 21 17 10 00 02
+           S 60 17 10 00
+           C 0B 00 00
+           S 20""",
+    ),
+    "read in segments": (
+        upload(5, 0x1008),
+        NAME.encode(),
+        """C 40 08 10 00
+           S 41 08 10 00 10
+           C 60
+           S 00 43 41 4E 6F 70 65 6E
+           C 70
+           S 10 44 65 6D 6F 50 49 43
+           C 60
+           S 0B 33 32""",
+    ),
+    "read in blocks without CRC": (
+        upload(5, 0x1000, block=Block(20, crc=False)),
+        bytes.fromhex("91010F00"),
+        """C A0 00 10 00 14
+           S C6 00 10 00 04
+           C A3
+           S 81 91 01 0F 00
+           C A2 01 14
+           S CD
+           C A1""",
+    ),
+    "read in blocks": (
+        upload(5, 0x1008, block=Block(20)),
+        NAME.encode(),
+        """C A4 08 10 00 14
+           S C6 08 10 00 10
+           C A3
+           S 01 43 41 4E 6F 70 65 6E
+           S 02 44 65 6D 6F 50 49 43
+           S 83 33 32
+           C A2 03 14
+           S D5 F3 43
+           C A1""",
+    ),
+    "write 2 bytes in a block": (
+        download(5, 0x1017, 0, b"\0\0", block=True),
+        None,
+        """C C6 17 10 00 02
+           S A4 17 10 00 7F
+           C 81
+           S A2 01 7F
+           C D5
+           S A1""",
+    ),
+    "write 10 bytes in a block": (
+        download(5, 0x2100, 0, b"0123456789", block=True),
+        None,
+        """C C6 00 21 00 0A
+           S A4 00 21 00 7F
+           C 01 30 31 32 33 34 35 36
+           C 82 37 38 39
+           S A2 02 7F
+           C D1 58 9C
+           S A1""",
+    ),
+    "write 10 bytes in a block, size not told": (
+        download(5, 0x2100, 0, b"0123456789", indicated=False, block=Block(crc=False)),
+        None,
+        """C C0 00 21 00
+           S A4 00 21 00 7F
+           C 01 30 31 32 33 34 35 36
+           C 82 37 38 39
+           S A2 02 7F
+           C D1
+           S A1""",
+    ),
+    "write nothing in segments": (
+        download(5, 0x2100, 0, b""),
+        None,
+        """C 21 00 21 00
+           S 60 00 21 00
+           C 0F
+           S 20""",
+    ),
+    "write nothing in a block": (
+        download(5, 0x2100, 0, b"", block=True),
+        None,
+        """C C6 00 21 00
+           S A4 00 21 00 7F
+           C 81
+           S A2 01 7F
+           C DD
+           S A1""",
+    ),
+    "read nothing in segments": (
+        upload(5, 0x2100),
+        b"",
+        """C 40 00 21 00
+           S 41 00 21 00
+           C 60
+           S 0F""",
+    ),
+    "write 3 bytes of a size not told": (
+        download(5, 0x2100, 0, b"abc", indicated=False),
+        None,
+        """C 20 00 21 00
+           S 60 00 21 00
+           C 09 61 62 63
+           S 20""",
+    ),
+    "a short value comes in one frame, if that is allowed": (
+        upload(5, 0x1000, block=Block(20, switch=4, falls_back=False)),
+        bytes.fromhex("91010F00"),
+        """C A4 00 10 00 14 04
+           S 43 00 10 00 91 01 0F""",
+    ),
+    "a longer one in segments": (
+        upload(5, 0x1008, block=Block(20, switch=16, falls_back=False)),
+        NAME.encode(),
+        """C A4 08 10 00 14 10
+           S 41 08 10 00 10
+           C 60
+           S 00 43 41 4E 6F 70 65 6E
+           C 70
+           S 10 44 65 6D 6F 50 49 43
+           C 60
+           S 0B 33 32""",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DIALOGUES)
+def test_our_client_and_our_server(name: str) -> None:
+    conversation, result, text = DIALOGUES[name]
+    server = SdoServer(5, objects())
+    bus = Bus(server)
+    assert bus.run(conversation) == result
+    bus.rest(5.0)
+    assert bus.log == lines(text)
+    assert (server.deadline, server.counters.aborts_said) == (None, 0)
+
+
+def say(server: SdoServer | Device, *texts: str, now: float = 0.0) -> list[str]:
+    """What the server says to frames, zeros behind them left out."""
+    said = []
+    for text in texts:
+        for frame in server.feed(CanFrame(0x605, bytes.fromhex(text).ljust(8, b"\0")), now):
+            assert len(frame.data) == 8
+            said.append(frame.data.hex(" ").upper())
+    return said
+
+
+def full(*texts: str) -> list[str]:
+    return [bytes.fromhex(text).ljust(8, b"\0").hex(" ").upper() for text in texts]
+
+
+def elapse(server: SdoServer) -> list[str]:
+    """Nothing comes until the server's own deadline."""
+    assert server.deadline is not None
+    return [frame.data.hex(" ").upper() for frame in server.feed(None, server.deadline)]
+
+
+TEN = ("01 30 31 32 33 34 35 36", "82 37 38 39")
+
+
+def test_the_first_segment_is_lost() -> None:
+    server = SdoServer(5, objects())
+    assert say(server, "C6 00 21 00 0A", TEN[1]) == full("A4 00 21 00 7F")
+    assert elapse(server) == full("A2 00 7F")
+    assert say(server, *TEN, "D1 58 9C", now=0.8) == full("A2 02 7F", "A1")
+    assert server.objects.read(0x2100, 0) == b"0123456789"
+
+
+def test_the_last_segment_is_lost() -> None:
+    server = SdoServer(5, objects())
+    say(server, "C6 00 21 00 0A", TEN[0], now=10.0)
+    assert server.deadline == pytest.approx(10.7)
+    assert elapse(server) == full("A2 01 7F")
+    assert say(server, "81 37 38 39", "D1 58 9C", now=10.8) == full("A2 01 7F", "A1")
+    assert server.objects.read(0x2100, 0) == b"0123456789"
+
+
+def test_a_wrong_crc() -> None:
+    server = SdoServer(5, objects())
+    assert say(server, "C6 00 21 00 0A", *TEN, "D1") == full("A4 00 21 00 7F", "A2 02 7F", "80 00 21 00 04 00 04 05")
+    assert server.objects.read(0x2100, 0) == b""
+
+
+@pytest.mark.parametrize(
+    ("frames", "answer"),
+    [
+        (("40 08 10", "70"), "80 08 10 00 00 00 03 05"),  # wrong first toggle
+        (("40 08 10", "60", "60"), "80 08 10 00 00 00 03 05"),
+        (("21 00 21 00 0A", "10"), "80 00 21 00 00 00 03 05"),
+        (("21 00 21 00 03", "01 01 02 03 04 05 06 07"), "80 00 21 00 12 00 07 06"),
+        (("21 00 21 00 0A", "01 01 02 03 04 05 06 07"), "80 00 21 00 13 00 07 06"),
+        (("C6 00 21 00 03", *TEN, "D1 58 9C"), "80 00 21 00 12 00 07 06"),
+        (("C6 00 21 00 0B", *TEN, "D1 58 9C"), "80 00 21 00 13 00 07 06"),
+        (("C6 00 21 00 FF FF FF FF",), "80 00 21 00 05 00 04 05"),
+        (("21 00 21 00 FF FF FF FF",), "80 00 21 00 05 00 04 05"),
+        (("C6 00 21 00 64", "81", "C1"), "80 00 21 00 13 00 07 06"),
+        (("C2 17 10 00 03",), "80 17 10 00 12 00 07 06"),  # the dictionary's own no, before anything was sent in vain
+        (("C2 17 10 00 01",), "80 17 10 00 13 00 07 06"),
+        (("21 08 10 00 03",), "80 08 10 00 02 00 01 06"),
+        (("20 08 10 00",), "80 08 10 00 02 00 01 06"),
+        (("C4 08 10 00",), "80 08 10 00 02 00 01 06"),
+        (("21 00 21 00 65",), "80 00 21 00 12 00 07 06"),
+        (("C0 17 10 00", "81", "D1"), "80 17 10 00 12 00 07 06"),  # nobody knew the size
+        (("C6 00 21 00 0A", "00"), "80 00 21 00 03 00 04 05"),  # there is no segment 0
+        (("C6 00 21 00 0A", *TEN, "40 00 10"), "80 00 10 00 01 00 04 05"),
+        (("A4 08 10 00 14", "A3", "A2 04 14"), "80 08 10 00 03 00 04 05"),  # more than were sent
+        (("A4 08 10 00 14", "A3", "A2 03 00"), "80 08 10 00 02 00 04 05"),
+        (("A4 08 10 00 14", "A3", "A2 03 80"), "80 08 10 00 02 00 04 05"),
+        (("A4 08 10 00 14", "A1"), "80 08 10 00 01 00 04 05"),
+        (("A4 08 10 00 14", "A3", "A1"), "80 08 10 00 01 00 04 05"),
+        # another request in the middle of a transfer: no, about the object of the request
+        (("40 08 10", "40 00 10"), "80 00 10 00 01 00 04 05"),
+        (("21 00 21 00 0A", "2B 17 10"), "80 17 10 00 01 00 04 05"),
+        (("A4 08 10 00 14", "A3", "C6 00 21"), "80 00 21 00 01 00 04 05"),
+    ],
+)
+def test_the_server_ends_it(frames: tuple[str, ...], answer: str) -> None:
+    server = SdoServer(5, objects())
+    assert say(server, *frames)[-1] == answer
+    assert server.deadline is None
+    assert say(server, "40 00 10") == full("43 00 10 00 91 01 0F")
+
+
+def test_a_segment_behind_the_block_and_what_was_on_its_way_behind_it() -> None:
+    """The rest of such a block reads as commands: 22h and 23h would write."""
+    server = SdoServer(5, objects(), blksize=0x20)
+    say(server, "C6 00 21 00 64 00 00 00")
+    assert say(server, "21 00 00 00 00 00 00 00") == full("80 00 21 00 03 00 04 05")
+    assert say(server, "22 17 10 00 00 00 00 00", "23 17 10 00 00 00 00 00", "A4") == []
+    assert server.counters.strays == 3
+    assert server.objects.read(0x1017, 0) == b"\xe8\x03"
+    assert say(server, "2B 17 10 00 01") == full("60 17 10")
+
+
+@pytest.mark.parametrize(
+    ("frames", "silences", "answer"),
+    [
+        (("40 08 10",), 1, "80 08 10 00 00 00 04 05"),
+        (("21 00 21 00 0A", "00 01"), 1, "80 00 21 00 00 00 04 05"),
+        (("A4 08 10 00 14",), 1, "80 08 10 00 00 00 04 05"),
+        (("A4 08 10 00 14", "A3"), 1, "80 08 10 00 00 00 04 05"),
+        (("A4 08 10 00 14", "A3", "A2 03 14"), 1, "80 08 10 00 00 00 04 05"),
+        (("C6 00 21 00 0A",), 2, "80 00 21 00 00 00 04 05"),
+        (("C6 00 21 00 0A", TEN[0]), 2, "80 00 21 00 00 00 04 05"),
+        (("C6 00 21 00 0A", *TEN), 2, "80 00 21 00 00 00 04 05"),
+    ],
+)
+def test_a_client_that_falls_silent(frames: tuple[str, ...], silences: int, answer: str) -> None:
+    server = SdoServer(5, objects(), timeout=2.0)
+    say(server, *frames, now=1.0)
+    for _ in range(silences - 1):
+        assert [line[:2] for line in elapse(server)] == ["A2"]
+    assert server.deadline == pytest.approx(3.0)
+    assert server.feed(CanFrame(0x123), 2.9) == []
+    assert elapse(server) == [answer]
+    assert (server.deadline, server.counters.timed_out) == (None, 1)
+
+
+def test_a_client_that_begins_anew_has_got_its_value() -> None:
+    """Only the A1 of a block upload is missing when the next request comes: it is served."""
+    server = SdoServer(5, objects())
+    say(server, "A4 08 10 00 14", "A3", "A2 03 14")
+    assert say(server, "40 00 10") == full("43 00 10 00 91 01 0F")
+
+
+def test_a_server_without_blocks() -> None:
+    server = SdoServer(5, objects(), blksize=0)
+    bus = Bus(server)
+    assert bus.run(upload(5, 0x1008, block=True)) == NAME.encode()
+    bus.run(download(5, 0x2100, 0, iter([b"0123", b"456789"]), block=True))
+    assert server.objects.read(0x2100, 0) == b"0123456789"
+    for conversation in (upload(5, 0x1008, block=Block(falls_back=False)), refused_download()):
+        with pytest.raises(SdoAbort) as caught:
+            bus.run(conversation)
+        assert caught.value.code == AbortCode.COMMAND
+        assert caught.value.why == ""
+
+
+def refused_download() -> Conversation[CanFrame, None]:
+    return download(5, 0x2100, 0, b"0123456789", block=Block(falls_back=False))
+
+
+def test_a_stopped_device_forgets_its_transfer() -> None:
+    device = Device(5, objects())
+    device.start(0.0)
+    say(device, "40 08 10")
+    assert device.sdo.deadline == 1.0
+    device.feed(CanFrame.parse("000#0205"), 0.5)
+    assert device.sdo.deadline is None
+    device.feed(CanFrame.parse("000#8005"), 0.6)
+    assert say(device, "60") == full("80 00 00 00 01 00 04 05")
+
+
+def test_a_longer_value_than_the_server_wants() -> None:
+    server = SdoServer(5, Store(), limit=20)
+    bus = Bus(server)
+    bus.run(download(5, 0x2100, 0, bytes(20), block=True))
+    for block in (False, True):
+        for indicated in (False, True):
+            with pytest.raises(SdoAbort) as caught:
+                bus.run(download(5, 0x2100, 0, bytes(21), indicated=indicated, block=block))
+            assert caught.value.code == AbortCode.OUT_OF_MEMORY
+    assert LIMIT == 16 << 20
+
+
+# Servers that are not ours.
+
+
+def scripted(conversation: Conversation[CanFrame, object], *turns: tuple[str, ...]) -> tuple[object, list[str]]:
+    """A conversation with a server that answers each frame with the next of these."""
+    script = Script()
+    for request, *answers in turns:
+        data = bytes.fromhex(request).ljust(8, b"\0")
+        script.lines.append((str(CanFrame(0x605, data)), *map(answer, answers)))
+    result, _ = play(conversation, script)
+    assert not script.lines
+    return result, script.said
+
+
+def answer(text: str) -> str:
+    return f"585#{bytes.fromhex(text).ljust(8, bytes(1)).hex()}"
+
+
+def test_a_server_that_answers_blocks_with_segments_unasked() -> None:
+    turns = (("A4 08 10 00 7F", "41 08 10 00 02"), ("60", "0B 33 32"))
+    assert scripted(upload(5, 0x1008, block=True), *turns)[0] == b"32"
+    with pytest.raises(SdoAbort, match=r"0504 0001h .*an ordinary upload came") as caught:
+        scripted(upload(5, 0x1008, block=Block(falls_back=False)), turns[0], ("80 08 10 00 01 00 04 05",))
+    assert caught.value.why
+
+
+@pytest.mark.parametrize(
+    ("turns", "code", "why"),
+    [
+        ([("60", "10 01")], "00 00 03 05", "the answer has toggle bit 1, the question has 0"),
+        ([("60", "01 01 02 03 04 05 06 07")], "12 00 07 06", "4 bytes announced, more came"),
+        ([("60", "0D 01")], "13 00 07 06", "4 bytes announced, 1 came"),
+    ],
+)
+def test_a_server_that_breaks_the_rules_of_segments(turns: list[tuple[str, ...]], code: str, why: str) -> None:
+    channel = Channel(5)
+    with pytest.raises(SdoAbort) as caught:
+        scripted(upload(channel, 0x1008), ("40 08 10", "41 08 10 00 04"), *turns, (f"80 08 10 00 {code}",))
+    assert caught.value.why == why
+    assert str(caught.value).endswith(f", so we ended it: {why}")
+    assert channel.quiet_until is not None
+
+
+def test_segments_of_an_unknown_size_and_answers_that_come_twice() -> None:
+    channel = Channel(5)
+    turns = (
+        ("40 08 10", "40 08 10"),
+        ("60", "00 01 02 03 04 05 06 07", "00 01 02 03 04 05 06 07"),
+        ("70", "1D 08"),
+    )
+    assert scripted(upload(channel, 0x1008), *turns)[0] == bytes(range(1, 9))
+    assert channel.heard.late == 1
+
+
+def test_a_server_that_leaves_zeros_out() -> None:
+    channel, data = Channel(5), bytes(range(1, 10))
+    script = Script(
+        ("605#A400210014000000", "585#C600210009000000"),
+        ("605#A300000000000000", "585#0101020304050607", "585#", "585#820809"),
+        ("605#A202140000000000", f"585#D5{crc_hqx(data, 0).to_bytes(2, 'little').hex()}"),
+        ("605#A100000000000000",),
+    )
+    assert play(upload(channel, 0x2100, block=Block(20)), script)[0] == data
+    assert (channel.heard.short, channel.heard.garbled) == (2, 1)
+
+
+def test_a_server_that_acknowledges_at_the_first_gap() -> None:
+    """Some do not wait for the end of the block: the sender goes on behind what was acknowledged, numbered anew."""
+    data = bytes(range(1, 29))
+    turns = (
+        ("C6 00 21 00 1C", "A4 00 21 00 7F"),
+        ("01 01 02 03 04 05 06 07",),
+        ("02 08 09 0A 0B 0C 0D 0E",),  # lost
+        ("03 0F 10 11 12 13 14 15", "A2 01 02"),
+        ("84 16 17 18 19 1A 1B 1C",),
+        ("01 08 09 0A 0B 0C 0D 0E",),
+        ("02 0F 10 11 12 13 14 15", "A2 02 7F"),
+        ("81 16 17 18 19 1A 1B 1C", "A2 01 7F"),
+        (f"C1 {crc_hqx(data, 0).to_bytes(2, 'little').hex()}", "A1"),
+    )
+    scripted(download(5, 0x2100, 0, data, block=True), *turns)

@@ -1,0 +1,151 @@
+"""The loss matrix: every single frame of a transfer lost, doubled, late, swapped with the next, or corrupted.
+
+What may come of it: the right bytes, or an error that says what happened. What may not: wrong bytes, no end, or a
+channel on which the next transfer does not work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import pytest
+
+from barewire.canopen import AbortCode, Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.errors import NoAnswer
+from tests.canopen.sdo.sdo_bus import Bus, Store, Weather
+
+VALUE = bytes((7 * place + 1) % 251 for place in range(63))
+BLKSIZE = 3
+BLOCK = Block(size=BLKSIZE)
+TIMEOUT = 1.0
+
+
+class Kind(NamedTuple):
+    """A way to move a value, and how many bytes to move in it."""
+
+    name: str
+    downloads: bool
+    block: Block | bool
+    lengths: tuple[int, ...]
+    known: bool = True
+
+
+KINDS = (
+    Kind("expedited upload", False, False, (2,)),
+    Kind("expedited download", True, False, (2,)),
+    Kind("segmented upload", False, False, (5, 20)),
+    Kind("segmented download", True, False, (5, 20)),
+    Kind("segmented download, size unknown", True, False, (5, 20), known=False),
+    Kind("block upload", False, BLOCK, (0, 5, 21, 22, 40, 63)),
+    Kind("block download", True, BLOCK, (0, 5, 21, 22, 40, 63)),
+    Kind("block download, size unknown", True, BLOCK, (5, 22, 63), known=False),
+)
+BLOCK_CASES = [(kind, length) for kind in KINDS for length in kind.lengths if kind.block]
+CASES = [pytest.param(kind, length, id=f"{kind.name}, {length} bytes") for kind in KINDS for length in kind.lengths]
+
+
+def transfer(kind: Kind, length: int, weather: Weather | None, trusted: bool = False) -> str | int:
+    """One transfer in this weather: "right", or the code it ended with. Then the sky clears, and another one works."""
+    value = VALUE[:length]
+    store = Store()
+    store.objects[0x2100, 0] = b"" if kind.downloads else value
+    server = SdoServer(5, store, blksize=BLKSIZE)
+    bus = Bus(server, weather=weather)
+    channel = Channel(5)
+    outcome: str | int = "right"
+    try:
+        if kind.downloads:
+            data = value if kind.known else [value[:10], value[10:]]
+            bus.run(download(channel, 0x2100, 0, data, block=kind.block, timeout=TIMEOUT))
+            assert trusted or store.objects[0x2100, 0] == value
+        else:
+            got = bus.run(upload(channel, 0x2100, block=kind.block, timeout=TIMEOUT))
+            assert trusted or got == value
+    except SdoAbort as refusal:
+        outcome = refusal.code
+    except NoAnswer:
+        outcome = AbortCode.TIMED_OUT
+    bus.rest(5.0)
+    assert server.deadline is None
+    assert trusted or store.objects[0x2100, 0] in (b"", value)
+    bus.weather = None
+    bus.run(download(channel, 0x2100, 0, b"the next", block=kind.block))
+    assert bus.run(upload(channel, 0x2100, block=kind.block)) == b"the next"
+    return outcome
+
+
+def frames_of(kind: Kind, length: int) -> list[str]:
+    """What is said in good weather."""
+    seen: list[str] = []
+
+    def weather(number: int, frame: CanFrame) -> list[tuple[float, CanFrame]]:
+        seen.append(frame.data.hex(" ").upper())
+        return [(0.0, frame)]
+
+    assert transfer(kind, length, weather) == "right"
+    return seen
+
+
+def faults(kind: Kind, length: int) -> Iterator[tuple[int, str, Weather]]:
+    """Every frame of the transfer, in every bad way but corruption."""
+    for hit in range(len(frames_of(kind, length))):
+        for name, delays in (("lost", []), ("doubled", [0.0, 0.0]), ("late", [1.5 * TIMEOUT]), ("swapped", [0.00015])):
+
+            def weather(
+                number: int, frame: CanFrame, hit: int = hit, delays: list[float] = delays
+            ) -> list[tuple[float, CanFrame]]:
+                return [(delay, frame) for delay in (delays if number == hit else [0.0])]
+
+            yield hit, name, weather
+
+
+SENSIBLE = {
+    AbortCode.TIMED_OUT,
+    AbortCode.TOGGLE,
+    AbortCode.COMMAND,
+    AbortCode.SEQUENCE_NUMBER,
+    AbortCode.CRC,
+    AbortCode.TOO_LONG,
+    AbortCode.TOO_SHORT,
+}
+
+
+@pytest.mark.parametrize(("kind", "length"), CASES)
+def test_any_frame_lost_doubled_late_or_swapped(kind: Kind, length: int) -> None:
+    for hit, name, weather in faults(kind, length):
+        outcome = transfer(kind, length, weather)
+        assert outcome == "right" or outcome in SENSIBLE, (hit, name)
+
+
+@pytest.mark.parametrize(("kind", "length"), BLOCK_CASES)
+def test_every_segment_and_every_acknowledgement_may_be_lost(kind: Kind, length: int) -> None:
+    """What nobody can make up for are the single frames at both ends: request, answer, start; end and its answer."""
+    frames = frames_of(kind, length)
+    first = next(place for place, frame in enumerate(frames) if frame[:2] in ("01", "81"))
+    last = len(frames) - 3
+    for hit, name, weather in faults(kind, length):
+        if first <= hit <= last:
+            assert transfer(kind, length, weather) == "right", (hit, name, frames[hit])
+
+
+def test_nobody_waits_for_the_answer_that_ends_a_block_upload() -> None:
+    kind, length = KINDS[5], 40
+    last = len(frames_of(kind, length)) - 1
+    assert transfer(kind, length, lambda number, frame: [(0.0, frame)] * (number != last)) == "right"
+
+
+@pytest.mark.parametrize("change", [0x01, 0x80, 0xFF])
+@pytest.mark.parametrize(("kind", "length"), CASES)
+def test_any_byte_of_any_frame_corrupted(kind: Kind, length: int, change: int) -> None:
+    """Never wrong bytes where a CRC protects them. A request and its answer, and whatever travels without blocks, the
+    wire is trusted with (46h is a good answer, if C6h was not meant); but there is an end, and another beginning."""
+    for hit in range(len(frames_of(kind, length))):
+        for at in range(8):
+
+            def weather(number: int, frame: CanFrame, hit: int = hit, at: int = at) -> list[tuple[float, CanFrame]]:
+                data = bytearray(frame.data)
+                data[at] ^= change
+                return [(0.0, frame._replace(data=bytes(data)) if number == hit else frame)]
+
+            transfer(kind, length, weather, trusted=not kind.block or hit < 2)

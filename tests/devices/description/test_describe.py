@@ -1,0 +1,102 @@
+"""The parameter as JSON, and the schema of the format against the catalogue and against `load`."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from barewire.canopen import AZ3, STANDARD
+from barewire.devices import DescriptionError, describe, load, names
+from barewire.devices import drive_roles as parts
+from barewire.devices.description.load import CATALOG
+from barewire.devices.description.rows import REQUIRED, RULES
+from tests.devices.description.test_descriptions import HEAD, HEAD_MISTAKES, row, write
+
+KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
+KEYS += ["modbus", "object", "bits", "storable", "answered", "printed"]
+
+SCHEMA: dict[str, Any] = json.loads((CATALOG / "schema.json").read_text(encoding="utf-8"))
+VALIDATOR = Draft202012Validator(SCHEMA)
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_parameter_is_json_with_the_same_keys(name: str) -> None:
+    for parameter in load(name).parameters:
+        told = describe(parameter)
+        assert list(told) == KEYS
+        assert json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_places_scale_and_names() -> None:
+    told = describe(load("az3").find("START PHASING"))
+    assert told["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
+    assert told["object"] == {"index": 0x2018, "sub": 0, "bit": 1}
+    assert told["default"] is False
+    told = describe(load("adxl").find("Frequency"))
+    assert (told["scale"], told["unit"], told["object"], told["min"]) == (0.001, "Hz", None, None)
+    told = describe(load("adxl").find("C02 Thermal status reset"))
+    assert (told["scale"], told["values"]) == (1, {"1": "execute"})
+    half = describe(load("adxl").find("Events counter"))["modbus"]
+    assert half == {"table": "input", "address": 0x502F, "words": 1, "half": "H", "bit": None, "order": "ABCD"}
+    assert describe(load("az3").find("IQRMSX10"))["modbus"] is None
+
+
+@pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")
+def test_the_catalogue_follows_the_schema(file: Path) -> None:
+    VALIDATOR.validate(tomllib.loads(file.read_text(encoding="utf-8")))
+
+
+def test_the_schema_is_a_schema_of_the_same_keys_and_words() -> None:
+    Draft202012Validator.check_schema(SCHEMA)
+    definitions = SCHEMA["$defs"]
+    assert list(definitions["parameter"]["properties"]) == list(RULES)
+    assert definitions["parameter"]["required"] == list(REQUIRED)
+    canopen = definitions["device"]["properties"]["canopen"]["properties"]
+    assert canopen["dialect"]["enum"] == [STANDARD.name, AZ3.name]
+    drive = definitions["device"]["properties"]["drive"]
+    assert list(drive["properties"]) == list(parts.RULES)
+    assert drive["required"] == list(parts.REQUIRED)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"name": None},
+        {"type": '"u17"'},
+        {"access": '"r"'},
+        {"holding": "-1"},
+        {"holding": None},
+        {"input": "8"},
+        {"half": '"M"'},
+        {"values": '{ on = "x" }'},
+        {"bits": "{ 0 = 1 }"},
+        {"scale": "0.1"},
+        {"printed": '{ colour = "x" }'},
+        {"hafl": '"L"'},
+    ],
+)
+def test_schema_and_loader_refuse_the_same_rows(changes: dict[str, str | None], tmp_path: Path) -> None:
+    rows = row(**changes)
+    assert not VALIDATOR.is_valid(tomllib.loads(rows))
+    with pytest.raises(DescriptionError):
+        load(write(tmp_path, rows))
+
+
+# What is no TOML has no schema, and a schema cannot add up the bits of a PDO or look for a parameter in another file.
+BEYOND = ("no TOML", "nested", "room for 64", "is no parameter")
+
+
+@pytest.mark.parametrize("head", [head for head, said in HEAD_MISTAKES if not any(word in said for word in BEYOND)])
+def test_schema_and_loader_refuse_the_same_heads(head: str) -> None:
+    assert not VALIDATOR.is_valid(tomllib.loads(head))
+
+
+def test_both_accept_a_good_one(tmp_path: Path) -> None:
+    VALIDATOR.validate(tomllib.loads(HEAD))
+    VALIDATOR.validate(tomllib.loads(row()))
+    assert load(write(tmp_path, row())).find("second").modbus

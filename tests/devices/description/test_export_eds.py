@@ -1,0 +1,57 @@
+"""A device description as an EDS: without fault, and with everything that the description tells."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import eds
+from barewire.devices import load, names
+from barewire.devices.description.export_eds import export
+from barewire.devices.device import Device
+from barewire.errors import EncodeError
+
+WITH_CANOPEN = [name for name in names() if load(name).canopen is not None]
+
+
+@pytest.mark.parametrize("name", WITH_CANOPEN)
+def test_without_fault_but_for_what_nobody_told(name: str) -> None:
+    data = export(load(name)).encode()
+    assert eds.lint(eds.parse(data, strict=True)) == ()
+    assert data.isascii()
+
+
+@pytest.mark.parametrize("name", WITH_CANOPEN)
+def test_every_parameter_is_there(name: str) -> None:
+    device = load(name)
+    objects = eds.parse(export(device).encode()).dictionary(device.canopen.node if device.canopen else 1)
+    owners = set()
+    for parameter in device.parameters:
+        place = parameter.object
+        if place is None or place.bit is not None or (place.index, place.sub) in owners:
+            continue
+        owners.add((place.index, place.sub))
+        entry = objects.entry(place.index, place.sub)
+        assert (entry.name, entry.type, entry.access) == (parameter.name, parameter.type, parameter.access)
+        if parameter.default is not None:
+            assert entry.codec.encode(entry.default) == parameter.to_object(parameter.default)
+        for limit, raw in ((parameter.minimum, entry.minimum), (parameter.maximum, entry.maximum)):
+            assert raw == (None if limit is None else parameter.to_raw(limit))
+    assert len(owners) > 100
+
+
+def test_az3() -> None:
+    document = export(load("az3"), "drive.eds")
+    assert document.get("FileInfo", "FileName") == "drive.eds"
+    assert [document.get("DeviceInfo", f"BaudRate_{rate}") for rate in (10, 20, 800, 1000)] == ["0", "1", "0", "1"]
+    assert document.get("1800sub1", "DefaultValue") == "$NODEID+0x180"
+    assert document.get("1A00sub0", "DefaultValue") == "4"
+    assert document.get("1A00", "ParameterName") == "TPDO1 mapping parameter"
+    assert document.get("6091", "ParameterName") == "GEAR RATIO"
+    assert (document.get("6041", "PDOMapping"), document.get("6060", "PDOMapping")) == ("1", "0")
+    assert document.dictionary(9).get(0x1400, 1) == 0x209
+    assert document.dictionary(9).get(0x1000) == 0x00020192
+
+
+def test_nothing_to_export() -> None:
+    with pytest.raises(EncodeError, match="no CANopen in its description"):
+        export(Device("box", "A box", ()))

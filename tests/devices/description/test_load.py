@@ -1,0 +1,217 @@
+"""Loading: the three devices of the catalogue, devices of one's own, and what printed numbers become."""
+
+from __future__ import annotations
+
+from collections import Counter
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from barewire.devices import ModbusAt, ObjectAt, UnknownName, load, names
+from barewire.devices.description.load import CATALOG
+from tests.helpers import refused
+
+SMALL = """\
+name = "small"
+title = "A small machine"
+
+[modbus]
+first_register = 1
+first_coil = 10
+order = "CDAB"
+
+[canopen]
+node = 7
+
+[[pdo]]
+name = "RPDO1"
+cob_id = 0x200
+transmission = 255
+map = [[0x6040, 0, 16]]
+
+[wiring]
+colour = "grey"
+"""
+
+
+def device_in(directory: Path, rows: str, head: str = SMALL) -> Path:
+    (directory / "device.toml").write_text(head, encoding="utf-8")
+    (directory / "rows.toml").write_text(rows, encoding="utf-8")
+    return directory
+
+
+@pytest.mark.parametrize(
+    ("name", "tables", "objects"),
+    [
+        ("adxl", {"holding": 20, "input": 39}, 0),
+        ("az3", {None: 74, "coil": 40, "holding": 171, "input": 61}, 328),
+        ("csd-mt", {"holding": 114}, 0),
+    ],
+)
+def test_catalogue(name: str, tables: dict[str | None, int], objects: int) -> None:
+    device = load(name)
+    assert device.name == name
+    assert Counter(p.modbus.table if p.modbus else None for p in device.parameters) == tables
+    assert sum(p.object is not None for p in device.parameters) == objects
+    assert (device.canopen is not None) == bool(objects)
+    assert device.documents
+
+
+def test_names_are_those_of_the_directories() -> None:
+    assert names() == ["adxl", "az3", "csd-mt"]
+    assert [load(name).name for name in names()] == names()
+
+
+def test_a_device_of_the_catalogue_is_read_once() -> None:
+    assert load("az3") is load("AZ3 ") is not load(CATALOG / "az3")
+    assert load("csd_mt") is load("CSD-MT")
+
+
+def test_every_row_can_be_found_by_its_name_in_any_case() -> None:
+    for name in names():
+        device = load(name)
+        assert all(device.find(parameter.name.swapcase()) is parameter for parameter in device.parameters)
+
+
+def test_limits_and_functions_of_the_machines() -> None:
+    adxl, az3, csd = (load(name).modbus for name in names())
+    assert adxl is not None
+    assert az3 is not None
+    assert csd is not None
+    assert (adxl.write_limit, adxl.read_functions["holding"], adxl.write_functions["holding"]) == (1, 4, (6,))
+    assert (az3.read_limit, az3.write_limit, az3.write_functions["coil"]) == (124, 123, (5, 15))
+    assert (csd.port, csd.read_limit, dict(csd.read_functions)) == (502, 125, {"holding": 3})
+
+
+def test_tables_that_are_not_the_formats_are_kept() -> None:
+    assert set(load("adxl").extra) == {"serial", "exception_status", "report_slave_id", "errors"}
+    assert load("adxl").extra["errors"]["6"].startswith("Slave busy")
+    assert load("csd-mt").extra["alarm"][0]["code"] == 0x2130
+    assert len(load("csd-mt").extra["motor"]) == 16
+    assert not load("az3").extra
+
+
+def test_default_pdos() -> None:
+    side = load("az3").canopen
+    assert side is not None
+    assert (side.node, side.bitrate, side.dialect) == (1, 125_000, "az3")
+    assert [pdo.name for pdo in side.pdos] == [f"{way}PDO{number}" for way in "RT" for number in (1, 2, 3, 4)]
+    assert side.pdos[4].map == ((0x6041, 0, 16), (0x2005, 0, 16), (0x2002, 0, 16), (0x2006, 0, 16))
+
+
+def test_printed_numbers_become_wire_addresses(tmp_path: Path) -> None:
+    rows = """
+[[parameter]]
+name = "  a \\t wide  name "
+type = "f32"
+holding = 1
+access = "rw"
+scale = "0.5"
+
+[[parameter]]
+name = "coil"
+type = "bool"
+coil = 10
+object = 0x2000
+object_bit = 3
+access = "rw"
+
+[[parameter]]
+name = "high"
+type = "i8"
+input = 65536
+half = "H"
+access = "ro"
+
+[[parameter]]
+name = "other order"
+type = "u64"
+holding = 5
+order = "ABCD"
+access = "rw"
+
+[[parameter]]
+name = "only an object"
+type = "u32"
+object = 0x2001
+sub = 4
+access = "wo"
+"""
+    device = load(device_in(tmp_path, rows))
+    places = [parameter.modbus for parameter in device.parameters]
+    assert places == [
+        ModbusAt("holding", 0, 2, order="CDAB"),
+        ModbusAt("coil", 0),
+        ModbusAt("input", 0xFFFF, 1, "H", order="CDAB"),
+        ModbusAt("holding", 4, 4, order="ABCD"),
+        None,
+    ]
+    assert device.parameters[0].name == "a wide name"
+    assert device.parameters[0].scale == Fraction(1, 2)
+    assert device.find("COIL").object == ObjectAt(0x2000, 0, 3)
+    assert device.find("only an object").object == ObjectAt(0x2001, 4)
+    assert device.extra == {"wiring": {"colour": "grey"}}
+    assert device.canopen is not None
+    assert device.canopen.pdos[0].cob_id == 0x200
+
+
+def test_a_path_may_be_the_directory_or_its_device_toml_and_rows_may_stand_in_it(tmp_path: Path) -> None:
+    row = '[[parameter]]\nname = "{}"\ntype = "u16"\nholding = 1\naccess = "rw"\n'
+    device_in(tmp_path, row.format("second"), SMALL + row.format("first"))
+    for path in (tmp_path, str(tmp_path), tmp_path / "device.toml"):
+        assert [parameter.name for parameter in load(path).parameters] == ["first", "second"]
+
+
+def test_files_are_read_in_the_order_of_their_names(tmp_path: Path) -> None:
+    for file, name in (("b", "2"), ("a", "1"), ("c", "3")):
+        row = f'[[parameter]]\nname = "{name}"\ntype = "u16"\nholding = 1\naccess = "rw"\n'
+        (tmp_path / f"{file}.toml").write_text(row, encoding="utf-8")
+    (tmp_path / "device.toml").write_text(SMALL, encoding="utf-8")
+    assert [parameter.name for parameter in load(tmp_path).parameters] == ["1", "2", "3"]
+
+
+def test_an_unknown_device_is_told_with_the_nearest_names() -> None:
+    with refused(
+        UnknownName, "no device 'az4' in the catalogue (adxl, az3, csd-mt), and no such directory; did you mean"
+    ):
+        load("az4")
+
+
+def test_an_unknown_parameter_is_told_with_the_nearest_names() -> None:
+    with refused(UnknownName, "az3 has no parameter 'STATUS WROD'; did you mean 'STATUS WORD'"):
+        load("az3").find("STATUS WROD")
+
+
+def test_a_manual_that_counts_each_table_from_a_number_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text(
+        """
+name = "meter"
+title = "A meter"
+[modbus]
+first_register = { holding = 40001, input = 30001 }
+first_coil = { coil = 1, discrete = 10001 }
+[[parameter]]
+name = "setting"
+type = "u16"
+holding = 40008
+access = "rw"
+[[parameter]]
+name = "measure"
+type = "f32"
+input = 30011
+access = "ro"
+[[parameter]]
+name = "contact"
+type = "bool"
+discrete = 10003
+access = "ro"
+""",
+        encoding="utf-8",
+    )
+    places = [parameter.modbus for parameter in load(tmp_path).parameters]
+    assert [(place.table, place.address) for place in places if place] == [
+        ("holding", 7),
+        ("input", 10),
+        ("discrete", 2),
+    ]

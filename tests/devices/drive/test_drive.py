@@ -1,0 +1,292 @@
+"""One drive code over three wires, in virtual time: the CSD MT over TCP, the AZ3 over RTU and over CANopen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytest
+
+from barewire.canopen import CanFrame, Channel
+from barewire.conversation import Conversation, play
+from barewire.devices import Device, load
+from barewire.devices.drive.access import CanopenAccess, ModbusAccess
+from barewire.devices.drive.cia402 import State
+from barewire.devices.drive.drive import Drive
+from barewire.devices.drive.report import DriveStuck, Look, Progress
+from barewire.devices.sim import Az3, CsdMt, Simulator, simulator
+from barewire.errors import EncodeError
+from barewire.modbus import Bus, Server
+from barewire.rtu import RtuLine, Timing
+from barewire.tcp import TcpLine
+from tests.helpers import refused, serving
+
+WIRES = ("csd-mt over TCP", "az3 over RTU", "az3 over CANopen")
+TIMING = Timing.of(19200)
+
+
+class Bench:
+    """A simulated drive, a wire to it, and the drive code at our end. Time stands still between two actions."""
+
+    def __init__(self, wire: str, **how: Any) -> None:
+        device, _, self.protocol = wire.partition(" over ")
+        self.machine: Simulator = simulator(device)
+        if isinstance(self.machine, CsdMt):
+            self.machine.store["Velocity Window"] = 10  # as delivered, 21300 step/s off still count as reached
+            self.machine.store["Velocity Total Sample"] = 1  # as delivered, what is shown is the mean of 100 ms
+        self.told: list[Progress] = []
+        self.now = 1.0
+        self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.told.append, **how)
+
+    def _access(self) -> ModbusAccess | CanopenAccess:
+        device = self.machine.device
+        if self.protocol == "CANopen":
+            self.peer: Callable[..., Iterable[Any]] = self._bus
+            return CanopenAccess(Channel(1), device)
+        assert self.machine.modbus is not None
+        units = {1: self.machine.modbus}
+        if self.protocol == "TCP":
+            self.peer = serving(Server(TcpLine(), units, serial=False))
+            return ModbusAccess(Bus(TcpLine()), 1, device)
+        self.peer = serving(Server(RtuLine(TIMING, role="server"), units, serial=True), TIMING)
+        return ModbusAccess(Bus(RtuLine(TIMING)), 1, device)
+
+    def _bus(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        assert self.machine.canopen is not None
+        return [(now + 0.0005, said) for said in self.machine.canopen.feed(frame, now)]
+
+    def sending_takes(self, item: Any) -> float:
+        return TIMING.duration(len(item)) if self.protocol == "RTU" else 0.0005
+
+    def do(self, conversation: Conversation[Any, Look]) -> Look:
+        look, self.now = play(conversation, self.peer, start=self.now, sending_takes=self.sending_takes)
+        return look
+
+    def stuck(self, conversation: Conversation[Any, Look]) -> str:
+        with pytest.raises(DriveStuck) as caught:
+            self.do(conversation)
+        self.now += 100.0
+        return str(caught.value)
+
+    @property
+    def states(self) -> list[str]:
+        """The states passed through, each once in a row."""
+        names = [progress.look.state_name for progress in self.told]
+        return [name for place, name in enumerate(names) if place == 0 or names[place - 1] != name]
+
+
+@pytest.fixture(params=WIRES)
+def bench(request: pytest.FixtureRequest) -> Bench:
+    return Bench(request.param)
+
+
+@pytest.fixture
+def csd() -> Bench:
+    return Bench(WIRES[0])
+
+
+def stepper(bench: Bench) -> CsdMt:
+    assert isinstance(bench.machine, CsdMt)
+    return bench.machine
+
+
+# States, the same on every wire
+
+
+def test_enabling_passes_every_state_and_disabling_goes_back(bench: Bench) -> None:
+    assert bench.do(bench.drive.enable()).state is State.OPERATION_ENABLED
+    up = ["switch on disabled", "ready to switch on", "switched on", "operation enabled"]
+    assert bench.states == up
+    assert bench.now < 1.5
+    assert bench.do(bench.drive.disable()).state is State.SWITCH_ON_DISABLED
+    assert bench.states == [*up, "switch on disabled"]
+
+
+def test_status_is_one_look(bench: Bench) -> None:
+    look = bench.do(bench.drive.look())
+    assert (look.state_name, look.position, look.velocity) == ("switch on disabled", 0, 0)
+    (progress,) = bench.told
+    assert json.loads(json.dumps(progress.as_dict()))["bits"][0] == "voltage enabled"
+
+
+def test_the_same_words_over_all_wires() -> None:
+    words = []
+    for wire in WIRES:
+        bench = Bench(wire)
+        bench.do(bench.drive.move(0, relative=True))
+        words.append(bench.do(bench.drive.look()).status_word)
+    assert words == [0x0637] * 3
+
+
+# Motion
+
+
+def test_a_trapezoid_lasts_as_long_as_the_formula_says(bench: Bench) -> None:
+    bench.do(bench.drive.enable())
+    # way, velocity, acceleration in the drive's own units, and how many of the way's are in one of the velocity's
+    way, speed, rate, unit = (240_000, 90_000, 140_000, 1.0)
+    if bench.machine.device.name == "az3":
+        way, speed, rate, unit = (81_920, 600, 1200, 8192 / 60)
+    began, told = bench.now, len(bench.told)
+    look = bench.do(bench.drive.move(way, velocity=speed, acceleration=rate, deceleration=rate))
+    assert look.position == way
+    assert look.velocity == 0
+    moving = [progress.look for progress in bench.told[told:] if progress.look.velocity]
+    formula = way / (speed * unit) + speed / rate
+    assert moving[-1].now - moving[0].now == pytest.approx(formula, abs=0.2)
+    assert bench.now - began == pytest.approx(formula, abs=0.6)
+    assert max(look.velocity for look in moving if isinstance(look.velocity, (int, float))) == speed
+
+
+def test_absolute_and_relative(bench: Bench) -> None:
+    bench.do(bench.drive.move(4000))
+    assert bench.do(bench.drive.move(1000, relative=True)).position == 5000
+    assert bench.do(bench.drive.move(1000)).position == 1000
+    assert bench.do(bench.drive.move(-500, relative=True)).position == 500
+
+
+def test_a_velocity_is_reached_and_the_motor_goes_on_turning(bench: Bench) -> None:
+    target = -20_000 if bench.machine.device.name == "csd-mt" else -1500
+    look = bench.do(bench.drive.velocity(target, acceleration=40_000, deceleration=40_000))
+    assert look.velocity == target
+    bench.now += 10
+    assert bench.do(bench.drive.look()).velocity == target
+    assert bench.do(bench.drive.velocity(0)).velocity == 0
+
+
+def test_from_turning_to_a_position_the_shaft_is_halted_between(bench: Bench) -> None:
+    bench.do(bench.drive.velocity(1200, acceleration=4000, deceleration=4000))
+    assert bench.do(bench.drive.move(7000)).position == 7000
+    assert any(progress.waiting_for == "standstill (halt)" for progress in bench.told)
+    assert bench.do(bench.drive.velocity(1200)).velocity == 1200
+
+
+def test_a_quick_stop_brakes_and_says_where_it_ended(bench: Bench) -> None:
+    bench.do(bench.drive.velocity(3000, acceleration=4000, deceleration=4000))
+    look = bench.do(bench.drive.quick_stop())
+    assert look.velocity == 0
+    stays = bench.machine.device.name == "csd-mt"
+    assert look.state is (State.QUICK_STOP_ACTIVE if stays else State.SWITCH_ON_DISABLED)
+    assert bench.do(bench.drive.enable()).state is State.OPERATION_ENABLED
+
+
+def test_homing_calls_where_it_ended_by_the_offset(csd: Bench) -> None:
+    csd.do(csd.drive.move(5000))
+    stepper(csd).store["Homing Offset"] = 123
+    look = csd.do(csd.drive.home(35))
+    assert (look.position, look.state) == (123, State.OPERATION_ENABLED)
+
+
+def test_homing_searches_for_the_switch(csd: Bench) -> None:
+    stepper(csd).store["Input Config"] = 0b11110  # I0 is the proximity input
+    stepper(csd).store["Homing Speed During Search for Zero"] = 3200
+    look = csd.do(csd.drive.home(19))
+    assert look.position == 0
+    assert csd.now > 2.0
+
+
+# Faults
+
+
+def test_a_fault_and_its_reset(bench: Bench) -> None:
+    bench.do(bench.drive.velocity(1000, acceleration=4000, deceleration=4000))
+    machine = bench.machine
+    assert isinstance(machine, (CsdMt, Az3))
+    machine.fault(0x2130, bench.now)
+    bench.now += 10
+    name = machine.device.find(bench.drive.parts.error_code).name
+    said = bench.stuck(bench.drive.enable())
+    assert said.startswith("enable: stuck in 'fault', waiting for 'operation enabled': the drive has a fault, ")
+    assert f"{name} 2130h" in said
+    assert bench.do(bench.drive.disable()).state is State.FAULT
+    said = bench.stuck(bench.drive.reset())
+    assert said.startswith("reset: stuck in 'fault' after 3 s, waiting for 'switch on disabled'")
+    assert "its cause is still there, or the reset was not taken" in said
+    machine.solve(bench.now)
+    assert bench.do(bench.drive.reset()).state is State.SWITCH_ON_DISABLED
+    assert bench.do(bench.drive.reset()).state is State.SWITCH_ON_DISABLED  # nothing to do is no error
+    assert bench.do(bench.drive.enable()).state is State.OPERATION_ENABLED
+
+
+def test_a_fault_on_the_way_ends_the_move_at_once(csd: Bench) -> None:
+    def breaks(progress: Progress) -> None:
+        if progress.look.position and stepper(csd).axis.cause == 0:
+            stepper(csd).fault(0x8611, progress.look.now)
+
+    csd.drive.progress = breaks
+    began = csd.now
+    said = csd.stuck(csd.drive.move(1_000_000))
+    assert said.startswith(
+        "move: stuck in 'fault', waiting for target reached: the drive has a fault, Error Code 8611h"
+    )
+    assert "(motor following error)" in said
+    assert csd.now - 100 - began < 1
+
+
+# Stuck, and why
+
+
+def test_no_high_voltage(csd: Bench) -> None:
+    stepper(csd).supply(False, 0.0)
+    said = csd.stuck(csd.drive.enable())
+    assert said == (
+        "enable: stuck in 'ready to switch on' after 3 s, waiting for 'operation enabled': no high voltage, bit 4 "
+        "(voltage enabled) is off; status word 0221h: ready to switch on, quick stop, remote; last control word 0007h"
+    )
+    stepper(csd).supply(True, csd.now)
+    assert csd.do(csd.drive.enable()).state is State.OPERATION_ENABLED  # after the half second that the power needs
+
+
+def test_a_set_point_that_is_not_taken(csd: Bench) -> None:
+    csd.do(csd.drive.enable())
+    with pytest.raises(DriveStuck, match=r"after 0\.1 s, waiting for target reached"):
+        csd.do(csd.drive.move(200_000, within=0.1))
+    csd.now += 0.2  # the movement is still under way: without `immediately` it has to end first
+    began = csd.now
+    with pytest.raises(DriveStuck, match="waiting for bit 12 to rise"):
+        csd.do(Drive(csd.drive.access, csd.machine.device, timeout=0.5).move(100))
+    csd.now = began + 0.6
+    assert csd.do(csd.drive.move(100, immediately=True)).position == 100
+
+
+def test_the_drive_is_disabled_by_somebody_else(csd: Bench) -> None:
+    def interferes(progress: Progress) -> None:
+        if progress.look.position:
+            stepper(csd).axis.control(0, progress.look.now)
+
+    csd.drive.progress = interferes
+    said = csd.stuck(csd.drive.move(1_000_000))
+    assert said.startswith("move: stuck in 'switch on disabled', waiting for target reached; status word")
+
+
+# What cannot be asked for
+
+
+def test_what_a_description_does_not_have(csd: Bench) -> None:
+    with refused(EncodeError, "adxl is no drive: its description has no table [drive]"):
+        Drive(csd.drive.access, load("adxl"))
+    az3 = Bench(WIRES[2])
+    with refused(EncodeError, "home: the description of az3 has no 'homing' in modes of [drive]"):
+        az3.drive.home()
+
+
+def test_values_are_checked_before_anything_is_sent(csd: Bench) -> None:
+    with refused(EncodeError, "Profile Velocity = 900000: expected 0..800000 step/s"):
+        csd.drive.move(0, velocity=900_000)
+    assert not csd.told
+
+
+def test_a_drive_of_the_two_words_alone() -> None:
+    """Without a mode display, without values to watch, without an error code: states still work, motion is refused."""
+    bench = Bench(WIRES[0])
+    parts = bench.drive.parts._replace(mode_display="", position="", velocity="", error_code="", target_position="")
+    known = bench.machine.device
+    bare = Device(known.name, known.title, known.parameters, modbus=known.modbus, drive=parts)
+    drive = Drive(ModbusAccess(Bus(TcpLine()), 1, bare), bare)
+    look = bench.do(drive.enable())
+    assert (look.state, look.position, look.mode) == (State.OPERATION_ENABLED, None, None)
+    with refused(EncodeError, "move: the description of csd-mt names no target_position in [drive]"):
+        drive.move(100)
+    stepper(bench).fault(0x2130, bench.now)
+    assert "the drive has a fault, no error code" in bench.stuck(drive.enable())

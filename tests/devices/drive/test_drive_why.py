@@ -1,0 +1,186 @@
+"""What a drive that does not get there is told to say, and what is not even tried: no waiting without an end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+import pytest
+
+from barewire.conversation import Conversation
+from barewire.devices import Reading
+from barewire.devices.drive.drive import Drive
+from barewire.devices.drive.report import Progress
+from barewire.devices.sim.csd_mt.environment import Span
+from barewire.errors import EncodeError
+from barewire.modbus import ModbusException
+from tests.devices.drive.test_drive import WIRES, Bench, stepper
+from tests.helpers import refused
+
+
+@pytest.fixture
+def csd() -> Bench:
+    return Bench(WIRES[0])
+
+
+def test_homing_with_a_method_that_is_none(csd: Bench) -> None:
+    """As delivered, register 1050 is 0: nothing would ever move, and a minute later nobody would know why."""
+    with refused(EncodeError, "home: Homing Method 0 is no method: expected one of -2, -1, 3, 4, 5, 6, 19, 20"):
+        csd.do(csd.drive.home())
+    assert csd.states == []  # nothing was enabled for it
+    with refused(EncodeError, "home: Homing Method 7 is no method"):
+        csd.drive.home(7)
+    csd.machine.store["Homing Method"] = 35
+    assert csd.do(csd.drive.home()).position == 0
+
+
+def test_a_homing_that_stands_says_which_speed_is_0(csd: Bench) -> None:
+    csd.machine.store["Input Config"] = 0b11110  # I0 is the proximity input
+    said = csd.stuck(csd.drive.home(19, within=20.0))
+    assert (
+        "waiting for homing attained (bits 12 and 10): the motor stands; Homing Speed During Search for Zero is 0;"
+        in said
+    )
+
+
+def test_a_homing_that_finds_nothing_says_that_it_still_turns(csd: Bench) -> None:
+    said = csd.stuck(csd.drive.home(19, within=2.0))  # no input is the proximity input
+    assert "waiting for homing attained (bits 12 and 10): the motor still turns, velocity " in said
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_a_move_at_speed_0(wire: str) -> None:
+    bench = Bench(wire)
+    said = bench.stuck(bench.drive.move(1000, velocity=0, within=1.0))
+    name = bench.machine.device.find("Profile Velocity").name
+    assert f"waiting for target reached: the motor stands; {name} is 0;" in said
+    assert bench.do(bench.drive.move(1000, velocity=600)).position == 1000
+    assert bench.do(bench.drive.move(1000, velocity=0)).position == 1000  # there is nowhere to go
+
+
+def test_a_move_that_needs_longer(csd: Bench) -> None:
+    csd.do(csd.drive.enable())
+    assert "the motor still turns, velocity 24000;" in csd.stuck(csd.drive.move(10_000_000, within=1.0))
+
+
+@pytest.mark.parametrize("within", [0.0, -1.0, float("nan")])
+def test_a_time_that_is_none(csd: Bench, within: float) -> None:
+    """With not-a-number, "is the time over" is never true."""
+    for act in (csd.drive.move, csd.drive.velocity):
+        with refused(EncodeError, f"within = {within:g}: expected seconds, above 0"):
+            act(5, within=within)
+    with refused(EncodeError, "timeout = nan: expected seconds, above 0"):
+        Drive(csd.drive.access, csd.machine.device, timeout=float("nan"))
+    assert not csd.told
+
+
+@pytest.mark.parametrize("target", [float("nan"), float("inf")])
+def test_a_target_that_is_nowhere(csd: Bench, target: float) -> None:
+    """An f32 without a range could carry it."""
+    known, parts = csd.machine.device, csd.drive.parts
+    goal = replace(known.find(parts.target_position), type="f32", minimum=None, maximum=None)
+    rows = tuple(goal if row.name == goal.name else row for row in known.parameters)
+    drive = Drive(csd.drive.access, replace(known, parameters=rows), progress=csd.told.append)
+    with refused(EncodeError, f"Target Position = {target}: expected a number with an end"):
+        drive.move(target)
+    assert not csd.told
+
+
+def test_a_step_that_the_drive_does_not_have_is_refused_before_anything_is_sent(csd: Bench) -> None:
+    with refused(EncodeError, "Target Position = 1.5: 1.5 is not a whole number for i32"):
+        csd.drive.move(1.5)
+    assert not csd.told
+    assert stepper(csd).axis.state.value == "switch on disabled"
+
+
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize(
+    ("wrote", "told"),
+    [
+        ({"MODES": 3, "CONTROL WORD": 0x10F}, "MODES 3; somebody else wrote CONTROL WORD 010Fh"),
+        ({"TARGET POSITION": 5}, "TARGET POSITION 5"),
+    ],
+)
+def test_a_target_that_is_not_ours_is_no_success(wire: str, wrote: dict[str, int], told: str) -> None:
+    """Halted by another master, a drive says "target reached" too: it stands where it was told to."""
+    bench = Bench(wire)
+    parts = bench.drive.parts
+    names = {"MODES": parts.mode, "CONTROL WORD": parts.control_word, "TARGET POSITION": parts.target_position}
+    done: list[bool] = []
+
+    def interferes(progress: Progress) -> None:
+        if progress.waiting_for == "target reached" and progress.look.velocity and not done:
+            done.append(True)
+            for name, value in wrote.items():
+                bench.machine.store.cell(names[name]).put(value)
+
+    bench.drive.progress = interferes
+    said = bench.stuck(bench.drive.move(2000, velocity=600))
+    for name, real in names.items():
+        told = told.replace(name, real)
+    assert f"waiting for target reached: the motor stands; somebody else wrote {told};" in said
+
+
+def test_a_velocity_that_another_master_has_turned_round() -> None:
+    bench = Bench(WIRES[2])
+    bench.drive.progress = lambda progress: bench.machine.store.cell("TARGET VELOCITY").put(-900)
+    assert "somebody else wrote TARGET VELOCITY -900;" in bench.stuck(bench.drive.velocity(900))
+
+
+def test_a_limit_switch_on_the_way_is_no_success(csd: Bench) -> None:
+    """The drive stops there as if halted, and says "target reached" of the place where it stands."""
+    drive = stepper(csd)
+    drive.store["Input Config"] = 0b11011  # I2 is the positive limit switch, OFF above 10000
+    drive.world.inputs[2] = Span(-inf, 10_000)
+    said = csd.stuck(csd.drive.move(50_000))
+    assert "waiting for target reached: a limit of the drive is active, bit 11; the motor stands;" in said
+    assert "; position " in said
+    where = csd.do(csd.drive.look()).position
+    assert isinstance(where, int)
+    assert csd.do(csd.drive.move(where - 100)).position == where - 100  # away from it, and beside it still
+
+
+@pytest.mark.parametrize("wire", WIRES[1:])
+@pytest.mark.parametrize("relative", [False, True])
+def test_a_soft_limit_on_the_way_is_no_success(wire: str, relative: bool) -> None:
+    bench = Bench(wire)
+    bench.machine.store["SOFT MIN POSITION LIMIT"] = -100
+    bench.machine.store["SOFT MAX POSITION LIMIT"] = 100
+    assert "a limit of the drive is active, bit 11" in bench.stuck(bench.drive.move(5000, relative=relative))
+    assert bench.do(bench.drive.move(-50)).position == -50
+
+
+def test_a_following_error_is_no_success(csd: Bench) -> None:
+    """Reaction code 0 stops the motor and leaves it enabled: bit 13 and "target reached" at once."""
+
+    def slips(progress: Progress) -> None:
+        if progress.waiting_for == "target reached" and progress.look.velocity and not stepper(csd).shaft.lost:
+            stepper(csd).slip(-3000, progress.look.now)
+
+    csd.drive.progress = slips
+    said = csd.stuck(csd.drive.move(100_000))
+    assert "a following error, bit 13" in said
+
+
+def test_a_velocity_against_a_limit_switch_is_no_success(csd: Bench) -> None:
+    drive = stepper(csd)
+    drive.store["Input Config"] = 0b11011
+    drive.world.inputs[2] = Span(-inf, -1)  # OFF where the shaft stands
+    said = csd.stuck(csd.drive.velocity(30_000, within=2.0))
+    assert "after 2 s, waiting for target reached: a limit of the drive is active, bit 11; the motor stands;" in said
+    assert csd.do(csd.drive.velocity(-30_000)).velocity == -30_000
+
+
+def test_a_drive_that_does_not_show_its_commands_is_believed(csd: Bench) -> None:
+    access, control = csd.drive.access, csd.drive.parts.control_word
+    reads = access.read
+
+    def refusing(names: Sequence[str]) -> Conversation[Any, list[Reading]]:
+        if control in names:
+            raise ModbusException(2)
+        return reads(names)
+
+    access.read = refusing  # type: ignore[method-assign]
+    assert csd.do(csd.drive.move(700)).position == 700

@@ -1,0 +1,213 @@
+"""The servo drive: one machine, two faces."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.devices.drive.cia402 import State
+from barewire.modbus.messages.coils import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
+from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId
+from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
+from tests.devices.sim.az3.az3_bench import az3_bench, drive, enable
+from tests.devices.sim.bench import Bench
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return az3_bench()
+
+
+def states(bench: Bench) -> list[int]:
+    """Which of the coils 80 to 89 are on."""
+    answer = bench.ask(ReadCoils(80, 10))
+    assert answer is not None
+    word = int.from_bytes(answer.encode()[2:], "little")
+    return [80 + bit for bit in range(10) if word >> bit & 1]
+
+
+def test_one_value_two_faces(bench: Bench) -> None:
+    bench.write("TARGET VELOCITY", -250)
+    assert bench.upload(0x60FF) == (-250).to_bytes(4, "little", signed=True)
+    assert bench.download(0x206A, 1, bytes.fromhex("CDCC8C3F")) == 0  # 1.1, the number of the guide
+    assert bench.words(40, 2) == (0xCCCD, 0x3F8C)
+    assert bench.read("V REF SETPOINT") == pytest.approx(1.1)
+    assert bench.download(0x6040, 0, b"\x06\x00") == 0
+    assert bench.read("STATUS WORD") == 0x1231
+    assert bench.upload(0x6041) == b"\x31\x12"
+    assert bench.download(0x6041, 0, b"\x00\x00") == 0x0601_0002
+
+
+def test_both_dialects_of_a_request(bench: Bench) -> None:
+    bench.write("CONTROL WORD", 0x06)
+    assert bench.frames("601#4040600000000000") == ["581#4B40600006000000"]
+    assert bench.frames("601#4340600000000000") == ["581#4340600006000000"]  # the example of the guide, 4.3.1
+    assert bench.frames("601#234060000F000000") == ["581#6040600000000000"]
+
+
+def test_state_coils(bench: Bench) -> None:
+    seen = [states(bench)]
+    for word in (0x06, 0x07, 0x0F):
+        bench.write("CONTROL WORD", word)
+        seen.append(states(bench))
+        assert bench.upload(0x201B) == (1 << seen[-1][0] - 80).to_bytes(2, "little")
+    assert seen == [[82], [83], [84], [85]]
+    assert bench.refused(WriteSingleCoil(85, False)) == 2
+    assert bench.refused(WriteSingleCoil(10, True)) == 2  # bit 10 of 2018h is not described
+    # A master that writes the whole word changes the bits that are its own.
+    assert bench.download(0x201B, 0, b"\xff\x01") == 0
+    assert states(bench) == [80, 85]
+
+
+def test_coils_are_bits_of_words(bench: Bench) -> None:
+    bench.ask(WriteMultipleCoils(3, (1, 0, 1)))
+    assert bench.upload(0x2018) == b"\x28\x00"
+    assert bench.download(0x2018, 0, b"\x10\x44") == 0  # bit 10 has no coil, and is kept
+    answer = bench.ask(ReadCoils(0, 10))
+    assert answer is not None
+    assert answer.encode().hex(" ") == "01 02 10 00"
+    assert (bench.read("TORQUE LIMIT ON"), bench.upload(0x2018)) == (True, b"\x10\x44")
+
+
+def test_a_ramp_to_the_target_velocity(bench: Bench) -> None:
+    enable(bench, mode=None)
+    bench.now = 10.0
+    bench.write("TARGET VELOCITY", 500)  # rpm, with 1000 rpm/s
+    bench.now = 10.25
+    assert bench.read("VELOCITY ACTUAL VALUE") == 250
+    assert bench.read("STATUS WORD") == 0x0237
+    ramping = float(bench.read("TORQUE ACTUAL VALUE NM"))
+    bench.now = 10.5
+    assert bench.read("STATUS WORD") == 0x0637
+    bench.now = 11.5
+    assert bench.read("POSITION ACTUAL VALUE") == round(1.25 * 500 / 60 * 8192)
+    assert 0 < float(bench.read("TORQUE ACTUAL VALUE NM")) < ramping
+    assert float(bench.read("RMS CURRENT")) > 0
+    bench.write("CONTROL WORD", 0x02)  # a quick stop ends in switch on disabled by itself
+    assert states(bench) == [86]
+    bench.now = 12.1
+    assert states(bench) == [82]
+    assert bench.read("VELOCITY ACTUAL VALUE") == 0
+
+
+def test_position_mode_and_torque_mode(bench: Bench) -> None:
+    bench.write("MODES OF OPERATION", 1)
+    enable(bench, mode=None)
+    bench.write("TARGET POSITION", 81_920)  # ten revolutions at 1000 rpm, which is a triangle: 2 sqrt(S/A) = 1.549 s
+    bench.write("CONTROL WORD", 0x1F)
+    bench.now = 1.54
+    assert bench.read("STATUS WORD") == 0x1237
+    bench.now = 1.56
+    assert (bench.read("STATUS WORD"), bench.read("POSITION ACTUAL VALUE")) == (0x1637, 81_920)
+    bench.write("MODES OF OPERATION", 4)
+    bench.write("TARGET TORQUE", 500)  # with 1000 ‰/s
+    bench.now = 1.81
+    assert bench.read("TORQUE ACTUAL VALUE") == 250
+    bench.now = 5.0
+    assert (bench.read("TORQUE ACTUAL VALUE"), bench.read("RMS CURRENT")) == (500, 8.0)
+
+
+def test_process_data_move_with_sync(bench: Bench) -> None:
+    assert bench.frames("080#") == []  # not operational yet
+    assert bench.frames("000#0101") == []
+    assert bench.read("NODE STATE") == 5
+    for word in ("0600", "0700", "0F00"):
+        assert bench.frames(f"201#{word}E8030000") == []
+        before = bench.read("CONTROL WORD")
+        said = bench.frames("080#")
+        assert before != bench.read("CONTROL WORD") == int(word[:2], 16)  # type 0: taken at SYNC
+        assert [frame[:3] for frame in said] == ["181", "281", "381", "481"]
+    assert bench.read("TARGET VELOCITY") == 1000
+    bench.now = 0.5
+    first = next(frame for frame in bench.frames("080#") if frame.startswith("181"))
+    assert first.startswith("181#3702F401")  # status word, 500 rpm
+
+
+def test_heartbeat(bench: Bench) -> None:
+    face = drive(bench).canopen
+    assert face is not None
+    assert face.deadline == 1.0
+    bench.now = 1.0
+    assert bench.frames() == ["701#7F"]
+    bench.write("HEART BEAT TIME", 0)
+    bench.now = 5.0
+    assert bench.frames() == []
+    assert face.deadline is None
+    bench.write("HEART BEAT TIME", 500)
+    assert face.deadline == 5.0  # written over Modbus, followed on CAN
+    assert bench.frames() == ["701#7F"]
+    assert face.deadline == 5.5
+
+
+def test_a_fault_is_told_on_both_buses(bench: Bench) -> None:
+    enable(bench, mode=None)
+    bench.write("TARGET VELOCITY", 1000)
+    bench.now = 5.0
+    drive(bench).fault(0x3210, 5.0)
+    assert states(bench) == [88]
+    assert "081#1032050000000000" in bench.frames()
+    bench.now = 6.1
+    assert (states(bench), bench.read("ERROR CODE 1"), bench.upload(0x1001)) == ([87], 0x3210, b"\x05")
+    assert (bench.read("ERROR REGISTER"), bench.upload(0x2069)) == (5, b"\x05\x00")  # generic, and voltage
+    bench.write("RESET ERROR", True)
+    assert states(bench) == [87]  # the cause is still there
+    drive(bench).solve(6.2)
+    bench.write("RESET ERROR", True)
+    assert (states(bench), bench.read("RESET ERROR")) == ([82], False)
+    assert bench.frames() == ["081#0000000000000000"]
+
+
+def test_resets(bench: Bench) -> None:
+    bench.write("SPEED KP", 0.5)
+    bench.write("HEART BEAT TIME", 0)
+    bench.frames()
+    assert bench.frames("000#8201") == ["701#00"]  # communication: 1000h to 1FFFh
+    assert (bench.read("SPEED KP"), bench.read("HEART BEAT TIME")) == (0.5, 1000)
+    bench.write("STORE ALL PARAMETERS", 0x65766173)
+    bench.write("SPEED KP", 0.75)
+    assert bench.frames("000#8101") == ["701#00"]
+    assert bench.read("SPEED KP") == 0.5  # as stored
+    bench.write("READY TO SWITCH ON AT STARTUP", True)
+    bench.write("STORE ALL PARAMETERS", 0x65766173)
+    bench.write("SOFTWARE RESET", True)
+    assert drive(bench).axis.state is State.READY_TO_SWITCH_ON
+    assert bench.frames() == ["701#00"]
+
+
+def test_monitor_variables(bench: Bench) -> None:
+    bench.write("CHANNEL_SEL_1", 5)
+    bench.write("CHANNEL_SEL_2", 80)
+    assert bench.words(0) == (80 << 8 | 5,)
+    assert (bench.read("MONITOR VAR 1"), bench.read("MONITOR VAR 2")) == (48.0, 0.0)
+
+
+def test_position_is_reset(bench: Bench) -> None:
+    enable(bench, mode=None)
+    bench.write("TARGET VELOCITY", 500)
+    bench.now = 2.0
+    assert bench.read("POSITION ACTUAL VALUE") != 0
+    bench.write("RESET POSITION", True)
+    assert bench.read("POSITION ACTUAL VALUE") == 0
+
+
+def test_identification(bench: Bench) -> None:
+    answer = bench.ask(ReadDeviceIdentification())
+    assert answer is not None
+    assert answer.encode().hex(" ") == "2b 0e 01 01 00 00 03 00 03 54 45 4d 01 03 41 5a 33 02 04 31 2e 38 34"
+    assert bench.refused(ReadDeviceIdentification(4, 0)) == 3
+
+
+def test_refusals(bench: Bench) -> None:
+    assert bench.refused(ReadDiscreteInputs(0, 1)) == 1
+    assert bench.refused(ReadHoldingRegisters(0, 125)) == 3  # at most 124
+    assert bench.refused(ReadInputRegisters(200, 1)) == 2
+    assert bench.refused(WriteSingleRegister(197, 248)) == 3  # no such address
+    assert bench.refused(WriteSingleRegister(500, 0)) == 2
+
+
+def test_what_the_drive_does_by_itself_at_power_on(bench: Bench) -> None:
+    bench.write("OPERATION ENABLE AT STARTUP", True)
+    bench.write("STORE ALL PARAMETERS", 0x65766173)
+    bench.machine.power_cycle(1.0)
+    bench.now = 1.0
+    assert states(bench) == [85]
+    assert bench.refused(ReportServerId()) == 1

@@ -1,0 +1,156 @@
+"""Laws of every simulator, with a machine that nobody has taught to move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from barewire.devices.description.load import load
+from barewire.devices.sim import Simulator, simulator
+from barewire.modbus.messages import coils as bits
+from barewire.modbus.messages import registers
+from barewire.modbus.messages.diagnostics import ReadExceptionStatus
+from tests.devices.sim.bench import Bench
+
+HEAD = """
+name = "mine"
+title = "A machine of somebody's own"
+[modbus]
+first_register = 0
+read_limit = 8
+write_limit = 4
+[canopen]
+node = 1
+"""
+ROWS = """
+[[parameter]]
+name = "Long"
+type = "u32"
+holding = 10
+max = 100000
+default = 7
+object = 0x2000
+access = "rw"
+[[parameter]]
+name = "Low"
+type = "u8"
+holding = 12
+half = "L"
+access = "rw"
+[[parameter]]
+name = "High"
+type = "i8"
+holding = 12
+half = "H"
+min = -5
+access = "rw"
+[[parameter]]
+name = "Text"
+type = "text"
+holding = 13
+words = 2
+access = "rw"
+[[parameter]]
+name = "Level"
+type = "i16"
+input = 0
+access = "ro"
+scale = "1/10"
+[[parameter]]
+name = "Lamp"
+type = "bool"
+coil = 3
+object = 0x2001
+object_bit = 4
+access = "rw"
+[[parameter]]
+name = "Button"
+type = "bool"
+discrete = 0
+access = "ro"
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    (tmp_path / "device.toml").write_text(HEAD)
+    (tmp_path / "rows.toml").write_text(ROWS)
+    return Bench(simulator(load(tmp_path)))
+
+
+def test_it_keeps_what_is_written(bench: Bench) -> None:
+    assert type(bench.machine) is Simulator
+    for name, value in (("Long", 100_000), ("Low", 200), ("High", -3), ("Text", "abc"), ("Lamp", True)):
+        bench.write(name, value)
+        assert bench.read(name) == value
+    assert bench.read("Low") == 200
+    bench.machine.store["Level"] = 27.24
+    assert bench.read("Level") == 27.2
+
+
+def test_a_gap_does_not_exist(bench: Bench) -> None:
+    assert bench.words(10, 5) == (0, 7, 0, 0, 0)
+    assert bench.refused(registers.ReadHoldingRegisters(9, 2)) == 2
+    assert bench.refused(registers.ReadHoldingRegisters(14, 2)) == 2
+    assert bench.refused(bits.ReadCoils(2, 2)) == 2
+    assert bench.refused(bits.ReadDiscreteInputs(0, 1)) == 0
+    assert bench.refused(registers.WriteSingleRegister(0, 1)) == 2  # the input register
+
+
+def test_the_quantity_is_looked_at_before_the_address(bench: Bench) -> None:
+    assert bench.refused(registers.ReadHoldingRegisters(100, 9)) == 3
+    assert bench.refused(registers.WriteMultipleRegisters(100, (0,) * 5)) == 3
+    assert bench.refused(ReadExceptionStatus()) == 1
+
+
+def test_all_or_nothing(bench: Bench) -> None:
+    # The high byte of register 12 may not be -6, so the long value before it is not taken either.
+    assert bench.refused(registers.WriteMultipleRegisters(10, (0, 9, 0xFA00))) == 3
+    assert bench.read("Long") == 7
+    assert bench.refused(registers.WriteMultipleRegisters(13, (0, 0, 0))) == 2
+
+
+def test_a_long_value_takes_effect_with_its_last_register(bench: Bench) -> None:
+    bench.ask(registers.WriteSingleRegister(10, 1))
+    assert bench.words(10, 2) == (0, 7)
+    bench.ask(registers.WriteSingleRegister(11, 5))
+    assert bench.words(10, 2) == (1, 5)
+    bench.ask(registers.WriteSingleRegister(10, 2))
+    assert bench.refused(registers.WriteSingleRegister(11, 0)) == 3  # 131072 is too much
+    assert bench.words(10, 2) == (1, 5)
+
+
+def test_the_other_face(bench: Bench) -> None:
+    assert bench.frames() == ["701#00"]
+    assert bench.download(0x2000, 0, bytes.fromhex("E8030000")) == 0
+    assert bench.read("Long") == 1000
+    assert bench.download(0x2000, 0, bytes.fromhex("A1860100")) == 0x0609_0031
+    bench.write("Lamp", True)
+    assert bench.upload(0x2001) == b"\x10\x00"
+    assert bench.download(0x2001, 0, b"\x00\x00") == 0
+    assert bench.read("Lamp") is False
+    assert bench.upload(0x2002) == 0x0602_0000
+
+
+def test_power_off(bench: Bench) -> None:
+    bench.write("Long", 9)
+    bench.machine.power_cycle(1.0)
+    assert bench.read("Long") == 7
+    assert bench.frames() == ["701#00"]
+
+
+def test_the_door() -> None:
+    by_name, by_description = simulator("az3", node=5), simulator(load("csd-mt"))
+    assert (type(by_name).__name__, type(by_description).__name__) == ("Az3", "CsdMt")
+    assert by_name.canopen is not None
+    assert [str(frame) for frame in by_name.canopen.start(100.0)] == ["705#00"]
+    assert by_name.canopen.deadline == 101.0
+    assert by_name.store["BOOT CAN NODE"] == 5
+    assert by_description.canopen is None
+
+
+def test_a_description_with_a_name_of_ours_is_still_somebody_elses(tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text(HEAD.replace("mine", "az3"))
+    (tmp_path / "rows.toml").write_text(ROWS)
+    assert type(simulator(tmp_path)) is Simulator

@@ -1,0 +1,298 @@
+"""The services, each overheard: what a listener learns of nodes, process data, SYNC, LSS and the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import pytest
+
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.eds import parse
+from barewire.devices import load
+from barewire.devices.description.export_eds import export
+from barewire.errors import EncodeError
+from barewire.explain.can_monitor import KnownNode, Listener, in_words, of_device, of_dictionary
+from barewire.explain.can_monitor.events import (
+    BusError,
+    Command,
+    Emcy,
+    Event,
+    Foreign,
+    Gap,
+    Lss,
+    Mapped,
+    NodeEvent,
+    Pdo,
+    Summary,
+    Sync,
+    Time,
+    Transfer,
+    Violation,
+)
+from barewire.explain.canopen.frame import explain_can
+from barewire.explain.capture.model import AnyFrame
+from tests.explain.can_monitor.can_run import DRIVE, LONG, PLAIN, recorded
+
+
+def listen(
+    frames: Sequence[tuple[float, AnyFrame | str]], known: Sequence[KnownNode] = (), end: float | None = None
+) -> list[Event]:
+    listener, events = Listener(known), list[Event]()
+    for at, frame in frames:
+        events += listener.feed(CanFrame.parse(frame) if isinstance(frame, str) else frame, at)
+    return events + listener.end(frames[-1][0] if end is None else end)
+
+
+def every(*lines: str, step: float = 0.1) -> list[tuple[float, AnyFrame | str]]:
+    return [(place * step, line) for place, line in enumerate(lines)]
+
+
+def az3() -> KnownNode:
+    return of_device(load("az3"), DRIVE)
+
+
+def test_the_whole_run() -> None:
+    """Every service once, with the values that were really carried."""
+    events = listen(recorded(), [az3()])
+    assert [event for event in events if isinstance(event, Gap | Violation)] == []
+    transfers = {(one.node, one.direction, one.manner, one.index): one for one in events if isinstance(one, Transfer)}
+    assert transfers[DRIVE, "upload", "expedited", 0x6041].name == "STATUS WORD"
+    assert transfers[PLAIN, "upload", "segmented", 0x1008].data == b"thermometer for tests"
+    assert transfers[PLAIN, "download", "segmented", 0x2100].data == b"in segments, 26 bytes long"
+    for direction in ("upload", "download"):
+        one = transfers[PLAIN, direction, "block", 0x2100]
+        assert (one.data, one.crc, one.blocks, one.size) == (LONG, "ok", 3, len(LONG))
+    assert transfers[PLAIN, "upload", "segmented", 0x2101].data == b""
+    assert (
+        transfers[DRIVE, "upload", "expedited", 0x5FFF].abort,
+        transfers[DRIVE, "upload", "expedited", 0x5FFF].by,
+    ) == (
+        0x06020000,
+        "server",
+    )
+    refused = transfers[PLAIN, "download", "expedited", 0x6001]
+    assert (refused.outcome, refused.abort, refused.data) == ("aborted", 0x06090031, b"\x08\x07")
+    assert [one.text for one in events if isinstance(one, Time)] == ["2024-02-29 12:34:56.789"]
+    assert [(one.code, one.register) for one in events if isinstance(one, Emcy)][1:] == [(0x4210, 0x19), (0, 0x11)]
+    assert [(one.command, one.node) for one in events if isinstance(one, Command)] == [(1, 0)]
+    assert [one.text for one in events if isinstance(one, Lss)][-1].endswith(
+        "found 11223344-FFFFFFFF-00000000-80000001"
+    )
+    assert any(one.guarded for one in events if isinstance(one, NodeEvent))
+    beats = [one for one in events if isinstance(one, Sync) and one.kind == "summary"]
+    assert [(one.beats, round(one.period or 0, 6)) for one in beats] == [(303, 0.01)]
+    summary = events[-1]
+    assert isinstance(summary, Summary)
+    assert (summary.frames, sum(summary.counts.values())) == (len(recorded()), len(recorded()))
+
+
+def test_an_offset_in_time_changes_nothing_but_times() -> None:
+    def said(begin: float) -> list[str]:
+        events = listen([(begin + at, frame) for at, frame in recorded()[:300]])
+        return [re.sub(r"[0-9.]+ m?s", "", in_words(event).partition("  ")[2]) for event in events]
+
+    assert said(4096.0) == said(0.0)
+
+
+# Process data ------------------------------------------------------------------------------------------------------
+
+
+def test_process_data_by_name_and_only_what_is_new() -> None:
+    frames = every("205#0F00A8610000", "205#0F00A8610000", "205#0F00589EFFFF", "185#R8")
+    told = [one for one in listen(frames, [az3()]) if isinstance(one, Pdo)]
+    assert [one.values for one in told[:3]] == [
+        {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
+        {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
+        {"CONTROL WORD": 15, "TARGET VELOCITY": -25000},
+    ]
+    assert [(one.repeated, one.requested) for one in told] == [
+        (False, False),
+        (True, False),
+        (False, False),
+        (False, True),
+    ]
+    assert told[0].texts[1] == "TARGET VELOCITY = 25000 User units"
+
+
+def test_an_eds_names_the_same() -> None:
+    document = parse(export(load("az3")).encode())
+    known = of_dictionary(document.dictionary(DRIVE), DRIVE)
+    frames = [(at, frame) for at, frame in recorded() if at < 2.5]
+    one, other = ([e for e in listen(frames, [k]) if isinstance(e, Pdo) and e.node == DRIVE] for k in (az3(), known))
+    assert len(one) > 40
+    assert [event.values for event in one] == [event.values for event in other]
+
+
+def sdo_writes(*writes: tuple[int, int, str], node: int = DRIVE) -> list[str]:
+    lines = []
+    for index, sub, data in writes:
+        size = len(bytes.fromhex(data))
+        place = index.to_bytes(2, "little").hex() + f"{sub:02X}"
+        lines += [f"{0x600 + node:03X}#{0x2F - 4 * (size - 1):02X}{place}{data.ljust(8, '0')}"]
+        lines += [f"{0x580 + node:03X}#60{place}00000000"]
+    return lines
+
+
+REMAP = [
+    *((0x1800, 1, "85010080"), (0x1A00, 0, "00"), (0x1A00, 1, "10004160"), (0x1A00, 2, "20006460")),
+    *((0x1A00, 0, "02"), (0x1800, 1, "A0010000")),
+]
+
+
+def test_a_mapping_that_is_changed_is_followed() -> None:
+    lines = [*sdo_writes(*REMAP), "1A0#371601000000", "705#00", "185#3706000000000000"]
+    events = listen(every(*lines, step=0.01), [az3()])
+    mapped = [one for one in events if isinstance(one, Mapped)]
+    assert [(one.name, one.cob_id, one.objects) for one in mapped] == [
+        ("TPDO1", None, ()),
+        ("TPDO1", 0x1A0, ("STATUS WORD", "POSITION ACTUAL VALUE")),
+        ("TPDO1", 0x185, mapped[-1].objects),
+    ]
+    assert len(mapped[-1].objects) == 4
+    told = [one for one in events if isinstance(one, Pdo)]
+    assert (told[0].node, told[0].name, told[0].values) == (
+        *(DRIVE, "TPDO1"),
+        {"STATUS WORD": 0x1637, "POSITION ACTUAL VALUE": 1},
+    )
+    assert len(told[1].values) == 4
+
+
+def test_a_mapping_that_was_stored_survives_a_boot() -> None:
+    store = sdo_writes((0x1010, 1, "73617665"))
+    events = listen(every(*sdo_writes(*REMAP), *store, "705#00", "1A0#371601000000", step=0.01), [az3()])
+    assert [one.values["POSITION ACTUAL VALUE"] for one in events if isinstance(one, Pdo)] == [1]
+
+
+def test_a_mapping_of_a_node_that_nobody_described() -> None:
+    """Written, or only read by somebody: both tell what is mapped."""
+    reads = []
+    for index, sub, data in [(0x1A00, 0, "02"), (0x1A00, 1, "08004160"), (0x1A00, 2, "10016060")]:
+        place = index.to_bytes(2, "little").hex() + f"{sub:02X}"
+        size = len(bytes.fromhex(data))
+        reads += [f"607#40{place}00000000", f"587#{0x4F - 4 * (size - 1):02X}{place}{data.ljust(8, '0')}"]
+    for lines in (reads, sdo_writes(*[(0x1A00, 1, "08004160"), (0x1A00, 2, "10016060"), (0x1A00, 0, "02")], node=7)):
+        (told,) = [one for one in listen(every(*lines, "187#01FFFF")) if isinstance(one, Pdo)]
+        assert told.values == {"6041h:00": 1, "6060h:01": 0xFFFF}
+
+
+def test_a_further_sdo_channel_is_learned() -> None:
+    lines = sdo_writes((0x1201, 1, "C0060000"), (0x1201, 2, "40060000"))
+    events = listen(every(*lines, "6C0#4041600000000000", "640#4B41600037060000"))
+    last = [one for one in events if isinstance(one, Transfer)][-1]
+    assert (last.node, last.channel, last.data) == (DRIVE, 0x6C0, b"\x37\x06")
+
+
+def test_process_data_explained_field_by_field() -> None:
+    listener = Listener([az3()])
+    said = explain_can(CanFrame.parse("205#0F00A8610000"), listener.pdos)
+    assert [(field.name, field.length, field.value) for field in said.fields] == [
+        *(("COB-ID", 0, 0x205), ("CONTROL WORD", 2, 15), ("TARGET VELOCITY", 4, 25000)),
+    ]
+    assert said.valid
+    for data in ("205#0F00", "205#0F00A861000001", "205#"):
+        wrong = explain_can(CanFrame.parse(data), listener.pdos)
+        assert not wrong.valid
+        assert sum(field.length for field in wrong.fields) == len(CanFrame.parse(data).data)
+    # Objects that share a byte share a field.
+    lines = sdo_writes(
+        (0x1A00, 1, "04004160"), (0x1A00, 2, "04004260"), (0x1A00, 3, "08004360"), (0x1A00, 0, "03"), node=7
+    )
+    for place, line in enumerate(lines):
+        listener.feed(CanFrame.parse(line), place / 100)
+    said = explain_can(CanFrame.parse("187#5AFF"), listener.pdos)
+    assert [(field.name, field.length) for field in said.fields[1:]] == [("6041h:00, 6042h:00", 1), ("6043h:00", 1)]
+    assert said.fields[1].meaning == "10, 5"
+
+
+def test_what_cannot_be_known() -> None:
+    with pytest.raises(EncodeError, match="has no CANopen"):
+        of_device(load("adxl"), 5)
+    with pytest.raises(EncodeError, match=r"expected 1\.\.127"):
+        of_device(load("az3"), 200)
+
+
+# Nodes -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_period_that_was_told_counts() -> None:
+    lines = [
+        (0.0, "705#05"),
+        *((0.1, line) for line in sdo_writes((0x1017, 0, "2C01"))),
+        (0.5, "705#05"),
+        (0.6, "080#"),
+    ]
+    listener, events = Listener(), list[Event]()
+    for at, line in lines:
+        events += listener.feed(CanFrame.parse(line), at)
+    assert listener.deadline == pytest.approx(1.1)
+    (missing,) = listener.feed(None, 1.2)
+    assert isinstance(missing, NodeEvent)
+    assert missing.kind == "missing"
+    assert (missing.at, missing.seconds) == pytest.approx((1.1, 0.6))
+    assert listener.deadline is None
+
+
+def test_heartbeats_that_are_switched_off_are_not_missed() -> None:
+    listener = Listener()
+    for place in range(6):
+        listener.feed(CanFrame.parse("705#05"), float(place))
+    assert listener.deadline == pytest.approx(7.5)
+    for line in sdo_writes((0x1017, 0, "0000")):
+        listener.feed(CanFrame.parse(line), 5.1)
+    assert listener.deadline is None
+
+
+def test_a_node_that_reboots_by_itself() -> None:
+    events = listen(every("705#05", "705#05", "705#00", "705#7F"))
+    told = [(one.kind, one.state, one.before) for one in events if isinstance(one, NodeEvent) and not one.repeated]
+    assert told == [("heard", 5, None), ("boot-up", 0, 5), ("state", 0x7F, 0)]
+
+
+def test_a_question_of_guarding_that_was_not_answered_excuses_the_toggle() -> None:
+    events = listen(every("705#R1", "705#05", "705#R1", "705#R1", "705#05", "705#R1", "705#85"))
+    assert [one.rule for one in events if isinstance(one, Violation)] == []
+
+
+def test_emergencies_and_foreign_frames() -> None:
+    frames: list[tuple[float, AnyFrame | str]] = [
+        *every("085#30811102", "00000605#40", "1FFFFFFF#"),
+        (0.5, FdFrame(0x605, bytes(20))),
+        (0.6, ErrorFrame(0x40)),
+        (0.7, ErrorFrame(0x40)),
+        (0.8, ErrorFrame(0x04, b"\0\x10")),
+    ]
+    events = listen(frames)
+    (emergency,) = [one for one in events if isinstance(one, Emcy)]
+    assert (emergency.code, emergency.info) == (0x8130, b"\x02\0\0\0\0")
+    assert [one.what for one in events if isinstance(one, Foreign)] == ["extended identifier", "CAN FD"]
+    assert [(one.text, one.repeated) for one in events if isinstance(one, BusError)] == [
+        *(("bus off", False), ("bus off", True), ("controller problem: error passive (receiving)", False)),
+    ]
+    summary = events[-1]
+    assert isinstance(summary, Summary)
+    assert summary.counts == {"CAN FD": 1, "EMCY": 1, "error frame": 3, "extended identifier": 2}
+
+
+def test_a_fastscan_that_finds_nobody_and_one_that_is_odd() -> None:
+    lss = [one.text for one in listen(every("7E5#5100000000800000", "7E5#4C00000000000000")) if isinstance(one, Lss)]
+    assert lss[0].endswith("0 answers: nobody is there")
+    assert lss[1] == "identify devices without a node-ID"
+    odd = [one.text for one in listen(every("7E5#5100000000200000")) if isinstance(one, Lss)]
+    assert odd[0].startswith("fastscan, which nobody answers: ")
+
+
+def test_time_that_is_asked_for_and_waits() -> None:
+    """The jitter of SYNC, and that it stays away."""
+    frames = [(place * 0.01 + (0.001 if place % 2 else 0.0), "080#") for place in range(20)]
+    listener, events = Listener(), list[Event]()
+    for at, line in frames:
+        events += listener.feed(CanFrame.parse(line), at)
+    due = listener.deadline
+    assert due is not None
+    (missing,) = listener.feed(None, due)
+    assert isinstance(missing, Sync)
+    assert (missing.kind, round(missing.shortest or 0, 6), round(missing.longest or 0, 6)) == ("missing", 0.009, 0.011)
+    (back,) = listener.feed(CanFrame.parse("080#"), 1.0)
+    assert isinstance(back, Sync)
+    assert back.kind == "back"

@@ -1,0 +1,255 @@
+"""CAN frames explained: whose identifier, which service, which bits."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import CanFrame
+from barewire.canopen.lss.messages import ANSWERS, REQUESTS
+from barewire.errors import EncodeError
+from barewire.explain import Explanation, Role, explain, explain_text
+from barewire.explain.canopen.frame import explain_segment
+
+
+def of(frame: str) -> Explanation:
+    return explain("can", CanFrame.parse(frame))
+
+
+def meaning(frame: str, name: str) -> str:
+    return next(one.meaning for one in of(frame).fields if one.name == name)
+
+
+@pytest.mark.parametrize(
+    ("frame", "verdict"),
+    [
+        ("000#0105", "NMT: start, node 5"),
+        ("000#8000", "NMT: enter pre operational, all nodes"),
+        ("080#", "SYNC"),
+        ("080#07", "SYNC: number 7"),
+        ("085#3081110200000000", "EMCY from node 5: 8130h life guarding or heartbeat error"),
+        ("100#952CB3024D39", "TIME: 2024-02-29 12:34:56"),
+        ("185#37060000", "TPDO1 from node 5: 4 bytes"),
+        ("205#0F", "RPDO1 to node 5: 1 byte"),
+        ("605#4041600000000000", "SDO request to node 5: initiate upload, 6041h:00"),
+        ("585#4B41600037060000", "SDO answer from node 5: initiate upload, 6041h:00, 2 bytes: 0637h"),
+        ("605#2B4060000F000000", "SDO request to node 5: initiate download, 6040h:00, 2 bytes: 000Fh"),
+        ("585#8041600000000206", "SDO answer from node 5: abort, 6041h:00, 0602 0000h object does not exist"),
+        ("705#00", "error control from node 5: boot-up"),
+        ("705#7F", "error control from node 5: pre-operational"),
+        ("705#R1", "node guarding of node 5: a remote frame asks for its state"),
+        ("185#R8", "TPDO1 from node 5: a remote frame asks for 8 bytes"),
+        ("7E5#1105000000000000", "LSS request: configure node-ID"),
+        ("7E4#4F00000000000000", "LSS answer: identify device: it is me"),
+        ("690#01", "not in the predefined connection set: 1 byte"),
+        ("00000605#40", "extended identifier: none of CANopen's own: 1 byte"),
+    ],
+)
+def test_whose_it_is_and_what_it_says(frame: str, verdict: str) -> None:
+    assert of(frame).verdict == f"valid: {verdict}"
+
+
+@pytest.mark.parametrize(
+    ("frame", "reason", "at"),
+    [
+        ("000#01", "short", 1),
+        ("000#0305", "function", 0),
+        ("000#0180", "value", 1),
+        ("080#0102", "long", 1),
+        ("080#00", "value", 0),
+        ("085#3081", "short", 2),
+        ("605#40416000", "short", 4),
+        ("605#E041600000000000", "function", 0),
+        ("605#", "short", 0),
+        ("605#R", "mismatch", 0),
+        ("705#0500", "long", 1),
+        ("705#", "short", 0),
+        ("705#06", "value", 0),
+        ("7E5#FF00000000000000", "function", 0),
+        ("7E5#", "short", 0),
+    ],
+)
+def test_what_is_wrong_and_where(frame: str, reason: str, at: int) -> None:
+    said = of(frame)
+    assert said.error is not None
+    assert (said.error.reason, said.error.at) == (reason, at)
+
+
+@pytest.mark.parametrize(("frame", "role"), [("605#40", "request"), ("585#60", "response"), ("185#01", None)])
+def test_the_identifier_tells_the_role(frame: str, role: Role | None) -> None:
+    assert of(frame).role == role
+
+
+def test_the_identifier_is_a_field_that_covers_nothing() -> None:
+    first = of("605#4041600000000000").fields[0]
+    assert first == (0, 0, "COB-ID", "605", 0x605, "SDO request to node 5")
+
+
+# SDO: the bits of byte 0 -----------------------------------------------------------------------------------------
+
+DIALECT = "CiA 301 has 40h for every read request; the AZ3's guide asks in this form"
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        ("605#40", "initiate upload request (ccs 2)"),
+        ("605#43", f"initiate upload request (ccs 2); {DIALECT}"),
+        ("605#4B", f"initiate upload request (ccs 2); {DIALECT}"),
+        ("605#4F", f"initiate upload request (ccs 2); {DIALECT}"),
+        (
+            "605#41",
+            "initiate upload request (ccs 2); 010- ----: reserved bits are set, which a reader passes over",
+        ),
+        ("605#2F", "initiate download request: expedited, 1 byte, size indicated (ccs 1, n 3, e 1, s 1)"),
+        ("605#22", "initiate download request: expedited, size not indicated (ccs 1, n 0, e 1, s 0)"),
+        ("605#21", "initiate download request: in segments, size indicated (ccs 1, n 0, e 0, s 1)"),
+        ("605#20", "initiate download request: in segments, size not indicated (ccs 1, n 0, e 0, s 0)"),
+        ("605#1B", "download segment request: toggle bit 1, 2 bytes, the last (ccs 0, t 1, n 5, c 1)"),
+        ("605#70", "upload segment request: toggle bit 1 (ccs 3, t 1)"),
+        ("605#80", "abort (cs 4)"),
+        ("605#A4", "initiate block upload request: with CRC (ccs 5, c 1)"),
+        ("605#A3", "start block upload request (ccs 5)"),
+        ("605#A2", "acknowledge block upload request (ccs 5)"),
+        ("605#A1", "end block upload request (ccs 5)"),
+        ("605#C2", "initiate block download request: without CRC (ccs 6, c 0, s 1)"),
+        ("605#D1", "end block download request: 3 bytes in the last segment (ccs 6, n 4)"),
+        ("585#4B", "initiate upload response: expedited, 2 bytes, size indicated (scs 2, n 2, e 1, s 1)"),
+        ("585#41", "initiate upload response: in segments, size indicated (scs 2, n 0, e 0, s 1)"),
+        ("585#60", "initiate download response (scs 3)"),
+        ("585#30", "download segment response: toggle bit 1 (scs 1, t 1)"),
+        ("585#00", "upload segment response: toggle bit 0, 7 bytes, more follow (scs 0, t 0, n 0, c 0)"),
+        ("585#A0", "initiate block download response: without CRC (scs 5, c 0)"),
+        ("585#A2", "acknowledge block download response (scs 5)"),
+        ("585#A1", "end block download response (scs 5)"),
+        ("585#C6", "initiate block upload response: with CRC (scs 6, c 1, s 1)"),
+        ("585#C1", "end block upload response: 7 bytes in the last segment (scs 6, n 0)"),
+    ],
+)
+def test_every_command_byte_is_told_bit_by_bit(frame: str, words: str) -> None:
+    assert meaning(frame, "command") == words
+    assert of(frame.ljust(20, "0")).valid
+
+
+@pytest.mark.parametrize(
+    ("frame", "reading"),
+    [
+        ("585#4F41600001000000", "u8 1"),
+        ("585#4B416000FBFF0000", "u16 65531, i16 -5"),
+        ("585#47416000FFFFFF00", "u24 16777215, i24 -1"),
+        ("585#43416000CDCC8C3F", "u32 1066192077, f32 1.1"),
+        ("605#2241600001000000", "nobody says how many of the 4 bytes count; all of them: u32 1, f32 1.401298e-45"),
+    ],
+)
+def test_a_value_is_read_in_every_way_its_width_allows(frame: str, reading: str) -> None:
+    assert meaning(frame, "data") == reading
+
+
+def test_bytes_behind_a_short_value_are_unused() -> None:
+    said = of("605#2B4060000F00AABB")
+    assert [(one.name, one.hex) for one in said.fields[-2:]] == [("data", "0F 00"), ("unused", "AA BB")]
+
+
+def test_blocks_tell_their_numbers() -> None:
+    assert meaning("605#A408100014150000", "protocol switch") == "up to so many bytes an ordinary upload may answer"
+    assert meaning("605#A408100014000000", "protocol switch") == "never an ordinary upload"
+    assert [(one.name, one.value) for one in of("585#A24A7F0000000000").fields[2:4]] == [
+        ("sequence", 74),
+        ("block size", 127),
+    ]
+    assert [(one.name, one.value) for one in of("605#D1589C0000000000").fields[2:3]] == [("CRC", 0x9C58)]
+
+
+def test_text_in_a_segment_is_shown() -> None:
+    assert meaning("585#0048656C6C6F2121", "data") == "'Hello!!'"
+
+
+def test_reserved_bytes_that_are_not_zero_are_mentioned() -> None:
+    assert meaning("605#4041600000000001", "reserved") == "should be 0"
+
+
+# The other services ----------------------------------------------------------------------------------------------
+
+
+def test_an_emergency_is_told_bit_by_bit() -> None:
+    assert meaning("085#3081110200000000", "error register") == "generic, communication"
+    assert meaning("085#0000000000000000", "error register") == "no error left"
+
+
+def test_a_toggle_bit_is_an_answer_to_guarding() -> None:
+    assert meaning("705#85", "state") == "operational; toggle bit 1: the answer to node guarding"
+
+
+def test_an_unknown_nmt_command_is_called_one() -> None:
+    assert meaning("000#0305", "command") == "no NMT command"
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "words"),
+    [
+        ("7E5#0401000000000000", "mode", "configuration"),
+        ("7E5#11FF000000000000", "node-ID", "no node-ID yet"),
+        ("7E4#1101000000000000", "result", "refused"),
+        ("7E5#15E8030000000000", "delay", "ms before the change, and the same again after it"),
+        ("7E5#41112233", "product code", "cut short"),
+    ],
+)
+def test_lss_services_have_names(frame: str, name: str, words: str) -> None:
+    assert meaning(frame, name) == words
+
+
+def test_more_than_eight_bytes_are_no_can_frame() -> None:
+    said = explain("can", CanFrame(0x605, bytes(9)))
+    assert said.error == ("long", 8, "a CAN frame carries at most 8 bytes, here are 9")
+
+
+def test_bytes_are_no_frame_and_a_frame_is_no_bytes() -> None:
+    with pytest.raises(EncodeError, match="can: expected a CanFrame"):
+        explain("can", b"\x00")
+    with pytest.raises(EncodeError, match="rtu: expected bytes"):
+        explain("rtu", CanFrame(0))
+
+
+def test_an_abort_is_80h_and_nothing_else() -> None:
+    """81h to 9Fh are what the server takes them for: no abort, perhaps the last segment of a block that came late."""
+    assert of("585#8041600000000206").valid
+    for command in range(0x81, 0xA0):
+        said = of(f"585#{command:02X}41600000000206")
+        assert said.error is not None
+        assert said.error.reason == "function"
+    assert explain_segment(CanFrame.parse("585#8341600000000206")).verdict.endswith("segment 3 of a block, the last")
+
+
+@pytest.mark.parametrize("service", sorted(REQUESTS | ANSWERS))
+def test_every_service_of_lss_is_known_in_its_directions_only(service: int) -> None:
+    for identifier, known in ((0x7E5, REQUESTS), (0x7E4, ANSWERS)):
+        said = explain("can", CanFrame(identifier, bytes([service]) + bytes(7)))
+        assert said.valid == (service in known), said.lines()
+        assert (said.fields[1].meaning == "unknown") == (service not in known)
+
+
+def test_a_day_of_more_than_24_hours() -> None:
+    said = of("100#005C26054D39")
+    assert said.error is not None
+    assert said.error.reason == "value"
+    assert of("100#FF5B2605FFFF").verdict == "valid: TIME: 2163-06-06 23:59:59"
+    assert of("100#FF5B26F54D39").valid  # the four void bits
+
+
+FD = "CAN FD frame, which classical CANopen does not have"
+ERROR = "error frame, a report of the controller"
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict"),
+    [
+        ("123##1AABB", f"{FD}: 2 bytes"),
+        ("(1.0) can0 123##1AABB", f"{FD}: 2 bytes"),
+        ("can0  123  [12]  00 11 22 33 44 55 66 77 88 99 AA BB", f"{FD}: 12 bytes"),
+        ("20000040#0000000000000000", f"{ERROR}: bus off"),
+        ("can0 20000004 [8] 00 02 00 00 00 00 00 00", f"{ERROR}: controller problem: transmit buffer overrun"),
+    ],
+)
+def test_what_is_no_classical_frame(text: str, verdict: str) -> None:
+    said = explain_text("can", text)
+    assert said.verdict == f"valid: {verdict}"
+    assert said.lines()

@@ -1,0 +1,402 @@
+"""One run of a bus in every form of recording: the same events each time. And lines that cannot be read."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+from collections.abc import Iterator
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.devices import load
+from barewire.errors import DecodeError
+from barewire.explain.can_monitor import as_dict, of_device
+from barewire.explain.can_monitor.recording import CanKeeper, is_can_recording, read_recording, replay_can
+from barewire.explain.capture.asc import read_asc
+from barewire.explain.capture.blf import read_blf
+from barewire.explain.capture.candump import log_line, parse_frame, read_candump
+from barewire.explain.capture.model import AnyFrame, Dropped, Item, Recorded, Unread
+from barewire.explain.capture.pcapng import Packet, header, interface, packet
+from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, to_packet
+from tests.explain.can_monitor.can_run import DRIVE, recorded
+from tests.helpers import refused, unhex
+
+BEGAN = 1_700_000_000.0
+MIXED: list[AnyFrame] = [
+    CanFrame.parse("605#4041600000000000"),
+    CanFrame.parse("705#R1"),
+    CanFrame.parse("080#"),
+    CanFrame.parse("18EBFF00#0102"),
+    CanFrame.parse("00000605#R8"),
+    FdFrame(0x123, bytes(range(12)), flags=1),
+    FdFrame(0x18EBFF00, bytes(64), extended=True, flags=2),
+    ErrorFrame(0x04, unhex("0001 0000 0000 0000")),
+]
+
+
+@cache
+def frames() -> tuple[tuple[float, CanFrame], ...]:
+    """The run without its fastscan, which is long; times to the microsecond, as files have them."""
+    return tuple((BEGAN + round(at, 6), frame) for at, frame in recorded()[:1500])
+
+
+def events(items: Iterator[Item]) -> list[dict[str, Any]]:
+    """What was heard, in seconds since the first frame."""
+    told = [as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
+    first = told[0]["at"]
+    for event in told:
+        for key in ("at", "began", "since", "seconds", "period", "shortest", "longest"):
+            if isinstance(event.get(key), float):
+                whole = event[key] - (first if key in ("at", "began", "since") else 0)
+                event[key] = round(whole, 5)
+        event["text"] = "" if "ago" in str(event.get("text")) else event.get("text")
+    return told
+
+
+@cache
+def expected() -> list[dict[str, Any]]:
+    return events(iter([Recorded(at, "can0", frame) for at, frame in frames()]))
+
+
+def columns(at: str, frame: CanFrame) -> str:
+    identifier = f"{frame.id:08X}" if frame.extended else f"{frame.id:03X}"
+    data = "remote request" if frame.remote else frame.data.hex(" ").upper()
+    return f"{at}  can0  {identifier}   [{frame.dlc}]  {data}"
+
+
+def candump_log() -> str:
+    return "\n".join(log_line(at, "can0", frame) for at, frame in frames())
+
+
+def candump_with_directions() -> str:
+    return "\n".join(f"{log_line(at, 'can0', frame)} {'RT'[place % 2]}" for place, (at, frame) in enumerate(frames()))
+
+
+def candump_absolute() -> str:
+    return "\n".join(columns(f" ({at:017.6f})", frame) for at, frame in frames())
+
+
+def candump_zero() -> str:
+    return "\n".join(columns(f" ({at - BEGAN:010.6f})", frame) for at, frame in frames())
+
+
+def candump_delta() -> str:
+    times = [at for at, _ in frames()]
+    steps = [0.0, *(after - before for before, after in pairwise(times))]
+    return "\n".join(columns(f" ({step:010.6f})", frame) for step, (_, frame) in zip(steps, frames()))
+
+
+def candump_dates() -> str:
+    def stamp(at: float) -> str:
+        seconds = at - BEGAN + 20  # 2023-11-14 22:13:20 UTC
+        return f" (2023-11-14 22:13:{int(seconds):02}.{round(seconds % 1 * 1e6):06})"
+
+    return "\n".join(columns(stamp(at), frame) for at, frame in frames())
+
+
+def candump_in_colours() -> str:
+    lines = [columns(f" ({at:017.6f})", frame) for at, frame in frames()]
+    return "\n".join(line.replace("can0", "\x1b[32mcan0\x1b[0m") for line in lines)
+
+
+def candump_swapped() -> str:
+    lines = []
+    for at, frame in frames():
+        data = "`".join(f"{byte:02X}" for byte in reversed(frame.data))
+        body = "remote request" if frame.remote else data
+        lines.append(f" ({at:017.6f})  can0  {frame.id:03X}   [{frame.dlc}]  {body}")
+    return "\n".join(lines)
+
+
+def candump_binary() -> str:
+    lines = []
+    for at, frame in frames():
+        data = "remote request" if frame.remote else " ".join(f"{byte:08b}" for byte in frame.data)
+        lines.append(f" ({at:017.6f})  can0  {frame.id:03X}   [{frame.dlc}]  {data}")
+    return "\n".join(lines)
+
+
+def candump_with_text() -> str:
+    lines = [columns(f" ({at:017.6f})", frame) for at, frame in frames()]
+    return "\n".join(line if "remote" in line else f"{line}   '..@A`..'" for line in lines)
+
+
+def candump_extra() -> str:
+    return "\n".join(columns(f" ({at:017.6f})", frame).replace("can0", "can0  RX - -") for at, frame in frames())
+
+
+def asc() -> str:
+    lines = ["date Tue Nov 14 22:13:20.000 2023", "base hex  timestamps absolute", "internal events logged"]
+    lines += ["// version 9.0.0", "Begin Triggerblock Tue Nov 14 22:13:20.000 2023", "   0.000000 Start of measurement"]
+    for at, frame in frames():
+        body = f"r {frame.dlc}" if frame.remote else f"d {frame.dlc} {frame.data.hex(' ').upper()}"
+        rest = "" if frame.remote else f"  Length = 0 BitCount = {len(frame.data) * 8} ID = {frame.id}"
+        lines.append(f"{at - BEGAN:11.6f} 1  {frame.id:<15X} Rx   {body}{rest}")
+    lines.insert(40, "   0.500000 1  Statistic: D 12 R 0 XD 0 XR 0 E 0 O 0 B 1.35%")
+    return "\n".join([*lines, "End TriggerBlock"])
+
+
+def asc_relative_decimal() -> str:
+    lines = ["date Tue Nov 14 22:13:20.000 2023", "base dec  timestamps relative", "no internal events logged"]
+    before = BEGAN
+    for at, frame in frames():
+        body = f"r {frame.dlc}" if frame.remote else f"d {frame.dlc} {' '.join(map(str, frame.data))}"
+        lines.append(f"{at - before:11.6f} 1  {frame.id:<15} Rx   {body}")
+        before = at
+    return "\n".join(lines)
+
+
+def message(at: float, frame: AnyFrame) -> can.Message:
+    if isinstance(frame, ErrorFrame):
+        return can.Message(timestamp=at, is_error_frame=True, arbitration_id=frame.classes, channel=0)
+    if isinstance(frame, FdFrame):
+        return can.Message(
+            timestamp=at, arbitration_id=frame.id, is_extended_id=frame.extended, data=frame.data, is_fd=True,
+            bitrate_switch=bool(frame.flags & 1), error_state_indicator=bool(frame.flags & 2), channel=0,
+        )  # fmt: skip
+    return can.Message(
+        timestamp=at, arbitration_id=frame.id, is_extended_id=frame.extended, is_remote_frame=frame.remote,
+        dlc=frame.dlc, data=None if frame.remote else frame.data, channel=0,
+    )  # fmt: skip
+
+
+TEXTS = [
+    candump_log, candump_with_directions, candump_absolute, candump_zero, candump_delta, candump_dates,
+    candump_in_colours, candump_swapped, candump_binary, candump_with_text, candump_extra, asc, asc_relative_decimal,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("form", TEXTS)
+def test_the_same_in_every_text(form: Any) -> None:
+    data = form().encode()
+    assert is_can_recording(data)
+    assert events(read_recording(data)) == expected()
+    assert [event for event in expected() if event["event"] in ("unread", "gap", "loss")] == []
+    assert {event["event"] for event in expected()} >= {"sdo", "node", "nmt", "emcy", "sync", "time", "pdo", "mapping"}
+
+
+@pytest.mark.parametrize("name", ["bus.pcapng", "bus.log"])
+def test_the_same_in_what_we_write(name: str) -> None:
+    keeper = CanKeeper(name)
+    data = keeper.start + b"".join(keeper.put(at, "can0", frame) for at, frame in frames())
+    assert is_can_recording(data)
+    assert events(read_recording(data)) == expected()
+
+
+def test_the_same_in_the_forerunner_of_pcapng() -> None:
+    data = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, SOCKETCAN)
+    for at, frame in frames():
+        body = to_packet(frame)
+        micros = round(at * 1e6)
+        data += struct.pack("<4I", micros // 1_000_000, micros % 1_000_000, len(body), len(body)) + body
+    assert events(read_recording(data)) == expected()
+
+
+def test_the_same_in_blf(tmp_path: Path) -> None:
+    file = tmp_path / "bus.blf"
+    with can.BLFWriter(str(file)) as writer:
+        for at, frame in frames():
+            writer.on_message_received(message(at, frame))
+    data = file.read_bytes()
+    assert is_can_recording(data)
+    assert events(read_blf(data)) == expected()
+
+
+def test_the_same_in_an_asc_of_others(tmp_path: Path) -> None:
+    file = tmp_path / "bus.asc"
+    with can.ASCWriter(str(file)) as writer:
+        for at, frame in frames():
+            writer.on_message_received(message(at, frame))
+    assert events(read_recording(file.read_bytes())) == expected()
+
+
+@pytest.mark.needs("candump")
+@pytest.mark.parametrize("options", [[], ["-4"], ["-n"], ["-f"], ["-r"]])
+def test_the_same_through_log2asc(options: list[str], tmp_path: Path) -> None:
+    """Rounded to 100 us with -4, so only the values are compared."""
+    file = tmp_path / "bus.log"
+    file.write_text(candump_log() + "\n")
+    done = subprocess.run(
+        ["log2asc", "-I", str(file), *options, "can0"], capture_output=True, timeout=30, check=True
+    ).stdout
+
+    def values(told: list[dict[str, Any]]) -> list[Any]:
+        return [(one["event"], one.get("data"), one.get("values")) for one in told if one["event"] in ("sdo", "pdo")]
+
+    assert values(events(read_recording(done))) == values(expected())
+
+
+# Every kind of frame -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frame", MIXED, ids=str)
+def test_every_kind_comes_back(frame: AnyFrame) -> None:
+    assert parse_frame(log_line(1.5, "can0", frame).split()[-1]) == frame
+    for name in ("a.pcapng", "a.log"):
+        keeper = CanKeeper(name)
+        (item,) = read_recording(keeper.start + keeper.put(1.5, "vcan7", frame))
+        assert item == Recorded(1.5, "vcan7", frame, 1)
+    for link, before in ((113, 14), (276, 0)):
+        kind = b"\x00\x0d" if isinstance(frame, FdFrame) else b"\x00\x0c"
+        head = bytes(before) + kind if link == 113 else kind + bytes(18)
+        data = header(link) + packet(1.5, head + to_packet(frame))
+        (item,) = read_recording(data)
+        assert isinstance(item, Recorded)
+        assert item.frame == frame
+
+
+def test_every_kind_in_blf_and_asc(tmp_path: Path) -> None:
+    for name in ("a.blf", "a.asc"):
+        file = tmp_path / name
+        with can.BLFWriter(str(file)) if name == "a.blf" else can.ASCWriter(str(file)) as writer:
+            for place, frame in enumerate(MIXED):
+                writer.on_message_received(message(BEGAN + place, frame))
+        data = file.read_bytes()
+        items = read_blf(data) if name == "a.blf" else read_recording(data)
+        told = [item.frame for item in items if isinstance(item, Recorded)]
+        wanted = [frame for frame in MIXED if not isinstance(frame, ErrorFrame)]
+        assert [frame for frame in told if not isinstance(frame, ErrorFrame)] == wanted
+        assert sum(isinstance(frame, ErrorFrame) for frame in told) == 1
+
+
+CANDUMP = """\
+  can0  705   [1]  05
+ (1.000000)  can0  20000004   [8]  00 01 00 00 00 00 00 00   ERRORFRAME
+\tcontroller-problem{rx-overflow}
+ (1.100000)  can0  123  [12]  00 01 02 03 04 05 06 07 08 09 0A 0B
+ (1.200000)  can0  123   {F}  00 01 02 03 04 05 06 07
+ (1.300000)  can1       605   [8]  40 41 60 00 00 00 00 00   '@A`.....'
+DROPCOUNT: dropped 3 CAN frames on 'can1' socket (total drops 7)
+(1.400000) can0 123#1122334455667788_E
+# a remark
+"""
+
+
+def test_the_screen_of_candump() -> None:
+    items = list(read_candump(CANDUMP))
+    assert [str(item.frame) for item in items if isinstance(item, Recorded)] == [
+        *("705#05", "ErrorFrame(classes=4, data=b'\\x00\\x01\\x00\\x00\\x00\\x00\\x00\\x00')"),
+        *("123##0000102030405060708090A0B", "123#0001020304050607", "605#4041600000000000", "123#1122334455667788"),
+    ]
+    assert [item for item in items if isinstance(item, Dropped)] == [Dropped(1.3, "can1", 3)]
+    assert {item.bus for item in items if isinstance(item, Recorded)} == {"can0", "can1"}
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("(1.0) can0 605#40g1", "not hex"),
+        ("(1.0) can0 905#40", "too many bits"),
+        ("(1.0) can0 123##", "flags of CAN FD"),
+        ("(1.0) can0 123##1AA" + "00" * 64, "at most 64"),
+        ("  can0  605   [8]  40 41", "but 2 bytes follow"),
+        ("  can0  605   [9]  40 41", "none of a CAN frame"),
+        ("  can0  605   [2]  40 4", "is not bytes"),
+        ("  can0  605   [2]  40 GG", "not bytes in hexadecimal"),
+        ("  can0  [2]  40 41", "no line of candump"),
+        ("(noon) can0 605#40", "the time in brackets"),
+        ("hello", "no line of candump"),
+    ],
+)
+def test_a_bad_line_is_told_and_passed_by(line: str, why: str) -> None:
+    text = f"(0.5) can0 705#05\n{line}\n(2.0) can0 705#7F\n"
+    items = list(read_recording(text.encode()))
+    assert [None if isinstance(item, Dropped) else item.line for item in items] == [1, 2, 3]
+    bad = items[1]
+    assert isinstance(bad, Unread)
+    assert why in bad.why
+    told = [event for _, event in replay_can(iter(items))]
+    assert bad in told
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("   1.0 1  605  Rx   d 8 40 41", "the length is 8, but 2 bytes"),
+        ("   1.0 1  905  Rx   d 1 40", "expected up to 7FF"),
+        ("   1.0 1  605  Rx   d 1 GG", "not bytes to the base 16"),
+        ("   1.0 1  605  Rx   d", "expected one digit"),
+        ("   1.0 CANFD 1 Rx 123  1 0 d 99 00", "at most 64"),
+        ("hello", "no line of an ASC"),
+    ],
+)
+def test_a_bad_line_of_asc(line: str, why: str) -> None:
+    text = f"base hex  timestamps absolute\n   0.5 1  705  Rx   d 1 05\n{line}\n   2.0 1  705  Rx   d 1 7F\n"
+    first, bad, last = read_asc(text)
+    assert isinstance(bad, Unread)
+    assert (bad.line, isinstance(first, Recorded), isinstance(last, Recorded)) == (3, True, True)
+    assert why in bad.why
+
+
+def test_what_the_recorder_lost_in_captures() -> None:
+    def with_drops(frame: AnyFrame, drops: int) -> bytes:
+        body = to_packet(frame)
+        start = struct.pack("<IIIII", 0, 0, 1_500_000, len(body), len(body)) + body + bytes(-len(body) % 4)
+        option = struct.pack("<HHQHH", 4, 8, drops, 0, 0)
+        size = struct.pack("<I", 12 + len(start) + len(option))
+        return struct.pack("<I", 6) + size + start + option + size
+
+    data = header(None) + interface(SOCKETCAN, "can3") + with_drops(CanFrame.parse("705#05"), 9)
+    assert next(read_recording(data)) == Dropped(1.5, "can3", 9)
+    overrun = "base hex  timestamps absolute\n 1.0 1  705  Rx d 1 05\n 1.5 CAN 1 Status: overrun\n"
+    assert Dropped(1.0, "1", 0) in list(read_asc(overrun))
+
+
+def test_a_capture_that_is_cut_off_tells_all_before() -> None:
+    keeper = CanKeeper("a.pcapng")
+    data = keeper.start + b"".join(keeper.put(place, "can0", CanFrame.parse("705#05")) for place in range(3))
+    *good, bad = read_recording(data[:-5])
+    assert len(good) == 2
+    assert isinstance(bad, Unread)
+    assert "cut off" in bad.why
+    (short,) = read_recording(header(SOCKETCAN) + packet(1.0, to_packet(CanFrame.parse("705#05"))[:-1]))
+    assert isinstance(short, Unread)
+
+
+def test_a_blf_that_is_damaged(tmp_path: Path) -> None:
+    file = tmp_path / "bus.blf"
+    with can.BLFWriter(str(file)) as writer:
+        for at, frame in frames()[:50]:
+            writer.on_message_received(message(at, frame))
+    data = file.read_bytes()
+    for cut in (10, 100, 144, 150, len(data) // 2, len(data) - 3):
+        items = list(read_blf(data[:cut]))
+        assert all(isinstance(item, Recorded | Unread) for item in items)
+    assert all(isinstance(item, Unread) for item in read_blf(b"LOGG" + bytes(200)))
+    (bad,) = read_blf(b"LOGG")
+    assert isinstance(bad, Unread)
+    assert "damaged" in bad.why
+
+
+def test_several_buses_do_not_mix() -> None:
+    lines = ["(1.0) can0 605#4041600000000000", "(1.1) can1 585#4B41600037060000", "(1.2) can0 585#4B41600038060000"]
+    told = list(replay_can(read_recording("\n".join(lines).encode())))
+    assert {(bus, as_dict(event).get("data")) for bus, event in told if as_dict(event)["event"] == "sdo"} == {
+        ("can0", "3806"),
+        ("can1", "3706"),
+    }
+    assert {bus for bus, _ in replay_can(read_recording("\n".join(lines).encode()), bus="can1")} == {"can1"}
+    many = "\n".join(f"(1.0) can{number} 705#05" for number in range(80))
+    assert sum(isinstance(event, Unread) for _, event in replay_can(read_recording(many.encode()))) == 16
+
+
+def test_what_is_no_recording_of_can() -> None:
+    for data in (
+        b"",
+        b"12.5 01 03 00 00 00 02 C4 0B",
+        b"\xff\xfe",
+        header() + packet(1.0, bytes(60)),
+        b"00000000: 0103",
+    ):
+        assert not is_can_recording(data)
+    for data in (b"\xff\xfe\x00", b"12.5 01 03"):
+        with pytest.raises(DecodeError):
+            list(read_recording(data))
+    with refused(DecodeError, "identifier 800h of a base frame"):
+        from_packet(Packet(0.0, unhex("00000800 00 000000"), SOCKETCAN))

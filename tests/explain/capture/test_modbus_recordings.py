@@ -1,0 +1,334 @@
+"""Captures, logs and dumps: written and read, ours and others'; damaged ones are one clear error."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import encode as ascii_frame
+from barewire.errors import BarewireError, DecodeError
+from barewire.explain.capture.bytelog import STEP, Chunk, parse_log
+from barewire.explain.capture.modbus_packets import Packer, unpack
+from barewire.explain.capture.pcapng import Packet, header, is_capture, packet, read
+from barewire.explain.modbus.exchange_text import as_dict, in_words
+from barewire.explain.modbus.replay import replay
+from barewire.modbus.sniffer.sniffer import Answered, Asked, Disturbance, Half, Overheard, Unanswered
+from barewire.rtu import encode as rtu_frame
+from barewire.tcp import encode as tcp_frame
+from tests.helpers import modest, refused, unhex
+
+READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")
+
+
+def names(told: list[Overheard]) -> list[str]:
+    return [type(event).__name__ for event in told]
+
+
+# Files of packets --------------------------------------------------------------------------------------------------
+
+
+@modest
+@given(st.lists(st.tuples(st.integers(0, 2**50), st.binary(max_size=70)), max_size=5))
+def test_what_is_written_can_be_read(packets: list[tuple[int, bytes]]) -> None:
+    file = header() + b"".join(packet(micros / 1e6, data) for micros, data in packets)
+    assert is_capture(file)
+    assert [(round(one.at * 1e6), one.data) for one in read(file)] == packets
+
+
+def section(order: str, link: int, resolution: int, *packets: tuple[int, bytes]) -> bytes:
+    """A file as others write it: either byte order, an option that says the unit of time, a block nobody knows."""
+
+    def block(kind: int, body: bytes) -> bytes:
+        body += bytes(-len(body) % 4)
+        size = struct.pack(f"{order}I", len(body) + 12)
+        return struct.pack(f"{order}I", kind) + size + body + size
+
+    options = struct.pack(f"{order}HHBxxxHH", 9, 1, resolution, 0, 0)
+    file = block(0x0A0D0D0A, struct.pack(f"{order}IHHq", 0x1A2B3C4D, 1, 0, -1))
+    file += block(1, struct.pack(f"{order}HHI", link, 0, 0) + options) + block(0xBAD, b"what?")
+    for ticks, data in packets:
+        file += block(6, struct.pack(f"{order}5I", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(data), len(data)) + data)
+    return file + block(3, struct.pack(f"{order}I", 3) + b"abc")
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_files_of_others(order: str) -> None:
+    for resolution, ticks in ((9, 1_500_000_000), (0x80 | 10, 1536)):
+        found = read(section(order, 101, resolution, (ticks, b"xyz")))
+        assert found == [Packet(1.5, b"xyz", 101), Packet(0.0, b"abc", 101)]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("magic", "fraction"), [(0xA1B2C3D4, 500_000), (0xA1B23C4D, 500_000_000)])
+def test_the_forerunner(order: str, magic: int, fraction: int) -> None:
+    file = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 65535, 1)
+    file += struct.pack(f"{order}4I", 7, fraction, 3, 3) + b"abc"
+    assert is_capture(file)
+    assert read(file) == [Packet(7.5, b"abc", 1)]
+    for cut in (10, 30, len(file) - 1):
+        with pytest.raises(DecodeError):
+            read(file[:cut])
+
+
+def test_what_is_cut_off_or_none_at_all() -> None:
+    file = header() + packet(1.0, b"abcdef")
+    for cut in range(len(header()) + 1, len(file)):
+        with refused(DecodeError, "is cut off or damaged"):
+            read(file[:cut])
+    with refused(DecodeError, "neither a pcapng nor a pcap file"):
+        read(struct.pack("<III", 0xBAD, 12, 12))
+    with refused(DecodeError, "without the number that tells the order"):
+        read(b"\x0a\x0d\x0d\x0a" + struct.pack("<II", 16, 99) + struct.pack("<I", 16))
+    assert read(b"") == []
+
+
+@modest
+@given(st.binary(max_size=120), st.booleans())
+def test_any_bytes_are_a_capture_or_a_clear_error(data: bytes, begins: bool) -> None:
+    for kind in (header() + data if begins else data, b"\xd4\xc3\xb2\xa1" + data):
+        try:
+            list(replay(kind))
+        except BarewireError:
+            continue
+
+
+# Packets -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("from_client", [True, False])
+def test_frames_in_packets(from_client: bool) -> None:
+    carried = unpack(Packet(1.0, Packer().rtu(b"frame", from_client=from_client)))
+    assert carried is not None
+    assert (carried.protocol, carried.from_client, carried.data) == ("rtu", from_client, b"frame")
+    carried = unpack(Packet(1.0, Packer().tcp(b"frame", from_client=from_client)))
+    assert carried is not None
+    assert (carried.protocol, carried.from_client, carried.data) == ("tcp", from_client, b"frame")
+    assert carried.connection == (unhex("7F000001"), 50000, unhex("7F000002"), 502)
+
+
+def test_other_ways_to_carry_ip() -> None:
+    whole = Packer().tcp(b"frame", from_client=True)
+    ip = whole[14:]
+    for link, before in ((101, b""), (0, bytes(4)), (113, bytes(16)), (276, bytes(20)), (1, whole[:12])):
+        data = before + (unhex("8100 0005 0800") if link == 1 else b"") + ip
+        carried = unpack(Packet(1.0, data, link))
+        assert carried is not None
+        assert carried.data == b"frame"
+
+
+def test_packets_that_carry_no_modbus() -> None:
+    whole = Packer().tcp(b"frame", from_client=True)
+    for data, link in (
+        (whole, 147),  # a link type that nobody here knows
+        (whole[:12] + b"\x86\xdd" + whole[14:], 1),  # IPv6
+        (whole[:20], 1),
+        (whole[:20] + b"\x20\x00" + whole[22:], 1),  # a fragment
+        (whole[:23] + b"\x01" + whole[24:], 1),  # ICMP
+        (Packer(1502).tcp(b"frame", from_client=True), 1),
+        (whole[:54], 1),  # a segment without data
+    ):
+        assert unpack(Packet(1.0, data, link)) is None
+
+
+# Recordings --------------------------------------------------------------------------------------------------------
+
+
+def capture(*frames: tuple[float, bytes]) -> bytes:
+    return header() + b"".join(packet(at, data) for at, data in frames)
+
+
+def test_a_capture_of_rtu() -> None:
+    packer = Packer()
+    file = capture(
+        (1.0, packer.rtu(rtu_frame(1, READ), from_client=True)),
+        (1.1, packer.rtu(rtu_frame(1, VALUES), from_client=False)),
+        (1.2, packer.rtu(b"\xff\x00", from_client=True)),
+        (1.3, packer.rtu(rtu_frame(2, READ), from_client=True)),
+    )
+    assert names(list(replay(file))) == ["Asked", "Answered", "Disturbance", "Asked", "Unanswered"]
+
+
+def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
+    packer = Packer()
+    requests = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(4)]
+    answers = [packer.tcp(tcp_frame(1, VALUES, number), from_client=False) for number in range(4)]
+    order = [requests[0], answers[0], requests[2], requests[1], requests[1], answers[1], answers[2], b"", requests[3]]
+    told = list(replay(capture(*((place / 100, data) for place, data in enumerate(order)))))
+    assert [(type(event).__name__, getattr(event, "transaction", None)) for event in told] == [
+        ("Asked", 0), ("Answered", 0), ("Asked", 1), ("Asked", 2), ("Answered", 1), ("Answered", 2), ("Asked", 3),
+        ("Unanswered", None),
+    ]  # fmt: skip
+    many = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(100)]
+    told = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
+    assert names(told).count("Asked") == 99
+
+
+def test_the_server_may_be_anywhere() -> None:
+    file = capture((1.0, Packer(1502).tcp(tcp_frame(1, READ, 1), from_client=True)))
+    assert list(replay(file)) == []
+    assert names(list(replay(file, ports={1502}))) == ["Asked", "Unanswered"]
+
+
+FRAME = rtu_frame(1, READ)
+
+
+@pytest.mark.parametrize(
+    ("text", "chunks"),
+    [
+        (f"12.345678 {FRAME.hex(' ')}", [Chunk(12.345678, FRAME)]),
+        (f"(1.5) {FRAME.hex()}\n[2] > 0x01,0x03", [Chunk(1.5, FRAME), Chunk(2.0, b"\x01\x03")]),
+        ("10:31:18.25 RX: 01 03", [Chunk(37878.25, b"\x01\x03")]),
+        ("# a remark\n\n01 03\n83 02 # and one", [Chunk(0.0, b"\x01\x03"), Chunk(STEP, b"\x83\x02")]),
+        ("00000000: 0103 0000 0002  ......\n00000006: c40b  ..", [Chunk(0.0, FRAME)]),
+        (
+            "00000000  01 03 00 00 00 02 c4 0b  01 03 04 00 17 00 07 00  |.........|\n00000010  01  |.|\n00000011",
+            None,
+        ),
+        (":0103", [Chunk(0.0, b":0103\r\n")]),
+        ("", []),
+    ],
+)
+def test_logs_and_dumps(text: str, chunks: list[Chunk] | None) -> None:
+    if chunks is None:
+        (chunk,) = parse_log(text.rpartition("\n")[0]).chunks
+        assert chunk.data == FRAME + unhex("01 03 04 0017 0007 00 01")
+    else:
+        assert parse_log(text).chunks == chunks
+
+
+def test_a_line_that_cannot_be_read_is_told_by_its_number() -> None:
+    with refused(DecodeError, "line 2: 'X' at 3 is no hexadecimal digit"):
+        parse_log("01 03\n01 X3")
+    with refused(DecodeError, "neither a capture nor text"):
+        replay(b"\xff\xfe\x00")
+
+
+def test_a_log_of_rtu_and_one_of_ascii() -> None:
+    log = f"1.0 {FRAME.hex(' ')}\n1.1 {rtu_frame(1, VALUES).hex(' ')}\n5.0 {FRAME.hex(' ')}\n9.0 FF"
+    told = list(replay(log.encode()))
+    assert names(told) == ["Asked", "Answered", "Asked", "Unanswered", "Disturbance"]
+    text = b"".join(ascii_frame(1, pdu).replace(b"\r\n", b"\n") for pdu in (READ, VALUES))
+    assert names(list(replay(text))) == ["Asked", "Answered"]
+
+
+# In words ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("log", "said"),
+    [
+        (["1.0 1 0300000002", "1.1 1 030400170007"],
+         ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 100.0 ms"]),
+        (["1.0 1 0600010003", "1.1 1 0600010003"],
+         ["1.000000  unit 1  Write Single Register, 3 to 0001h -> done, after 100.0 ms"]),
+        (["1.0 1 10000000010200FF", "1.1 1 1000000001"],
+         ["1.000000  unit 1  Write Multiple Registers, 1 from 0000h -> done, after 100.0 ms"]),
+        (["1.0 1 0300000002", "1.1 1 8302"],
+         ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> exception 02 (illegal data address), "
+          "after 100.0 ms"]),
+        (["1.0 1 0100000009", "1.1 1 0102FF01"],
+         ["1.000000  unit 1  Read Coils, 9 from 0000h -> 02 FF 01, after 100.0 ms"]),
+        (["1.0 0 0600010003"], ["1.000000  all     Write Single Register, 3 to 0001h (broadcast)"]),
+        (["1.0 1 0600010003"],
+         ["1.000000  unit 1  Write Single Register, 3 to 0001h -> heard once: the request or its echo"]),
+        (["1.0 1 030400170007"], ["1.000000  unit 1  (request not heard) -> Read Holding Registers, 2 registers"]),
+        (["1.0 1 0300000002"], ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> no answer"]),
+        (["1.0 1 0300000001", "1.3 2 0300000001", "1.4 1 03020001", "1.5 2 03020002"],
+         ["1.000000  unit 1  Read Holding Registers, 1 from 0000h -> no answer",
+          "1.000000  unit 1  Read Holding Registers, 1 from 0000h -> 1, after 400.0 ms, late: the next one had "
+          "been asked",
+          "1.300000  unit 2  Read Holding Registers, 1 from 0000h -> 2, after 200.0 ms"]),
+    ],
+)  # fmt: skip
+def test_a_line_for_each_exchange(log: list[str], said: list[str]) -> None:
+    rows = [line.split() for line in log]
+    text = "\n".join(f"{at} {rtu_frame(int(unit), unhex(pdu)).hex()}" for at, unit, pdu in rows)
+    lines = [in_words(event) for event in replay(text.encode())]
+    assert [line for line in lines if line is not None] == said
+
+
+def test_noise_in_words() -> None:
+    (event,) = replay(b"1.0 FF 00 55")
+    assert in_words(event) == "1.030000  noise   FF 00 55 (3 bytes, then silence)"
+
+
+def test_events_for_programs() -> None:
+    said = [(1.0, 1, "03 0000 0001"), (1.5, 1, "83 02"), (3.0, 1, "06 0001 0003"), (9.0, 0, "06 0001 0003")]
+    log = "\n".join(f"{at} {rtu_frame(unit, unhex(pdu)).hex()}" for at, unit, pdu in said)
+    told = list(replay(f"{log}\n9.5 FF 00".encode()))
+    assert names(told) == ["Asked", "Answered", "Half", "Asked", "Disturbance"]
+    dicts = [json.loads(json.dumps(as_dict(event))) for event in told]
+    assert [one["event"] for one in dicts] == ["request", "response", "half", "broadcast", "noise"]
+    assert dicts[0]["fields"] == {"function_code": 3, "address": 0, "quantity": 1}
+    assert (dicts[1]["exception"], dicts[1]["request_at"], dicts[1]["seconds"]) == (2, 1.0, 0.5)
+    assert dicts[4]["data"] == "ff00"
+
+
+@modest
+@given(st.integers(0, 255), st.binary(min_size=1, max_size=253), st.booleans())
+def test_any_frame_has_words_and_a_dict(unit: int, pdu: bytes, answered: bool) -> None:
+    asked = Asked(unit, pdu, 1.0)
+    events: list[Overheard] = [asked, Answered(unit, pdu, 2.0, to=asked if answered else None), Half(unit, pdu, 1.0)]
+    for event in [*events, Unanswered(asked, 2.0)]:
+        in_words(event)
+        json.dumps(as_dict(event))
+    assert not isinstance(events[0], Disturbance)
+
+
+# IPv6 --------------------------------------------------------------------------------------------------------------
+
+
+def over_ipv6(frame: bytes, from_client: bool, *extensions: tuple[int, bytes], version: int = 6) -> bytes:
+    """A packet of ours with another head: the segment of TCP or UDP stays as it is."""
+    segment = frame[34:]
+    kind, inner = frame[23], segment
+    for number, content in reversed(extensions):
+        size = len(content) // 8 if number == 44 else (len(content) + 2 - 8) // 8
+        inner = bytes([kind, 0 if number == 44 else size]) + content + inner
+        kind = number
+    client, server = unhex("FE80" + "00" * 13 + "01"), unhex("FE80" + "00" * 13 + "02")
+    source, target = (client, server) if from_client else (server, client)
+    head = bytes([version << 4, 0, 0, 0]) + len(inner).to_bytes(2, "big") + bytes([kind, 64]) + source + target
+    return bytes(12) + b"\x86\xdd" + head + inner
+
+
+def test_an_exchange_over_ipv6() -> None:
+    packer, data = Packer(), header()
+    for place, (pdu, from_client) in enumerate([(READ, True), (VALUES, False)]):
+        packet_data = packer.tcp(tcp_frame(1, pdu, 7), from_client=from_client)
+        data += packet(1.0 + place / 10, over_ipv6(packet_data, from_client))
+    asked, answered = replay(data)
+    assert isinstance(answered, Answered)
+    assert answered.to == asked
+    assert answered.pdu == VALUES
+
+
+@pytest.mark.parametrize("extension", [(0, bytes(6)), (60, bytes(14)), (43, bytes(6)), (44, bytes(6))])
+def test_headers_of_ipv6_before_the_one_that_counts(extension: tuple[int, bytes]) -> None:
+    whole = over_ipv6(Packer().rtu(b"frame", from_client=False), False, extension, (0, bytes(6)))
+    carried = unpack(Packet(1.0, whole))
+    assert carried is not None
+    assert (carried.protocol, carried.from_client, carried.data) == ("rtu", False, b"frame")
+    assert carried.connection[0] == unhex("FE80" + "00" * 13 + "01")
+    for link, before in ((101, 0), (0, 4), (113, 16), (276, 20)):
+        other = unpack(Packet(1.0, bytes(before) + whole[14:], link))
+        assert other is not None
+        assert other.data == b"frame"
+
+
+def test_ipv6_that_is_passed_over() -> None:
+    whole = Packer().tcp(b"frame", from_client=True)
+    fragment = over_ipv6(whole, True, (44, unhex("0001 0000 0001")))
+    for data in (fragment, over_ipv6(whole, True, version=4), over_ipv6(whole, True)[:50], over_ipv6(whole, True)[:20]):
+        assert unpack(Packet(1.0, data)) is None
+    assert unpack(Packet(1.0, over_ipv6(whole, True, (0, bytes(6)))[:58])) is None
+
+
+@modest
+@given(st.binary(max_size=90), st.sampled_from([0, 43, 44, 60, 6, 17]))
+def test_any_bytes_of_ipv6(data: bytes, kind: int) -> None:
+    unpack(Packet(0.0, bytes(12) + b"\x86\xdd\x60" + bytes(5) + bytes([kind]) + data))

@@ -1,0 +1,83 @@
+"""Buses that need no hardware: one in memory, whose members share a `CanBus`, and python-can's virtual one."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from barewire.canopen import CanFrame, Device, Entry, ErrorFrame, FdFrame, LssAddress, LssSlave, ObjectDictionary, Pdo
+from barewire.canopen.communication_objects import standard_objects
+from barewire.errors import PortError
+from barewire.io.canopen.shared_bus import CanBus
+
+IDENTITY = LssAddress(0x360, 0xDEADBEEF, 0x10002, 0xFFFFFFFF)
+
+
+class MemoryPort:
+    """A port on which comes what the test puts there; what is sent goes nowhere but to the others on the same bus."""
+
+    name = "memory"
+
+    def __init__(self) -> None:
+        self.sent: deque[CanFrame] = deque(maxlen=1000)
+        self.closed = False
+        self._coming: deque[CanFrame | ErrorFrame | FdFrame | PortError] = deque()
+        self._some = threading.Event()
+
+    def come(self, *items: CanFrame | ErrorFrame | FdFrame | PortError) -> None:
+        """These come next."""
+        self._coming.extend(items)
+        self._some.set()
+
+    def send(self, item: CanFrame) -> None:
+        self.sent.append(item)
+
+    def receive(self, timeout: float) -> CanFrame | None:
+        item = self.receive_any(timeout)
+        return item if isinstance(item, CanFrame) else None
+
+    def receive_any(self, timeout: float) -> CanFrame | ErrorFrame | FdFrame | None:
+        if not self._coming:
+            self._some.clear()
+            if not self._coming:
+                self._some.wait(timeout)
+        if not self._coming:
+            return None
+        item = self._coming.popleft()
+        if isinstance(item, PortError):
+            raise item
+        return item
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def objects() -> ObjectDictionary:
+    """A node with a little of everything."""
+    numbers = [Entry(0x3000 + place, 0, f"number {place}", "u32", "rw", place * 7919) for place in range(100)]
+    return ObjectDictionary(
+        [
+            *standard_objects(IDENTITY, name="thing", heartbeat=0),
+            Entry(0x2001, 0, "percent", "u8", "rw", 50, maximum=100),
+            Entry(0x2100, 0, "anything", "domain", "rw", b""),
+            Entry(0x6040, 0, "controlword", "u16", "rw", 0),
+            Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
+            Entry(0x60FF, 0, "velocity", "i32", "rw", 0),
+            *numbers,
+        ]
+    )
+
+
+def device(node: int | None = 5) -> Device:
+    """With two PDOs and LSS."""
+    pdos = [Pdo("RPDO", 1, (0x60400010, 0x60FF0020)), Pdo("TPDO", 1, (0x60410010, 0x60FF0020), type=1)]
+    return Device(node, objects(), pdos, lss=LssSlave(IDENTITY, store=lambda node, rate: True))
+
+
+@contextmanager
+def memory_bus() -> Iterator[CanBus]:
+    """A bus in memory, closed at the end."""
+    with CanBus(MemoryPort()) as bus:
+        yield bus

@@ -1,0 +1,517 @@
+"""Everything that a master says, said by both clients: one tour, walked blocking and with asyncio.
+
+The bus is python-can's virtual one, with the client on one side and our device on the other, in real time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import threading
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any, assert_type
+
+import pytest
+
+from barewire.canopen import (
+    CanFrame,
+    Device,
+    LssAddress,
+    LssState,
+    NmtCommand,
+    NmtState,
+    Pdo,
+    SdoAbort,
+    scan,
+)
+from barewire.canopen.emcy.consumer import EmcyEvent
+from barewire.canopen.nmt.heartbeat import HeartbeatEvent
+from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
+from barewire.canopen.pdo.named_values import PdoHeard
+from barewire.canopen.sync import SyncEvent
+from barewire.canopen.time_stamp import TimeHeard
+from barewire.devices import load
+from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.io import CanopenClient, open_canopen, open_host
+from barewire.io.canopen.async_bus import AsyncStream
+from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
+from barewire.io.canopen.async_node_runner import AsyncRunning
+from barewire.io.canopen.event_stream import Stream
+from barewire.io.canopen.node_runner import Running
+from barewire.io.canopen.shared_bus import CanBus
+from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device, memory_bus
+
+pytest.importorskip("can")
+
+Tour = Callable[[Any], Awaitable[None]]
+
+
+async def get(said: Any) -> Any:
+    """What a verb gave: on one client the value, on the other a coroutine of it."""
+    return await said if inspect.isawaitable(said) else said
+
+
+def walk(tour: Tour, kind: str, url: str) -> None:
+    """The tour with one of the two clients."""
+
+    async def with_asyncio() -> None:
+        async with await open_canopen_async(url) as client:
+            await tour(client)
+
+    async def blocking() -> None:
+        with open_canopen(url) as client:
+            await tour(client)
+
+    threads = threading.active_count()
+    asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
+    assert threading.active_count() - threads <= (1 if kind == "asyncio" else 0)  # the loop's own helper may stay
+
+
+@pytest.fixture
+def thing(request: pytest.FixtureRequest) -> Iterator[tuple[str, Device]]:
+    """A device on a bus of its own; the URL of a client for it."""
+    node = device()
+    channel = f"can://virtual/{request.node.name}"
+    with open_host(channel, node=node):
+        yield f"{channel}?node=5&timeout=30", node
+
+
+KINDS = pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+
+
+@KINDS
+def test_sdo(kind: str, thing: tuple[str, Device]) -> None:
+    async def tour(client: Any) -> None:
+        assert await get(client.upload(0x6041)) == bytes.fromhex("3706")
+        await get(client.download(0x2001, 0, b"\x0b"))
+        assert await get(client.upload(0x2001, size=1)) == b"\x0b"
+        with pytest.raises(SdoAbort, match="0609 0031h"):
+            await get(client.download(0x2001, 0, b"\x65"))
+        value = bytes(place * 7 % 251 for place in range(5000))
+        told: list[tuple[int, int | None]] = []
+        for block in (False, True, "auto"):
+            await get(client.download(0x2100, 0, value, block=block, progress=lambda *done: told.append(done)))
+            assert told[-1] == (5000, 5000)
+            assert await get(client.upload(0x2100, block=block, progress=lambda *done: told.append(done))) == value
+            await get(client.download(0x2100, 0, b"", block=block))
+        pieces = (value[at : at + 100] for at in range(0, 5000, 100))
+        await get(client.download(0x2100, 0, pieces, size=5000, block="auto"))
+        parts: list[bytes] = []
+        assert await get(client.upload_to(0x2100, 0, parts.append)) == 5000
+        assert b"".join(parts) == value
+        with pytest.raises(NoAnswer, match=r"node 9 was never heard .*, 0 frames on 589h"):
+            await get(client.at(node=9, timeout=0.02).upload(0x1000))
+        assert await get(client.at(node=9).upload(0x1000, node=5)) != b""
+        with pytest.raises(SdoAbort, match="1201h:01"):
+            await get(client.find_channel(2))
+        channel = await get(client.find_channel(1))
+        assert await get(client.upload(0x6041, node=channel)) == bytes.fromhex("3706")
+
+    walk(tour, kind, thing[0])
+
+
+@KINDS
+def test_nmt_and_heartbeats(kind: str, thing: tuple[str, Device]) -> None:
+    async def tour(client: Any) -> None:
+        with client.heartbeats() as stream:
+            await get(client.download(0x1017, 0, (20).to_bytes(2, "little")))
+            assert (await get(client.wait_for_heartbeat())).state == NmtState.PRE_OPERATIONAL
+            (obeyed,) = await get(client.tell_nmt(NmtCommand.START))
+            assert (obeyed.node, obeyed.state) == (5, NmtState.OPERATIONAL)
+            await get(client.command(NmtCommand.ENTER_PRE_OPERATIONAL))
+            assert (await get(client.wait_for_state(NmtState.PRE_OPERATIONAL))).node == 5
+            (booted,) = await get(client.tell_nmt(NmtCommand.RESET_NODE))  # and with it the heartbeat is off again
+            assert booted.state == NmtState.INITIALISING
+            kinds = []
+            while "rebooted" not in kinds:
+                event = await get(stream.get(30.0))
+                assert isinstance(event, HeartbeatEvent)
+                kinds.append(event.kind)
+            # That it booted at all may have been before our time.
+            assert [kind for kind in kinds if kind != "booted"] == ["active", "state", "state", "rebooted"]
+        assert (await get(client.ask_state())).state == NmtState.PRE_OPERATIONAL
+        with pytest.raises(NoAnswer, match="node 6: it said nothing"):
+            await get(client.tell_nmt(NmtCommand.START, timeout=0.05, ask_every=0.01, confirmed_by=[5, 6]))
+
+    walk(tour, kind, thing[0])
+
+
+@KINDS
+def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, Device]) -> None:
+    async def tour(client: Any) -> None:
+        with client.heartbeats({5: 0.05}) as stream:
+            await get(client.send(CanFrame.parse("705#05")))  # somebody else's stream hears it: see below
+            await get(client.download(0x1017, 0, (10).to_bytes(2, "little")))
+            event = await get(stream.get(30.0))
+            while event.kind != "active":
+                event = await get(stream.get(30.0))
+            await get(client.download(0x1017, 0, bytes(2)))
+            while event.kind != "lost":
+                event = await get(stream.get(30.0))
+                assert event is not None
+            assert event.node == 5
+
+    walk(tour, kind, thing[0])
+
+
+@KINDS
+def test_emcy_sync_and_time(kind: str, thing: tuple[str, Device]) -> None:
+    url, _ = thing
+
+    async def tour(client: Any) -> None:
+        with client.emergencies() as errors, client.syncs(overflow=4) as syncs, client.times() as times:
+            other = Running(await asyncio.to_thread(open_side, url), Wrong(), None)
+            event = await get(errors.get(30.0))
+            assert isinstance(event, EmcyEvent)
+            assert (event.message.node, event.message.code, event.active) == (7, 0x3210, (0x3210,))
+            producer = client.start_sync(0.005, overflow=4)
+            beats = [await get(syncs.get(30.0)) for _ in range(6)]
+            producer.stop()
+            assert [isinstance(beat, SyncEvent) and beat.counter for beat in beats] == [1, 2, 3, 4, 1, 2]
+            await get(client.send_sync(3))
+            clock = client.start_time(60.0)
+            heard = await get(times.get(30.0))
+            assert isinstance(heard, TimeHeard)
+            clock.stop()
+            await get(client.send_time(1709210096.789))
+            assert (await get(times.get(30.0))).stamp.unix == 1709210096.789
+            other.stop()
+            other._tap.bus.close()
+
+    walk(tour, kind, url)
+
+
+@KINDS
+def test_node_guarding(kind: str, thing: tuple[str, Device]) -> None:
+    async def tour(client: Any) -> None:
+        told: list[GuardEvent] = []
+
+        async def until(*kinds: str) -> None:
+            deadline = time.monotonic() + 30.0
+            while tuple(event.kind for event in told) != kinds:
+                assert time.monotonic() < deadline, told
+                await asyncio.sleep(0.001)
+
+        guarding = client.start_guarding({5: Guard(0.02, 200)}, told.append)
+        await until("answered")
+        await get(client.command(NmtCommand.STOP))
+        await until("answered", "state")
+        assert (told[-1].node, told[-1].state) == (5, NmtState.STOPPED)
+        await get(client.command(NmtCommand.RESET_COMMUNICATION))
+        await until("answered", "state", "booted", "state")
+        guarding.stop()
+        told.clear()
+        gone = client.start_guarding({6: Guard(0.01, 2)}, told.append)
+        await until("lost")
+        gone.stop()
+        with pytest.raises(EncodeError, match="expected a time above 0"):
+            client.start_guarding({5: Guard(0.0)}, print)
+
+    walk(tour, kind, thing[0])
+
+
+@KINDS
+def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, Device]) -> None:
+    """Each of the three with another COB-ID, and an extended one whose number is that of the default."""
+    url, node = thing
+    sync, clock, emcy = (0x80, True), (0x100, True), (0x6B0, False)
+
+    async def tour(client: Any) -> None:
+        moved = ((0x1005, 0x2000_0080), (0x1012, 0x100), (0x1012, 0xA000_0100), (0x1014, 1 << 31), (0x1014, 0x6B0))
+        for index, word in moved:
+            await get(client.download(index, 0, word.to_bytes(4, "little")))
+        await get(client.command(NmtCommand.START))
+        tpdo = await get(client.remote_pdo("TPDO", 1, objects=node.objects))
+        with client.pdos(tpdo) as values, client.emergencies({emcy: 5}) as errors:
+            await get(client.send_sync())
+            await get(client.send_time(1e9))
+            await get(client.send(CanFrame.parse("205#01")))  # too short
+            assert (await get(errors.get(30.0))).message.code == 0x8210
+            assert (await get(values.get(0.0)), node.time.last) == (None, None)
+            await get(client.send_sync(key=sync))
+            assert isinstance(await get(values.get(30.0)), PdoHeard)
+            producer = client.start_sync(0.005, key=sync)
+            assert isinstance(await get(values.get(30.0)), PdoHeard)
+            producer.stop()
+            await get(client.send_time(1709210096.789, key=clock))
+            await get(client.upload(0x1000))
+            assert node.time.last is not None
+            assert node.time.last.stamp.unix == 1709210096.789
+        with client.syncs(key=sync) as beats, client.times(key=clock) as times:
+            with open_canopen(url) as other:
+                other.send_sync(key=sync)
+                other.send_time(1.5e9, key=clock)
+            assert isinstance(await get(beats.get(30.0)), SyncEvent)
+            assert isinstance(await get(times.get(30.0)), TimeHeard)
+
+    walk(tour, kind, url)
+
+
+class Wrong:
+    """A machine that has one thing to say."""
+
+    deadline = None
+
+    def start(self, now: float) -> list[CanFrame]:
+        return [CanFrame.parse("087#1032050000000000")]
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        return []
+
+
+def open_side(url: str) -> CanBus:
+    return open_canopen(url).bus
+
+
+@KINDS
+def test_pdos_by_name(kind: str, thing: tuple[str, Device]) -> None:
+    url, node = thing
+
+    async def tour(client: Any) -> None:
+        rpdo = await get(client.remote_pdo("RPDO", 1, objects=node.objects))
+        await get(client.write_pdo(Pdo("TPDO", 1, (0x60FF0020, 0x60410010), type=1)))
+        tpdo = await get(client.remote_pdo("TPDO", 1, objects=node.objects))
+        assert tpdo.pdo.mapping == (await get(client.read_pdo("TPDO", 1))).mapping == (0x60FF0020, 0x60410010)
+        with client.pdos(tpdo) as stream:
+            await get(client.command(NmtCommand.START))
+            await get(client.send_pdo(rpdo, {"controlword": 15, "velocity": -25000}))
+            await get(client.send_sync())
+            event = await get(stream.get(30.0))
+            assert isinstance(event, PdoHeard)
+            assert event.values == {"velocity": -25000, "statusword": 0x0637}
+        assert await get(client.upload(0x6040)) == b"\x0f\x00"
+        with pytest.raises(EncodeError, match="'speed' is not in this PDO"):
+            client.send_pdo(rpdo, {"speed": 1})
+
+    walk(tour, kind, url)
+
+
+@KINDS
+def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest.FixtureRequest) -> None:
+    from barewire.devices.sim import simulator
+
+    channel, az3 = f"can://virtual/{request.node.name}", load("az3")
+
+    async def tour(client: Any) -> None:
+        await get(client.read(az3, "STATUS WORD"))
+        remote = await get(client.remote_pdo("TPDO", 1, objects=az3))
+        assert "STATUS WORD" in remote.decode(CanFrame(remote.key[0], bytes(remote.mapping.size)))
+        await get(client.write(az3, {"TARGET VELOCITY": 100}))
+        assert [float(reading.value) for reading in await get(client.read(az3, "TARGET VELOCITY"))] == [100]
+        with pytest.raises(EncodeError, match="TARGET VELOCITY"):
+            await get(client.write(az3, {"TARGET VELOCITY": 10**9}))
+
+    machine = simulator("az3")
+    with open_host(channel, node=machine.canopen):
+        walk(tour, kind, f"{channel}?node=1")
+
+
+@KINDS
+def test_who_is_there_and_anything_else(kind: str, thing: tuple[str, Device]) -> None:
+    async def tour(client: Any) -> None:
+        asked: list[int] = []
+        survey = await get(client.scan(range(1, 8), progress=lambda node, survey: asked.append(node)))
+        assert (list(survey.nodes), asked) == ([5], list(range(1, 8)))
+        assert list((await get(client.run(scan(range(4, 7))))).nodes) == [5]
+        with client.frames((0x585, False)) as answers, client.frames() as everything:
+            await get(client.upload(0x6041))
+            assert str(await get(answers.get(5.0))) == "585#4B41600037060000"
+            assert str(await get(everything.get(30.0))) == "605#4041600000000000"
+        with client.host(device(6)):
+            other = client.at(node=6)
+            assert await get(other.upload(0x6041)) == bytes.fromhex("3706")
+
+    walk(tour, kind, thing[0])
+
+
+@KINDS
+def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
+    channel = f"can://virtual/{request.node.name}"
+    bare = device(None)
+
+    async def tour(client: Any) -> None:
+        assert await get(client.identify_unconfigured(timeout=0.5)) == 1
+        told: list[int] = []
+        assert await get(client.fastscan(timeout=0.5, progress=lambda at: told.append(at.bit))) == IDENTITY
+        assert told == [*range(31, -1, -1)] * 4
+        assert await get(client.inquire_address()) == IDENTITY
+        assert await get(client.inquire_node()) is None
+        await get(client.switch_global(LssState.WAITING))
+        assert await get(client.identify_slaves(0x360, 0xDEADBEEF, timeout=0.5)) == 1
+        assert await get(client.switch_selective(IDENTITY))
+        await get(client.configure_bit_timing(2))
+        await get(client.configure_node(12))
+        await get(client.store_configuration())
+        await get(client.switch_global(LssState.WAITING))
+        assert await get(client.at(node=12).upload(0x6041)) == bytes.fromhex("3706")
+        assert await get(client.find_all([20], timeout=0.05)) == []
+
+    with open_host(channel, node=bare):
+        walk(tour, kind, channel)
+    assert bare.node == 12
+
+
+def test_clients_of_both_kinds_share_a_bus_and_leave_it_open() -> None:
+    async def main(bus: CanBus) -> None:
+        async with AsyncCanopenClient(bus, node=5) as one, AsyncCanopenClient(bus, node=6) as two:
+            assert await one.upload(0x6041) == await two.upload(0x6041)
+            running = one.start_sync(60.0)
+            stream = one.frames()
+        await asyncio.sleep(0)
+        assert running._task.done()
+        with pytest.raises(PortError):
+            await stream.get(0.0)
+
+    with memory_bus() as bus, CanopenClient(bus, node=5) as client:
+        threads = threading.active_count()
+        with CanopenClient(bus, node=6) as other, client.host(device(5)):
+            other.host(device(6))
+            asyncio.run(main(bus))
+            assert client.upload(0x6041) == other.upload(0x6041) == bytes.fromhex("3706")
+            assert client.channel() is CanopenClient(bus, node=5).channel()
+        assert threading.active_count() == threads
+        assert bus.failure is None
+
+
+def test_a_silent_node_does_not_keep_another_one_waiting() -> None:
+    with memory_bus() as bus, CanopenClient(bus, node=6) as client, client.host(device(6)):
+        silent = CanopenClient(bus, node=5, timeout=60.0)
+
+        def ask() -> None:
+            with pytest.raises(PortError, match="closed"):
+                silent.upload(0x1000)
+
+        waiting = threading.Thread(target=ask)
+        with client.frames((0x605, False)) as asked:
+            waiting.start()
+            assert asked.get(10.0) is not None
+        assert client.upload(0x6041) == bytes.fromhex("3706")
+
+        async def main() -> bytes:
+            asynchronous = AsyncCanopenClient(bus, node=6)
+            blocked = asyncio.create_task(AsyncCanopenClient(bus, node=5).upload(0x1000))  # behind the thread
+            await asyncio.sleep(0)
+            value = await asynchronous.upload(0x6041)
+            assert not blocked.done()
+            blocked.cancel()
+            return value
+
+        assert asyncio.run(main()) == bytes.fromhex("3706")
+        assert waiting.is_alive()
+        bus.close()
+        waiting.join(10.0)
+
+
+@pytest.mark.parametrize("block", [False, True])
+@pytest.mark.parametrize("downloads", [False, True])
+def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downloads: bool) -> None:
+    """A task is cancelled at its first step, at its second ... until one comes to its end before that."""
+    value = bytes(place % 256 for place in range(60))
+
+    async def main(bus: CanBus) -> int:
+        client = AsyncCanopenClient(bus, node=5, timeout=0.02)
+        node = device()
+        client.host(node)
+        await asyncio.sleep(0)
+        for steps in range(10_000):
+            await client.download(0x2100, 0, value)
+            task: asyncio.Task[Any] = asyncio.create_task(
+                client.download(0x2100, 0, value[::-1], block=block)
+                if downloads
+                else client.upload(0x2100, block=block)
+            )
+            for _ in range(steps):
+                await asyncio.sleep(0)
+            ended = task.done()
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            assert await client.upload(0x2100) in ((value, value[::-1]) if downloads else (value,))
+            assert await client.upload(0x6041) == bytes.fromhex("3706")
+            if ended:
+                return steps
+        raise AssertionError("it never came to its end")
+
+    with memory_bus() as bus:
+        assert asyncio.run(main(bus)) >= 5
+
+
+@pytest.mark.parametrize("block", [False, True])
+def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
+    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
+        client.download(0x2100, 0, bytes(2000))
+        for moment in range(3):
+            left = moment
+
+            def stop(done: int, size: int | None) -> None:
+                nonlocal left
+                left -= 1
+                if left < 0:
+                    raise KeyboardInterrupt
+
+            with pytest.raises(KeyboardInterrupt):
+                client.upload(0x2100, block=block, progress=stop, timeout=0.5)  # for so long it is quiet afterwards
+            assert client.upload(0x2100, block=block) == bytes(2000)
+
+
+class Cramped(MemoryPort):
+    """A controller with room for so many frames."""
+
+    def __init__(self, room: int) -> None:
+        super().__init__()
+        self.room = room
+
+    def try_send(self, item: CanFrame) -> bool:
+        if self.room <= 0:
+            return False
+        self.room -= 1
+        self.send(item)
+        return True
+
+
+def test_a_task_that_is_cancelled_within_a_burst_says_so_when_there_is_room_again() -> None:
+    """The controller takes five frames of a burst of sixteen. Behind the rest of them comes the abort."""
+
+    async def main(bus: CanBus, port: Cramped) -> list[CanFrame]:
+        client = AsyncCanopenClient(bus, node=5, timeout=30.0)
+        task: asyncio.Task[Any] = asyncio.create_task(client.download(0x2100, 0, bytes(2000), block=True))
+        while not port.sent:
+            await asyncio.sleep(0.001)
+        port.come(CanFrame.parse("585#A40021007F000000"))
+        while port.room:
+            await asyncio.sleep(0.001)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        assert len(port.sent) == 6
+        port.room = 100
+        async with asyncio.timeout(10):
+            while port.room > 100 - 12:
+                await asyncio.sleep(0.001)
+        return list(port.sent)
+
+    port = Cramped(6)
+    with CanBus(port) as bus:
+        said = [str(frame) for frame in asyncio.run(main(bus, port))]
+    assert [text[:6] for text in said[1:17]] == [f"605#{number:02X}" for number in range(1, 17)]
+    assert said[17:] == ["605#8000210000000008"]
+
+
+def test_receive_is_the_next_frame_from_the_first_call_on() -> None:
+    port = MemoryPort()
+    with CanopenClient(port, timeout=0.01) as client:
+        assert client.receive(0.0) is None
+        port.come(CanFrame.parse("705#05"))
+        assert str(client.receive(5.0)) == "705#05"
+        assert client.receive() is None
+
+
+async def types(client: CanopenClient, awaited: AsyncCanopenClient) -> None:
+    """For mypy, which knows what each word gives on either client; not run."""
+    assert_type(client.upload(0x6041), bytes)
+    assert_type(await awaited.upload(0x6041), bytes)
+    assert_type(client.read_pdo("TPDO", 1), Pdo)
+    assert_type(await awaited.fastscan(), LssAddress | None)
+    assert_type(client.emergencies(), Stream[EmcyEvent])
+    assert_type(awaited.emergencies(), AsyncStream[EmcyEvent])
+    assert_type(client.start_sync(1.0), Running)
+    assert_type(awaited.start_sync(1.0), AsyncRunning)

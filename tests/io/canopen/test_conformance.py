@@ -1,0 +1,152 @@
+"""The CANopen battery on a real bus: ours pass, a wrong one is found, and nobody there is told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+
+from barewire.canopen import CanFrame
+from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.io import open_canopen, open_host
+from barewire.io.canopen import conformance as shell
+from barewire.io.canopen.conformance import Result, conform_can
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.conformance import Unfinished
+from tests.canopen.conformance.devices import LARGE, NODE, plain
+from tests.cli.test_command import barewire, free_port, simulated
+from tests.helpers import refused
+from tests.io.peers import again
+
+URL = f"can://virtual/conform?node={NODE}"
+
+
+@pytest.fixture
+def device() -> Iterator[str]:
+    with open_host(URL, node=plain()):
+        yield f"{URL}&timeout=1"
+
+
+def held(**which: Any) -> list[Result]:
+    """Our device against cases."""
+
+    def run(patience: str) -> list[Result]:
+        with open_host(URL, node=plain()):
+            return list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
+
+    return again(run, "0.1", "1")
+
+
+def test_our_device_passes() -> None:
+    results = held(large=LARGE, only=("SDO", "SEG", "BLK", "LSS-1", "NMT-1"))
+    assert [result.failure for result in results if result.failure] == []
+    assert [result.case.name for result in results if result.left_out] == ["SDO-09", "SDO-10", "SDO-13", "SDO-52"]
+    assert len(results) > 130
+
+
+def test_what_somebody_set_before_is_no_fault_of_the_device(device: str) -> None:
+    """1017h is compared with what it has after a reset, not with what it had when the battery came."""
+    with open_canopen(device) as client:
+        client.download(0x1017, 0, (1234).to_bytes(2, "little"))
+        results = list(conform_can(Endpoint.parse(device), only=("SDO-01",)))
+        assert client.upload(0x1017) == (1234).to_bytes(2, "little")  # these read only: nothing was reset
+    assert [result.failure for result in results] == [None]
+    results = list(conform_can(Endpoint.parse(device), only=("NMT-17", "NMT-18")))
+    assert [result.failure for result in results] == [None, None]
+
+
+def test_a_large_object_that_is_not_there(device: str) -> None:
+    with refused(EncodeError, f"the large object 2FFF:00: node {NODE} has no such object"):
+        list(conform_can(Endpoint.parse(device), large=(0x2FFF, 0)))
+
+
+def test_gentle_leaves_out_what_changes_anything() -> None:
+    results = held(gentle=True, only=("SDO", "TPD"))
+    assert [result.failure for result in results if result.failure] == []
+    assert {result.case.effect for result in results if result.outcome} == {"reads"}
+    assert {result.left_out for result in results if result.case.name.startswith("TPD-3")} == {"commands"}
+
+
+def test_where_nobody_is_and_what_has_no_cases() -> None:
+    with pytest.raises(NoAnswer):
+        list(conform_can(Endpoint.parse("can://virtual/nobody?node=5&timeout=0.05")))
+    with refused(EncodeError, "these cases are for can://"):
+        list(conform_can(Endpoint.parse("tcp://127.0.0.1:1")))
+
+
+def test_a_bus_without_remote_frames_says_so() -> None:
+    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url, open_canopen(url) as client:
+        with refused(PortError, "socketcand carries no remote frames"):
+            client.send(CanFrame.parse("705#R1"))
+        assert client.upload(0x1000) == bytes.fromhex("92010200")
+
+
+def test_the_command() -> None:
+    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", asking="") as url:
+        done = barewire("conform", f"{url}&timeout=1", "--only", "sdo-0,sdo-31,seg-01")
+        assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
+        assert "FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#40181000" in done.stdout
+        assert "-       SDO-31  a remote frame is no request (needs remote frames, which socketcand" in done.stdout
+        assert done.stdout.splitlines()[-1] == "5 of 7 as the standard says, 4 left out"
+        assert done.returncode == 1
+        done = barewire("conform", f"{url}&timeout=5", "--only", "SDO-05", "--json", "--gentle")
+        assert done.returncode == 0
+        (line,) = map(json.loads, done.stdout.splitlines())
+        assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
+        assert line["heard"] == [["585#4300100092010200"]] * 5
+        done = barewire("conform", f"{url}&timeout=0.2", "--only", "XYZ")
+        assert (done.returncode, done.stderr) == (1, "barewire: --only 'XYZ': no case has a name that begins so\n")
+
+
+def test_the_command_is_told_nonsense() -> None:
+    for arguments, said in (
+        (("can://virtual/nobody?node=5&timeout=0.05",), "node 5"),
+        (("can://virtual/nobody", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
+        (("can://virtual/nobody", "--large", "here"), "--large 'here': expected INDEX:SUB"),
+        (("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
+    ):
+        done = barewire("conform", *arguments)
+        assert done.returncode == 1
+        assert len(done.stderr.splitlines()) == 1
+        assert said in done.stderr
+
+
+def hold_on(only: str, results: list[Result], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
+    """Collect what comes of the cases that are not left out; behind so many results something happens."""
+    for result in conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=(only,)):
+        if result.outcome is not None:
+            results.append(result)
+            if len(results) == at:
+                change()
+
+
+@pytest.mark.parametrize("only", ["SDO-0", "NMT-1"])
+def test_a_device_that_dies_in_mid_battery_ends_the_run(monkeypatch: pytest.MonkeyPatch, only: str) -> None:
+    monkeypatch.setattr(shell, "BOOT", 0.3)
+    whole: list[Result] = []
+    results: list[Result] = []
+    with open_host(URL, node=plain()) as host:
+        hold_on(only, whole)
+        with pytest.raises(Unfinished, match=f"node {NODE} answers no more behind the case {only[:3]}-") as caught:
+            hold_on(only, results, 3, host.close)
+    assert len(results) in (3, 4)
+    assert len(results) + caught.value.not_run == len(whole)
+    assert str(caught.value).endswith(f" ({caught.value.not_run} cases not run)")
+
+
+def test_a_device_that_is_started_anew_is_held_on() -> None:
+    """The case in which it comes back may hear its boot-up message, and fail; the others are as ever."""
+    results: list[Result] = []
+    with ExitStack() as stack:
+        host = stack.enter_context(open_host(URL, node=plain()))
+
+        def anew() -> None:
+            host.close()
+            stack.enter_context(open_host(URL, node=plain()))
+
+        hold_on("NMT-1", results, 3, anew)
+    assert [result.failure for result in results[4:] if result.failure] == []
+    assert len(results) > 5

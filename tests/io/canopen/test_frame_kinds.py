@@ -1,0 +1,57 @@
+"""What is no classical frame does not get in, and is not lost either."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.errors import PortError
+from barewire.io.endpoint import Endpoint
+
+can = pytest.importorskip("can")
+
+
+def test_error_and_fd_frames_are_kinds_of_their_own() -> None:
+    from barewire.io.ports.python_can import CanPort
+
+    port = CanPort(Endpoint.parse("can://virtual/kinds"))
+    other = can.Bus(interface="virtual", channel="kinds")
+    for message in (
+        can.Message(arbitration_id=0x60, is_error_frame=True, is_extended_id=False, data=bytes(8)),
+        can.Message(arbitration_id=0x585, is_fd=True, is_extended_id=False, data=bytes(12), bitrate_switch=True),
+        can.Message(arbitration_id=0x585, is_extended_id=True, data=b"\1"),
+    ):
+        other.send(message)
+    assert port.receive(1.0) == CanFrame(0x585, b"\1", extended=True)
+    assert list(port.strange) == [ErrorFrame(0x60, bytes(8)), FdFrame(0x585, bytes(12), False, 1)]
+    assert port.others == 2
+    port.close()
+    other.shutdown()
+
+
+def test_an_interface_that_went_down_is_told_to_the_reader_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system says it once, to whoever asks first: here to the one who sends."""
+    from barewire.io.ports.python_can import CanPort
+
+    port = CanPort(Endpoint.parse("can://virtual/went-down"))
+    try:
+        assert port.receive(0.0) is None
+
+        def down(message: Any) -> None:
+            raise can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN)
+
+        monkeypatch.setattr(port._bus, "send", down)
+        ways: list[Callable[[], Any]] = [
+            lambda: port.send(CanFrame(0x100)),
+            lambda: port.receive(0.0),
+            lambda: port.receive_any(0.0),
+        ]
+        for what in ways:
+            with pytest.raises(PortError, match="Network is down"):
+                what()
+    finally:
+        port.close()

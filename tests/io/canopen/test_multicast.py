@@ -1,0 +1,52 @@
+"""CANopen over python-can's udp_multicast: a bus whose frames are UDP packets. Nothing of it leaves the machine."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from barewire.errors import PortError
+from barewire.io import open_canopen, open_host
+from barewire.io.ports.python_can import CanPort
+from tests.io.canopen.memory_bus import device
+
+pytest.importorskip("can")
+pytest.importorskip("msgpack")
+
+GROUP = "239.74.163.2"
+
+
+def way_to_the_group() -> tuple[int, bool]:
+    """A port of the group that is free, and whether this machine has a way to a group at all."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        probe.bind(("", 0))
+        number: int = probe.getsockname()[1]
+        try:
+            probe.sendto(b"", (GROUP, number))
+        except OSError:
+            return number, False
+    return number, True
+
+
+def test_transfers_and_strangers_in_the_group() -> None:
+    place, there_is_a_way = way_to_the_group()
+    url = f"can://udp_multicast/{GROUP}?port={place}&hop_limit=0&node=5&timeout=30"
+    if not there_is_a_way:
+        with pytest.raises(PortError, match=rf"can://udp_multicast/{GROUP}: could not .*: no such device"):
+            open_canopen(url)
+        return
+    value = bytes(number % 251 for number in range(700))
+    with open_host(url, node=device()), open_canopen(url) as client:
+        assert client.upload(0x6041) == b"\x37\x06"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+            for noise in (b"nonsense", b"\x81\xa1a", b"\xc1", b"\x81\xa1a\x01\x02"):
+                stranger.sendto(noise, (GROUP, place))
+        for block in (False, True):
+            client.download(0x2100, 0, value, block=block)
+            assert client.upload(0x2100, block=block) == value
+        port = client.bus.port
+        assert isinstance(port, CanPort)
+        assert (port.garbled, client.bus.failure) == (4, None)

@@ -1,0 +1,84 @@
+"""Odd arguments to the words of CANopen: one clear error, nothing on the bus, and the next word works."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from barewire.canopen import CanFrame, Pdo
+from barewire.errors import EncodeError
+from barewire.io import CanopenClient
+from barewire.io.canopen.async_client import AsyncCanopenClient
+from barewire.io.canopen.shared_bus import CanBus
+from tests.io.canopen.memory_bus import MemoryPort, device
+
+NAN = float("nan")
+
+CASES: dict[str, Callable[[Any], Any]] = {
+    "upload, nan": lambda c: c.upload(0x1000, timeout=NAN),
+    "upload, below 0": lambda c: c.upload(0x1000, timeout=-1),
+    "client, nan": lambda c: c.at(timeout=NAN).upload(0x1000),
+    "another channel, nan": lambda c: c.find_channel(2, timeout=NAN),
+    "scan, nan": lambda c: c.scan([5], timeout=NAN),
+    "heartbeat, nan": lambda c: c.wait_for_heartbeat(timeout=NAN),
+    "NMT, nan": lambda c: c.tell_nmt(1, timeout=NAN),
+    "fastscan, nan": lambda c: c.fastscan(timeout=NAN),
+    "stream, nan": lambda c: c.frames((1, False)).get(NAN),
+    "PDO, nan": lambda c: c.read_pdo("TPDO", 1, timeout=NAN),
+    "time, nan": lambda c: c.send_time(NAN),
+    "time, inf": lambda c: c.send_time(float("inf")),
+    "SYNC period, nan": lambda c: c.start_sync(NAN),
+    "SYNC identifier": lambda c: c.send_sync(key=(0x800, False)),
+    "frame identifier": lambda c: c.send(CanFrame(0x800)),
+    "frame too long": lambda c: c.send(CanFrame(0x100, bytes(9))),
+    "block": lambda c: c.upload(0x2100, block="yes"),
+    "text": lambda c: c.download(0x2100, 0, "text"),
+    "no PDO before the first": lambda c: c.read_pdo("TPDO", 0),
+    "no PDO behind the last": lambda c: c.read_pdo("RPDO", 513),
+    "no such direction": lambda c: c.read_pdo("XPDO", 1),
+    "a mapping is no PDO": lambda c: c.write_pdo(Pdo("TPDO", 513, ())),
+    "node 0": lambda c: c.upload(0x1000, node=0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+def test_one_clear_error_and_nothing_said(kind: str, case: str) -> None:
+    port = MemoryPort()
+
+    def blocking(bus: CanBus) -> None:
+        with CanopenClient(bus, node=6, timeout=30.0) as client, client.host(device(6)):
+            client.upload(0x1000)
+            port.sent.clear()
+            with pytest.raises(EncodeError):
+                CASES[case](client)
+            assert not port.sent
+            assert client.upload(0x6041) == b"\x37\x06"
+
+    async def with_asyncio(bus: CanBus) -> None:
+        async with AsyncCanopenClient(bus, node=6, timeout=30.0) as client:
+            with client.host(device(6)):
+                await client.upload(0x1000)
+                port.sent.clear()
+                with pytest.raises(EncodeError):
+                    await CASES[case](client)
+                assert not port.sent
+                assert await client.upload(0x6041) == b"\x37\x06"
+
+    with CanBus(port) as bus:
+        if kind == "blocking":
+            blocking(bus)
+        else:
+            asyncio.run(with_asyncio(bus))
+
+
+def test_a_client_s_own_time_out() -> None:
+    with CanBus(MemoryPort()) as bus:
+        for wrong in (NAN, -1.0):
+            with pytest.raises(EncodeError, match="expected 0 or more"):
+                CanopenClient(bus, timeout=wrong)
+        with CanopenClient(bus) as client, pytest.raises(EncodeError):
+            client.receive(NAN)

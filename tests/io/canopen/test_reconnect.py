@@ -1,0 +1,359 @@
+"""A bus whose port fails and comes back: who is told what, who goes on, how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import threading
+import time
+import tty
+from contextlib import suppress
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+from barewire.canopen import CanFrame, ErrorFrame, NmtCommand, NmtState
+from barewire.errors import NoAnswer, PortError
+from barewire.io import CanopenClient, open_canopen, open_host
+from barewire.io.canopen.async_client import AsyncCanopenClient
+from barewire.io.canopen.event_stream import Frames, Stream
+from barewire.io.canopen.reconnect import LASTED, Reopening
+from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.socketcand import SocketcandHub
+from barewire.io.canopen.subscriber import Back, Gone
+from barewire.io.endpoint import Endpoint
+from barewire.io.engine.backoff import BackOff
+from barewire.io.ports.python_can import GARBLED_MAX, CanPort
+from tests.io.canopen.memory_bus import MemoryPort, device
+
+pytest.importorskip("can")
+
+UNPLUGGED = PortError("the adapter was unplugged")
+T = TypeVar("T")
+
+
+def frame(text: str) -> CanFrame:
+    return CanFrame.parse(text)
+
+
+class Adapter:
+    """What opens ports: as many attempts fail as `failing` says; each port is kept."""
+
+    def __init__(self) -> None:
+        self.ports: list[MemoryPort] = [MemoryPort()]
+        self.failing = 0
+        self.may_open = threading.Event()
+        self.may_open.set()
+
+    @property
+    def port(self) -> MemoryPort:
+        return self.ports[-1]
+
+    def dial(self) -> MemoryPort:
+        self.may_open.wait(30.0)
+        if self.failing:
+            self.failing -= 1
+            raise PortError("no such adapter")
+        self.ports.append(MemoryPort())
+        return self.port
+
+    def bus(self) -> CanBus:
+        return CanBus(self.port, dial=self.dial)
+
+
+def until(stream: Stream[CanFrame], kind: type[T]) -> T:
+    """The next event of a kind; what comes before is passed over."""
+    while True:
+        event = stream.get(30.0)
+        assert event is not None, f"{kind.__name__} did not come"
+        if isinstance(event, kind):
+            return event
+
+
+def test_streams_are_told_and_go_on() -> None:
+    adapter = Adapter()
+    adapter.failing = 2
+    with adapter.bus() as bus, Stream(bus, Frames(), {(0x80, False)}) as stream:
+        adapter.port.come(frame("080#01"), UNPLUGGED)
+        assert stream.get(30.0) == frame("080#01")
+        assert stream.get(30.0) == Gone("the adapter was unplugged")
+        back = stream.get(30.0)
+        assert isinstance(back, Back)
+        assert back.after > 0
+        assert [port.closed for port in adapter.ports] == [True, False]
+        adapter.port.come(frame("080#02"))
+        assert stream.get(30.0) == frame("080#02")
+        assert bus.failure is None
+    assert adapter.port.closed
+
+
+def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_node_of_ours_lives_on() -> None:
+    adapter = Adapter()
+    with adapter.bus() as bus, Stream(bus, Frames(), None) as stream:
+        ours = device(6)
+        with CanopenClient(bus, node=5, timeout=30.0) as client, client.host(ours):
+            client.download(0x2001, 0, b"\x07", node=6)
+            adapter.may_open.clear()
+            told: list[str] = []
+
+            def ask() -> None:
+                with pytest.raises(PortError) as caught:
+                    client.upload(0x1000)
+                told.append(str(caught.value))
+
+            asking = threading.Thread(target=ask)
+            asking.start()
+            while until(stream, CanFrame).id != 0x605:
+                pass
+            adapter.port.come(UNPLUGGED)
+            asking.join(30.0)
+            assert told == ["the adapter was unplugged"]
+            with pytest.raises(PortError, match="unplugged"):
+                client.at(timeout=0.01).upload(0x1000)
+            with pytest.raises(PortError, match="unplugged"):
+                client.receive(0.01)
+            threading.Timer(0.05, adapter.may_open.set).start()
+            assert client.upload(0x2001, node=6) == b"\x07"
+            assert client.receive(0.0) is None
+            adapter.port.come(frame("080#"))
+            assert client.receive(30.0) == frame("080#")
+
+
+def test_with_asyncio() -> None:
+    adapter = Adapter()
+
+    async def main() -> None:
+        with adapter.bus() as bus:
+            async with AsyncCanopenClient(bus, node=6, timeout=30.0) as client:
+                with client.host(device(6)), client.frames((0x80, False)) as stream:
+                    await asyncio.sleep(0)
+                    assert await client.upload(0x6041) == b"\x37\x06"
+                    adapter.may_open.clear()
+                    silent = asyncio.create_task(client.at(node=5).upload(0x1000))
+                    while frame("605#4000100000000000") not in adapter.port.sent:
+                        await asyncio.sleep(0)
+                    adapter.port.come(UNPLUGGED)
+                    with pytest.raises(PortError, match="unplugged"):
+                        await silent
+                    assert await stream.get(30.0) == Gone("the adapter was unplugged")
+                    with pytest.raises(PortError, match="unplugged"):
+                        await client.at(timeout=0.01).upload(0x1000)
+                    asking = [asyncio.create_task(client.upload(0x6041)) for _ in range(20)]
+                    await asyncio.sleep(0)
+                    adapter.may_open.set()
+                    assert await asyncio.gather(*asking) == [b"\x37\x06"] * 20
+                    assert isinstance(await stream.get(30.0), Back)
+
+    asyncio.run(main())
+
+
+def test_whoever_comes_while_the_bus_is_gone() -> None:
+    adapter = Adapter()
+    adapter.may_open.clear()
+    with adapter.bus() as bus, Stream(bus, Frames(), None) as first:
+        adapter.port.come(UNPLUGGED)
+        until(first, Gone)
+        with pytest.raises(PortError, match="unplugged"):
+            bus.send(frame("080#"))
+        with Stream(bus, Frames(), None) as second:
+            assert second.get(0.0) == Gone("the adapter was unplugged")
+            adapter.may_open.set()
+            assert isinstance(second.get(30.0), Back)
+
+
+def test_closed_in_the_middle_of_a_pause() -> None:
+    adapter = Adapter()
+    adapter.failing = 10**9
+    bus = adapter.bus()
+    stream = Stream(bus, Frames(), None)
+    adapter.port.come(UNPLUGGED)
+    until(stream, Gone)
+    reopening = bus._reopening
+    assert reopening is not None
+    while reopening.back_off.why != "no such adapter":
+        time.sleep(0.001)
+    bus.close()
+    with pytest.raises(PortError, match="closed"):
+        stream.get(30.0)
+    assert not bus._reader.is_alive()
+    assert bus.when_open(lambda: None)
+
+
+def test_a_bus_without_a_way_to_open_it_is_over() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, Stream(bus, Frames(), None) as stream:
+        port.come(UNPLUGGED)
+        with pytest.raises(PortError, match="unplugged"):
+            stream.get(30.0)
+
+
+def test_a_port_that_opens_and_fails_at_once_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interface that is down can be opened; the pauses grow all the same."""
+    now, pauses = 100.0, []
+    broken = 5
+
+    def dial() -> MemoryPort:
+        nonlocal broken
+        port = MemoryPort()
+        if broken:
+            broken -= 1
+            port.come(PortError("network is down"))
+        else:
+            port.come(frame("080#"))
+        return port
+
+    class Stop(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            nonlocal now
+            pauses.append(timeout)
+            now += timeout or 0.0
+            return False
+
+    monkeypatch.setattr("barewire.io.canopen.reconnect.time.monotonic", lambda: now)
+    reopening = Reopening(dial, Stop())
+    reopening.back_off = BackOff(lambda: 0.5)
+    opened = reopening.reopen(MemoryPort(), "unplugged")
+    assert opened is not None
+    assert opened[1] == frame("080#")
+    assert pauses == [0.125, 0.25, 0.5, 1.0, 2.0, 4.0]
+    pauses.clear()
+    reopening.reopen(opened[0], "again, at once")
+    assert pauses == [8.0]
+    pauses.clear()
+    now += LASTED
+    reopening.reopen(opened[0], "after a while")
+    assert pauses == [0.0]
+
+
+def test_a_node_says_that_the_controller_is_back_on_the_bus() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, CanopenClient(bus, node=6, timeout=30.0) as client, client.host(device(6)):
+        client.tell_nmt(NmtCommand.START, ask_every=0.1, timeout=30.0)
+        errors = client.frames((0x86, False))
+        for restarted in (ErrorFrame(0x100), frame("123#")):
+            port.come(ErrorFrame(0x40, bytes(8)), restarted)
+            said = [str(until(errors, CanFrame)) for _ in range(2)]
+            assert said == ["086#4081110000000000", "086#0000000000000000"]
+        assert client.ask_state(timeout=30.0).state == NmtState.PRE_OPERATIONAL  # as 1029h wants it
+
+
+# Through python-can
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        number: int = listener.getsockname()[1]
+        return number
+
+
+def test_a_socketcand_server_that_is_restarted() -> None:
+    place = free_port()
+    url = f"can://socketcand/127.0.0.1:{place}/can0?node=5&timeout=30"
+    hub = SocketcandHub("127.0.0.1", place)
+    try:
+        with open_canopen(url) as client, open_canopen(url) as other, other.host(device()), client.frames() as stream:
+            assert client.upload(0x6041) == b"\x37\x06"
+            hub.close()
+            assert until(stream, Gone).why.endswith("the server hung up")
+            hub = SocketcandHub("127.0.0.1", place)
+            until(stream, Back)
+            other.bus.wait_open(30.0)
+            assert client.upload(0x6041) == b"\x37\x06"
+    finally:
+        hub.close()
+
+
+def test_a_hosted_node_whose_socketcand_server_is_restarted() -> None:
+    place = free_port()
+    url = f"can://socketcand/127.0.0.1:{place}/can0?node=5&timeout=30"
+    hub = SocketcandHub("127.0.0.1", place)
+    node = device()
+    try:
+        with open_host(url, node=node) as host:
+            with open_canopen(url) as client:
+                client.download(0x2001, 0, b"\x07")
+            hub.close()
+            hub = SocketcandHub("127.0.0.1", place)
+            with open_canopen(url) as client:
+                deadline = time.monotonic() + 30.0
+                heard = b""
+                while not heard and time.monotonic() < deadline:
+                    with suppress(NoAnswer):  # the node may still be on its way
+                        heard = client.at(timeout=0.1).upload(0x2001)
+                assert heard == b"\x07"  # it has not been switched off
+        assert host.failure is None
+    finally:
+        hub.close()
+
+
+class Slcan:
+    """The far end of a serial adapter, on a pseudo-terminal that a name points to."""
+
+    def __init__(self, link: Path) -> None:
+        self.far, self._near = os.openpty()
+        tty.setraw(self._near)
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(self._near))
+
+    def say(self, data: bytes) -> None:
+        os.write(self.far, data)
+
+    def close(self) -> None:
+        for descriptor in (self.far, self._near):
+            with suppress(OSError):
+                os.close(descriptor)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [b"t12\r", b"tXYZ2\r", b"\xff\xfe\x80t1\r", b"T123\r", b"t1238001122\r", b"\r\r\r", b"zzz\r", b"\a", b"R0000\r"],
+)
+def test_noise_on_a_serial_adapter_is_counted_and_no_end(tmp_path: Path, noise: bytes) -> None:
+    pytest.importorskip("serial")
+    adapter = Slcan(tmp_path / "can")
+    port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))
+    try:
+        adapter.say(b"t12320102\r")
+        assert port.receive(30.0) == frame("123#0102")
+        adapter.say(noise + b"t12320304\r")
+        heard = [port.receive(30.0)]
+        while heard[-1] != frame("123#0304"):
+            heard.append(port.receive(30.0))
+        assert port.garbled + len(heard) <= 3
+    finally:
+        port.close()
+        adapter.close()
+
+
+def test_nothing_but_noise_is_an_end(tmp_path: Path) -> None:
+    pytest.importorskip("serial")
+    adapter = Slcan(tmp_path / "can")
+    port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))
+
+    try:
+        adapter.say(b"tXYZ\r" * 2 * GARBLED_MAX)
+        with pytest.raises(PortError, match="can://slcan"):
+            port.receive(30.0)
+        assert port.garbled == GARBLED_MAX
+    finally:
+        port.close()
+        adapter.close()
+
+
+def test_a_serial_adapter_that_is_plugged_out_and_in_again(tmp_path: Path) -> None:
+    pytest.importorskip("serial")
+    adapter = Slcan(tmp_path / "can")
+    try:
+        with open_canopen(f"can://slcan/{tmp_path}/can") as client, client.frames((0x123, False)) as stream:
+            adapter.say(b"t12320102\r")
+            assert stream.get(30.0) == frame("123#0102")
+            adapter.close()
+            until(stream, Gone)
+            adapter = Slcan(tmp_path / "can")
+            until(stream, Back)
+            adapter.say(b"t12320304\r")
+            assert stream.get(30.0) == frame("123#0304")
+    finally:
+        adapter.close()

@@ -1,0 +1,293 @@
+"""One reader, many hearers: who hears what, what is lost and told, how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import Any
+
+import pytest
+
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
+from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.io import CanopenClient
+from barewire.io.canopen.async_bus import AsyncStream, AsyncTap
+from barewire.io.canopen.event_stream import Frames, Stream
+from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.subscriber import Lost, Tap
+from tests.io.canopen.memory_bus import MemoryPort, device, memory_bus
+
+BUS_OFF = ErrorFrame(0x40, bytes(8))
+
+
+def frame(text: str) -> CanFrame:
+    return CanFrame.parse(text)
+
+
+def test_frames_go_to_who_wants_their_identifier_and_kind() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, Tap(bus, {(0x585, False)}) as ours, Tap(bus, {(0x585, True)}) as foreign:
+        with Tap(bus, None) as everything:
+            texts = ["585#01", "00000585#02", "586#03", "585#R1"]
+            port.come(*map(frame, texts))
+            assert [str(everything.receive(30.0)) for _ in texts] == texts
+        assert [str(ours.receive(30.0)), str(ours.receive(30.0)), ours.receive(0.0)] == ["585#01", "585#R1", None]
+        assert [str(foreign.receive(30.0)), foreign.receive(0.0)] == ["00000585#02", None]
+        assert (bus.presence.frames, bus.presence.count(0x585)) == (4, 2)
+
+
+def test_what_one_sends_the_others_on_the_bus_object_hear() -> None:
+    with memory_bus() as bus, Tap(bus, None) as one, Tap(bus, {(0x80, False)}) as other:
+        one.send(frame("080#"))
+        assert (one.receive(0.0), other.receive(30.0)) == (None, frame("080#"))
+
+
+def test_a_slow_hearer_is_told_what_it_lost_and_where() -> None:
+    with memory_bus() as bus, Stream(bus, Frames(), {(0x100, False)}, room=3) as stream:
+        for number in range(5):
+            bus.send(CanFrame(0x100, bytes([number])))
+        assert stream.get(30.0) == CanFrame(0x100, b"\0")
+        bus.send(CanFrame(0x100, b"\x09"))
+        rest = [stream.get(30.0) for _ in range(4)]
+        assert rest == [CanFrame(0x100, b"\1"), CanFrame(0x100, b"\2"), Lost(2), CanFrame(0x100, b"\x09")]
+        for number in range(4):
+            bus.send(CanFrame(0x100, bytes([number])))
+        assert [stream.get(30.0) for _ in range(4)][3] == Lost(1)
+        assert (stream.get(0.0), stream.lost) == (None, 3)
+
+
+def test_a_conversation_loses_as_if_on_the_bus_and_counts() -> None:
+    with memory_bus() as bus, Tap(bus, None, room=2) as tap:
+        for number in range(5):
+            bus.send(CanFrame(0x100, bytes([number])))
+        assert [tap.receive(0.0) for _ in range(3)] == [CanFrame(0x100, b"\0"), CanFrame(0x100, b"\1"), None]
+        assert tap.lost == 3
+
+
+def test_an_error_says_what_the_conversation_could_not_know() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, Tap(bus, {(0x585, False)}, room=1) as tap:
+        for _ in range(3):
+            bus.send(frame("585#80"))
+        error = NoAnswer("nobody")
+        tap.tell(error)
+        assert error.__notes__ == ["2 frames had come that nobody took in time, and were lost"]
+
+
+def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, Stream(bus, Frames(), {(0x1, False)}) as one, Stream(bus, Frames(), None) as two:
+        with Tap(bus, None) as conversation:
+            fd = FdFrame(0x585, bytes(12))
+            port.come(BUS_OFF, fd, frame("001#"))
+            assert [one.get(30.0), one.get(30.0), one.get(30.0)] == [BUS_OFF, fd, frame("001#")]
+            assert [two.get(30.0), two.get(30.0)] == [BUS_OFF, fd]
+            assert conversation.receive(30.0) == frame("001#")
+        with pytest.raises(NoAnswer, match="the controller reported bus off"):
+            CanopenClient(bus, node=5, timeout=0.01).upload(0x1000)
+
+
+def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, Stream(bus, Frames(), None) as stream:
+        client = CanopenClient(bus, node=5, timeout=30.0)
+        ends: list[str] = []
+
+        def ask() -> None:
+            with pytest.raises(PortError) as caught:
+                client.upload(0x1000)
+            ends.append(str(caught.value))
+
+        threads = [threading.Thread(target=ask) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        while not port.sent:
+            stream.get(30.0)
+        port.come(frame("080#"), PortError("the adapter was unplugged"))
+        for thread in threads:
+            thread.join(10.0)
+        assert ends == ["the adapter was unplugged"] * 3
+        assert frame("080#") in (stream.get(30.0), stream.get(30.0))
+        for late in (lambda: stream.get(30.0), lambda: Tap(bus, None), lambda: bus.send(frame("080#"))):
+            with pytest.raises(PortError, match="the adapter was unplugged"):
+                late()
+
+
+def test_closing_ends_the_reader_and_who_iterates() -> None:
+    before = threading.active_count()
+    port = MemoryPort()
+    bus = CanBus(port)
+    stream = Stream(bus, Frames(), None)
+    heard: list[object] = []
+
+    def iterate() -> None:
+        heard.extend(stream)
+
+    thread = threading.Thread(target=iterate)
+    thread.start()
+    bus.send(frame("080#"))
+    stream.close()
+    thread.join(10.0)
+    bus.close()
+    assert (heard, port.closed, threading.active_count()) == ([frame("080#")], True, before)
+    bus.close()
+
+
+def test_a_watcher_is_told_of_both_directions() -> None:
+    port, seen = MemoryPort(), []
+    with CanBus(port, watch=lambda direction, item: seen.append((direction, str(item)))) as bus, Tap(bus, None) as tap:
+        tap.send(frame("605#4000100000000000"))
+        port.come(frame("585#4300100092010200"))
+        assert tap.receive(30.0) is not None
+    assert seen == [("sent", "605#4000100000000000"), ("received", "585#4300100092010200")]
+
+
+def test_a_watcher_that_fails_is_no_silence() -> None:
+    def watch(direction: str, item: object) -> None:
+        raise ValueError("full")
+
+    port = MemoryPort()
+    with CanBus(port, watch=watch) as bus, Tap(bus, None) as tap:
+        port.come(frame("080#"))
+        with pytest.raises(PortError, match="reading memory ended: ValueError: full"):
+            tap.receive(10.0)
+
+
+def test_a_talk_inside_a_talk_on_one_channel_is_told_and_does_not_hang() -> None:
+    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=2.0) as client, client.host(device()):
+        client.download(0x2100, 0, bytes(100))
+
+        def meanwhile(done: int, size: int | None) -> None:
+            client.upload(0x1000)
+
+        with pytest.raises(EncodeError, match="begun inside another one"):
+            client.upload(0x2100, progress=meanwhile)
+        assert client.upload(0x2001) == b"\x32"
+
+
+def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
+    port = MemoryPort()
+    with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Tap(bus, None) as tap:
+        port.come(frame("705#7F"))
+        tap.receive(30.0)
+        with pytest.raises(NoAnswer, match=r"node 5 last heard 0.\S+ s ago, pre-operational, 0 frames on 585h"):
+            client.upload(0x6041)
+
+
+def test_an_asyncio_tap_is_woken_once_and_hears_all() -> None:
+    async def main(bus: CanBus, port: MemoryPort) -> None:
+        with AsyncTap(bus, None) as tap, AsyncStream(bus, Frames(), None) as stream:
+            waiting = asyncio.create_task(tap.receive(10.0))
+            await asyncio.sleep(0)
+            port.come(*(CanFrame(number) for number in range(1, 100)))
+            assert await waiting == CanFrame(1)
+            assert [await tap.receive(30.0) for _ in range(98)] == [CanFrame(number) for number in range(2, 100)]
+            assert await tap.receive(0.0) is None
+            assert await tap.receive(0.001) is None
+            assert await stream.get(0.0) == CanFrame(1)
+            gone = asyncio.create_task(tap.receive(10.0))
+            await asyncio.sleep(0)
+            gone.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await gone
+            port.come(BUS_OFF, PortError("unplugged"))
+            with pytest.raises(PortError, match="unplugged"):
+                await tap.receive(10.0)
+            events: list[object] = []
+
+            async def all_of_them() -> None:
+                async for event in stream:
+                    events.append(event)
+
+            with pytest.raises(PortError, match="unplugged"):
+                await all_of_them()
+            assert events == [*(CanFrame(number) for number in range(2, 100)), BUS_OFF]
+
+    port = MemoryPort()
+    with CanBus(port) as bus:
+        asyncio.run(main(bus, port))
+
+
+def test_whoever_sends_to_a_full_controller_waits_for_room() -> None:
+    class Full(MemoryPort):
+        left = 3
+
+        def try_send(self, item: CanFrame) -> bool:
+            self.left -= 1
+            if self.left >= 0:
+                return False
+            self.send(item)
+            return True
+
+    async def main(bus: CanBus) -> None:
+        with AsyncTap(bus, None) as tap:
+            tap.write(frame("080#01"))
+            tap.write(frame("080#02"))
+            await tap.sent()
+
+    port = Full()
+    with CanBus(port) as bus:
+        asyncio.run(main(bus))
+    assert list(port.sent) == [frame("080#01"), frame("080#02")]
+
+
+def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    can = pytest.importorskip("can")
+    from barewire.io.endpoint import Endpoint
+    from barewire.io.ports import python_can as can_bus
+
+    port = can_bus.CanPort(Endpoint.parse("can://virtual/full"))
+    other = can.Bus(interface="virtual", channel="full")
+    send, left = port._bus.send, 3
+
+    def full(message: Any) -> None:
+        nonlocal left
+        left -= 1
+        if left >= 0:
+            raise can.CanOperationError("Failed to transmit: no buffer space", 105)
+        send(message)
+
+    monkeypatch.setattr(port._bus, "send", full)
+    port.send(frame("080#"))
+    heard = other.recv(30.0)
+    assert heard is not None
+    assert heard.arbitration_id == 0x80
+    left = 1_000_000
+    monkeypatch.setattr(can_bus, "PATIENCE", 0.01)
+    with pytest.raises(PortError, match="no room for a frame"):
+        port.send(frame("080#"))
+    port.close()
+    other.shutdown()
+
+
+def test_each_hearer_of_the_virtual_bus_has_a_message_of_its_own() -> None:
+    can = pytest.importorskip("can")
+    from barewire.io.endpoint import Endpoint
+    from barewire.io.ports.python_can import CanPort
+
+    port = CanPort(Endpoint.parse("can://virtual/copies?receive_own_messages=true"))
+    others = [can.Bus(interface="virtual", channel="copies") for _ in range(2)]
+    frames = [frame("585#0102030405060708"), frame("00000585#"), frame("705#R1")]
+    for each in frames:
+        port.send(each)
+    for each in frames:
+        one, two = (other.recv(30.0) for other in others)
+        assert one is not two
+        for message in (one, two):
+            assert message is not None
+            message.data.clear()
+            assert (message.arbitration_id, message.is_extended_id) == each.key
+            assert (message.is_remote_frame, message.dlc, message.is_rx) == (each.remote, each.dlc, True)
+    assert [port.receive(30.0) for _ in frames] == frames  # whatever the others did with theirs
+    port.close()
+    for other in others:
+        other.shutdown()
+
+
+def test_a_port_of_one_s_own_is_closed_with_its_client() -> None:
+    port = MemoryPort()
+    with CanopenClient(port, node=5, timeout=0.01) as client, pytest.raises(NoAnswer):
+        client.run(upload(5, 0x1000, timeout=0.01))
+    assert port.closed
+    with pytest.raises(EncodeError, match="SDO dialect 'french'"):
+        CanopenClient(MemoryPort(), dialect="french")

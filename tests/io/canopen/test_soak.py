@@ -1,0 +1,80 @@
+"""A hundred thousand reads of one node, by three threads and by fifty tasks: not one wrong value."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+
+from barewire.io import CanopenClient, open_canopen, open_host
+from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
+from barewire.io.canopen.shared_bus import CanBus
+from tests.io.canopen.memory_bus import device, memory_bus
+
+NUMBERS = 100
+"""Objects 3000h ... with values of their own: an answer to another question is another value."""
+
+
+def right(place: int, data: bytes) -> bool:
+    return int.from_bytes(data, "little") == place * 7919
+
+
+def by_threads(client: CanopenClient, threads: int, reads: int) -> list[int]:
+    """Each thread reads in an order of its own; returned is how many values each found right."""
+    found = [0] * threads
+
+    def work(number: int) -> None:
+        for turn in range(reads):
+            place = turn * (2 * number + 1) % NUMBERS
+            found[number] += right(place, client.upload(0x3000 + place))
+
+    workers = [threading.Thread(target=work, args=(number,)) for number in range(threads)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    return found
+
+
+async def by_tasks(client: AsyncCanopenClient, tasks: int, reads: int) -> list[int]:
+    async def work(number: int) -> int:
+        found = 0
+        for turn in range(reads):
+            place = turn * (2 * number + 1) % NUMBERS
+            found += right(place, await client.upload(0x3000 + place))
+        return found
+
+    return await asyncio.gather(*map(work, range(tasks)))
+
+
+def test_three_threads_on_one_node() -> None:
+    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
+        assert by_threads(client, 3, 20_000) == [20_000] * 3
+        heard = client.channel().total
+        assert (heard.late, heard.garbled) == (0, 0)
+
+
+def test_fifty_tasks_on_one_node() -> None:
+    async def main(bus: CanBus) -> list[int]:
+        async with AsyncCanopenClient(bus, node=5, timeout=30.0) as client:
+            with client.host(device()):
+                await asyncio.sleep(0)
+                return await by_tasks(client, 50, 800)
+
+    with memory_bus() as bus:
+        assert asyncio.run(main(bus)) == [800] * 50
+
+
+def test_the_same_on_python_can_s_bus() -> None:
+    pytest.importorskip("can")
+    url = "can://virtual/soak?node=5&timeout=30"
+
+    async def main() -> list[int]:
+        async with await open_canopen_async(url) as client:
+            return await by_tasks(client, 50, 20)
+
+    with open_host("can://virtual/soak", node=device()):
+        with open_canopen(url) as client:
+            assert by_threads(client, 3, 500) == [500] * 3
+        assert asyncio.run(main()) == [20] * 50

@@ -1,0 +1,49 @@
+"""What the tests of the shells share: certificates, made once; and patience."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barewire.io import open_tcp
+from barewire.io.canopen.async_client import AsyncCanopenClient
+from barewire.io.canopen.client import CanopenClient
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.async_client import AsyncModbusClient
+from barewire.io.modbus.client import ModbusClient
+from tests.certificates import authority, leaf
+
+
+@pytest.fixture(scope="session")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with a server, clients of several kinds, and strangers."""
+    where = tmp_path_factory.mktemp("certificates")
+    authority(where)
+    authority(where, "other")
+    leaf(where, "server", server=True)
+    leaf(where, "operator", role="Operator")
+    leaf(where, "viewer", role="Viewer")
+    leaf(where, "norole")
+    leaf(where, "expired", role="Operator", days=-1)
+    leaf(where, "expired-server", server=True, days=-1)
+    leaf(where, "stranger", role="Operator", ca="other")
+    leaf(where, "stranger-server", server=True, ca="other")
+    leaf(where, "odd", role="INTEGER:7")
+    return where
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client that is told no time-out has one of half a minute, and not of a second, for which a machine may stand
+    still. A test that waits for nothing to come says how long."""
+    seconds = Endpoint.seconds
+
+    def at_least(endpoint: Endpoint, name: str, default: float) -> float:
+        return seconds(endpoint, name, 30.0 if name == "timeout" else default)
+
+    monkeypatch.setattr(Endpoint, "seconds", at_least)
+    clients: list[Any] = [ModbusClient, AsyncModbusClient, CanopenClient, AsyncCanopenClient]
+    for way in (*(client.__init__ for client in clients), open_tcp):
+        monkeypatch.setitem(way.__kwdefaults__, "timeout", 30.0)

@@ -1,0 +1,110 @@
+"""The two engines: what every word of a conversation means to a port, and what is still said when one is cut off."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+
+import pytest
+
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, SendAll
+from barewire.errors import PortError
+from barewire.io.engine import asyncio as aio
+from barewire.io.engine import blocking
+
+Talk = Conversation[str, list[Heard[str]]]
+
+
+class Port:
+    """A port of both engines that fails with the item `broken`, and says back what it is sent."""
+
+    def __init__(self, broken: str = "") -> None:
+        self.log: list[str] = []
+        self.broken = broken
+        self.coming: deque[str] = deque()
+
+    def send(self, item: str) -> None:
+        self.log.append(item)
+        if item == self.broken:
+            raise PortError("unplugged")
+        self.coming.append(item)
+
+    def receive(self, timeout: float) -> str | None:
+        return self.coming.popleft() if self.coming else None
+
+    def close(self) -> None: ...
+
+
+class AsyncPort:
+    """The same for the other engine; `sent` is in the log too."""
+
+    def __init__(self, port: Port) -> None:
+        self.port = port
+        self.write = port.send
+
+    async def sent(self) -> None:
+        self.port.log.append("sent")
+        await asyncio.sleep(0)
+
+    async def receive(self, timeout: float) -> str | None:
+        return self.port.receive(timeout)
+
+
+def with_blocking(port: Port, talk: Talk) -> list[Heard[str]]:
+    return blocking.run(talk, port)
+
+
+def with_asyncio(port: Port, talk: Talk) -> list[Heard[str]]:
+    return asyncio.run(aio.run(talk, AsyncPort(port)))
+
+
+engines = pytest.mark.parametrize("run", [with_blocking, with_asyncio])
+Run = Callable[[Port, Talk], list[Heard[str]]]
+
+
+def said(port: Port) -> list[str]:
+    return [item for item in port.log if item != "sent"]
+
+
+@engines
+def test_what_is_said_in_one_breath_goes_out_in_its_order_and_is_answered_once(run: Run) -> None:
+    def talk() -> Talk:
+        heard = [(yield Send("a")), (yield SendAll(("b", "c", "d"))), (yield SendAll(()))]
+        for _ in range(5):
+            heard.append((yield Listen(0.0)))
+        return heard
+
+    port = Port()
+    heard = run(port, talk())
+    assert said(port) == ["a", "b", "c", "d"]
+    assert [item for item, _ in heard] == [None, None, None, "a", "b", "c", "d", None]
+    times = [now for _, now in heard]
+    assert times == sorted(times)
+
+
+def test_asyncio_waits_once_until_all_of_one_breath_is_out() -> None:
+    def talk() -> Talk:
+        yield Send("a")
+        yield SendAll(("b", "c"))
+        return []
+
+    port = Port()
+    with_asyncio(port, talk())
+    assert port.log == ["a", "sent", "b", "c", "sent"]
+
+
+@engines
+def test_a_port_that_fails_in_the_middle_of_one_breath_is_given_the_last_words(run: Run) -> None:
+    def talk() -> Talk:
+        try:
+            yield SendAll(("a", "b", "c"))
+        except Abandoned:
+            yield SendAll(("abort", "goodbye"))
+            raise
+        return []
+
+    port = Port(broken="b")
+    with pytest.raises(PortError, match="unplugged"):
+        run(port, talk())
+    assert said(port) == ["a", "b", "abort", "goodbye"]

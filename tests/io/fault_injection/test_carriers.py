@@ -1,0 +1,117 @@
+"""Every fault on every carrier that has it, on real ports: what a client makes of it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from barewire.devices import load
+from barewire.devices.sim import Addressed, simulator
+from barewire.errors import BarewireError, EncodeError, NoAnswer
+from barewire.io import connect, open_host
+from barewire.io.fault_injection.faults import Bytes, Faults
+from barewire.io.fault_injection.ports import open_faulty
+from barewire.modbus import ModbusException
+from tests.certificates import tls_url
+from tests.helpers import refused
+
+ADXL = load("adxl")
+
+# Faults on every carrier. What a client must make of each, whatever is around the PDU.
+
+EXPECTED: dict[str, type[BaseException] | None] = {
+    "exception": ModbusException,
+    "wrong-unit": NoAnswer,
+    "drop": NoAnswer,
+    "late": NoAnswer,
+    "split": None,
+}
+
+
+CARRIERS = pytest.mark.parametrize(
+    "scheme",
+    ["rtu", "ascii", "tcp", pytest.param("tls", marks=pytest.mark.needs("openssl")), "udp", "rtu+tcp", "ascii+tcp"],
+)
+
+
+@contextmanager
+def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iterator[str]:
+    """A soft starter with faults; gives the URL of a client."""
+    machine = simulator("adxl")
+    url = f"{scheme}://127.0.0.1:0"
+    if scheme == "tls":
+        url = tls_url(files, "server", roles="any")
+    elif scheme in ("rtu", "ascii"):
+        url = f"{scheme}://pty"
+    with open_faulty(url, lambda one: open_host(one, units=Addressed(machine, 255, 0)), **how) as host:
+        at = host.url.partition("?")[0]
+        query = tls_url(files, "operator").partition("?")[2] + "&" if scheme == "tls" else ""
+        yield f"{at}?{query}timeout={timeout:g}"
+
+
+@pytest.mark.parametrize("kind", EXPECTED)
+@CARRIERS
+def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.FixtureRequest) -> None:
+    files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
+    told: list[str] = []
+    if (scheme, kind) == ("udp", "split"):
+        with (
+            refused(EncodeError, "fault 'split' does not happen on this wire"),
+            spoiled(scheme, files, faults={kind: 1.0}),
+        ):
+            pass
+        return
+    expected = EXPECTED[kind]
+    # Short where nothing comes anyway; where an answer must come, a slow machine has its time.
+    timeout = 0.15 if expected is NoAnswer else 5.0
+    spoils = spoiled(scheme, files, timeout, faults={kind: 1.0}, seed=1, late=0.3, told=told.append)
+    with spoils as url, connect(url) as client:
+        if expected is None:
+            assert client.read(ADXL, "Frequency")[0].value == 50
+        else:
+            with pytest.raises(expected):
+                client.read(ADXL, "Frequency")
+    assert set(told) == {kind}
+
+
+@CARRIERS
+def test_noise_and_flipped_bits_never_become_values(scheme: str, request: pytest.FixtureRequest) -> None:
+    files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
+    told: list[str] = []
+    values, errors = set(), 0
+    how: dict[str, Any] = {"faults": {"noise": 0.3, "flip": 0.3}, "seed": 3, "told": told.append}
+    with spoiled(scheme, files, **how) as url, connect(url) as client:
+        for _ in range(12):
+            try:
+                readings = client.read(ADXL, "Frequency", "Start counter")
+                values.add(tuple(reading.value for reading in readings))
+            except BarewireError:
+                errors += 1
+    assert errors
+    assert {"noise", "flip"} <= set(told)
+    # Only a CRC or an LRC knows a bit from another; without one a flipped value may pass, and does.
+    assert values <= {(50, 0)} or scheme in ("tcp", "tls", "udp")
+
+
+def test_a_late_answer_comes_and_is_not_taken_for_another() -> None:
+    answered: list[float] = []
+    # Several late ones in a row hold each other up, so the window is long.
+    faulty = spoiled("rtu+tcp", Path(), faults={"late": 0.4}, seed=2, late=0.2)
+    with faulty as url, connect(f"{url}&late_window=5") as client:
+        for name, value in [("Frequency", 50), ("Start counter", 0)] * 5:
+            with contextlib.suppress(NoAnswer):
+                assert client.read(ADXL, name)[0].value == value
+                answered.append(value)
+    assert set(answered) == {50, 0}
+
+
+def test_a_datagram_is_not_split() -> None:
+    faults: Faults[bytes] = Faults(Bytes("tcp", datagrams=True), {"noise": 1.0}, Random(1))
+    assert faults.pass_on(b"x", 0.0)[1] == (0.0, b"x")
+    assert "split" not in Bytes("tcp", datagrams=True).kinds

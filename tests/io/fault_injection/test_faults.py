@@ -1,0 +1,209 @@
+"""Faults in virtual time: what each does to an answer, how often, and what a client makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import pytest
+
+from barewire.ascii import frame as ascii_frame
+from barewire.canopen import CanFrame
+from barewire.conversation import play
+from barewire.errors import EncodeError, NoAnswer
+from barewire.io.fault_injection.faults import KINDS, LATE, PAUSE, Bytes, Faults, Frames, parse_faults
+from barewire.io.fault_injection.ports import FaultyPort
+from barewire.modbus import Bus, ModbusException, ReadHoldingRegisters, Server, Table
+from barewire.rtu import RtuLine, Timing
+from barewire.rtu import frame as rtu_frame
+from barewire.tcp import TcpLine
+from barewire.tcp import frame as tcp_frame
+from tests.helpers import Peer, refused, serving
+
+ANSWER = rtu_frame.encode(1, bytes.fromhex("03 02 12 34"))
+SDO = CanFrame.parse("581#4B41600037060000")
+HEARTBEAT = CanFrame.parse("701#05")
+
+
+def always(*kinds: str, wire: Any = None) -> Faults[Any]:
+    return Faults(wire or Bytes("rtu"), dict.fromkeys(kinds, 1.0), Random(1))
+
+
+# Each fault
+
+
+def test_none_is_none() -> None:
+    assert always().pass_on(ANSWER, 5.0) == [(5.0, ANSWER)]
+
+
+def test_drop_and_late() -> None:
+    assert always("drop").pass_on(ANSWER, 5.0) == []
+    assert always("late").pass_on(ANSWER, 5.0) == [(5.0 + LATE, ANSWER)]
+
+
+def test_a_late_answer_holds_up_the_next_on_a_line_and_not_on_tcp() -> None:
+    for envelope, second_at in (("rtu", 5.0 + LATE), ("ascii", 5.0 + LATE), ("tcp", 5.1)):
+        faults: Faults[bytes] = Faults(Bytes(envelope), {"late": 0.5}, Random(7))
+        (first,), (second,) = faults.pass_on(ANSWER, 5.0), faults.pass_on(ANSWER, 5.1)
+        assert (first, second) == ((5.0 + LATE, ANSWER), (second_at, ANSWER))
+
+
+def test_flip_is_one_bit() -> None:
+    ((_, spoiled),) = always("flip").pass_on(ANSWER, 0.0)
+    difference = int.from_bytes(spoiled, "big") ^ int.from_bytes(ANSWER, "big")
+    assert difference.bit_count() == 1
+
+
+def test_noise_comes_before_and_a_split_answer_in_two() -> None:
+    (_, noise), (at, whole) = always("noise").pass_on(ANSWER, 0.0)
+    assert 1 <= len(noise) <= 8
+    assert (at, whole) == (0.0, ANSWER)
+    (first_at, first), (second_at, second) = always("split").pass_on(ANSWER, 0.0)
+    assert first + second == ANSWER
+    assert second_at - first_at == PAUSE
+
+
+@pytest.mark.parametrize(
+    ("envelope", "frame"),
+    [("rtu", rtu_frame), ("ascii", ascii_frame), ("tcp", tcp_frame)],
+)
+def test_a_refusal_and_a_wrong_address_have_good_check_sums(envelope: str, frame: Any) -> None:
+    answer = frame.encode(247, bytes.fromhex("03 02 12 34"))
+    ((_, refusal),) = always("exception", wire=Bytes(envelope)).pass_on(answer, 0.0)
+    assert frame.decode(refusal).pdu == bytes.fromhex("83 06")
+    ((_, astray),) = always("wrong-unit", wire=Bytes(envelope)).pass_on(answer, 0.0)
+    assert frame.decode(astray)[:2] == (1, bytes.fromhex("03 02 12 34"))
+    assert always("exception", "wrong-unit", wire=Bytes(envelope)).pass_on(b"?", 0.0) == [(0.0, b"?")]
+
+
+def test_the_number_of_a_tcp_answer_is_kept() -> None:
+    answer = tcp_frame.encode(1, bytes.fromhex("03 02 12 34"), transaction=0x1234)
+    ((_, refusal),) = always("exception", wire=Bytes("tcp")).pass_on(answer, 0.0)
+    assert tcp_frame.decode(refusal).transaction == 0x1234
+
+
+def test_on_a_can_bus() -> None:
+    ((_, abort),) = always("exception", wire=Frames()).pass_on(SDO, 0.0)
+    assert str(abort) == "581#8041600000000008"
+    ((_, astray),) = always("wrong-unit", wire=Frames()).pass_on(SDO, 0.0)
+    assert str(astray) == "582#4B41600037060000"
+    assert always("exception", "wrong-unit", wire=Frames()).pass_on(HEARTBEAT, 0.0) == [(0.0, HEARTBEAT)]
+    (_, stranger), (_, whole) = always("noise", wire=Frames()).pass_on(SDO, 0.0)
+    assert stranger.extended
+    assert whole == SDO
+    with refused(EncodeError, "fault 'flip' does not happen on this wire: expected exception, wrong-unit, noise, late"):
+        always("flip", wire=Frames())
+
+
+# How often
+
+
+def strikes(seed: int, **chances: float) -> list[list[tuple[float, bytes]]]:
+    faults: Faults[bytes] = Faults(
+        Bytes("rtu"), {kind.replace("_", "-"): p for kind, p in chances.items()}, Random(seed)
+    )
+    return [faults.pass_on(ANSWER, 0.0) for _ in range(200)]
+
+
+def test_the_same_seed_has_the_same_faults() -> None:
+    everything = dict.fromkeys((kind.replace("-", "_") for kind in KINDS), 0.3)
+    assert strikes(7, **everything) == strikes(7, **everything) != strikes(8, **everything)
+
+
+def test_a_fault_strikes_the_same_answers_with_and_without_others() -> None:
+    alone = [said == [] for said in strikes(7, drop=0.1)]
+    assert alone == [said == [] for said in strikes(7, drop=0.1, noise=0.9, flip=0.5)]
+    assert 5 < sum(alone) < 40
+
+
+def test_what_struck_is_counted_and_told() -> None:
+    told: list[str] = []
+    faults: Faults[bytes] = Faults(Bytes("rtu"), {"late": 1.0, "split": 1.0}, Random(), told=told.append)
+    faults.pass_on(ANSWER, 0.0)
+    assert told == ["split", "late"]
+    assert dict(faults.struck) == {"split": 1, "late": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("latte", "fault 'latte': expected some of drop, exception, flip, late, noise, split, wrong-unit"),
+        ("late:2", "fault 'late:2': expected a probability, 0..1, behind the colon"),
+        ("late:often", "fault 'late:often': expected a probability"),
+        ("", "fault '': expected some of"),
+    ],
+)
+def test_what_is_no_fault(text: str, said: str) -> None:
+    with refused(EncodeError, said):
+        parse_faults(text)
+
+
+# What a client makes of it
+
+
+def spoiled(peer: Peer, faults: Faults[bytes]) -> Peer:
+    def answers(item: bytes, now: float) -> list[tuple[float, bytes]]:
+        return [late for at, data in peer(item, now) for late in faults.pass_on(data, at)]
+
+    return answers
+
+
+def asked(*kinds: str, line: Callable[[], Any] = TcpLine, wire: str = "tcp") -> tuple[int, ...]:
+    timing = Timing.of(19200)
+    serial = wire == "rtu"
+    server = Server(RtuLine(timing, role="server") if serial else TcpLine(), {1: Table()}, serial=serial)
+    peer = spoiled(serving(server), always(*kinds, wire=Bytes(wire)))
+    bus = Bus(RtuLine(timing) if serial else line())
+    return play(bus.ask(1, ReadHoldingRegisters(0, 2), timeout=1.0), peer)[0].registers
+
+
+@pytest.mark.parametrize("wire", ["rtu", "tcp"])
+def test_a_client_survives_a_split_answer_and_believes_no_spoiled_one(wire: str) -> None:
+    assert asked("split", wire=wire) == (0, 0)
+    for kind in ("late", "drop", "wrong-unit"):
+        with pytest.raises(NoAnswer):
+            asked(kind, wire=wire)
+    with pytest.raises(ModbusException, match="06"):
+        asked("exception", wire=wire)
+
+
+def test_noise_before_an_answer_is_passed_over_on_a_serial_line_and_a_flipped_bit_is_found() -> None:
+    assert asked("noise", wire="rtu") == (0, 0)
+    with pytest.raises(NoAnswer, match="heard instead"):
+        asked("flip", wire="rtu")
+
+
+# The port
+
+
+class Clocked:
+    """A port with a clock: what was sent when; nothing ever comes."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.sent: list[tuple[float, bytes]] = []
+
+    def send(self, item: bytes) -> None:
+        self.sent.append((self.now, item))
+
+    def receive(self, timeout: float) -> bytes | None:
+        self.now += timeout
+        return None
+
+    def close(self) -> None:
+        self.now = -1.0
+
+
+def test_what_is_late_is_sent_while_the_port_listens() -> None:
+    behind = Clocked()
+    port: FaultyPort[bytes] = FaultyPort(behind, always("late", "split"), clock=lambda: behind.now)
+    port.send(ANSWER)
+    assert behind.sent == []
+    assert port.receive(1.0) is None
+    assert behind.sent == []
+    assert port.receive(1.0) is None
+    assert [at for at, _ in behind.sent] == [LATE, LATE + PAUSE]
+    assert behind.now == 2.0
+    port.close()
+    assert behind.now == -1.0

@@ -1,0 +1,229 @@
+"""Every carrier, both clients, both servers: the same words and the same values."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, assert_type
+
+import pytest
+
+from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.io import AsyncModbusClient, ModbusClient, open_async, open_host, open_modbus, serve
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.carriers import timing_in_words
+from barewire.io.ports.pty import PseudoTerminal
+from barewire.modbus import ReadHoldingRegisters, Table, WriteSingleRegister
+from tests.certificates import tls_url
+from tests.helpers import refused
+from tests.io.peers import answer, honest, peer, read_exactly
+
+T = TypeVar("T")
+NETWORK = ["tcp", "udp", "rtu+tcp", "ascii+tcp", "tls"]
+SERIAL = ["rtu", "ascii"]
+
+URLs = Mapping[str, str]
+
+
+@pytest.fixture(scope="module")
+def urls(certificates: Path) -> Iterator[URLs]:
+    """A server on every carrier, each with units 1 and 2."""
+    wanted = {scheme: f"{scheme}://127.0.0.1:0" for scheme in NETWORK}
+    wanted |= {scheme: f"{scheme}://pty?baudrate=115200" for scheme in SERIAL}
+    wanted["tls"] = tls_url(certificates, "server", roles="any")
+    hosts = {scheme: open_host(url, units={1: Table(), 2: Table()}) for scheme, url in wanted.items()}
+    for host in hosts.values():
+        host.start()
+    found = {scheme: host.url for scheme, host in hosts.items()}
+    place = found["tls"].partition("?")[0].removeprefix("tls://")
+    found["tls"] = tls_url(certificates, "operator", place)
+    yield found
+    for host in hosts.values():
+        host.close()
+
+
+def blocking(url: str, talk: Callable[[Any], Any]) -> None:
+    """Run `talk` with the blocking client: its coroutine never has to wait, for every word answers at once."""
+
+    class Answered:
+        def __init__(self, client: ModbusClient) -> None:
+            self._client = client
+
+        def __getattr__(self, name: str) -> Any:
+            def said(*args: Any, **kwargs: Any) -> Awaitable[Any]:
+                async def answer() -> Any:
+                    return getattr(self._client, name)(*args, **kwargs)
+
+                return answer()
+
+            return said
+
+        def at(self, **how: Any) -> Any:
+            return Answered(self._client.at(**how))
+
+    with open_modbus(url) as client:
+        asyncio.run(talk(Answered(client)))
+
+
+def waiting(url: str, talk: Callable[[Any], Any]) -> None:
+    """Run `talk` with the asyncio client."""
+
+    async def main() -> None:
+        async with await open_async(url) as client:
+            await talk(client)
+
+    asyncio.run(main())
+
+
+@pytest.mark.needs("openssl")
+@pytest.mark.parametrize("how", [blocking, waiting])
+@pytest.mark.parametrize("scheme", NETWORK + SERIAL)
+def test_the_words_are_the_same_everywhere(urls: URLs, scheme: str, how: Callable[..., None]) -> None:
+    async def talk(client: Any) -> None:
+        await client.write_multiple_registers(0, tuple(range(100)))
+        await client.write_single_register(0, 7)
+        assert await client.read_holding_registers(0, 100) == (7, *range(1, 100))
+        await client.write_single_coil(3, True)
+        await client.write_multiple_coils(4, (True, False, True))
+        assert await client.read_coils(3, 4) == (True, True, False, True)
+        assert await client.read_discrete_inputs(0, 3) == (False, False, False)
+        assert await client.read_input_registers(9, 2) == (0, 0)
+        answer = await client.ask(ReadHoldingRegisters(address=1, quantity=1))
+        assert answer.registers == (1,)
+        await client.at(unit=2).write_single_register(address=1, value=99)
+        assert await client.at(unit=2).read_holding_registers(address=1, quantity=1) == (99,)
+        assert await client.read_holding_registers(1, 1) == (1,)
+
+    how(urls[scheme], talk)
+
+
+@pytest.mark.parametrize("scheme", ["rtu+tcp", "ascii+tcp"])
+def test_a_serial_line_behind_tcp_is_a_serial_line(urls: URLs, scheme: str) -> None:
+    with open_modbus(urls[scheme]) as client:
+        client.tell(WriteSingleRegister(50, 5), turnaround=0.05)
+        assert client.read_holding_registers(50, 1) == (5,)
+        assert client.at(unit=2).read_holding_registers(50, 1) == (5,)
+        with pytest.raises(NoAnswer, match="unit 9 did not answer"):
+            client.ask(ReadHoldingRegisters(0, 1), unit=9, timeout=0.1)
+
+
+def test_the_types_of_the_words() -> None:
+    """Read by mypy: what comes out is a value of one client and a coroutine of the other."""
+
+    def blocking_client(client: ModbusClient) -> None:
+        assert_type(client.read_holding_registers(0, 2), tuple[int, ...])
+        assert_type(client.read_coils(address=0, quantity=2), tuple[bool, ...])
+        assert_type(client.write_single_register(0, 2), None)
+
+    async def asyncio_client(client: AsyncModbusClient) -> None:
+        assert_type(await client.read_holding_registers(0, 2), tuple[int, ...])
+
+    assert blocking_client.__name__ != asyncio_client.__name__
+    assert "125 holding registers" in (ModbusClient.read_holding_registers.__doc__ or "")
+
+
+@pytest.mark.parametrize("scheme", SERIAL)
+def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
+    async def talk() -> None:
+        # Two pseudo-terminals and a task between them: a cable.
+        ends = [PseudoTerminal(), PseudoTerminal()]
+        loop = asyncio.get_running_loop()
+
+        def carry(here: PseudoTerminal, there: PseudoTerminal) -> None:
+            there.send(here.receive(0.0) or b"")
+
+        for here, there in (ends, ends[::-1]):
+            loop.add_reader(here.fileno(), carry, here, there)
+        async with (
+            await serve(f"{scheme}://{ends[0].path}", {1: Table()}),
+            await open_async(f"{scheme}://{ends[1].path}") as client,
+        ):
+            await client.write_multiple_registers(0, tuple(range(120)))
+            assert await client.read_holding_registers(0, 120) == tuple(range(120))
+            await client.tell(WriteSingleRegister(0, 9), turnaround=0.05)
+            assert await client.read_holding_registers(0, 1) == (9,)
+        for end in ends:
+            loop.remove_reader(end.fileno())
+            end.close()
+
+    asyncio.run(talk())
+
+
+@pytest.mark.needs("openssl")
+@pytest.mark.parametrize("scheme", ["tcp", "udp", "tls"])
+def test_sixteen_questions_under_way(urls: URLs, scheme: str) -> None:
+    async def talk() -> None:
+        async with await open_async(urls[scheme], in_flight=16) as client:
+            await asyncio.gather(*(client.write_single_register(at, 2 * at) for at in range(200)))
+            got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(200)))
+            assert got == [(2 * at,) for at in range(200)]
+
+    asyncio.run(talk())
+
+
+def test_answers_in_any_order_find_their_questions() -> None:
+    def backwards(connection: socket.socket) -> None:
+        """Collects sixteen questions and answers the last one first."""
+        while True:
+            requests = [read_exactly(connection, 12) for _ in range(16)]
+            connection.sendall(b"".join(answer(request) for request in reversed(requests)))
+
+    async def talk(port: int) -> None:
+        async with await open_async(f"tcp://127.0.0.1:{port}", in_flight=16) as client:
+            got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(64)))
+            assert got == [(at,) for at in range(64)]
+
+    with peer(backwards) as port:
+        asyncio.run(talk(port))
+
+
+def test_a_header_that_cannot_be_right_fails_everybody_who_waits_and_the_next_question_works() -> None:
+    def wrong(connection: socket.socket) -> None:
+        read_exactly(connection, 3 * 12)
+        connection.sendall(bytes.fromhex("0001 1234 0005 01 03 02 0000"))
+        connection.recv(1)
+
+    async def talk(port: int) -> None:
+        async with await open_async(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=16) as client:
+            asked = (client.read_holding_registers(at, 1) for at in range(3))
+            failed = await asyncio.gather(*asked, return_exceptions=True)
+            assert len(failed) == 3
+            for error in failed:
+                assert isinstance(error, (NoAnswer, PortError))
+                assert "protocol identifier is 12 34, Modbus has 00 00" in str(error)
+            assert await client.read_holding_registers(7, 1) == (7,)
+
+    with peer(wrong, honest) as port:
+        asyncio.run(talk(port))
+
+
+@pytest.mark.parametrize(
+    ("url", "in_flight", "said"),
+    [
+        ("rtu:///dev/null", 2, "one at a time"),
+        ("tcp://127.0.0.1?any_transaction=1", 2, "one at a time"),
+        ("tcp://127.0.0.1", 17, "expected 1..16"),
+    ],
+)
+def test_more_questions_under_way_than_can_be_told_apart(url: str, in_flight: int, said: str) -> None:
+    with refused(EncodeError, said):
+        asyncio.run(open_async(url, in_flight=in_flight))
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("rtu:///dev/x", "speaks after 2.01 ms of silence (t3.5), forgives pauses of 30 ms inside a frame"),
+        (
+            "rtu:///dev/x?latency=uart&baudrate=115200",
+            "speaks after 1.75 ms of silence (t3.5), forgives pauses of 5 ms",
+        ),
+        ("rtu:///dev/x?latency=tunnel&patience=0.5", "forgives pauses of 500 ms inside a frame"),
+        ("rtu:///dev/x?patience=strict", "forgives no pause above 0.86 ms (t1.5) inside a frame"),
+        ("rtu+tcp://host:4001", "keeps no silence, forgives pauses of 200 ms inside a frame"),
+    ],
+)
+def test_a_latency_preset_says_its_numbers(url: str, said: str) -> None:
+    assert said in timing_in_words(Endpoint.parse(url))

@@ -1,0 +1,257 @@
+"""The battery on real ports: ours pass, one that is wrong is found, one that hangs up or is not there is told."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import cache
+from itertools import islice
+from pathlib import Path
+
+import pytest
+
+from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.io import open_host
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus import conformance as shell
+from barewire.io.modbus.conformance import Result, Unfinished, conform
+from barewire.io.ports.pty import PseudoTerminal
+from barewire.modbus import Server, Table
+from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
+from barewire.rtu import RtuLine, Timing
+from tests.certificates import tls_url
+from tests.cli.test_command import barewire
+from tests.helpers import refused
+from tests.io.peers import again, honest, peer
+
+ROOT = Path(__file__).parents[3]
+
+
+OURS = {
+    "tcp": "tcp://127.0.0.1:0",
+    "rtu": "rtu://pty?baudrate=115200&parity=N",
+    "ascii": "ascii://pty?baudrate=115200&parity=N",
+}
+OTHERS = ["udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0?latency=usb", "ascii+tcp://127.0.0.1:0"]
+CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
+
+
+def hold(url: str) -> list[Result]:
+    """A server of ours against its battery."""
+
+    def run(patience: str) -> list[Result]:
+        with open_host(url, units={1: Table(100)}) as host:
+            endpoint = Endpoint.parse(host.url)
+            return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
+
+    return again(run)
+
+
+held = cache(hold)
+
+
+@pytest.mark.parametrize("url", [*OURS.values(), *OTHERS])
+def test_our_servers_pass(url: str) -> None:
+    results = held(url)
+    assert [result.failure for result in results if result.failure] == []
+    assert [result.case for result in results] == list(CASES[Endpoint.parse(url).envelope])
+
+
+@pytest.mark.needs("openssl")
+def test_our_tls_server_passes(certificates: Path) -> None:
+
+    def run(patience: str) -> list[Result]:
+        with open_host(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
+            place = host.url.partition("?")[0].removeprefix("tls://")
+            return list(conform(Endpoint.parse(tls_url(certificates, "operator", place, timeout=patience))))
+
+    results = again(run)
+    assert [result.failure for result in results if result.failure] == []
+    assert len(results) == len(CASES_TCP)
+
+
+def test_the_page_says_what_we_answer_today() -> None:
+    """docs/conform.md: our columns, made anew; those of others are as they were measured."""
+    spec = importlib.util.spec_from_file_location("conform_page", ROOT / "tools" / "conform_page.py")
+    assert spec is not None
+    assert spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    assert tool.OURS == OURS
+    own = {
+        kind: {result.case.name: tool.told(result.case, result.failure, result.heard) for result in held(url)}
+        for kind, url in OURS.items()
+    }
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(own), "run python tools/conform_page.py"
+    named = {name for part in tool.SURVEY.values() for row in part["row"] for name in row.get("cases", ())}
+    assert named <= {case.name for cases in CASES.values() for case in cases}
+
+
+def test_a_line_that_echoes() -> None:
+    """Everything that is said comes back first, as a two-wire adapter has it: it is no answer."""
+    stop, terminal = threading.Event(), PseudoTerminal()
+    line = RtuLine(Timing.of(115200), role="server", units=(1,))
+    server = Server(line, {1: Table(100)}, serial=True)
+
+    def serve() -> None:
+        while not stop.is_set():
+            data = terminal.receive(0.02)
+            if data:
+                terminal.send(data)
+            for reply in server.feed(data, time.monotonic()):
+                terminal.send(reply.data)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        url = f"rtu://{terminal.path}?baudrate=115200&parity=N&echo=1&timeout="
+        results = again(lambda patience: list(islice(conform(Endpoint.parse(url + patience)), 8)))
+    finally:
+        stop.set()
+        thread.join(5)
+        terminal.close()
+    assert [result.failure for result in results if result.failure] == []
+
+
+def test_a_server_that_answers_whatever_it_is_asked_fails() -> None:
+    with peer(honest) as port:
+        said = {}
+        for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=1")):
+            said[result.case.name] = result.failure
+            if result.case.name == "five requests in one segment":
+                break
+    assert said["03 with quantity 0"] == "03 with quantity 0: 03 02 00 00, expected 83 03"
+    assert said["five requests in one segment"] is None
+
+
+def test_a_server_that_hangs_up_is_told_as_that() -> None:
+    with peer(socket.socket.close) as port:
+        result = next(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=30")))
+    assert result.heard == (None,)
+    assert result.failure == "03 with quantity 0: closed, expected 83 03"
+
+
+def test_where_nobody_is_and_what_has_no_cases() -> None:
+    with refused(PortError, "connection refused"):
+        list(conform(Endpoint.parse("tcp://127.0.0.1:1")))
+    with refused(EncodeError, "there are cases for tcp://"):
+        list(conform(Endpoint.parse("can://socketcan/can0")))
+
+
+def test_the_command() -> None:
+    with open_host("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
+        for patience in ("0.25", "2"):  # as `again`
+            url = f"{host.url}?timeout={patience}"
+            done = barewire("conform", "--timing", url)
+            if done.returncode == 0:
+                break
+    assert done.returncode == 0
+    assert done.stderr == f"barewire: {url} keeps no silence: lengths and numbers tell frames and answers apart\n"
+    assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
+    assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} as the standard says"
+    with peer(honest) as port:
+        done = barewire("conform", f"tcp://127.0.0.1:{port}?timeout=0.5", "--json")
+    assert done.returncode == 1
+    first = json.loads(done.stdout.splitlines()[0])
+    assert (first["ok"], first["clause"], first["heard"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
+
+
+def flood(connection: socket.socket) -> None:
+    """Talks without end, whatever it is asked."""
+    while True:
+        connection.sendall(b"\x00\x01\x00\x00\x00\x03\x01\x83\x02" * 400)
+
+
+def drip(connection: socket.socket) -> None:
+    """Never says much and never stops, until the other side is gone."""
+    while True:
+        connection.sendall(b"\x01")
+        time.sleep(0.002)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "talk"),
+    [("tcp", flood), ("rtu+tcp", flood), ("ascii+tcp", flood), ("rtu+tcp", drip), ("ascii+tcp", drip)],
+)
+def test_a_server_that_never_stops_talking_is_given_up(scheme: str, talk: Callable[[socket.socket], None]) -> None:
+    results = []
+    with peer(talk) as port, refused(NoAnswer, "never stops talking"):
+        for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.1")):
+            results.append(result)
+    failures = [result.failure or "" for result in results[-3:]]
+    assert all("it did not stop talking" in failure and len(failure) < 200 for failure in failures)
+
+
+def test_nothing_can_be_held_against_a_server_that_never_says_anything() -> None:
+    """Silence is what some cases want, so a wrong unit number would pass them."""
+    said = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
+    with peer(lambda connection: print(connection.recv(1))) as port, said:
+        list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
+
+
+def hold_on(url: str, results: list[Result], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
+    """Collect what comes; behind so many results something happens to the server."""
+    for result in conform(Endpoint.parse(url)):
+        results.append(result)
+        if len(results) == at:
+            change()
+
+
+def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On UDP nobody says that nobody is there."""
+    monkeypatch.setattr(shell, "RESTART", 0.1)
+    results: list[Result] = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
+        mute.bind(("127.0.0.1", 0))
+        with pytest.raises(Unfinished) as caught:
+            hold_on(f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", results)
+    assert (len(results), caught.value.not_run) == (3, len(CASES_TCP) - 3)
+    assert str(caught.value).endswith(f" ({len(CASES_TCP) - 3} cases not run)")
+
+
+@pytest.mark.parametrize(("scheme", "words"), [("tcp", "connection refused"), ("udp", "has stopped answering")])
+def test_a_server_that_dies_in_mid_battery_ends_the_run(
+    monkeypatch: pytest.MonkeyPatch, scheme: str, words: str
+) -> None:
+    monkeypatch.setattr(shell, "RESTART", 0.1)
+    results: list[Result] = []
+    told = pytest.raises(Unfinished, match=words)
+    with open_host(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, told as caught:
+        hold_on(f"{host.url}?timeout=0.3", results, 5, host.close)
+    assert len(results) >= 5
+    assert len(results) + caught.value.not_run == len(CASES_TCP)
+
+
+def test_a_server_that_is_started_anew_is_held_on() -> None:
+    def run(patience: str) -> list[Result]:
+        results: list[Result] = []
+        with ExitStack() as stack:
+            host = stack.enter_context(open_host("tcp://127.0.0.1:0", units={1: Table(100)}))
+            url = host.url
+
+            def anew() -> None:
+                host.close()
+                stack.enter_context(open_host(url, units={1: Table(100)}))
+
+            hold_on(f"{url}?timeout={patience}", results, 5, anew)
+        return results
+
+    results = again(run)
+    assert len(results) == len(CASES_TCP)
+    assert [result.failure for result in results if result.failure] == []
+
+
+def test_the_command_says_what_was_not_run() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
+        mute.bind(("127.0.0.1", 0))
+        done = barewire("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["ok"] for one in said[:-1]] == [False, False, False]
+    assert said[-1]["not_run"] == len(CASES_TCP) - 3
+    assert done.stderr == f"barewire: {said[-1]['unfinished']}\n"
+    assert done.returncode == 1

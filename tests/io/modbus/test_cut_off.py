@@ -1,0 +1,116 @@
+"""Exchanges that are cut off: the user interrupts, the line is unplugged, the unit is told to be silent."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from barewire.errors import NoAnswer, PortError
+from barewire.io import open_async, open_host, open_modbus
+from barewire.io.ports.pty import PseudoTerminal
+from barewire.modbus import Diagnostics, Table, Unanswered, Unit
+
+
+def full(size: int = 300) -> dict[int, Unit]:
+    """Every register holds its own address."""
+    table = Table(size=size)
+    for address in range(size):
+        table.holding_registers[address] = address
+    return {1: table}
+
+
+@pytest.mark.parametrize("wire", ["tcp", "rtu", "ascii"])
+def test_interrupted_at_every_step_of_a_blocking_exchange(wire: str) -> None:
+    """As Ctrl-C does: before the question is out, when its answer begins to come, in the middle of it."""
+    left = 0
+
+    def watch(direction: str, item: bytes) -> None:
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise KeyboardInterrupt
+
+    where = "tcp://127.0.0.1:0" if wire == "tcp" else f"{wire}://pty?baudrate=115200"
+    with open_host(where, units=full()) as host, open_modbus(host.url, watch=watch, late_window=0.1) as client:
+        for step in range(1, 5):
+            left = step
+            with contextlib.suppress(KeyboardInterrupt):
+                assert client.read_holding_registers(100 + step, 1) == (100 + step,)
+            left = 0
+            assert client.read_holding_registers(step, 1) == (step,)
+
+
+@pytest.mark.parametrize("answered", [0, 3])
+@pytest.mark.parametrize("wire", ["rtu", "ascii"])
+def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answered: int, tmp_path: Path) -> None:
+    """When the question was heard, or some of its answer was said: an error at once, and the next question works."""
+    place = f"{tmp_path}/line"
+    url = f"{wire}://{place}?timeout=5"
+
+    def pull(terminal: PseudoTerminal) -> None:
+        while not terminal.receive(5.0):
+            pass
+        terminal.send(b":010"[:answered] if wire == "ascii" else b"\x01\x03\x02"[:answered])
+        time.sleep(0.05)
+        terminal.close()
+
+    def unplugged() -> threading.Thread:
+        thread = threading.Thread(target=pull, args=(PseudoTerminal(place),))
+        thread.start()
+        return thread
+
+    async def talk() -> None:
+        thread = unplugged()
+        async with await open_async(url, recovery="wait", late_window=0.1) as client:
+            with pytest.raises(PortError):
+                await client.read_holding_registers(8, 1)
+            await asyncio.to_thread(thread.join, 5)
+            with open_host(f"{wire}://{place}", units=full()):
+                assert await client.read_holding_registers(9, 1) == (9,)
+
+    thread = unplugged()
+    with open_modbus(url, recovery="wait", late_window=0.1) as client:
+        with pytest.raises(PortError):
+            client.read_holding_registers(7, 1)
+        thread.join(5)
+        with open_host(f"{wire}://{place}", units=full()):
+            assert client.read_holding_registers(9, 1) == (9,)
+    asyncio.run(talk())
+
+
+# Silence that is meant -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wire", ["rtu://pty?baudrate=115200", "ascii://pty?baudrate=115200", "rtu+tcp://127.0.0.1:0"])
+def test_listen_only_and_back_in_the_words_of_both_clients(wire: str) -> None:
+    async def talk(url: str) -> None:
+        async with await open_async(url) as client:
+            assert await client.diagnostics(0x04) == b""
+            assert await client.ask(Diagnostics(0x01)) == Unanswered(0x01)
+            assert await client.read_holding_registers(8, 1) == (8,)
+
+    with open_host(wire, units=full()) as host:
+        url = f"{host.url}{'&' if '?' in host.url else '?'}timeout=0.1&late_window=0.1"
+        with open_modbus(url) as client:
+            assert client.diagnostics(0x04) == b""
+            assert client.ask(Diagnostics(0x01)) == Unanswered(0x01)
+            assert client.read_holding_registers(7, 1) == (7,)
+        asyncio.run(talk(url))
+
+
+def test_what_a_unit_counts_it_counts_over_all_connections_to_its_line() -> None:
+    """The line behind a serial server is one, whoever is connected to it: so is listen only mode."""
+    with open_host("rtu+tcp://127.0.0.1:0", units=full()) as host, open_modbus(f"{host.url}?timeout=0.2") as first:
+        assert first.read_holding_registers(7, 1) == (7,)
+        with open_modbus(f"{host.url}?timeout=0.2&late_window=0") as second:
+            assert second.diagnostics(0x0B) == b"\0\2"
+            assert second.diagnostics(0x04) == b""
+            with pytest.raises(NoAnswer):
+                first.read_holding_registers(7, 1)
+            assert second.ask(Diagnostics(0x01)) == Unanswered(0x01)
+        assert first.diagnostics(0x0B) == b"\0\1"

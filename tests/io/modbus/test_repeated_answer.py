@@ -1,0 +1,83 @@
+"""An answer that is said twice: the second copy is in the port before the next question, and answers nothing.
+
+Where answers have no numbers the line is heard out before it is spoken on. For an asyncio client this includes what
+the system has received and the loop had no time to read, because its program was busy.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from barewire import ascii, rtu
+from barewire.io import open_async, open_modbus
+
+ENVELOPES: dict[str, Callable[[int, bytes], bytes]] = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii.encode}
+
+
+class Echoing:
+    """A serial server that says its first answer again, `again`: when the copy is on its way."""
+
+    def __init__(self, encode: Callable[[int, bytes], bytes]) -> None:
+        self.again = threading.Event()
+        self._encode = encode
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError), self._listener.accept()[0] as talker:
+            for value in (1, 2, 3):
+                if not talker.recv(100):
+                    return
+                answer = self._encode(1, bytes((3, 2, 0, value)))
+                talker.sendall(answer)
+                if not self.again.is_set():
+                    self.taken.wait(10)
+                    talker.sendall(answer)
+                    # Loopback delivers before it returns: the copy is in the client's buffer.
+                    self.again.set()
+
+    taken = threading.Event()
+
+    def close(self) -> None:
+        self._listener.close()
+        self._thread.join(10)
+
+
+@pytest.fixture(params=ENVELOPES)
+def peer(request: pytest.FixtureRequest) -> Iterator[tuple[str, Echoing]]:
+    there = Echoing(ENVELOPES[request.param])
+    there.taken = threading.Event()
+    yield f"{request.param}://127.0.0.1:{there.port}?unit=1&timeout=10", there
+    there.close()
+
+
+def test_a_second_copy_is_not_the_answer_to_the_next_question(peer: tuple[str, Echoing]) -> None:
+    url, there = peer
+    with open_modbus(url) as client:
+        assert client.read_holding_registers(10, 1) == (1,)
+        there.taken.set()
+        assert there.again.wait(10)
+        assert client.read_holding_registers(20, 1) == (2,)
+        assert client.bus.counters.strays == 1
+
+
+def test_nor_for_an_asyncio_client_whose_program_was_busy(peer: tuple[str, Echoing]) -> None:
+    url, there = peer
+
+    async def talk() -> None:
+        async with await open_async(url) as client:
+            assert await client.read_holding_registers(10, 1) == (1,)
+            there.taken.set()
+            assert there.again.wait(10)  # not awaited: the loop stands still, like the program of somebody in a hurry
+            assert await client.read_holding_registers(20, 1) == (2,)
+            assert client.bus.counters.strays == 1
+
+    asyncio.run(talk())

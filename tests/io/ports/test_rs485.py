@@ -1,0 +1,188 @@
+"""RS-485: who turns the line, and what is said where it cannot be turned."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import Any
+
+import pytest
+import serial
+
+from barewire.errors import EncodeError, PortError
+from barewire.io import open_async, open_host, open_modbus, serve
+from barewire.io.ports.pty import PseudoTerminal
+from barewire.modbus import Table, WriteSingleRegister
+from tests.helpers import refused
+from tests.interop.relay import relayed
+
+
+class Turned(serial.Serial):
+    """A serial port that writes down what is done with its RTS: a pseudo-terminal has none."""
+
+    log: list[Any]
+
+    @property
+    def rts(self) -> bool:
+        return bool(self.log and self.log[-1])
+
+    @rts.setter
+    def rts(self, value: bool) -> None:
+        self.log.append(value)
+
+    def _update_rts_state(self) -> None:
+        """Not here."""
+
+    def write(self, data: Any) -> int | None:
+        self.log.append("write")
+        return super().write(data)
+
+    def flush(self) -> None:
+        self.log.append("flush")
+        super().flush()
+
+
+@pytest.fixture
+def log(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    written: list[Any] = []
+    monkeypatch.setattr(Turned, "log", written, raising=False)
+    monkeypatch.setattr("barewire.io.ports.serial.serial.Serial", Turned)
+    return written
+
+
+def test_rts_is_on_while_we_send_and_off_when_the_last_bit_is_out(log: list[Any]) -> None:
+    with open_host("rtu://pty", units={1: Table()}) as host, open_modbus(f"{host.url}?rs485=rts") as client:
+        log.clear()
+        assert client.read_holding_registers(0, 1) == (0,)
+        assert log == [True, "write", "flush", False]
+
+
+def test_the_same_under_asyncio_even_when_the_task_is_cancelled(log: list[Any]) -> None:
+    async def talk(url: str) -> None:
+        async with await open_async(url) as client:
+            log.clear()
+            assert await client.read_holding_registers(0, 1) == (0,)
+            assert log == [True, False]
+            log.clear()
+            task = asyncio.ensure_future(client.read_holding_registers(1, 1))
+            while not log:
+                await asyncio.sleep(0)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            await asyncio.sleep(0.1)
+            assert log == [True, False]
+            assert await client.read_holding_registers(2, 1) == (0,)
+
+    with open_host("rtu://pty", units={1: Table()}) as host:
+        asyncio.run(talk(f"{host.url}?rs485=rts&pace=1"))
+
+
+# A pin of one's own ----------------------------------------------------------------------------------------------
+
+
+def test_a_function_of_the_users_turns_the_line() -> None:
+    turned: list[bool] = []
+    with open_host("rtu://pty", units={1: Table()}) as host, open_modbus(host.url, turn=turned.append) as client:
+        assert turned == [False]
+        assert client.read_holding_registers(0, 1) == (0,)
+        assert turned == [False, True, False]
+        client.tell(WriteSingleRegister(0, 1), turnaround=0.0)
+        assert turned == [False, True, False, True, False]
+
+
+def test_the_same_for_the_asyncio_client_and_server() -> None:
+    asked: list[bool] = []
+    answered: list[bool] = []
+
+    async def talk(ours: str, theirs: str) -> None:
+        server = await serve(f"rtu://{theirs}?baudrate=115200", {1: Table()}, turn=answered.append)
+        client = await open_async(f"rtu://{ours}?baudrate=115200", turn=asked.append)
+        async with server, client:
+            for _ in range(3):
+                assert await client.read_holding_registers(0, 1) == (0,)
+        assert asked == [False, *[True, False] * 3]
+        assert answered == [False, *[True, False] * 3]
+
+    with relayed() as (ours, theirs):
+        asyncio.run(talk(ours, theirs))
+
+
+def test_a_line_that_is_given_up_in_the_middle_of_sending_is_turned_back() -> None:
+    turned: list[bool] = []
+
+    async def talk(url: str) -> None:
+        client = await open_async(f"{url}?pace=1&baudrate=300", turn=turned.append)
+        async with client:
+            task = asyncio.ensure_future(client.read_holding_registers(1, 1))
+            while turned != [False, True]:
+                await asyncio.sleep(0)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+        assert turned == [False, True, False]
+
+    terminal = PseudoTerminal()
+    asyncio.run(talk(f"rtu://{terminal.path}"))
+    terminal.close()
+
+
+@pytest.mark.parametrize("fails_at", [1, 2, 3])
+def test_a_line_that_cannot_be_turned_is_a_port_that_failed(fails_at: int) -> None:
+    calls = 0
+
+    def turn(sending: bool) -> None:
+        nonlocal calls
+        calls += 1
+        if calls >= fails_at:  # from then on: an asyncio client that has its answer already opens the port anew
+            raise RuntimeError("no such pin")
+
+    async def talk(url: str) -> None:
+        with refused(PortError, "the line could not be turned: RuntimeError: no such pin"):
+            async with await open_async(url, turn=turn) as client:
+                await client.read_holding_registers(0, 1)
+                await client.read_holding_registers(0, 1)
+
+    with open_host("rtu://pty", units={1: Table()}) as host:
+        with (
+            refused(PortError, "the line could not be turned: RuntimeError: no such pin"),
+            open_modbus(host.url, turn=turn) as client,
+        ):
+            client.read_holding_registers(0, 1)
+        calls = 0
+        asyncio.run(talk(host.url))
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:1", "rtu+tcp://127.0.0.1:1", "rtu:///dev/null?rs485=rts"])
+def test_where_a_function_has_nothing_to_turn(url: str) -> None:
+    with pytest.raises(EncodeError, match="turn"):
+        open_modbus(url, turn=lambda sending: None)
+    with refused(EncodeError, "a new pseudo-terminal has no direction to turn"):
+        open_host("rtu://pty", units={1: Table()}, turn=lambda sending: None)
+
+
+@pytest.mark.parametrize("how", ["kernel", "rts"])
+def test_where_the_line_cannot_be_turned_it_is_said_when_it_is_opened(how: str) -> None:
+    terminal = PseudoTerminal()
+    with refused(PortError, f"{terminal.path}: rs485={how} is not possible here"):
+        open_modbus(f"rtu://{terminal.path}?rs485={how}")
+    terminal.close()
+
+
+@pytest.mark.parametrize("echo", ["1", "auto"])
+def test_a_line_that_echoes(echo: str) -> None:
+    """A two-wire adapter on a real pseudo-terminal: everything that is sent comes back first."""
+    terminal, stop = PseudoTerminal(), threading.Event()
+
+    def echo_and_answer() -> None:
+        while not stop.is_set():
+            request = terminal.receive(0.05)
+            if request:
+                terminal.send(request + bytes.fromhex("01 03 02 00 2A 39 9B"))
+
+    thread = threading.Thread(target=echo_and_answer)
+    thread.start()
+    with open_modbus(f"rtu://{terminal.path}?echo={echo}") as client:
+        for _ in range(3):
+            assert client.read_holding_registers(0, 1) == (42,)
+    stop.set()
+    thread.join(5)
+    terminal.close()

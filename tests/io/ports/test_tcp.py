@@ -1,0 +1,150 @@
+"""The TCP port by itself: waiting, looking, and what becomes of both when the system keeps the time-out."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from barewire.errors import PortError
+from barewire.io.engine.asyncio import Mailbox
+from barewire.io.ports.tcp import TcpPort
+from tests.io.peers import peer
+
+SOON, LONG = 0.05, 30.0
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[TcpPort, socket.socket]]:
+    """A port, and the socket at its other end."""
+    other: list[socket.socket] = []
+    there, done = threading.Event(), threading.Event()
+
+    def hold(connection: socket.socket) -> None:
+        other.append(connection)
+        there.set()
+        done.wait(60)
+
+    with peer(hold) as number:
+        port = TcpPort("127.0.0.1", number)
+        assert there.wait(10)
+        yield port, other[0]
+        port.close()
+        done.set()
+
+
+def exchanged(ends: tuple[TcpPort, socket.socket], times: int, timeout: float) -> None:
+    """So often that the port has learnt the time-out."""
+    port, other = ends
+    for number in range(times):
+        port.send(bytes([number]))
+        assert other.recv(1) == bytes([number])
+        other.sendall(bytes([number]))
+        assert port.receive(timeout) == bytes([number])
+
+
+@pytest.mark.parametrize("times", [0, 1, 3])
+def test_it_waits_as_long_as_it_is_told_and_no_longer(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+    port, other = ends
+    exchanged(ends, times, LONG)
+    assert port.receive(0.0) is None  # a look is no wait of half a minute
+    for _ in range(3):
+        assert port.receive(SOON) is None
+    assert port.receive(0.0) is None
+    other.sendall(b"x")
+    assert port.receive(LONG) == b"x"
+    assert port.receive(2 * SOON) is None
+
+
+@pytest.mark.parametrize("times", [0, 3])
+def test_the_other_side_hangs_up_while_it_waits(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+    port, other = ends
+    exchanged(ends, times, LONG)
+    hanging_up = threading.Timer(SOON, other.shutdown, [socket.SHUT_RDWR])
+    hanging_up.start()
+    with pytest.raises(PortError, match="the other side closed the connection"):
+        port.receive(LONG)
+    hanging_up.join()
+
+
+@pytest.mark.parametrize("times", [0, 3])
+def test_a_port_that_was_closed_says_so(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+    port, _ = ends
+    exchanged(ends, times, LONG)
+    port.close()
+    for timeout in (LONG, 0.0):
+        with pytest.raises(PortError, match="the port was closed"):
+            port.receive(timeout)
+    with pytest.raises(PortError, match="the port was closed"):
+        port.send(b"x")
+
+
+@pytest.mark.parametrize("times", [0, 3])
+def test_more_than_the_system_takes_at_once(
+    ends: tuple[TcpPort, socket.socket], times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes out as the other side reads; to one that never does it is given up. Both leave the port as it was."""
+    port, other = ends
+    exchanged(ends, times, LONG)
+    much = bytes(1 << 24)
+    found = bytearray()
+
+    def read() -> None:
+        while len(found) < len(much):
+            found.extend(other.recv(1 << 20))
+
+    reading = threading.Thread(target=read)
+    reading.start()
+    port.send(much)
+    reading.join(30)
+    assert bytes(found) == much
+    exchanged(ends, 1, LONG)
+    assert port.receive(0.0) is None
+    monkeypatch.setattr("barewire.io.ports.tcp.CONNECT", 0.1)
+
+    def send_more() -> None:
+        """A system may hold 16 MiB and more for a socket that was read quickly before; but not 256."""
+        for _ in range(16):
+            port.send(much)
+
+    with pytest.raises(PortError, match="timed out"):
+        send_more()
+
+
+def test_what_came_for_a_task_that_was_cancelled_is_heard_by_the_next() -> None:
+    """Also when both happen in the same round of the loop, in either order."""
+
+    async def talk(cancelled_first: bool) -> None:
+        box = Mailbox("somewhere", lambda data: None)
+        waiting = asyncio.ensure_future(box.receive(LONG))
+        await asyncio.sleep(0)
+        if cancelled_first:
+            waiting.cancel()
+        box.put(b"one")
+        box.put(b"two")
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        assert [await box.receive(LONG), await box.receive(0.0), await box.receive(0.0)] == [b"one", b"two", None]
+        box.fail("gone")
+
+    for cancelled_first in (True, False):
+        asyncio.run(talk(cancelled_first))
+
+
+def test_what_came_before_the_connection_was_lost_is_heard_before_that() -> None:
+    async def talk() -> None:
+        box = Mailbox("somewhere", lambda data: None)
+        waiting = asyncio.ensure_future(box.receive(LONG))
+        await asyncio.sleep(0)
+        box.put(b"one")
+        box.put(b"two")
+        box.fail("gone")
+        assert [await waiting, await box.receive(LONG)] == [b"one", b"two"]
+        with pytest.raises(PortError, match="gone"):
+            await box.receive(LONG)
+
+    asyncio.run(talk())

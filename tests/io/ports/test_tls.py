@@ -1,0 +1,259 @@
+"""Modbus/TCP Security: roles, and what is said of certificates that are wrong, expired or missing."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.io import Host, open_async, open_host, open_modbus
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.tls import role_of, server_context
+from barewire.io.server.asyncio_stream import StreamServer
+from barewire.io.server.asyncio_thread import NetworkHost
+from barewire.modbus import ModbusException, Table, WriteSingleRegister
+from tests.certificates import tls_url
+from tests.helpers import refused
+from tests.io.peers import answer, peer, read_exactly
+
+pytestmark = pytest.mark.needs("openssl")
+
+ROLES = {
+    "Viewer": [{"functions": [1, 2, 3, 4]}],
+    "Operator": [{"functions": [1, 2, 3, 4]}, {"functions": [6, 16], "units": "1-9", "addresses": "0-99"}],
+}
+
+
+@pytest.fixture
+def host(certificates: Path) -> Iterator[Host]:
+    roles = certificates / "roles.json"
+    roles.write_text(json.dumps(ROLES))
+    with open_host(tls_url(certificates, "server", roles=str(roles)), units={1: Table()}) as host:
+        yield host
+
+
+def place(host: Host) -> str:
+    return host.url.partition("?")[0].removeprefix("tls://")
+
+
+def turned_away(host: Host) -> str:
+    """What the server said of the last client that it turned away."""
+    assert isinstance(host, NetworkHost)
+    assert isinstance(host.server, StreamServer)
+    until = time.monotonic() + 5
+    while not host.server.turned_away and time.monotonic() < until:
+        time.sleep(0.01)
+    return host.server.turned_away[-1]
+
+
+def test_who_may_write_writes(host: Host, certificates: Path) -> None:
+    with open_modbus(tls_url(certificates, "operator", place(host))) as client:
+        client.write_single_register(5, 42)
+        client.write_multiple_registers(6, (43, 44))
+        assert client.read_holding_registers(5, 3) == (42, 43, 44)
+        with pytest.raises(ModbusException) as caught:
+            client.write_single_register(100, 1)
+        assert caught.value.code == 1
+        with pytest.raises(ModbusException):
+            client.write_multiple_registers(99, (1, 2))  # the second is beyond what it may
+        with pytest.raises(ModbusException):
+            client.at(unit=10).write_single_register(5, 1)
+
+
+def test_a_role_that_may_read_only(host: Host, certificates: Path) -> None:
+    with open_modbus(tls_url(certificates, "viewer", place(host))) as client:
+        assert client.read_holding_registers(5, 1) == (0,)
+        with pytest.raises(ModbusException) as caught:
+            client.write_single_register(5, 1)
+        assert caught.value.code == 1
+        assert client.read_holding_registers(5, 1) == (0,)
+
+
+def test_a_certificate_without_a_role_may_do_what_the_table_says_of_that_nothing(
+    host: Host, certificates: Path
+) -> None:
+    with (
+        open_modbus(tls_url(certificates, "norole", place(host))) as client,
+        pytest.raises(ModbusException) as caught,
+    ):
+        client.read_holding_registers(5, 1)
+    assert caught.value.code == 1
+
+
+def test_the_asyncio_client_speaks_tls_too(host: Host, certificates: Path) -> None:
+    async def talk() -> None:
+        async with await open_async(tls_url(certificates, "operator", place(host)), in_flight=16) as client:
+            await asyncio.gather(*(client.write_single_register(at, at) for at in range(50)))
+            assert await client.read_holding_registers(0, 50) == tuple(range(50))
+            with pytest.raises(ModbusException):
+                await client.ask(WriteSingleRegister(100, 1))
+
+    asyncio.run(talk())
+
+
+def test_an_asyncio_client_hears_all_that_came_together(certificates: Path) -> None:
+    """Answers that lie in the system's buffer, each in a record of its own: asyncio decrypts one behind the other into
+    the buffer that it is given, a part of which must be that part and no copy."""
+    context = server_context(Endpoint.parse(tls_url(certificates, "server", roles="any")))
+    all_said = threading.Event()
+
+    def talk(connection: socket.socket) -> None:
+        with context.wrap_socket(connection, server_side=True) as tls:
+            for request in [read_exactly(tls, 12) for _ in range(16)]:
+                tls.sendall(answer(request))
+            all_said.set()
+            tls.recv(1)
+
+    async def ask(port: int) -> None:
+        url = tls_url(certificates, "operator", f"127.0.0.1:{port}", timeout="30")
+        async with await open_async(url, in_flight=16) as client:
+            asked = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(16)]
+            while not all_said.wait(0.0):  # the loop stands still between two looks
+                await asyncio.sleep(0)
+                all_said.wait(0.05)
+            assert await asyncio.gather(*asked) == [(at,) for at in range(16)]
+
+    with peer(talk) as port:
+        asyncio.run(ask(port))
+
+
+@pytest.mark.parametrize(
+    ("name", "ca", "client_says", "server_says"),
+    [
+        ("expired", "ca", "the other side refuses our certificate: it has expired", "certificate has expired"),
+        ("stranger", "ca", "refuses our certificate: it does not trust who signed it", "unable to get local issuer"),
+        (
+            "operator",
+            "other",
+            "the other side's certificate is refused: self-signed certificate in certificate chain",
+            "trust who signed",
+        ),
+        # Refused after the handshake: closed or reset, as the system has it.
+        ("odd", "ca", "127.0.0.1:", "the role in the certificate is not one UTF8String"),
+    ],
+)
+def test_a_wrong_certificate_is_one_line_on_both_sides(
+    host: Host, certificates: Path, name: str, ca: str, client_says: str, server_says: str
+) -> None:
+    with (
+        refused(PortError, client_says) as caught,
+        open_modbus(tls_url(certificates, name, place(host), ca=ca)) as client,
+    ):
+        client.read_holding_registers(0, 1)  # in TLS 1.3 a client is told with the first thing that it hears
+    assert "\n" not in str(caught.value)
+    assert server_says in turned_away(host)
+
+
+@pytest.mark.parametrize(
+    ("server", "said"),
+    [("expired-server", "certificate has expired"), ("stranger-server", "unable to get local issuer certificate")],
+)
+def test_a_wrong_certificate_of_the_server(certificates: Path, server: str, said: str) -> None:
+    with open_host(tls_url(certificates, server, roles="any"), units={1: Table()}) as host:
+        url = tls_url(certificates, "operator", place(host))
+        with refused(PortError, said):
+            open_modbus(url)
+        with refused(PortError, said):
+            asyncio.run(open_async(url))
+
+
+def test_a_server_of_another_name(host: Host, certificates: Path) -> None:
+    with refused(PortError, "Hostname mismatch, certificate is not valid for 'pump7'"):
+        open_modbus(tls_url(certificates, "operator", place(host), server_name="pump7"))
+
+
+def test_no_certificate_at_all(host: Host, certificates: Path) -> None:
+    address, _, port = place(host).partition(":")
+    context = ssl.create_default_context(cafile=str(certificates / "ca.crt"))
+    with (
+        socket.create_connection((address, int(port)), 5) as raw,
+        context.wrap_socket(raw, server_hostname=address) as client,
+        pytest.raises(OSError, match=r"CERTIFICATE_REQUIRED|reset"),
+    ):
+        client.recv(1)
+    assert "the other side showed no certificate" in turned_away(host)
+
+
+def test_what_is_no_tls_is_said_on_both_sides(host: Host, certificates: Path) -> None:
+    with (
+        open_modbus(f"tcp://{place(host)}?timeout=5") as client,
+        pytest.raises(PortError),
+    ):
+        client.read_holding_registers(0, 1)
+    assert "the other side does not speak TLS" in turned_away(host)
+    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as plain, pytest.raises(PortError, match=r"TLS|closed"):
+        open_modbus(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
+
+
+def test_tls_1_1_is_not_spoken(host: Host, certificates: Path) -> None:
+    run = subprocess.run(
+        ["openssl", "s_client", "-connect", place(host), "-tls1_1", "-cipher", "ALL:@SECLEVEL=0"],
+        input=b"",
+        capture_output=True,
+        timeout=20,
+    )
+    assert run.returncode != 0
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("tls://127.0.0.1:0?key={0}/server.key&ca={0}/ca.crt", "TLS needs cert=FILE"),
+        ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/none", "ca: there is no file"),
+        ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/viewer.key&ca={0}/ca.crt", "they do not belong together"),
+        ("tls://127.0.0.1:0?cert={0}/ca.cnf&key={0}/ca.key&ca={0}/ca.crt", "no certificate and key in PEM"),
+        ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.cnf", "no certificate in PEM"),
+        ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt", "roles=FILE says who may do what"),
+        ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt&roles={0}/ca.crt", "table of roles"),
+    ],
+)
+def test_what_is_wrong_with_the_files_is_told_at_once(certificates: Path, url: str, said: str) -> None:
+    with refused(EncodeError, said):
+        open_host(url.format(certificates), units={1: Table()})
+
+
+def test_roles_that_are_no_text_are_told_in_one_line(certificates: Path, tmp_path: Path) -> None:
+    (tmp_path / "roles.json").write_bytes(b'{"Viewer\xff": []}')
+    with refused(EncodeError, "not UTF-8 at byte 8"):
+        open_host(tls_url(certificates, "server", roles=str(tmp_path / "roles.json")), units={1: Table()})
+
+
+def test_the_page_about_tls_does_what_it_says(tmp_path: Path) -> None:
+    page = Path(__file__, "../../../../docs/tls.md").resolve().read_text(encoding="utf-8")
+    shell, table, program = (
+        "".join(re.findall(f"```{kind}\n(.*?)```", page, re.S)) for kind in ("sh", "json", "python")
+    )
+    assert "open_modbus(" in program
+    assert "open_async(" in program
+    (tmp_path / "roles.json").write_text(table)
+    subprocess.run(["sh", "-e", "-c", shell], cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=60)
+
+
+def der(certificate: Path) -> bytes:
+    return ssl.PEM_cert_to_DER_cert(certificate.read_text())
+
+
+def test_the_role_in_a_certificate(certificates: Path) -> None:
+    assert role_of(der(certificates / "operator.crt")) == "Operator"
+    assert role_of(der(certificates / "norole.crt")) is None
+    with pytest.raises(DecodeError, match="not one UTF8String"):
+        role_of(der(certificates / "odd.crt"))
+
+
+def test_half_a_certificate_is_a_decode_error(certificates: Path) -> None:
+    whole = der(certificates / "operator.crt")
+    for length in range(0, len(whole), 7):
+        with pytest.raises(DecodeError):
+            role_of(whole[:length])

@@ -1,0 +1,193 @@
+"""Who has to go, by itself: no sockets, no clock. Held against the plain rule, in every order of events."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.io.endpoint import Endpoint
+from barewire.io.server.connection_limits import Guests
+from tests.helpers import modest
+
+
+class Fake:
+    """A connection. Hung up on it tells so, as that of the thread does; that of asyncio says nothing then."""
+
+    def __init__(self, name: str, all_of_them: Guests[Fake], tells: bool = True) -> None:
+        self.peer, self.was_answered, self.aborted = name, False, 0
+        self._all, self._tells = all_of_them, tells
+
+    unsent = 7
+
+    def abort(self) -> None:
+        self.aborted += 1
+        if self._tells:
+            self._all.left(self)
+
+
+def guests(**options: object) -> Guests[Fake]:
+    return Guests(Endpoint.parse("tcp://host?" + "&".join(f"{key}={value}" for key, value in options.items())))
+
+
+def came(found: Guests[Fake], *names: str, now: float = 0.0) -> list[Fake]:
+    """New ones, each a second later than the last."""
+    made = [Fake(name, found) for name in names]
+    for place, guest in enumerate(made):
+        found.arrived(guest, now + place)
+    return made
+
+
+def here(found: Guests[Fake]) -> str:
+    return "".join(guest.peer for guest in found.connections)
+
+
+# One too many --------------------------------------------------------------------------------------------------------
+
+
+def test_the_longest_silent_of_those_that_were_never_answered_goes_first() -> None:
+    found = guests(connections=3)
+    a, b, c = came(found, "a", "b", "c")
+    a.was_answered = c.was_answered = True
+    found.heard(b, 9.0)
+    (d,) = came(found, "d", now=10.0)
+    assert here(found) == "acd"
+    d.was_answered = True
+    found.heard(a, 11.0)
+    came(found, "e", now=12.0)
+    assert here(found) == "ade"
+    assert list(found.turned_away) == [f"{name}: unused longest of 3 connections" for name in "bc"]
+    assert [guest.aborted for guest in (a, b, c, d)] == [0, 1, 1, 0]
+    assert found.unsent == 21
+
+
+def test_of_equals_the_one_that_came_first_goes() -> None:
+    found = guests(connections=3)
+    a, b, c = came(found, "a", "b", "c")
+    for guest in (c, b, a):
+        found.heard(guest, 5.0)
+    came(found, "d", now=5.0)
+    assert here(found) == "bcd"
+
+
+def test_where_there_is_room_for_one_the_newest_has_it() -> None:
+    found = guests(connections=1)
+    first, _ = came(found, "a", "b")
+    assert here(found) == "b"
+    first.was_answered = True
+    came(found, *"cdefg", now=5.0)
+    assert here(found) == "g"
+    assert len(found.turned_away) == 6
+
+
+def test_a_flood_of_strangers_at_the_limit_takes_nobodys_place() -> None:
+    found = guests(connections=300)
+    known = came(found, *map(str, range(299)))
+    for guest in known:
+        guest.was_answered = True
+    came(found, *(f"stranger {number}" for number in range(1000)), now=1000.0)
+    assert all(guest in found.connections for guest in known)
+    assert len(found.connections) == 300
+    assert len(found.turned_away) == 16
+
+
+# Silent for too long -------------------------------------------------------------------------------------------------
+
+
+def test_nobody_goes_before_the_time_and_everybody_at_it() -> None:
+    found = guests(idle=10)
+    assert found.watch(0.0) is None
+    a, _, c = came(found, "a", "b", "c")
+    assert found.watch(9.75) == 10.0
+    found.heard(a, 9.75)
+    assert found.watch(10.0) == 11.0
+    found.left(c)
+    assert found.watch(11.0) == 19.75
+    assert here(found) == "a"
+    assert found.watch(19.75) is None
+    assert list(found.turned_away) == ["b: silent for 10 s", "a: silent for 10 s"]
+    came(found, "d", now=30.0)
+    assert found.watch(30.0) == 40.0
+
+
+def test_a_time_that_is_set_later_or_made_shorter_holds_at_once() -> None:
+    found = guests()
+    came(found, "a", "b")
+    assert found.watch(1000.0) is None
+    found.idle = 2000.0
+    assert found.watch(1000.0) == 2000.0
+    found.idle = 999.5
+    assert found.watch(1000.0) == 1000.5
+    assert here(found) == "b"
+    found.idle = 0.0
+    assert found.watch(5000.0) is None
+    found.idle = 1.0
+    assert found.watch(5000.0) is None
+    assert here(found) == ""
+
+
+def test_who_goes_with_another_is_turned_away_once_at_most() -> None:
+    """Two connections of one client: whoever hangs up on one may hang up on both."""
+    found = guests(idle=1)
+    a, b = came(found, "a", "b")
+    a.abort = lambda: (found.left(a), found.left(b))  # type: ignore[assignment, func-returns-value]
+    assert found.watch(100.0) is None
+    assert (list(found.turned_away), b.aborted) == (["a: silent for 1 s"], 0)
+
+
+# Whatever happens ----------------------------------------------------------------------------------------------------
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from(["come", "hear", "hear", "hear", "leave", "answer", "watch", "watch", "idle"]),
+        st.integers(0, 7),
+        st.sampled_from([0.0, 0.0, 0.25, 1.0, 2.5]),
+    ),
+    max_size=60,
+)
+
+
+@modest
+@given(STEPS, st.integers(1, 5), st.sampled_from([0.0, 1.0, 2.5]), st.booleans())
+def test_it_is_the_plain_rule(steps: list[tuple[str, int, float]], most: int, idle: float, tells: bool) -> None:
+    """The rule: a list in the order in which they were heard. A step takes time, or none; a guest may leave and, late,
+    be heard again."""
+    found = guests(connections=most, idle=idle)
+    everybody = [Fake(str(number), found, tells) for number in range(8)]
+    row: list[tuple[float, int]] = []  # when it was heard, who
+    now = 0.0
+
+    def gone(whom: int) -> None:
+        row[:] = [one for one in row if one[1] != whom]
+
+    for what, whom, later in steps:
+        now += later
+        guest = everybody[whom]
+        if what == "come" and guest not in found.connections:
+            while len(row) >= most:
+                unused = [one for one in row if not everybody[one[1]].was_answered] or row
+                longest = {who for heard, who in unused if heard == min(unused)[0]}
+                first = next(int(one.peer) for one in found.connections if int(one.peer) in longest)
+                gone(first)
+            found.arrived(guest, now)
+            row.append((now, whom))
+        elif what == "hear":
+            found.heard(guest, now)
+            gone(whom)
+            row.append((now, whom))
+        elif what == "leave":
+            found.left(guest)
+            gone(whom)
+        elif what == "answer":
+            guest.was_answered = True
+        elif what == "idle":
+            found.idle = later
+        elif what == "watch":
+            again = found.watch(now)
+            row[:] = [one for one in row if not found.idle or one[0] + found.idle > now]
+            if not found.idle or not row:
+                assert again is None
+            else:  # in time, and not without end: as soon as the first could go, or a little before
+                assert again is not None
+                assert now < again <= min(row)[0] + found.idle
+        assert {int(one.peer) for one in found.connections} == {who for _, who in row}
+        assert {int(one.peer): heard for one, heard in found.connections.items()} == {who: heard for heard, who in row}

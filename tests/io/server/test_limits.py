@@ -1,0 +1,294 @@
+"""A server's limits: connections, idle time, memory; and nobody waits for a peer that is slow or means harm.
+
+All of it for both servers of TCP: the one of asyncio, and the one in a thread of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import resource
+import socket
+from collections.abc import AsyncIterator, Iterator
+from itertools import islice
+from typing import Any, NamedTuple
+
+import pytest
+
+from barewire.ascii import encode as ascii_frame
+from barewire.errors import EncodeError
+from barewire.io import open_async, open_host, serve
+from barewire.io.endpoint import Endpoint
+from barewire.io.server.asyncio_stream import StreamServer
+from barewire.io.server.connection_limits import Guests
+from barewire.io.server.tcp import TcpHost
+from barewire.modbus import Authorisation, Table
+from barewire.rtu import encode as rtu_frame
+from tests.helpers import refused
+
+READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+ANSWER = bytes.fromhex("0001 0000 0005 01 03 02 0000")
+REFUSED = bytes.fromhex("0001 0000 0003 01 83 01")
+MOST = bytes.fromhex("0001 0000 0006 01 03 0000 007D")
+"""A question of 12 bytes with an answer of 259."""
+
+
+@pytest.fixture
+def many_files() -> Iterator[None]:
+    """Both ends of a thousand connections are more files than most systems allow without being asked."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, 4096)), hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+class Serving(NamedTuple):
+    """A server at work, as far as its limits are concerned."""
+
+    port: int
+    guests: Guests[Any]
+
+
+@contextlib.asynccontextmanager
+async def serving(way: str, scheme: str = "tcp", **options: object) -> AsyncIterator[Serving]:
+    url = f"{scheme}://127.0.0.1:0?{'&'.join(f'{key}={value}' for key, value in options.items())}"
+    if way == "thread":
+        with open_host(url, units={1: Table()}) as host:
+            assert isinstance(host, TcpHost)
+            yield Serving(Endpoint.parse(host.url).host_and_port[1], host.guests)
+    else:
+        async with await serve(url, {1: Table()}) as server:
+            assert isinstance(server, StreamServer)
+            yield Serving(server.port, server)
+
+
+both = pytest.mark.parametrize("way", ["asyncio", "thread"])
+
+
+class Client:
+    """A raw connection."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader, self.writer = reader, writer
+
+    @classmethod
+    async def of(cls, server: Serving) -> Client:
+        return cls(*await asyncio.open_connection("127.0.0.1", server.port))
+
+    async def ask(self, read: bytes = READ, answer: bytes = ANSWER) -> bytes:
+        self.writer.write(read)
+        return await asyncio.wait_for(self.reader.readexactly(len(answer)), 60)
+
+    async def is_gone(self) -> bool:
+        try:
+            return await asyncio.wait_for(self.reader.read(), 60) == b""
+        except ConnectionError:
+            return True
+
+    async def close(self) -> None:
+        self.writer.transport.abort()
+        with contextlib.suppress(OSError):
+            await self.writer.wait_closed()
+
+
+PDU, TOLD = bytes.fromhex("03 0000 0001"), bytes.fromhex("03 02 0000")
+EXCHANGES = {
+    "tcp": (READ, ANSWER),
+    "rtu+tcp": (rtu_frame(1, PDU), rtu_frame(1, TOLD)),
+    "ascii+tcp": (ascii_frame(1, PDU), ascii_frame(1, TOLD)),
+}
+
+
+@pytest.mark.parametrize(("way", "scheme"), [("thread", "tcp"), *(("asyncio", scheme) for scheme in EXCHANGES)])
+@pytest.mark.usefixtures("many_files")
+def test_a_thousand_connections_at_once_each_served(way: str, scheme: str) -> None:
+    async def talk() -> None:
+        read, answer = EXCHANGES[scheme]
+        async with serving(way, scheme) as server:
+            clients = await asyncio.gather(*(Client.of(server) for _ in range(1000)))
+            for _ in range(3):
+                told = await asyncio.gather(*(client.ask(read, answer) for client in clients))
+                assert set(told) == {answer}
+            assert len(server.guests.connections) == 1000
+            await asyncio.gather(*(client.close() for client in clients))
+
+    asyncio.run(talk())
+
+
+@both
+def test_over_the_limit_the_one_that_was_silent_longest_goes(way: str) -> None:
+    async def talk() -> None:
+        async with serving(way, connections=3) as server:
+            clients = [await Client.of(server) for _ in range(3)]
+            for client in clients:
+                await client.ask()
+            await clients[0].ask()  # so the second is now the one that was silent longest
+            clients.append(await Client.of(server))
+            assert await clients[3].ask() == ANSWER
+            assert await clients[1].is_gone()
+            assert [await clients[at].ask() for at in (0, 2, 3)] == [ANSWER] * 3
+            assert "unused longest of 3 connections" in server.guests.turned_away[-1]
+            await asyncio.gather(*(client.close() for client in clients))
+
+    asyncio.run(talk())
+
+
+@both
+@pytest.mark.parametrize("said", [b"", READ[:7]])
+def test_over_the_limit_those_that_never_asked_anything_go_first(way: str, said: bytes) -> None:
+    async def talk() -> None:
+        async with serving(way, connections=3) as server:
+            client = await Client.of(server)
+            await client.ask()
+            strangers = []
+            for _ in range(6):
+                stranger = await Client.of(server)
+                stranger.writer.write(said)
+                strangers.append(stranger)
+            newcomer = await Client.of(server)
+            assert await newcomer.ask() == ANSWER
+            assert await client.ask() == ANSWER  # the same connection as ever, though it was silent longest
+            # All but one of them, and which is a matter of whose half a request was heard last.
+            ends = [asyncio.ensure_future(stranger.is_gone()) for stranger in strangers]
+            assert [await end for end in islice(asyncio.as_completed(ends), 5)] == [True] * 5
+            await asyncio.gather(*(end for end in ends if end.cancel()), return_exceptions=True)
+            assert "unused longest of 3 connections" in server.guests.turned_away[-1]
+            await asyncio.gather(*(each.close() for each in (client, newcomer, *strangers)))
+
+    asyncio.run(talk())
+
+
+@both
+def test_whoever_is_silent_too_long_goes_and_half_a_request_is_silence_too(way: str) -> None:
+    async def talk() -> None:
+        async with serving(way, idle=2) as server:
+            silent, half, busy = [await Client.of(server) for _ in range(3)]
+            half.writer.write(READ[:5])
+            for _ in range(1200):
+                await asyncio.sleep(0.05)
+                assert await busy.ask() == ANSWER
+                if len(server.guests.turned_away) == 2:
+                    break
+            assert await silent.is_gone()
+            assert await half.is_gone()
+            assert len(server.guests.connections) == 1
+            assert "silent for 2 s" in server.guests.turned_away[-1]
+            await asyncio.gather(*(client.close() for client in (silent, half, busy)))
+
+    asyncio.run(talk())
+
+
+@both
+def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up(way: str) -> None:
+    async def talk() -> None:
+        async with serving(way) as server:
+            greedy = socket.socket()
+            greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            greedy.connect(("127.0.0.1", server.port))
+            greedy.setblocking(False)
+            async with await open_async(f"tcp://127.0.0.1:{server.port}") as client:
+                sent = stalled = most = 0
+                while stalled < 50:
+                    try:
+                        sent += greedy.send(MOST * 300)
+                    except BlockingIOError:
+                        stalled += 1
+                    assert await client.read_holding_registers(0, 1) == (0,)  # meanwhile
+                    most = max(most, server.guests.unsent)
+            # How much the system takes before it says stop is its own affair; the answers to that would be a multiple.
+            assert 0 < most < 200_000
+            assert sent // len(MOST) * 259 > 2 * most
+            greedy.close()
+
+    asyncio.run(talk())
+
+
+@both
+def test_one_byte_at_a_time_from_many_holds_nobody_up(way: str) -> None:
+    async def talk() -> None:
+        async with serving(way) as server, await open_async(f"tcp://127.0.0.1:{server.port}") as client:
+            slow = [await Client.of(server) for _ in range(50)]
+            for byte in READ:
+                for each in slow:
+                    each.writer.write(bytes([byte]))
+                assert await client.read_holding_registers(0, 1) == (0,)
+            got = [await each.reader.readexactly(len(ANSWER)) for each in slow]
+            assert got == [ANSWER] * 50
+            await asyncio.gather(*(each.close() for each in slow))
+
+    asyncio.run(talk())
+
+
+@both
+def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept(way: str) -> None:
+    async def talk() -> None:
+        async with serving(way) as server:
+            stranger = await Client.of(server)
+            stranger.writer.write(b"GET / HTTP/1.1\r\n\r\n")
+            assert await stranger.is_gone()
+            assert "protocol identifier is 54 20, Modbus has 00 00" in server.guests.turned_away[-1]
+            await stranger.close()
+
+    asyncio.run(talk())
+
+
+def test_a_limit_that_is_none() -> None:
+    with refused(EncodeError, "connections 0: expected 1 or more"):
+        asyncio.run(serve("tcp://127.0.0.1:0?connections=0", {1: Table()}))
+    with refused(EncodeError, "connections 0: expected 1 or more"):
+        open_host("tcp://127.0.0.1:0?connections=0", units={1: Table()})
+
+
+def test_where_no_file_is_left_the_one_that_was_silent_longest_goes() -> None:
+    """A system gives a process so many files and no more: a server at that limit must not spin, and not be deaf."""
+    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host, contextlib.ExitStack() as closing:
+        assert isinstance(host, TcpHost)
+        address = Endpoint.parse(host.url).host_and_port
+
+        def client() -> socket.socket:
+            made = closing.enter_context(socket.create_connection(address, timeout=10))
+            made.sendall(READ)
+            return made
+
+        silent, busy = client(), client()
+        assert (silent.recv(64), busy.recv(64)) == (ANSWER, ANSWER)
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        # Room for the next client's own socket, and for nothing else: what the test itself holds is below it.
+        spare = os.dup(busy.fileno())
+        os.close(spare)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (spare + 1, hard))
+        try:
+            assert client().recv(64) == ANSWER
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert silent.recv(64) == b""
+        busy.sendall(READ)
+        assert busy.recv(64) == ANSWER
+        assert "there was no room for another connection: too many open files" in host.guests.turned_away[-1]
+
+
+@pytest.mark.parametrize("scheme", [*EXCHANGES, "udp"])
+def test_a_host_that_nobody_started_gives_its_port_back(scheme: str) -> None:
+    host = open_host(f"{scheme}://127.0.0.1:0", units={1: Table()})
+    host.close()
+    open_host(host.url, units={1: Table()}).close()  # the same port
+
+
+def test_who_may_do_what_holds_where_nobody_has_a_role_too() -> None:
+    """A table of roles on a connection without TLS: nobody has a role. It is said when the server is made; later it
+    would be too late for some."""
+    nobody = Authorisation.parse('{"Viewer": [{}]}')
+
+    async def talk() -> None:
+        async with await serve("tcp://127.0.0.1:0", {1: Table()}, authorisation=nobody) as server:
+            assert isinstance(server, StreamServer)
+            assert server.authorisation is nobody
+            client = await Client.of(Serving(server.port, server))
+            assert await client.ask(READ, REFUSED) == REFUSED
+            await client.close()
+        async with await serve("tcp://127.0.0.1:0", {1: Table()}) as server:
+            with pytest.raises(AttributeError):
+                server.authorisation = nobody  # type: ignore[union-attr, misc]
+
+    asyncio.run(talk())

@@ -1,0 +1,117 @@
+"""One machine on several ports: whoever comes, one at a time is inside."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from contextlib import ExitStack
+from typing import Any
+
+from barewire.canopen import CanFrame
+from barewire.devices import load
+from barewire.devices.sim import Az3, simulator
+from barewire.io import open_canopen, open_host, open_modbus
+from barewire.io.canopen.client import Client
+from barewire.io.server import locking as sharing
+from barewire.io.server.locking import SharedUnits, alone
+from barewire.modbus import Table
+from barewire.modbus.messages.base import Response
+from tests.cli.test_command import free_port
+
+
+class Watched(Table):
+    """A table, and a node, that notice two visitors."""
+
+    def __init__(self) -> None:
+        super().__init__(16)
+        self.inside, self.met, self.visits = 0, 0, 0
+        self.deadline: float | None = None
+
+    def _visit(self) -> None:
+        self.inside += 1
+        self.visits += 1
+        self.met += self.inside > 1
+        time.sleep(0.002)  # long enough for any other thread to come in
+        self.inside -= 1
+
+    def handle(self, request: Any, now: float) -> Response | None:
+        self._visit()
+        return super().handle(request, now)
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        self._visit()
+        return []
+
+
+def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
+    machine = Watched()
+    with ExitStack() as stack:
+        urls = [stack.enter_context(open_host(u, units={1: machine})).url for u in ("tcp://127.0.0.1:0", "rtu://pty")]
+        bus = f"can://socketcand/127.0.0.1:{free_port()}/can0"
+        stack.enter_context(open_host(bus, node=machine))
+        port = open_canopen(bus)
+        stack.callback(port.close)
+
+        def ask(url: str) -> None:
+            with open_modbus(url) as client:
+                for _ in range(15):
+                    client.read_holding_registers(0, 1)
+
+        threads = [threading.Thread(target=ask, args=(url,)) for url in urls]
+        for thread in threads:
+            thread.start()
+        for number in range(15):
+            port.send(CanFrame(number, b""))
+            with alone(machine):
+                before = machine.visits
+                time.sleep(0.001)
+                assert (machine.inside, machine.visits) == (0, before)
+        for thread in threads:
+            thread.join()
+    assert machine.met == 0
+    assert machine.visits >= 30
+
+
+def test_both_faces_of_a_simulator_have_the_lock_of_the_machine() -> None:
+    machine = simulator("az3")
+    assert alone(machine) is alone(machine.modbus) is alone(machine.canopen)
+    assert alone(machine) is not alone(simulator("az3"))
+
+
+def test_a_lock_goes_with_its_machine() -> None:
+    gc.collect()
+    before = len(sharing._locks)
+    machine = Table()
+    alone(machine)
+    assert len(sharing._locks) == before + 1
+    del machine
+    gc.collect()
+    assert len(sharing._locks) == before
+
+
+def test_what_a_unit_has_besides_is_seen_through_the_door() -> None:
+    units = SharedUnits({1: Table(), 2: simulator("adxl").modbus})  # type: ignore[dict-item]
+    assert getattr(units[2], "diagnostics", True) is False
+    assert getattr(units[1], "diagnostics", None) is None
+    assert list(units) == [1, 2]
+    assert units[1] is units[1]
+
+
+def test_the_same_values_on_both_buses_at_the_same_time() -> None:
+    """One AZ3 in two threads: what is written on one wire is read on the other, hundreds of times."""
+    machine, az3 = simulator("az3", time.monotonic()), load("az3")
+    assert isinstance(machine, Az3)
+    assert machine.modbus is not None
+    with ExitStack() as stack:
+        host = stack.enter_context(open_host("rtu://pty?pace=0", units={1: machine.modbus}))
+        bus = stack.enter_context(open_host(f"can://socketcand/127.0.0.1:{free_port()}/can0", node=machine.canopen))
+        serial: Client = stack.enter_context(open_modbus(host.url))
+        can: Client = stack.enter_context(open_canopen(bus.url))
+        for number in range(40):
+            serial.write(az3, {"TARGET VELOCITY": number})
+            assert can.read(az3, "TARGET VELOCITY")[0].value == number
+            can.write(az3, {"TARGET POSITION": -number})
+            readings = serial.read(az3, "TARGET POSITION", "STATUS WORD")
+            assert readings[0].value == -number
+            assert readings[1].value == can.read(az3, "STATUS WORD")[0].value

@@ -1,0 +1,35 @@
+"""A server that says something before it was asked: it is heard, counted, and the first question is answered."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import pytest
+
+from barewire.io import open_async, open_modbus
+from tests.io.peers import honest, peer
+
+GREETING = bytes.fromhex("00 00 00 00 00 03 01 03 00")
+
+
+def greets(connection: socket.socket) -> None:
+    connection.sendall(GREETING)
+    honest(connection)
+
+
+def test_the_blocking_client() -> None:
+    with peer(greets) as port, open_modbus(f"tcp://127.0.0.1:{port}?timeout=5") as client:
+        assert client.read_holding_registers(7, 1) == (7,)
+
+
+@pytest.mark.parametrize("in_flight", [1, 4])
+def test_the_asyncio_client(in_flight: int) -> None:
+    async def talk(port: int) -> None:
+        for _ in range(20):  # it comes while the connection is being made, or just after
+            async with await open_async(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=in_flight) as client:
+                await asyncio.sleep(0)
+                assert await client.read_holding_registers(7, 1) == (7,)
+
+    with peer(greets) as port:
+        asyncio.run(talk(port))

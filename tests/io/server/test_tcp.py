@@ -1,0 +1,364 @@
+"""The server of TCP without asyncio: the same answers as the other one, an owner who is clumsy, units that stumble."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.errors import PortError
+from barewire.io import connect, open_host, open_modbus
+from barewire.io.endpoint import Endpoint
+from barewire.io.fault_injection.ports import open_faulty
+from barewire.io.ports.readiness import IN, OUT, Selectors, watch
+from barewire.io.server import tcp as host_tcp
+from barewire.io.server.asyncio_thread import NetworkHost
+from barewire.io.server.open import Host
+from barewire.io.server.tcp import TcpHost, _Connection
+from barewire.modbus import Server, Table, Unit
+from barewire.tcp import TcpLine
+from barewire.tcp import encode as frame
+from tests.helpers import Broken, modest, refused
+from tests.io.peers import read_exactly
+
+if TYPE_CHECKING:
+    from barewire.io.ports.readiness import Watch
+
+READ = frame(1, bytes.fromhex("03 0000 0001"), 1)
+ANSWER = frame(1, bytes.fromhex("03 02 0000"), 1)
+MOST = frame(1, bytes.fromhex("03 0000 007D"), 1)
+
+
+def client(host: Host) -> socket.socket:
+    return socket.create_connection(Endpoint.parse(host.url).host_and_port, timeout=30)
+
+
+def to_end(connection: socket.socket) -> bytes:
+    data = b""
+    with contextlib.suppress(ConnectionError):
+        while came := connection.recv(0x10000):
+            data += came
+    return data
+
+
+def asked(host: Host, data: bytes = READ) -> bytes:
+    """The answers to these bytes, from a client that says them, is silent from then on, and reads to the end."""
+    with client(host) as connection:
+        connection.sendall(data)
+        connection.shutdown(socket.SHUT_WR)
+        return to_end(connection)
+
+
+# The same answers ---------------------------------------------------------------------------------------------------
+
+CODES = st.sampled_from([*range(0, 9), 11, 12, 0x0F, 0x10, 0x16, 0x17, 0x18, 0x2B, 0x41, 0x83])
+SENSIBLE = st.builds(
+    lambda code, address, value: bytes([code]) + address.to_bytes(2, "big") + value.to_bytes(2, "big"),
+    st.sampled_from([1, 2, 3, 4, 5, 6]), st.sampled_from([0, 1, 9, 10, 0xFFFF]), st.sampled_from([0, 1, 126, 0xFF00]),
+)  # fmt: skip
+PDUS = SENSIBLE | st.builds(lambda code, rest: bytes([code]) + rest, CODES, st.binary(max_size=12))
+
+
+@st.composite
+def talks(draw: st.DrawFn, unit: int) -> list[bytes]:
+    """What one client says, in pieces: requests, then perhaps half of one, or a header that is none and ends it.
+
+    No more requests than are worked on at a time, so it does not matter what comes in one read; and nothing behind the
+    bad header, which would be lost with the connection.
+    """
+    pdus = draw(st.lists(PDUS, max_size=12))
+    units = st.sampled_from([unit, unit, unit, 99])
+    said = b"".join(frame(draw(units), pdu, draw(st.integers(0, 0xFFFF))) for pdu in pdus)
+    said += draw(st.sampled_from([b"", b"", READ[:5], READ[:11], b"\0\1\0\1\0\6", b"\0\1\0\0\0\1", b"\0\1\0\0\0\xff"]))
+    cuts = sorted(draw(st.lists(st.integers(0, len(said)), max_size=5)))
+    return [said[a:b] for a, b in zip([0, *cuts], [*cuts, len(said)], strict=True)]
+
+
+class Fresh(Mapping[int, Unit]):
+    """Units 1 to 3, and new ones for every example."""
+
+    def __init__(self) -> None:
+        self.anew()
+
+    def anew(self) -> None:
+        self.units: dict[int, Unit] = {number: Table(10) for number in (1, 2, 3)}
+
+    def __getitem__(self, number: int) -> Unit:
+        return self.units[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.units)
+
+    def __len__(self) -> int:
+        return len(self.units)
+
+
+def heard(host: Host, said: list[list[bytes]]) -> list[bytes]:
+    """What each client hears, when they say their pieces by turns."""
+    with contextlib.ExitStack() as stack:
+        connections = [stack.enter_context(client(host)) for _ in said]
+        for turn in range(max(map(len, said))):
+            for connection, pieces in zip(connections, said, strict=True):
+                with contextlib.suppress(ConnectionError):
+                    connection.sendall(b"".join(pieces[turn : turn + 1]))
+        for connection in connections:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_WR)
+        return [to_end(connection) for connection in connections]
+
+
+def test_both_servers_say_what_the_machine_says_to_whatever_comes() -> None:
+    with contextlib.ExitStack() as stack:
+        servers: list[tuple[Host, Fresh]] = []
+        for kind in (TcpHost, NetworkHost):
+            fresh = Fresh()
+            servers.append((stack.enter_context(kind(Endpoint.parse("tcp://127.0.0.1:0"), fresh)), fresh))
+
+        @modest
+        @given(st.tuples(talks(1), talks(2), talks(3)))
+        def holds(said: tuple[list[bytes], ...]) -> None:
+            units = Fresh()
+            expected = []
+            for pieces in said:
+                replies = Server(TcpLine(), units, serial=False).feed(b"".join(pieces), 0.0)
+                expected.append(b"".join(reply.data for reply in replies))
+            for host, fresh in servers:
+                fresh.anew()
+                assert heard(host, list(said)) == expected
+                assert vars_of(fresh) == vars_of(units)
+
+        holds()
+
+
+def vars_of(units: Fresh) -> list[Any]:
+    return [(bytes(unit.coils), list(unit.holding_registers)) for unit in units.values() if isinstance(unit, Table)]
+
+
+@pytest.mark.parametrize("kind", [TcpHost, NetworkHost])
+def test_a_client_s_quirk_in_the_url_does_not_make_the_line_a_serial_one(kind: Any) -> None:
+    """There a request that another one followed is not answered, and neither is one for nobody."""
+    with kind(Endpoint.parse("tcp://127.0.0.1:0?any_transaction=1"), {1: Table()}) as host:
+        stranger = frame(5, b"\x07", 9)
+        assert asked(host, READ + READ + stranger) == ANSWER + ANSWER + frame(5, b"\x87\x0b", 9)
+
+
+# Owners and units ---------------------------------------------------------------------------------------------------
+
+
+class Forgetful(Mapping[int, Unit]):
+    """Units that are looked up somewhere, and sometimes cannot be."""
+
+    def __getitem__(self, number: int) -> Unit:
+        if number == 1:
+            return Table()
+        raise RuntimeError("the data base is gone")
+
+    def __iter__(self) -> Iterator[int]:
+        return iter((1,))
+
+    def __len__(self) -> int:
+        return 1
+
+    def get(self, number: int, default: Any = None) -> Any:
+        return self[number]
+
+
+def test_whatever_stumbles_over_one_client_leaves_the_others_alone() -> None:
+    with open_host("tcp://127.0.0.1:0", units=Forgetful()) as host, client(host) as other:
+        assert isinstance(host, TcpHost)
+        other.sendall(READ)
+        assert read_exactly(other, len(ANSWER)) == ANSWER
+        assert asked(host, frame(2, b"\x07")) == b""
+        assert host.guests.turned_away[-1].endswith("RuntimeError: the data base is gone")
+        other.sendall(READ)
+        assert read_exactly(other, len(ANSWER)) == ANSWER
+
+
+@pytest.mark.parametrize("error", [ValueError("no"), RecursionError(), MemoryError()])
+def test_a_unit_that_stumbles_is_exception_04_and_the_connection_stays(error: Exception) -> None:
+    with open_host("tcp://127.0.0.1:0", units={1: Broken(error)}) as host:
+        assert asked(host, READ + READ) == frame(1, b"\x83\x04", 1) * 2
+
+
+SCHEMES = ["tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "rtu://pty"]
+ONCE = "a host serves once: this one has begun, or was closed"
+
+
+@pytest.mark.parametrize("url", SCHEMES)
+def test_close_ends_a_run_in_another_thread_and_nothing_begins_again(url: str) -> None:
+    host = open_host(url, units={1: Table()})
+    running = threading.Thread(target=host.run, args=(threading.Event(),), daemon=True)
+    running.start()
+    with open_modbus(f"{host.url}?timeout=30&unit=1") as asking:
+        assert asking.read_holding_registers(0, 1) == (0,)
+        host.close()
+        running.join(30)
+        assert not running.is_alive()
+    for begin in (host.start, lambda: host.run(threading.Event())):
+        with refused(PortError, ONCE):
+            begin()
+    host.close()  # again: nothing
+
+
+@pytest.mark.parametrize("url", SCHEMES)
+def test_a_host_begins_once(url: str) -> None:
+    with open_host(url, units={1: Table()}) as host:
+        for begin in (host.start, lambda: host.run(threading.Event())):
+            with refused(PortError, ONCE):
+                begin()
+        with open_modbus(f"{host.url}?timeout=30&unit=1") as asking:
+            assert asking.read_holding_registers(0, 1) == (0,)
+
+
+def test_a_host_that_nobody_started_gives_its_terminal_back() -> None:
+    host = open_host("rtu://pty", units={1: Table()})
+    host.close()
+    with pytest.raises(PortError):
+        connect(host.url)
+
+
+def test_two_hosts_on_one_port_are_one_too_many() -> None:
+    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+        with pytest.raises(PortError, match=r"^127\.0\.0\.1:\d+: address already in use$"):
+            open_host(host.url, units={1: Table()})
+        assert asked(host) == ANSWER
+
+
+def test_a_unit_may_close_the_host_that_serves_it() -> None:
+    class Last(Table):
+        def handle(self, request: Any, now: float) -> Any:
+            host.close()
+            return super().handle(request, now)
+
+    host = open_host("tcp://127.0.0.1:0", units={1: Last()})
+    with host:
+        assert asked(host) == ANSWER
+    with pytest.raises(ConnectionError):
+        client(host)
+
+
+def test_stopping_while_answers_wait_hangs_up() -> None:
+    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+        assert isinstance(host, TcpHost)
+        greedy = client(host)
+        greedy.setblocking(False)
+        while not host.guests.unsent:
+            with contextlib.suppress(BlockingIOError):
+                greedy.send(MOST * 300)
+        host.close()
+        assert not host.guests.connections
+        assert host.guests.unsent == 0
+    greedy.close()
+
+
+def test_six_of_the_next_version_of_ip() -> None:
+    with open_host("tcp://[::1]:0", units={1: Table()}) as host:
+        assert host.url.startswith("tcp://[::1]:")
+        assert asked(host) == ANSWER
+
+
+# Faults --------------------------------------------------------------------------------------------------------------
+
+
+def spoiled(kind: Callable[[Endpoint, Mapping[int, Unit]], Host], **how: Any) -> Host:
+    return open_faulty("tcp://127.0.0.1:0", lambda url: kind(Endpoint.parse(url), {1: Table()}), **how)
+
+
+@pytest.mark.parametrize("kind", [TcpHost, NetworkHost])
+def test_nothing_comes_between_the_parts_of_an_answer(kind: Any) -> None:
+    """Several questions may be under way. A connection keeps the order of its bytes, late ones among them."""
+    questions = [frame(1, bytes([3, 0, 0, 0, number]), number) for number in range(1, 13)]
+    answers = {frame(1, bytes([3, 2 * number, *bytes(2 * number)]), number) for number in range(1, 13)}
+    with spoiled(kind, faults={"split": 0.6, "late": 0.4}, seed=3, late=0.01) as host, contextlib.ExitStack() as stack:
+        connections = [stack.enter_context(client(host)) for _ in range(3)]
+        for connection in connections:
+            connection.sendall(b"".join(questions))
+        for connection in connections:
+            data = read_exactly(connection, sum(map(len, answers)))
+            found = set()
+            while data:
+                size = 6 + int.from_bytes(data[4:6], "big")
+                found.add(data[:size])
+                data = data[size:]
+            assert found == answers
+
+
+class Reluctant:
+    """A socket and its watch: it takes `room` bytes, and counts how often it was asked to."""
+
+    def __init__(self) -> None:
+        self.room, self.asked, self.got, self.watched = 0, 0, b"", 0
+
+    def fileno(self) -> int:
+        return 3
+
+    def recv(self, size: int) -> bytes:
+        return READ
+
+    def send(self, data: bytes) -> int:
+        self.asked += 1
+        if not self.room:
+            raise BlockingIOError
+        taken, self.room = bytes(data[: self.room]), max(0, self.room - len(data))
+        self.got += taken
+        return len(taken)
+
+    def register(self, _: int, events: int) -> None:
+        self.watched = events
+
+    modify = register
+
+
+def test_late_answers_to_a_client_that_does_not_read_wait_behind_each_other() -> None:
+    """Each of them tried again with all that waits already would be a second for everybody, and a minute soon."""
+    host = open_host("tcp://127.0.0.1:0", units={1: Table()})
+    assert isinstance(host, TcpHost)
+    late: list[Callable[[bytes], None]] = []
+    host.spoil = lambda answer, say: late.append(say)  # type: ignore[assignment]
+    peer: Any = Reluctant()
+    connection = _Connection(host, peer, peer, ("192.0.2.1", 1024))
+    connection.ready(0.0)
+    (say,) = late
+    peer.room = 2
+    for number in range(1000):
+        say(number.to_bytes(4, "big"))
+    assert (peer.asked, peer.watched) == (1, OUT)
+    assert connection.unsent == 3998
+    for room in (1, 3000, 0, 5000):
+        peer.room = room
+        connection.ready(0.0)
+    assert (peer.asked, peer.watched, connection.unsent) == (5, IN, 0)
+    assert peer.got == b"".join(number.to_bytes(4, "big") for number in range(1000))
+    host.close()
+
+
+@pytest.mark.parametrize("make", [watch, Selectors])
+def test_the_system_s_own_watch_and_the_portable_one_see_the_same(make: Callable[[], Watch]) -> None:
+    ours, theirs = socket.socketpair()
+    with contextlib.closing(make()) as watching, ours, theirs:
+        file = ours.fileno()
+        watching.register(file, IN)
+        assert watching.poll(0.0) == []
+        theirs.send(b"?")
+        assert [found for found, _ in watching.poll(5.0)] == [file]
+        assert ours.recv(8) == b"?"
+        watching.modify(file, OUT)
+        assert [found for found, _ in watching.poll(5.0)] == [file]
+        watching.modify(file, IN)
+        theirs.close()  # to be hung up on is something to read
+        assert [found for found, _ in watching.poll(5.0)] == [file]
+        watching.unregister(file)
+        assert watching.poll(0.0) == []
+
+
+def test_where_there_is_nothing_but_the_portable_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(host_tcp, "watch", Selectors)
+    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host, open_modbus(host.url) as client:
+        client.write_single_register(1, 42)
+        assert client.read_holding_registers(1, 1) == (42,)

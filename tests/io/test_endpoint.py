@@ -1,0 +1,114 @@
+"""URLs taken apart, and what is said of wrong ones."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.errors import EncodeError
+from barewire.io.endpoint import Endpoint
+
+
+@pytest.mark.parametrize(
+    ("url", "scheme", "place"),
+    [
+        ("tcp://127.0.0.1:1502?unit=1", "tcp", "127.0.0.1:1502"),
+        ("rtu:///dev/ttyUSB0", "rtu", "/dev/ttyUSB0"),
+        ("rtu:///dev/pts/3?parity=N", "rtu", "/dev/pts/3"),
+        ("ascii://COM3", "ascii", "COM3"),
+        ("rtu://pty", "rtu", "pty"),
+        ("rtu://PTY?unit=2", "rtu", "pty"),
+        ("can://socketcan/can0?node=5", "can", "socketcan/can0"),
+        ("can://slcan//dev/ttyACM0", "can", "slcan//dev/ttyACM0"),
+    ],
+)
+def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
+    endpoint = Endpoint.parse(url)
+    assert (endpoint.scheme, endpoint.place) == (scheme, place)
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("127.0.0.1:502", "expected tcp://HOST:PORT"),
+        ("http://127.0.0.1", "expected tcp://HOST:PORT"),
+        ("tcp://", "it names no port"),
+        ("tcp://127.0.0.1?units=1", "unknown option 'units', expected any_transaction, any_unit"),
+        ("can://socketcan", "expected can://INTERFACE/CHANNEL"),
+        ("tcp:127.0.0.1", "expected tcp://HOST:PORT"),
+        ("tcp://[::1", "an IPv6 address stands in brackets"),
+        ("tcp://[gateway]:502", "an IPv6 address stands in brackets"),
+        ("tcp://a..b:502", "cannot be the name of a host"),
+        ("tcp://127.0.0.1:99999", "is not a number in 0..65535"),
+        ("rtu:///tmp/a%00b", "it names no port"),
+        ("rtu:///dev/x?unit=1&unit=2", "an option is said twice"),
+        ("rtu:///dev/x?unit=256", "expected 0..255"),
+        ("rtu:///dev/x?bytesize=7", "RTU needs 8 data bits"),
+        ("rtu:///dev/tty#1", "'#' begins nothing in an endpoint, a name has %23 for it"),
+        ("tcp://::1", "an IPv6 address stands in brackets"),
+        ("tcp://fe80::1:502", "an IPv6 address stands in brackets"),
+        ("tcp:///", "it names no port"),
+        ("tcp://127.0.0.1?dead_after=-1", "dead_after -1: expected 0 or more"),
+        ("tcp://127.0.0.1?unit=-1", "unit -1: expected 0..255"),
+        ("tcp://127.0.0.1?idle=300?unit=5", "a second '?': options are joined with '&'"),
+        ("tcp://127.0.0.1?idle=soon", "idle='soon' is not a number of seconds"),
+        ("tcp://127.0.0.1?connections=0", "connections 0: expected 1 or more"),
+        ("tcp://127.0.0.1?any_unit=yes", "any_unit='yes', expected one of 0, 1"),
+        ("udp://127.0.0.1?recovery=hope", "recovery='hope', expected one of probe, wait"),
+        ("tcp://127.0.0.1?timeout=nan", "timeout='nan' is not a number of seconds"),
+        ("rtu:///dev/x?baudrate=0", "baudrate 0: expected 1 or more"),
+        ("rtu:///dev/x?parity=Q", "parity='Q', expected one of N, E, O"),
+        ("rtu:///dev/x?parity=", "parity='', expected one of N, E, O"),
+        ("rtu:///dev/x?latency=fast", "latency='fast', expected one of uart, usb, tunnel"),
+        ("rtu+tcp://10.0.0.5:4001?patience=long", "patience='long' is not a number of seconds"),
+        ("ascii:///dev/x?patience=strict", "patience='strict' is not a number of seconds"),
+        ("rtu:///dev/x?pace=2", "pace='2', expected one of 0, 1"),
+        ("can://socketcan/can0?node=0", "node 0: expected 1..127"),
+        ("can://socketcan/can0?bitrate=fast", "bitrate='fast' is not a whole number"),
+        ("can://slcan//dev/ttyACM0?bitrate=125", "bitrate 125: expected 1000..1000000"),
+        ("can://slcan//dev/ttyACM0?bitrate=2000000", "bitrate 2000000: expected 1000..1000000"),
+        ("can://socketcand/127.0.0.1:99999/can0", "is not a number in 0..65535"),
+    ],
+)
+def test_a_wrong_url_is_told_in_one_line(url: str, said: str) -> None:
+    with pytest.raises(EncodeError) as caught:
+        Endpoint.parse(url)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "host", "port"),
+    [
+        ("tcp://127.0.0.1", "127.0.0.1", 502),
+        ("tcp://gateway:802", "gateway", 802),
+        ("tcp://[::1]:1502", "::1", 1502),
+        ("tcp://[::1]", "::1", 502),
+    ],
+)
+def test_host_and_port(url: str, host: str, port: int) -> None:
+    assert Endpoint.parse(url).host_and_port == (host, port)
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:x", "tcp://127.0.0.1:70000"])
+def test_a_port_that_is_none(url: str) -> None:
+    with pytest.raises(EncodeError, match=r"is not a number in 0\.\.65535"):
+        Endpoint.parse(url)
+
+
+def test_options_have_kinds() -> None:
+    endpoint = Endpoint.parse("rtu:///dev/x?unit=0x11&timeout=0.5&parity=e")
+    assert endpoint.integer("unit", 1) == 17
+    assert endpoint.seconds("timeout", 1.0) == 0.5
+    assert endpoint.choice("parity", "N") == "E"
+    assert endpoint.integer("baudrate", 19200) == 19200
+
+
+def test_the_letter_of_the_standard_is_a_patience() -> None:
+    assert Endpoint.parse("rtu:///dev/x?patience=strict").options["patience"] == "strict"
+    assert Endpoint.parse("rtu+tcp://10.0.0.5:4001?patience=strict").options["patience"] == "strict"
+
+
+@pytest.mark.parametrize("query", ["unit=x", "timeout=-1", "timeout=soon", "timeout=nan", "parity=Q"])
+def test_a_wrong_option_is_told_with_its_name(query: str) -> None:
+    with pytest.raises(EncodeError, match=query.partition("=")[0]):
+        Endpoint.parse(f"rtu:///dev/x?{query}")

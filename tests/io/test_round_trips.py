@@ -1,0 +1,73 @@
+"""The sweep on real ports: every writable parameter of every machine, once over each transport that it has.
+
+Both ends of every range, in virtual time and through the same frames: tests/devices/sim/test_round_trips.
+"""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from barewire.devices import Device, Parameter, load
+from barewire.devices.sim import Addressed, simulator
+from barewire.io import connect, open_host
+from tests.cli.test_command import free_port
+from tests.devices.sim.test_round_trips import MENU, PDO_RECORDS, PUSHED, in_range, same, wanted
+
+LINES = [
+    ("az3", "rtu://pty?baudrate=115200&pace=0"),
+    ("az3", "can"),
+    ("adxl", "rtu://pty?baudrate=115200&pace=0"),
+    ("adxl", "ascii://pty?baudrate=115200&pace=0"),
+    ("adxl", "tcp://127.0.0.1:0"),
+    ("csd-mt", "tcp://127.0.0.1:0"),
+]
+
+CHANGES_ALL_ELSE = {
+    *(
+        "Little Endian / Big Endian",
+        "Counter Watchdog",
+    ),  # how everything else is read, and whether the drive stays well
+    *("Save and reboot", "Event index"),  # not answered; another thing when it is read
+}
+
+
+def travels(device: Device, parameter: Parameter, url: str) -> bool:
+    if not parameter.writable or parameter.name in CHANGES_ALL_ELSE:
+        return False
+    if url == "can":
+        return parameter.object is not None and parameter.object.index not in PDO_RECORDS
+    return parameter.modbus is not None
+
+
+def patient(url: str) -> str:
+    """The URL for a client that gives a slow machine its time."""
+    return f"{url}{'&' if '?' in url else '?'}timeout=20"
+
+
+@pytest.mark.parametrize(("name", "url"), LINES, ids=[f"{name}-{url.partition(':')[0]}" for name, url in LINES])
+def test_every_parameter_over_every_real_port(name: str, url: str) -> None:
+    device, machine = load(name), simulator(name, time.monotonic())
+    where = f"can://socketcand/127.0.0.1:{free_port()}/can0" if url == "can" else url
+    units = None if url == "can" else Addressed(machine, 255, 0)
+    wrong, done = [], 0
+    with open_host(where, units=units, node=machine.canopen) as host, connect(patient(host.url)) as client:
+        if name == "adxl":
+            client.write(device, MENU)
+        for parameter in [one for one in device.parameters if travels(device, one, url)]:
+            if parameter.name.startswith("C14"):
+                client.write(device, {"C13 Save a copy of the setup parameters": 12})
+            value = next(value for value in wanted(parameter) if in_range(parameter, value))
+            client.write(device, {parameter.name: value})
+            done += 1
+            if parameter.readable and parameter.name not in PUSHED[name]:
+                (reading,) = client.read(device, parameter.name)
+                if not same(parameter, reading.value, value):
+                    wrong.append((parameter.name, value, reading.value))
+            if parameter.name in MENU:
+                client.write(device, MENU)
+            if parameter.type == "bool":
+                client.write(device, {parameter.name: False})  # BRAKE ACTIVATION on, BRAKE VALUE is nobody's
+    assert wrong == []
+    assert done > {"az3": 190, "adxl": 15, "csd-mt": 60}[name]

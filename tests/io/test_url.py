@@ -1,0 +1,58 @@
+"""URLs in three parts, with `urllib` as referee."""
+
+from __future__ import annotations
+
+from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import unquote as their_unquote
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from barewire.io.url import pairs, split, unquote
+from tests.helpers import modest
+
+# Control characters are taken out by urllib and stay here; "#" begins a fragment there, and is refused by Endpoint.
+PLAIN = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters="#")
+TEXT = st.text(st.sampled_from("ab/:?&=+%2fF3éC.[]; ") | PLAIN, max_size=30)
+
+
+@modest
+@given(TEXT)
+@example("%")
+@example("%2")
+@example("%zz%41")
+@example("%C3%A9%FF")
+@example("a%%41")
+def test_quoted_text(text: str) -> None:
+    assert unquote(text) == their_unquote(text)
+
+
+@modest
+@given(TEXT)
+@example("a=1&&b&c=&=d&a=2")
+@example("a=1;b=2")
+def test_options(query: str) -> None:
+    assert pairs(query) == parse_qsl(query, keep_blank_values=True)
+
+
+@modest
+@given(st.sampled_from(("tcp", "RTU", "rtu+tcp", "can")), TEXT)
+@example("tcp", "[::1]:502?unit=1")
+@example("rtu", "/dev/ttyUSB0")
+@example("tcp", "10.0.0.5?a?b")
+def test_the_three_parts(scheme: str, rest: str) -> None:
+    url = f"{scheme}://{rest}".strip()
+    try:
+        theirs = urlsplit(url)
+    except ValueError:
+        return  # brackets that are no IPv6 address: Endpoint looks at hosts itself
+    assert split(url) == (theirs.scheme, theirs.netloc + theirs.path, theirs.query)
+
+
+def test_without_its_mark_it_is_no_url() -> None:
+    assert split("tcp:127.0.0.1") == ("", "", "")
+
+
+def test_a_lone_surrogate_of_a_strange_path_is_no_error() -> None:
+    assert unquote("/dev/\udcff") == "/dev/\udcff"
+    assert unquote("/dev/\udcff%41").endswith("A")

@@ -1,0 +1,282 @@
+"""The bus: a late answer never becomes the answer to another question. All of it in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import AsciiLine
+from barewire.ascii import encode as ascii_frame
+from barewire.conversation import Abandoned, Heard, Send, play
+from barewire.errors import NoAnswer
+from barewire.modbus import (
+    EchoLine,
+    Line,
+    ModbusException,
+    ReadHoldingRegisters,
+    ReadInputRegisters,
+    WriteOutcomeUnknown,
+    WriteSingleRegister,
+)
+from barewire.modbus.client.bus import Bus
+from barewire.rtu import RtuLine
+from barewire.rtu import encode as rtu_frame
+from barewire.tcp import TcpLine
+from barewire.tcp import encode as tcp_frame
+from tests.helpers import modest
+from tests.modbus.client.slow import TIMING, Clock, Slow, read, rtu_bus
+
+
+@pytest.mark.parametrize("recovery", ["probe", "wait"])
+@pytest.mark.parametrize("late", [1.5, 1.99, 2.5, 3.5])
+def test_a_late_answer_is_recognised_and_never_delivered(recovery: str, late: float) -> None:
+    bus = rtu_bus(recovery=recovery, late_window=5.0)
+    clock = Clock(Slow([late]))
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert bus.counters.late >= 1  # a probe that came too late is one of its own
+    assert bus.counters.replies[0].request == ReadHoldingRegisters(10, 1)
+    assert bus.suspect == []
+
+
+def test_an_exception_that_is_late_is_not_the_next_ones() -> None:
+    bus = rtu_bus()
+    clock = Clock(Slow([1.5]))
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 255 + 10))  # beyond the table: its late answer is an exception
+    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+
+
+def test_a_unit_that_does_not_know_08_proves_itself_by_its_exception() -> None:
+    bus = rtu_bus()
+    slow = Slow([1.5])
+    clock = Clock(slow)
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    clock.play(read(bus, 20))
+    assert slow.asked[1][1] == 0x08  # Table answers 88 01
+    assert bus.counters.probes == 1
+
+
+def test_a_unit_that_is_deaf_to_probes_is_given_a_window_of_silence() -> None:
+    bus = rtu_bus(late_window=4.0)
+    clock = Clock(Slow([2.5], knows_08=False))
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+
+
+def test_a_question_that_cannot_be_mistaken_goes_out_at_once() -> None:
+    bus = rtu_bus()
+    slow = Slow([None])
+    clock = Clock(slow)
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    before = clock.now
+    clock.play(bus.ask(1, ReadInputRegisters(20, 1)))  # another function
+    clock.play(read(bus, 30, unit=2))  # another unit
+    assert bus.counters.probes == 0
+    assert clock.now - before < 0.1
+
+
+def test_an_answered_question_settles_what_was_lost_before() -> None:
+    bus = rtu_bus()
+    clock = Clock(Slow([None]))
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    clock.play(bus.ask(1, ReadInputRegisters(20, 1)))
+    assert bus.suspect == []
+    clock.play(read(bus, 30))
+    assert bus.counters.probes == 0
+
+
+def test_two_late_answers() -> None:
+    bus = rtu_bus()
+    clock = Clock(Slow([1.5, 1.5]))
+    for address in (10, 11):
+        with pytest.raises(NoAnswer):
+            clock.play(read(bus, address) if address == 10 else bus.ask(1, ReadInputRegisters(11, 1)))
+    answer = clock.play(bus.ask(1, ReadHoldingRegisters(20, 1), retries=2))
+    assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert [late.request for late in bus.counters.replies][:2] == [
+        ReadHoldingRegisters(10, 1),
+        ReadInputRegisters(11, 1),
+    ]
+
+
+def test_a_late_answer_and_the_right_one_in_one_read() -> None:
+    bus = rtu_bus(recovery="wait", late_window=0.0)
+    slow = Slow([None])
+    clock = Clock(slow)
+    with pytest.raises(NoAnswer):
+        clock.play(bus.ask(1, ReadHoldingRegisters(10, 2)))
+    late = slow.server.feed(b"", 0.0)
+    assert late == []
+    glued = bytes.fromhex("01 03 04 00 0A 00 0B") + b"\x5b\xf6"
+    right = slow.server.feed(RtuLine(TIMING).request(1, ReadHoldingRegisters(20, 1).encode()), clock.now)[0].data
+
+    def peer(data: bytes, now: float) -> list[tuple[float, bytes]]:
+        return [(now + 0.01, glued + right)]
+
+    clock.peer = peer
+    answer = clock.play(read(bus, 20))
+    assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+
+
+def test_a_write_that_got_no_answer_is_an_error_of_its_own_and_not_repeated() -> None:
+    bus = rtu_bus()
+    slow = Slow([None, None, None])
+    with pytest.raises(WriteOutcomeUnknown, match="whether it was carried out is unknown"):
+        Clock(slow).play(bus.ask(1, WriteSingleRegister(1, 2), retries=2))
+    assert len(slow.asked) == 1
+
+
+def test_a_write_is_repeated_if_the_caller_says_so() -> None:
+    bus = rtu_bus()
+    slow = Slow([None])
+    Clock(slow).play(bus.ask(1, WriteSingleRegister(1, 2), retries=2, repeat_writes=True))
+    assert [data[1] for data in slow.asked] == [0x06, 0x08, 0x06]
+
+
+def test_a_read_is_repeated() -> None:
+    bus = rtu_bus()
+    clock = Clock(Slow([None, 0.01, None, 0.01]))
+    assert clock.play(bus.ask(1, ReadHoldingRegisters(9, 1), retries=3)) is not None
+
+
+def test_a_conversation_that_was_abandoned_leaves_the_line_suspect() -> None:
+    bus = rtu_bus()
+    slow = Slow([0.5])
+    clock = Clock(slow)
+    conversation = read(bus, 10)
+    heard: Heard[bytes] = Heard(None, 0.0)
+    step = next(conversation)
+    while not isinstance(step, Send):
+        step = conversation.send(heard)
+    clock.coming = list(slow(step.item, 0.0))
+    conversation.send(heard)
+    with pytest.raises(Abandoned):
+        conversation.throw(Abandoned())
+    assert bus.suspect == [(1, ReadHoldingRegisters(10, 1))]
+    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert bus.counters.late == 1
+
+
+def test_what_was_abandoned_while_it_was_being_sent_may_be_late_too() -> None:
+    """Nobody knows how much of it left; its window of silence counts from when sending began."""
+    bus = rtu_bus(recovery="wait", late_window=2.0)
+    conversation = read(bus, 10)
+    step = next(conversation)
+    while not isinstance(step, Send):
+        step = conversation.send(Heard(None, 100.0))
+    with pytest.raises(Abandoned):
+        conversation.throw(Abandoned())
+    clock = Clock(Slow([]))
+    clock.now = 100.5
+    clock.coming = [(101.0, RtuLine(TIMING).request(1, b"\x03\x02\x00\x0a"))]
+    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert bus.counters.late == 1
+
+
+def test_a_unit_gets_the_gap_it_needs() -> None:
+    bus = rtu_bus(gaps={1: 0.5})
+    clock = Clock(Slow([]))
+    clock.play(read(bus, 1))
+    before = clock.now
+    clock.play(read(bus, 2))
+    assert clock.now - before >= 0.5
+
+
+def test_a_dead_unit_is_left_alone_for_longer_and_longer() -> None:
+    bus = rtu_bus(dead_after=2, recovery="wait", late_window=0.0)
+    slow = Slow([None] * 20)
+    clock = Clock(slow)
+    for _ in range(2):
+        with pytest.raises(NoAnswer, match="did not answer"):
+            clock.play(read(bus, 1, timeout=0.1))
+    with pytest.raises(NoAnswer, match="left 2 questions unanswered: asked again in 1"):
+        clock.play(read(bus, 1, timeout=0.1))
+    assert len(slow.asked) == 2
+    clock.now += 1.1
+    with pytest.raises(NoAnswer, match="did not answer"):
+        clock.play(read(bus, 1, timeout=0.1))
+    with pytest.raises(NoAnswer, match=r"asked again in (2|1\.9)"):
+        clock.play(read(bus, 1, timeout=0.1))
+    clock.now += 40
+    slow.delays = iter([])
+    clock.play(read(bus, 1, timeout=0.1))
+    assert clock.play(read(bus, 2)) is not None
+
+
+delays = st.lists(st.one_of(st.none(), st.floats(0.0, 6.0)), max_size=8)
+
+
+@modest
+@given(
+    delays=delays,
+    questions=st.lists(st.tuples(st.sampled_from([1, 2]), st.integers(0, 300), st.booleans()), max_size=12),
+    ascii_line=st.booleans(),
+)
+def test_whatever_is_late_or_lost_no_value_is_ever_another_ones(
+    delays: list[float | None], questions: list[tuple[int, int, bool]], ascii_line: bool
+) -> None:
+    """A unit that answers in order and within the late window, and a client that asks on whatever happens."""
+    bus = Bus(AsciiLine() if ascii_line else RtuLine(TIMING), late_window=60.0)
+    clock = Clock(Slow(delays, AsciiLine() if ascii_line else None))
+    for unit, address, holding in questions:
+        kind = ReadHoldingRegisters if holding else ReadInputRegisters
+        try:
+            answer = clock.play(bus.ask(unit, kind(address, 1)))
+        except NoAnswer:
+            continue
+        except ModbusException:
+            assert address > 255
+            continue
+        assert answer.registers == (address,)
+    assert len(bus.suspect) <= 16
+
+
+ANSWERS = st.one_of(
+    st.binary(max_size=40),
+    st.builds(
+        lambda frame, unit, rest: frame(unit, b"\x03" + rest),
+        st.sampled_from([rtu_frame, ascii_frame, lambda unit, pdu: tcp_frame(unit, pdu, 1)]),
+        st.integers(0, 2),
+        st.binary(max_size=8),
+    ),
+)
+
+
+@modest
+@given(
+    answers=st.lists(st.lists(st.tuples(st.floats(0.0, 3.0), ANSWERS), max_size=4), max_size=6),
+    kind=st.sampled_from(["rtu", "ascii", "tcp", "echo"]),
+)
+def test_any_bytes_at_all_are_an_answer_a_refusal_or_none(answers: list[list[tuple[float, bytes]]], kind: str) -> None:
+    """Never another exception, and nothing that grows."""
+    lines: dict[str, Line] = {
+        "rtu": RtuLine(TIMING),
+        "ascii": AsciiLine(),
+        "tcp": TcpLine(),
+        "echo": EchoLine(RtuLine(TIMING), echoes=None),
+    }
+    bus = Bus(lines[kind], late_window=1.0)
+    left = iter(answers)
+    clock = Clock(lambda data, now: [(now + after, item) for after, item in next(left, [])])
+    for address in range(8):
+        try:
+            answer = clock.play(read(bus, address))
+        except (NoAnswer, ModbusException):
+            continue
+        assert len(answer.registers) == 1  # type: ignore[attr-defined]
+    assert len(bus.suspect) <= 16
+    assert len(bus.line.held) <= 520
+
+
+def test_ask_without_a_bus_is_one_question() -> None:
+    from barewire.modbus import ask
+
+    answer, _ = play(ask(RtuLine(TIMING), 1, ReadHoldingRegisters(3, 1)), Slow([]))
+    assert answer.registers == (3,)

@@ -1,0 +1,187 @@
+"""A client against a peer that does everything wrong, row by row: right values, or an error that says what was heard.
+
+Each row is one that other clients were measured with. Nothing wrong is ever delivered, and the question after it works.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import Any
+
+import pytest
+
+from barewire.ascii import AsciiLine
+from barewire.conversation import Abandoned, Heard, Send
+from barewire.errors import NoAnswer
+from barewire.modbus import Bus, EchoLine, Line, ModbusException
+from barewire.rtu import RtuLine
+from barewire.tcp import TcpLine
+from tests.helpers import refused
+from tests.modbus.client.faulty import (
+    ASCII_REFUSED,
+    ASCII_SURVIVED,
+    REFUSED,
+    SURVIVED,
+    TCP_REFUSED,
+    TCP_SURVIVED,
+    TIMING,
+    Reply,
+    Unit,
+    ask,
+    rtu,
+    unit_of,
+)
+
+
+@pytest.mark.parametrize("row", SURVIVED.values(), ids=SURVIVED)
+def test_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+    unit, bus = unit_of(row), Bus(RtuLine(TIMING))
+    assert unit.play(ask(bus, 18)).registers == (18,)
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+@pytest.mark.parametrize(("row", "said"), REFUSED.values(), ids=REFUSED)
+def test_what_does_not_fit_is_told_and_never_taken(row: Callable[[bytes], Reply], said: str) -> None:
+    unit, bus = unit_of(row), Bus(RtuLine(TIMING))
+    with refused(NoAnswer, said):
+        unit.play(ask(bus, 18))
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+def test_a_local_echo() -> None:
+    request = rtu("03 0012 0001")
+    unit, bus = unit_of(lambda good: [(0.001, request), (0.02, good)]), Bus(EchoLine(RtuLine(TIMING)))
+    assert unit.play(ask(bus, 18)).registers == (18,)
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+def test_a_local_echo_that_nobody_said_anything_of() -> None:
+    request = rtu("03 0012 0001")
+    unit, bus = unit_of(lambda good: [(0.001, request), (0.02, good)]), Bus(RtuLine(TIMING))
+    assert unit.play(ask(bus, 18)).registers == (18,)
+
+
+def test_an_exception_is_told_at_once() -> None:
+    unit, bus = unit_of(lambda good: [(0.01, good)]), Bus(RtuLine(TIMING))
+    with pytest.raises(ModbusException):
+        unit.play(ask(bus, 999))
+    assert unit.now < 0.1
+
+
+def line_of(carrier: str, role: str) -> Line:
+    if carrier == "tcp":
+        return TcpLine()
+    if carrier == "ascii":
+        return AsciiLine()
+    return RtuLine(TIMING, role="server", units=(1,)) if role == "server" else RtuLine(TIMING)
+
+
+@pytest.mark.parametrize("late", [1.2, 1.5, 2.0, 2.9])
+@pytest.mark.parametrize("carrier", ["rtu", "ascii"])
+def test_a_late_answer_is_nobodys(carrier: str, late: float) -> None:
+    unit, bus = Unit(lambda good: [(late, good)], line_of(carrier, "server")), Bus(line_of(carrier, "client"))
+    with pytest.raises(NoAnswer):
+        unit.play(ask(bus, 16))
+    for address in (17, 18, 19):
+        assert unit.play(ask(bus, address)).registers == (address,)
+
+
+def test_a_late_answer_behind_another_units_frame_is_nobodys_either() -> None:
+    unit, bus = unit_of(lambda good: [(0.2, rtu("03 02 0063", 7)), (1.5, good)]), Bus(RtuLine(TIMING))
+    with refused(NoAnswer, "a frame from unit 7"):
+        unit.play(ask(bus, 16))
+    assert unit.play(ask(bus, 17)).registers == (17,)
+    assert bus.counters.late == 1
+
+
+# Cancellation at every point -----------------------------------------------------------------------------------------
+
+
+def abandoned_after(steps: int, unit: Unit, conversation: Generator[Any, Any, Any]) -> bool:
+    """Carry the first `steps` turns of a conversation out, then abandon it. False if it ended before."""
+    try:
+        step = next(conversation)
+        for _ in range(steps):
+            item = None
+            if isinstance(step, Send):
+                unit.coming += unit.say(step.item, unit.now)
+            elif unit.coming and unit.coming[0][0] <= max(step.until, unit.now):
+                unit.now, item = unit.coming.pop(0)
+            else:
+                unit.now = max(unit.now, step.until)
+            step = conversation.send(Heard(item, unit.now))
+        if isinstance(step, Send):
+            unit.coming += unit.say(step.item, unit.now)  # nobody knows how much of it went out; here: all of it
+        conversation.throw(Abandoned("cancelled"))
+    except StopIteration:
+        return False
+    except Abandoned:
+        return True
+    raise AssertionError("an abandoned conversation goes on")
+
+
+def slowly(good: bytes) -> Reply:
+    """The answer in three pieces."""
+    return [(0.3, good[:3]), (0.31, good[3:6]), (0.32, good[6:])]
+
+
+@pytest.mark.parametrize("recovery", ["probe", "wait"])
+@pytest.mark.parametrize("carrier", ["rtu", "ascii", "tcp"])
+def test_abandoned_at_every_point_of_an_exchange_the_next_one_is_right(recovery: Any, carrier: str) -> None:
+    steps = 0
+    goes_on = True
+    while goes_on:
+        unit = Unit(slowly, line_of(carrier, "server"), wrong=2)
+        bus = Bus(line_of(carrier, "client"), recovery=recovery)
+        goes_on = abandoned_after(steps, unit, ask(bus, 100))
+        assert unit.play(ask(bus, 200)).registers == (200,)
+        assert unit.play(ask(bus, 201)).registers == (201,)
+        steps += 1
+    assert steps > 4
+
+
+# The same for ASCII --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", ASCII_SURVIVED.values(), ids=ASCII_SURVIVED)
+def test_ascii_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+    unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
+    assert unit.play(ask(bus, 18)).registers == (18,)
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+@pytest.mark.parametrize(("row", "said"), ASCII_REFUSED.values(), ids=ASCII_REFUSED)
+def test_ascii_what_does_not_fit_is_told_and_never_taken(row: Callable[[bytes], Reply], said: str) -> None:
+    unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
+    with refused(NoAnswer, said):
+        unit.play(ask(bus, 18))
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+# The same for TCP ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", TCP_SURVIVED.values(), ids=TCP_SURVIVED)
+def test_tcp_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+    unit, bus = Unit(row, TcpLine()), Bus(TcpLine())
+    assert unit.play(ask(bus, 18)).registers == (18,)
+    assert unit.play(ask(bus, 20)).registers == (20,)
+
+
+@pytest.mark.parametrize(("reply", "said"), TCP_REFUSED.values(), ids=TCP_REFUSED)
+def test_tcp_what_does_not_fit_is_told_and_never_taken(reply: bytes, said: str) -> None:
+    unit, bus = Unit(lambda good: [(0.01, reply)], TcpLine()), Bus(TcpLine())
+    with refused(NoAnswer, said):
+        unit.play(ask(bus, 18))
+    if bus.line.broken is None:
+        assert unit.play(ask(bus, 20)).registers == (20,)
+    else:
+        assert unit.now < 0.1  # told at once, not after the time-out
+
+
+def test_tcp_a_late_answer_is_nobodys_and_nothing_is_sent_but_the_question() -> None:
+    unit, bus = Unit(lambda good: [(1.5, good)], TcpLine()), Bus(TcpLine())
+    with pytest.raises(NoAnswer):
+        unit.play(ask(bus, 16))
+    assert unit.play(ask(bus, 17)).registers == (17,)
+    assert (bus.counters.asked, bus.counters.probes) == (2, 0)

@@ -1,0 +1,98 @@
+"""Where silence is the answer (08/04 and the way out of it), and where the end of a message changes (08/03)."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.ascii import AsciiLine
+from barewire.errors import EncodeError, NoAnswer
+from barewire.modbus import (
+    Adu,
+    Bus,
+    Diagnostics,
+    DiagnosticsResponse,
+    Line,
+    ModbusException,
+    ReadHoldingRegisters,
+    Server,
+    Table,
+    Unanswered,
+)
+from barewire.rtu import RtuLine
+from barewire.tcp import TcpLine
+from tests.modbus.client.slow import TIMING, Clock, Slow, read, rtu_bus, table
+
+LISTEN_ONLY, RESTART = Diagnostics(0x04), Diagnostics(0x01)
+
+
+@pytest.mark.parametrize("kind", ["rtu", "ascii"])
+def test_a_unit_that_was_told_to_listen_only_is_silent_and_so_it_should_be(kind: str) -> None:
+    bus = Bus(AsciiLine()) if kind == "ascii" else rtu_bus()
+    clock = Clock(Slow([], AsciiLine() if kind == "ascii" else None))
+    for _ in range(2):
+        assert clock.play(bus.ask(1, LISTEN_ONLY)) == Unanswered(0x04)
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 5))
+    assert clock.play(bus.ask(1, RESTART)) == Unanswered(0x01), "a restart out of silence is not answered"
+    assert clock.play(read(bus, 6)) == ReadHoldingRegisters(6, 1).response((6,))  # type: ignore[call-arg]
+    assert clock.play(bus.ask(1, RESTART)) == DiagnosticsResponse(0x01, b"\0\0"), "and this one is"
+    assert bus.counters.lost == 1
+
+
+def test_a_unit_that_declines_to_listen_only_says_so() -> None:
+    class Plain(Table):
+        diagnostics = False
+
+    slow = Slow([])
+    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: Plain(10)}, serial=True)
+    bus = rtu_bus()
+    with pytest.raises(ModbusException, match="illegal function"):
+        Clock(slow).play(bus.ask(1, LISTEN_ONLY))
+
+
+def test_a_unit_that_answers_all_the_same_is_told_from_one_that_is_silent() -> None:
+    class Answers:
+        def handle(self, request: Diagnostics, now: float) -> DiagnosticsResponse:
+            return DiagnosticsResponse(request.sub_function, request.data)
+
+    slow = Slow([])
+    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: Answers()}, serial=True)
+    answer = Clock(slow).play(rtu_bus().ask(1, LISTEN_ONLY))
+    assert answer == DiagnosticsResponse(0x04, b"\0\0")
+    assert not isinstance(answer, Unanswered)
+
+
+def test_a_late_exception_to_listen_only_is_not_the_restarts() -> None:
+    slow, bus = Slow([1.5]), rtu_bus()
+
+    class Plain(Table):
+        diagnostics = False
+
+    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: Plain(10)}, serial=True)
+    clock = Clock(slow)
+    assert clock.play(bus.ask(1, LISTEN_ONLY)) == Unanswered(0x04)
+    assert clock.play(read(bus, 1)) is not None
+    assert bus.counters.late == 1
+
+
+def test_silence_is_said_by_nobody() -> None:
+    with pytest.raises(EncodeError, match="nothing is sent where nothing is to be said"):
+        Unanswered(0x04).encode()
+
+
+def test_a_delimiter_is_changed_by_a_client_and_used_by_both() -> None:
+    bus, slow = Bus(AsciiLine()), Slow([], AsciiLine())
+    clock = Clock(slow)
+    change = Diagnostics(0x03, b";\0")
+    assert clock.play(bus.ask(1, change)) == DiagnosticsResponse(0x03, b";\0")
+    assert clock.play(read(bus, 5)) == ReadHoldingRegisters(5, 1).response((5,))  # type: ignore[call-arg]
+    assert clock.play(read(bus, 6, unit=2)) == ReadHoldingRegisters(6, 1).response((6,))  # type: ignore[call-arg]
+    assert clock.play(bus.ask(1, RESTART)) == DiagnosticsResponse(0x01, b"\0\0")
+    assert clock.play(read(bus, 7)) == ReadHoldingRegisters(7, 1).response((7,))  # type: ignore[call-arg]
+    assert [data[-2:] for data in slow.asked] == [b"\r\n", b"\r;", b"\r\n", b"\r;", b"\r\n"]
+
+
+@pytest.mark.parametrize("line", [RtuLine(TIMING, role="server", units=(1,)), TcpLine()], ids=["rtu", "tcp"])
+def test_elsewhere_there_is_no_delimiter(line: Line) -> None:
+    server = Server(line, {1: table()}, serial=not line.numbered)
+    assert server.answer(Adu(1, Diagnostics(0x03, b";\0").encode()), 1.0) == b"\x88\x01"

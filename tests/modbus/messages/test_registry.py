@@ -1,0 +1,107 @@
+"""The table of contents, and a function code of one's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import pytest
+
+from barewire.codecs import Layout
+from barewire.errors import DecodeError, EncodeError
+from barewire.modbus import Adu, Request, Response, decode_request, decode_response, register
+from barewire.modbus.messages import registry as functions
+from barewire.modbus.messages.registry import known, measure_request, measure_response
+from barewire.rtu import RtuLine, Timing, encode
+from tests.helpers import refused, unhex
+
+
+@dataclass(frozen=True, slots=True)
+class BlinkResponse(Response):
+    """How often it blinked."""
+
+    times: int
+
+    name: ClassVar[str] = "Blink"
+    function_code: ClassVar[int] = 0x41
+    layout: ClassVar[Layout] = Layout(">BH", "function_code", "times")
+
+
+@dataclass(frozen=True, slots=True)
+class Blink(Request[BlinkResponse]):
+    """Blink so many times."""
+
+    times: int
+
+    name: ClassVar[str] = "Blink"
+    function_code: ClassVar[int] = 0x41
+    layout: ClassVar[Layout] = Layout(">BH", "function_code", "times")
+    response: ClassVar[type[Response]] = BlinkResponse
+
+
+@pytest.fixture(autouse=True)
+def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test registers is forgotten afterwards."""
+    monkeypatch.setattr(functions, "_requests", dict(functions._requests))
+    monkeypatch.setattr(functions, "_encapsulated", dict(functions._encapsulated))
+
+
+def test_a_function_of_ones_own_is_known_everywhere_at_once() -> None:
+    assert register(Blink) is Blink
+    assert Blink in known()
+    assert decode_request(unhex("41 0003")) == Blink(3)
+    assert decode_response(unhex("41 0003")) == BlinkResponse(3)
+    assert Blink(3).read_response(unhex("41 0003")) == BlinkResponse(3)
+    assert measure_request(b"\x41") == measure_response(b"\x41") == 3
+    line = RtuLine(Timing.of(19200), role="server")
+    assert line.feed(encode(1, unhex("41 0003")), 1.0) == [Adu(1, unhex("41 0003"))]
+
+
+def test_an_echo_of_ones_own_is_checked_without_a_word_of_code() -> None:
+    with refused(DecodeError, "times 4 where 3 was asked (Blink)"):
+        Blink(3).read_response(unhex("41 0004"))
+
+
+@pytest.mark.parametrize("code", [0x00, 0x80, 0xC1, -1])
+def test_a_function_code_is_1_to_127(code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Blink, "function_code", code)
+    with refused(EncodeError, "expected 01h..7Fh"):
+        register(Blink)
+
+
+def test_an_mei_type_belongs_to_2b_and_2b_needs_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    with refused(EncodeError, "an MEI type belongs to function 2Bh, and only to that one"):
+        register(Blink, mei_type=0x0D)
+    monkeypatch.setattr(Blink, "function_code", 0x2B)
+    with refused(EncodeError, "an MEI type belongs to function 2Bh, and only to that one"):
+        register(Blink)
+
+
+def test_a_code_that_is_taken_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Blink, "function_code", 0x07)
+    register(Blink)
+    assert decode_request(unhex("07 0003")) == Blink(3)
+
+
+@pytest.mark.parametrize("what", [int, BlinkResponse, Blink(3), Request])
+def test_only_a_request_can_be_registered(what: Any) -> None:
+    with refused(EncodeError, "register wants a request class, with a function_code, a layout and a response"):
+        register(what)
+
+
+@pytest.mark.parametrize("wrong", [ZeroDivisionError("division"), IndexError("index"), "3", 2.5, -1])
+def test_a_measure_that_fails_is_as_if_nobody_could_count(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is the user's code, called with the first bytes of anything at all: a line must not stumble over it."""
+
+    def measure(pdu: bytes) -> Any:
+        if isinstance(wrong, Exception):
+            raise wrong
+        return wrong
+
+    monkeypatch.setattr(Blink, "measure", staticmethod(measure), raising=False)
+    register(Blink)
+    assert measure_request(unhex("41 0003")) is None
+    line = RtuLine(Timing.of(19200), role="server")
+    line.feed(encode(1, unhex("41 0003")), 1.0)
+    assert line.feed(None, 2.0) in ([], [Adu(1, unhex("41 0003"))])
+    assert line.held == b""

@@ -1,0 +1,197 @@
+"""What is known at one look is what the long way would have found: for any bytes, and for messages of a user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.codecs import Layout, from_registers
+from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.modbus import (
+    Functions,
+    ModbusException,
+    ReadHoldingRegisters,
+    ReadHoldingRegistersResponse,
+    ReadInputRegisters,
+    ReadInputRegistersResponse,
+    Request,
+    Response,
+    Server,
+    Table,
+    Unit,
+    register,
+)
+from barewire.modbus.messages.base import Message
+from barewire.modbus.messages.registers import READ_LIMIT
+from barewire.modbus.messages.registry import forget
+from barewire.tcp import TcpLine
+from barewire.tcp import decode as tcp_decode
+from barewire.tcp import encode as tcp_frame
+from tests.helpers import modest
+
+READS = [ReadHoldingRegisters, ReadInputRegisters]
+ANSWERS = [ReadHoldingRegistersResponse, ReadInputRegistersResponse]
+PDUS = st.binary(max_size=9) | st.builds(
+    lambda code, address, quantity, rest: bytes([code, 0, address]) + quantity.to_bytes(2, "big") + rest,
+    st.sampled_from([3, 4]), st.integers(0, 255), st.integers(0, 130) | st.integers(0, 0xFFFF),
+    st.sampled_from([b"", b"", b"", b"\0"]),
+)  # fmt: skip
+"""Anything, and what is nearly a request."""
+
+
+def came_of(what: Callable[..., Any], *args: Any) -> object:
+    """The value, or all that the error says."""
+    try:
+        return what(*args)
+    except (BarewireError, ModbusException) as error:
+        return type(error), str(error), vars(error)
+
+
+@pytest.mark.parametrize("cls", READS)
+@modest
+@given(pdu=PDUS)
+def test_a_request_is_decoded_as_every_message_is(cls: type[ReadHoldingRegisters], pdu: bytes) -> None:
+    long_way = Message.decode.__func__  # type: ignore[attr-defined]
+    assert came_of(cls.decode, pdu) == came_of(long_way, cls, pdu)
+
+
+@pytest.mark.parametrize("cls", READS)
+@modest
+@given(
+    quantity=st.integers(1, 4),
+    pdu=st.builds(
+        lambda code, count, rest: bytes([code, count]) + rest,
+        st.sampled_from([3, 3, 4, 4, 0x83, 0x84]), st.integers(0, 9), st.binary(max_size=9),
+    ) | st.integers(0, 4).flatmap(lambda n: st.binary(min_size=2 * n, max_size=2 * n).map(
+        lambda rest: bytes([3 + n % 2, len(rest)]) + rest)),
+)  # fmt: skip
+def test_an_answer_is_read_as_every_answer_is(cls: type[ReadHoldingRegisters], quantity: int, pdu: bytes) -> None:
+    request = cls(0, quantity)
+    assert came_of(request.read_response, pdu) == came_of(Request.read_response, request, pdu)
+
+
+def test_every_quantity_takes_the_short_way_and_says_the_same() -> None:
+    for cls in READS:
+        for quantity in range(1, READ_LIMIT + 1):
+            row = tuple(range(0xFFFF, 0xFFFF - quantity, -1))
+            pdu = cls.response(row).encode()  # type: ignore[call-arg]
+            assert pdu == cls.response.layout.pack(cls.function_code, 2 * quantity, tail=from_registers(row))
+            assert cls(0, quantity).read_response(pdu) == cls.response(row)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize("cls", ANSWERS)
+@modest
+@given(row=st.lists(st.sampled_from([0, 7, 0xFFFF, -1, 0x10000, 1 << 70, 0.5, "1", None, b"2", True]), min_size=1))
+def test_registers_that_do_not_fit_are_refused_as_ever(cls: type[ReadHoldingRegistersResponse], row: list[Any]) -> None:
+    def long_way() -> bytes:
+        return cls.layout.pack(cls.function_code, 2 * len(row), tail=from_registers(row))
+
+    assert came_of(lambda: cls(tuple(row)).encode()) == came_of(lambda: long_way() if cls(tuple(row)) else b"")
+
+
+def test_a_row_that_grew_behind_our_back_is_an_error_of_ours() -> None:
+    row = [1]
+    response = ReadHoldingRegistersResponse(row)  # type: ignore[arg-type]
+    row += [2] * READ_LIMIT
+    with pytest.raises(EncodeError):
+        tcp_frame(1, response.encode())
+
+
+# A user's own, over ours ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class SwappedResponse(ReadHoldingRegistersResponse):
+    """Registers with the less significant byte first."""
+
+    function_code: ClassVar[int] = 0x64
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        cls.check_function(pdu)
+        return cls(tuple(int.from_bytes(pdu[at : at + 2], "little") for at in range(2, len(pdu), 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class ReadSwapped(ReadHoldingRegisters):
+    """A function of its own, and even addresses only."""
+
+    function_code: ClassVar[int] = 0x64
+    response: ClassVar[type[Response]] = SwappedResponse
+
+    def __post_init__(self) -> None:
+        ReadHoldingRegisters.__post_init__(self)
+        if self.address % 2:
+            raise EncodeError(f"address = {self.address}: expected an even one", "address")
+
+
+@dataclass(frozen=True, slots=True)
+class WideResponse(ReadHoldingRegistersResponse):
+    """With a count of two bytes, and how old it is."""
+
+    age: int = 9
+
+    function_code: ClassVar[int] = 0x65
+    layout: ClassVar[Layout] = Layout(">BH", "function_code", "byte_count", tail="registers", count="byte_count")
+
+
+@dataclass(frozen=True, slots=True)
+class ReadWide(ReadHoldingRegisters):
+    """With a byte more."""
+
+    hurry: int = 1
+
+    function_code: ClassVar[int] = 0x65
+    layout: ClassVar[Layout] = Layout(">BHHB", "function_code", "address", "quantity", "hurry")
+    response: ClassVar[type[Response]] = WideResponse
+
+
+def test_a_subclass_is_asked_what_it_makes_of_the_bytes() -> None:
+    assert ReadSwapped.decode(bytes.fromhex("64 0002 0001")) == ReadSwapped(2, 1)
+    with pytest.raises(DecodeError, match="address = 3: expected an even one"):
+        ReadSwapped.decode(bytes.fromhex("64 0003 0001"))
+    with pytest.raises(DecodeError):
+        ReadWide.decode(bytes.fromhex("65 0003 0001"))
+    assert ReadWide.decode(bytes.fromhex("65 0003 0001 02")) == ReadWide(3, 1, 2)
+    assert ReadSwapped(0, 2).read_response(bytes.fromhex("64 04 0100 0200")) == SwappedResponse((1, 2))
+    assert WideResponse((1, 2)).encode() == bytes.fromhex("65 0004 0001 0002")
+
+
+@pytest.mark.parametrize("request_", [ReadSwapped(2, 2), ReadWide(2, 2)], ids=["swapped", "wide"])
+def test_a_subclass_is_answered_with_its_own_response_and_nothing_left_out(request_: ReadHoldingRegisters) -> None:
+    table = Table()
+    table.holding_registers[2:4] = table.holding_registers.__class__("H", [5, 6])
+    response: Any = table.handle(request_, 0.0)
+    assert response == request_.response((5, 6))  # type: ignore[call-arg]
+    assert repr(response)
+    assert hash(response) == hash(request_.response((5, 6)))  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(
+    ("cls", "asked"), [(ReadSwapped, "64 0002 0002"), (ReadWide, "65 0002 0002 01")], ids=["swapped", "wide"]
+)
+def test_in_a_server_a_subclass_is_a_function_of_its_own(cls: type[ReadHoldingRegisters], asked: str) -> None:
+    """A table does not have it, whatever it is a subclass of; `Functions` has it if it is given."""
+    register(cls)
+    try:
+        own: Any = {cls: lambda request: request.response((5, 6))}
+        units: dict[int, Unit] = {
+            1: Table(),
+            2: Functions(read_holding_registers=lambda *_: [1, 2]),
+            3: Functions(own=own),
+        }
+        server = Server(TcpLine(), units, serial=False)
+        pdus = []
+        for unit in units:
+            (reply,) = server.feed(tcp_frame(unit, bytes.fromhex(asked)), 0.0)
+            pdus.append(tcp_decode(reply.data).pdu)
+        declined = bytes([cls.function_code | 0x80, 1])
+        assert pdus == [declined, declined, cls.response((5, 6)).encode()]  # type: ignore[call-arg]
+        assert server.tally.failures == []
+    finally:
+        forget(cls)

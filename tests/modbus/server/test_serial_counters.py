@@ -1,0 +1,383 @@
+"""What a unit remembers of the line: the counters of 08, the event counter, the log, and listen only mode."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.ascii import AsciiLine
+from barewire.ascii import decode as ascii_decode
+from barewire.ascii import encode as ascii_frame
+from barewire.modbus import (
+    Counters,
+    Diagnostics,
+    GetCommEventCounter,
+    GetCommEventCounterResponse,
+    GetCommEventLog,
+    GetCommEventLogResponse,
+    ModbusException,
+    ReadHoldingRegisters,
+    ReadWriteMultipleRegisters,
+    Response,
+    Server,
+    Table,
+    Unit,
+    event_text,
+)
+from barewire.modbus.messages.registry import AnyRequest
+from barewire.rtu import RtuLine, Timing
+from barewire.rtu import decode as rtu_decode
+from barewire.rtu import encode as rtu_frame
+from tests.helpers import Broken, unhex
+
+TIMING = Timing.of(19200)
+RESTART, CLEAR_LOG = "08 0001 0000", "08 0001 FF00"
+READ = "03 0000 0001"
+
+
+class Bench:
+    """A server on an RTU line, spoken to frame by frame; half a second between two."""
+
+    def __init__(self, units: dict[int, Unit] | None = None) -> None:
+        self.units = {1: Table(10)} if units is None else units
+        self.line = RtuLine(TIMING, role="server", units=self.units)
+        self.server = Server(self.line, self.units, serial=True)
+        self.now = 0.0
+
+    def hear(self, data: bytes) -> list[bytes]:
+        """What is answered to bytes on the line and the silence behind them."""
+        self.now += 0.5
+        replies = self.server.feed(data, self.now)
+        while self.server.deadline is not None:
+            replies += self.server.feed(None, self.server.deadline)
+        return [rtu_decode(reply.data).pdu for reply in replies]
+
+    def say(self, pdu: str, unit: int = 1) -> str | None:
+        """The PDU that answers a PDU, as hex; None for silence."""
+        answers = self.hear(rtu_frame(unit, unhex(pdu)))
+        return answers[0].hex().upper() if answers else None
+
+    def count(self, sub_function: int, unit: int = 1) -> int:
+        """A counter, asked for on the line."""
+        answer = self.say(f"08 00{sub_function:02X} 0000", unit)
+        assert answer is not None
+        assert answer[:6] == f"0800{sub_function:02X}"
+        return int(answer[6:], 16)
+
+    def events(self) -> list[str]:
+        """The log, without the request that reads it."""
+        response = GetCommEventLogResponse.decode(unhex(self.say("0C") or ""))
+        return response.texts()[1:]
+
+
+# What counts what ------------------------------------------------------------------------------------------------
+
+
+def test_bus_messages_are_all_good_frames_whoever_they_are_for() -> None:
+    bench = Bench()
+    bench.say(READ)
+    bench.say(READ, unit=2)
+    bench.say("06 0000 0001", unit=0)
+    bench.hear(b"\xff\xff\xff\xff\xff")
+    assert bench.count(0x0B) == 4, "and the question itself"
+    assert bench.count(0x0E) == 4, "the others were for this unit or for all, and so was the question before"
+
+
+def test_bus_errors_are_what_is_no_frame() -> None:
+    bench = Bench()
+    frame = rtu_frame(1, unhex(READ))
+    bench.hear(frame[:-1] + b"\x00")
+    bench.hear(frame[:2])
+    assert bench.count(0x0C) == 2
+
+
+def test_exceptions_are_counted_also_where_nobody_hears_them() -> None:
+    bench = Bench()
+    assert bench.say("41") == "C101"
+    assert bench.say("03 0000 0000") == "8303"
+    assert bench.say("06 0064 0000", unit=0) is None
+    assert bench.count(0x0D) == 3
+
+
+def test_no_responses_are_broadcasts_and_what_is_not_answered() -> None:
+    bench = Bench()
+    bench.say("06 0000 0001", unit=0)
+    bench.say("08 0004 0000")
+    bench.say(READ)
+    counters = bench.server.counters[1]
+    assert counters.no_responses == 3
+
+
+@pytest.mark.parametrize(("code", "sub_function"), [(7, 0x10), (6, 0x11), (5, 0x11)])
+def test_naks_and_busy_answers(code: int, sub_function: int) -> None:
+    class Busy(Table):
+        def handle(self, request: AnyRequest, now: float) -> Response | None:
+            if isinstance(request, ReadHoldingRegisters):
+                raise ModbusException(code)
+            return super().handle(request, now)
+
+    bench = Bench({1: Busy(10)})
+    bench.say(READ)
+    assert bench.count(sub_function) == 1
+
+
+def test_overruns_are_told_by_the_port_and_cleared_alone() -> None:
+    bench = Bench()
+    bench.server.overrun()
+    assert bench.count(0x12) == 1
+    assert bench.say("08 0014 0000") == "0800140000"
+    assert bench.count(0x12) == 0
+    assert bench.count(0x0B) == 4
+
+
+def test_counters_wrap() -> None:
+    counters = Counters()
+    for _ in range(0x10000):
+        counters.frame()
+    assert counters.bus_messages == 0
+    counters.frame()
+    assert counters.bus_messages == 1
+
+
+def test_units_on_one_line_count_for_themselves() -> None:
+    bench = Bench({1: Table(10), 2: Table(10)})
+    bench.say(READ)
+    bench.say("41", unit=2)
+    assert (bench.count(0x0D, unit=1), bench.count(0x0D, unit=2)) == (0, 1)
+    assert (bench.server.counters[1].bus_messages, bench.server.counters[2].bus_messages) == (4, 4)
+
+
+def test_the_diagnostic_register_is_the_owners() -> None:
+    bench = Bench()
+    bench.server.counters[1].diagnostic_register = 0xBEEF
+    assert bench.count(0x02) == 0xBEEF
+    assert bench.say("08 000A 0000") == "08000A0000"
+    assert bench.count(0x02) == 0
+    assert bench.count(0x0B) == 2, "everything since it was cleared"
+
+
+# The event counter -----------------------------------------------------------------------------------------------
+
+
+def test_the_event_counter_counts_what_was_carried_out() -> None:
+    bench = Bench()
+    bench.say(READ)
+    bench.say("06 0000 0001", unit=0)
+    bench.say("03 0000 0000")
+    bench.say("0B")
+    assert bench.say("0B") == "0B00000002", "no exceptions, and not 0B itself"
+    bench.say("08 000A 0000")
+    assert bench.say("0B") == "0B00000000"
+
+
+def test_the_status_word_says_busy_when_its_owner_does() -> None:
+    counters = Counters()
+    counters.is_busy = True
+    assert counters.answer(GetCommEventCounter()) == GetCommEventCounterResponse(0xFFFF, 0)
+    answer = counters.answer(GetCommEventLog())
+    assert isinstance(answer, GetCommEventLogResponse)
+    assert answer.status == 0xFFFF
+
+
+# The log ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_log_tells_the_story_newest_first() -> None:
+    bench = Bench()
+    bench.say(READ)
+    bench.say("06 0000 0001", unit=0)
+    bench.hear(b"\xff\xff\xff\xff\xff")
+    bench.say("03 0000 0000")
+    assert bench.events() == [
+        *("sent: exception 1..3", "received"),
+        "received: communication error",
+        *("sent", "received: broadcast"),
+        *("sent", "received"),
+    ]
+
+
+def test_the_log_holds_64() -> None:
+    bench = Bench()
+    for _ in range(40):
+        bench.say(READ)
+    assert len(bench.server.counters[1].events) == 64
+    assert len(bench.events()) == 63
+
+
+@pytest.mark.parametrize(("code", "text"), [(4, "exception 4"), (6, "exception 5 or 6"), (7, "exception 7")])
+def test_exceptions_in_the_log(code: int, text: str) -> None:
+    bench = Bench({1: Broken(ModbusException(code))})
+    bench.say(READ)
+    assert event_text(bench.server.counters[1].events[0]) == f"sent: {text}"
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (0x00, "communications restarted"),
+        (0x04, "entered listen only mode"),
+        (0x80, "received"),
+        (0xF2, "received: communication error, character overrun, in listen only mode, broadcast"),
+        (0x40, "sent"),
+        (0x70, "sent: write time-out, in listen only mode"),
+        (0x20, "undefined event"),
+    ],
+)
+def test_events_in_words(event: int, text: str) -> None:
+    assert event_text(event) == text
+
+
+# Listen only -----------------------------------------------------------------------------------------------------
+
+
+def test_listen_only_is_silence_until_a_restart_that_is_not_answered() -> None:
+    table = Table(10)
+    bench = Bench({1: table})
+    assert bench.say("08 0004 0000") is None
+    assert bench.say(READ) is None
+    assert bench.say("06 0000 0001") is None
+    assert bench.say("06 0000 0001", unit=0) is None
+    assert bench.say("08 0001 1234") is None
+    assert bench.say("08 000A 0000") is None
+    assert table.holding_registers[0] == 0, "nothing was carried out"
+    assert bench.say(RESTART) is None
+    assert bench.say(READ) == "03020000"
+
+
+def test_a_restart_that_is_heard_is_answered_and_clears_the_counters() -> None:
+    bench = Bench()
+    bench.say("41")
+    assert bench.say(RESTART) == "0800010000"
+    assert bench.count(0x0D) == 0
+    assert bench.server.counters[1].event_count == 1, "the question just asked"
+
+
+def test_a_restart_keeps_the_log_or_clears_it() -> None:
+    bench = Bench()
+    bench.say(READ)
+    bench.say(RESTART)
+    assert bench.events() == ["communications restarted", "received", "sent", "received"]
+    bench.say(CLEAR_LOG)
+    assert bench.events() == ["communications restarted"]
+
+
+def test_the_log_says_what_was_heard_in_silence() -> None:
+    bench = Bench()
+    bench.say("08 0004 0000")
+    bench.say(READ)
+    bench.say(RESTART)
+    assert bench.events() == [
+        "communications restarted",
+        *("received: in listen only mode", "received: in listen only mode"),
+        "entered listen only mode",
+        "received",
+    ]
+
+
+def test_one_unit_is_silenced_and_not_the_others() -> None:
+    bench = Bench({1: Table(10), 2: Table(10)})
+    bench.say("08 0004 0000", unit=1)
+    assert bench.say(READ, unit=1) is None
+    assert bench.say(READ, unit=2) == "03020000"
+
+
+# Who answers -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pdu", ["08 0003 0D00", "08 0099 0000", "08 0015 0000", "08 FFFF 01"])
+def test_what_it_does_not_do_is_01(pdu: str) -> None:
+    assert Bench().say(pdu) == "8801"
+
+
+class AsciiBench(Bench):
+    """The same on an ASCII line; what is said ends as it is told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.line = AsciiLine()  # type: ignore[assignment]
+        self.server = Server(self.line, self.units, serial=True)
+
+    def exchange(self, pdu: str, end: str = "\n", unit: int = 1) -> str | None:
+        """What is answered, with its ending: the last character behind the PDU."""
+        self.now += 0.5
+        replies = self.server.feed(ascii_frame(unit, unhex(pdu))[:-1] + end.encode(), self.now)
+        if not replies:
+            return None
+        data = replies[0].data
+        return ascii_decode(data[:-1] + b"\n").pdu.hex().upper() + data[-1:].decode()
+
+
+CHANGE = "08 0003 3B00"
+
+
+def test_the_delimiter_of_ascii_changes_behind_the_answer_and_a_restart_brings_lf_back() -> None:
+    bench = AsciiBench()
+    assert bench.exchange(CHANGE) == "0800033B00\n"
+    assert bench.exchange(READ, ";") == "03020000;"
+    assert bench.exchange(READ) == "03020000;", "it hears LF too: other units were told nothing"
+    assert bench.exchange(RESTART, ";") == "0800010000;"
+    assert bench.exchange(READ) == "03020000\n"
+    assert bench.exchange(READ, ";") is None
+
+
+def test_a_restart_that_is_not_answered_brings_lf_back_too() -> None:
+    bench = AsciiBench()
+    bench.exchange(CHANGE)
+    assert bench.exchange("08 0004 0000", ";") is None
+    assert bench.exchange(READ, ";") is None
+    assert bench.exchange(RESTART, ";") is None
+    assert bench.exchange(READ) == "03020000\n"
+
+
+def test_a_delimiter_changed_by_a_broadcast_is_everybodys() -> None:
+    bench = AsciiBench()
+    assert bench.exchange(CHANGE, unit=0) is None
+    assert bench.exchange(READ, ";") == "03020000;"
+
+
+@pytest.mark.parametrize("pdu", ["08 0003 3A00", "08 0003 8000", "08 0003 3B01", "08 0003 3B"])
+def test_a_delimiter_that_cannot_be_one_is_03(pdu: str) -> None:
+    bench = AsciiBench()
+    assert bench.exchange(pdu) == "8803\n"
+    assert bench.exchange(READ) == "03020000\n"
+
+
+@pytest.mark.parametrize("pdu", ["08 0001 0001", "08 000B 0001", "08 000B 00", "08 0002 FFFF"])
+def test_wrong_data_is_03(pdu: str) -> None:
+    assert Bench().say(pdu) == "8803"
+
+
+@pytest.mark.parametrize("data", ["", "A537", "01 02 03 04 05"])
+def test_query_data_comes_back(data: str) -> None:
+    assert Bench().say(f"08 0000 {data}") == f"080000{data}".replace(" ", "")
+
+
+def test_a_unit_that_does_it_itself_wins() -> None:
+    class Own:
+        def handle(self, request: AnyRequest, now: float) -> Response | None:
+            assert isinstance(request, Diagnostics)
+            return request.response(request.sub_function, b"\x12\x34")  # type: ignore[call-arg]
+
+    assert Bench({1: Own()}).count(0x0B) == 0x1234
+
+
+def test_a_unit_whose_01_is_meant_is_not_helped() -> None:
+    class Plain(Table):
+        diagnostics = False
+
+    assert Bench({1: Plain(10)}).say("08 000B 0000") == "8801"
+
+
+def test_on_tcp_there_are_no_counters() -> None:
+    from barewire.tcp import TcpLine
+    from barewire.tcp import encode as tcp_frame
+
+    server = Server(TcpLine(), {1: Table(10)}, serial=False)
+    (reply,) = server.feed(tcp_frame(1, unhex("0B"), 1), 1.0)
+    assert reply.data == tcp_frame(1, unhex("8B 01"), 1)
+    assert not server.counters
+
+
+def test_other_requests_are_not_for_counters() -> None:
+    with pytest.raises(ModbusException) as caught:
+        Counters().answer(ReadWriteMultipleRegisters(0, 1, 0, (1,)))
+    assert caught.value.code == 1

@@ -1,0 +1,368 @@
+"""Listening in, in virtual time: dialogues with frames missing, doubled meanings, noise. The pairs never shift."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barewire.ascii import AsciiLine
+from barewire.ascii import encode as ascii_frame
+from barewire.errors import EncodeError
+from barewire.modbus import Noise, ReadHoldingRegisters, ReadHoldingRegistersResponse
+from barewire.modbus.framing import Line
+from barewire.modbus.sniffer.numbered import KEPT, NumberedSniffer
+from barewire.modbus.sniffer.sniffer import (
+    Answered,
+    Asked,
+    Disturbance,
+    Half,
+    Overheard,
+    Sniffer,
+    Unanswered,
+    shapes,
+)
+from barewire.rtu import RtuLine, Timing, encode
+from barewire.tcp import TcpLine
+from barewire.tcp import encode as tcp_frame
+from tests.helpers import modest, refused, unhex
+
+TIMING = Timing.of(19200)
+READ, VALUES = "03 0000 0002", "03 04 0017 0007"
+WRITE = "06 0001 0003"
+
+
+class Said(NamedTuple):
+    """A frame of a dialogue: when it is over, who is meant, and the place of its exchange in the dialogue."""
+
+    at: float
+    unit: int
+    pdu: bytes
+    exchange: int
+    is_request: bool
+
+
+def sniffer(window: float = 1.0) -> Sniffer:
+    return Sniffer(RtuLine(TIMING, role="listener"), window=window)
+
+
+def hear(listener: Sniffer, frames: list[tuple[float, int, str]]) -> list[Overheard]:
+    """What is told of frames (at, unit, PDU), time passing between them."""
+    said = [Said(at, unit, unhex(pdu), 0, True) for at, unit, pdu in frames]
+    return overhear(listener, said)
+
+
+def overhear(listener: Sniffer, said: list[Said]) -> list[Overheard]:
+    told: list[Overheard] = []
+    for one in said:
+        told += silence(listener, one.at)
+        told += listener.feed(encode(one.unit, one.pdu), one.at)
+    told += silence(listener, float("inf"))
+    return told
+
+
+def silence(listener: Sniffer, until: float) -> list[Overheard]:
+    told: list[Overheard] = []
+    while (deadline := listener.deadline) is not None and deadline < until:
+        told += listener.feed(None, deadline)
+        assert listener.deadline is None or listener.deadline > deadline
+    return told
+
+
+def names(told: list[Overheard]) -> list[str]:
+    return [type(event).__name__ for event in told]
+
+
+def test_a_question_and_its_answer() -> None:
+    asked, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, VALUES)])
+    assert asked == Asked(1, unhex(READ), 1.0, ReadHoldingRegisters(0, 2))
+    assert isinstance(answer, Answered)
+    assert answer.message == ReadHoldingRegistersResponse((0x17, 7))
+    assert (answer.to, answer.seconds, answer.late) == (asked, 0.25, False)
+
+
+def test_an_exception_is_an_answer() -> None:
+    _, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, "83 02")])
+    assert isinstance(answer, Answered)
+    assert answer.to is not None
+    # Also to a request that nobody can read, for its quantity is 0.
+    asked, answer = hear(sniffer(), [(1.0, 1, "03 0000 0000"), (1.25, 1, "83 03")])
+    assert isinstance(asked, Asked)
+    assert asked.message is None
+    assert isinstance(answer, Answered)
+    assert answer.to == asked
+
+
+def test_a_broadcast_waits_for_nobody() -> None:
+    (event,) = hear(sniffer(), [(1.0, 0, WRITE)])
+    assert isinstance(event, Asked)
+    assert event.unit == 0
+
+
+def test_silence_is_told_when_the_window_is_over() -> None:
+    asked, silent = hear(sniffer(window=0.5), [(1.0, 1, READ)])
+    assert silent == Unanswered(asked, 1.5)  # type: ignore[arg-type]
+
+
+def test_an_answer_without_its_question() -> None:
+    first, asked, second = hear(sniffer(), [(1.0, 1, VALUES), (1.1, 2, READ), (1.2, 2, VALUES)])
+    assert isinstance(first, Answered)
+    assert first.to is None
+    assert first.seconds is None
+    assert isinstance(second, Answered)
+    assert second.to == asked
+
+
+def test_an_answer_of_another_length_answers_nothing() -> None:
+    told = hear(sniffer(), [(1.0, 1, READ), (1.1, 1, "03 02 0017")])
+    assert names(told) == ["Asked", "Unanswered", "Answered"]
+    assert told[2].to is None  # type: ignore[union-attr]
+
+
+def test_a_late_answer_is_told_from_that_of_the_next_unit() -> None:
+    told = hear(sniffer(), [(1.0, 1, READ), (1.3, 2, READ), (1.35, 1, VALUES), (1.4, 2, VALUES)])
+    assert names(told) == ["Asked", "Unanswered", "Asked", "Answered", "Answered"]
+    late, answer = told[3], told[4]
+    assert isinstance(late, Answered)
+    assert isinstance(answer, Answered)
+    assert (late.to, late.late, answer.to, answer.late) == (told[0], True, told[2], False)
+
+
+# Writes and their echoes -------------------------------------------------------------------------------------------
+
+
+def pairs(told: list[Overheard]) -> list[tuple[float, ...]]:
+    """The times of each exchange; one time for a half."""
+    found: list[tuple[float, ...]] = []
+    for event in told:
+        if isinstance(event, Answered):
+            found.append((event.to.at, event.at) if event.to else (event.at,))
+        elif isinstance(event, Half):
+            found.append((event.at,))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("heard", "exchanges"),
+    [
+        ([1.0, 1.1], [(1.0, 1.1)]),
+        ([1.0, 1.1, 2.0, 2.1], [(1.0, 1.1), (2.0, 2.1)]),
+        ([1.0, 1.5, 1.6, 2.0, 2.1], [(1.0,), (1.5, 1.6), (2.0, 2.1)]),
+        ([1.0, 1.1, 1.6, 2.0, 2.1], [(1.0, 1.1), (1.6,), (2.0, 2.1)]),
+        ([1.0], [(1.0,)]),
+        ([1.0, 2.5], [(1.0,), (2.5,)]),
+    ],
+)
+def test_equal_frames_are_paired_by_time(heard: list[float], exchanges: list[tuple[float, ...]]) -> None:
+    assert pairs(hear(sniffer(), [(at, 1, WRITE) for at in heard])) == exchanges
+
+
+def test_a_unit_that_is_known_to_be_slow_is_given_its_time() -> None:
+    """Reads showed that it takes 300 ms; the client asks again after 20 ms."""
+    frames = [(0.0, 1, READ), (0.3, 1, VALUES)]
+    frames += [(0.32 * place + after, 1, WRITE) for place in range(1, 4) for after in (0.0, 0.3)]
+    told = pairs(hear(sniffer(), frames))
+    assert [round(end - start, 6) for start, end in told] == [0.3] * 4
+
+
+def test_a_write_declined() -> None:
+    told = hear(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "86 02")])
+    assert pairs(told) == [(1.0, 1.1)]
+
+
+def test_another_value_is_no_echo() -> None:
+    told = hear(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "06 0001 0004"), (1.2, 1, "06 0001 0004")])
+    assert pairs(told) == [(1.0,), (1.1, 1.2)]
+
+
+def test_functions_that_nobody_knows_are_paired_by_their_code() -> None:
+    listener = sniffer()
+    told = hear(listener, [(1.0, 1, "41 01"), (1.2, 1, "41 99 98")])
+    assert names(told) == ["Asked", "Answered"]
+    assert told[1].to == told[0]  # type: ignore[union-attr]
+
+
+# Anything missing --------------------------------------------------------------------------------------------------
+
+EXCHANGES = [
+    ("03 0000 0002", "03 04 0017 0007"),
+    ("03 0000 0001", "03 02 0017"),
+    ("01 0000 0009", "01 02 FF01"),
+    ("04 0005 0001", "84 02"),
+    ("06 0001 0003", "06 0001 0003"),
+    ("06 0001 0004", "06 0001 0004"),
+    ("05 0002 FF00", "05 0002 FF00"),
+    ("10 0000 0001 02 0001", "10 0000 0001"),
+    ("08 0000 1234", "08 0000 1234"),
+    ("16 0004 00F2 0025", "16 0004 00F2 0025"),
+    ("17 0000 0001 0000 0001 02 0001", "17 02 0009"),
+    ("2B 0E 04 00", "2B 0E 04 81 00 00 01 00 01 41"),
+    ("11", "11 02 01 FF"),
+]
+
+
+@st.composite
+def dialogues(draw: st.DrawFn) -> tuple[list[Said], int]:
+    """Several units asked one after the other, and which frame is dropped. Answers come sooner than questions."""
+    said: list[Said] = []
+    now = 1.0
+    for number in range(draw(st.integers(2, 8))):
+        unit, (request, response) = draw(st.integers(1, 3)), draw(st.sampled_from(EXCHANGES))
+        said.append(Said(now, unit, unhex(request), number, True))
+        now += draw(st.sampled_from((0.005, 0.02, 0.09)))
+        said.append(Said(now, unit, unhex(response), number, False))
+        now += draw(st.sampled_from((0.15, 0.4)))
+    return said, draw(st.integers(0, len(said) - 1))
+
+
+@modest
+@given(dialogues())
+def test_whatever_is_dropped_the_others_are_attributed_right(drawn: tuple[list[Said], int]) -> None:
+    said, dropped = drawn
+    kept = [one for place, one in enumerate(said) if place != dropped]
+    told = overhear(sniffer(), kept)
+    attributed(told, kept)
+    halves = [event for event in told if isinstance(event, Half)]
+    assert all(one.exchange == said[dropped].exchange for one in kept if one.at in [half.at for half in halves])
+
+
+@modest
+@given(dialogues(), st.sets(st.integers(0, 15)))
+def test_with_pauses_longer_than_the_window_anything_may_be_missing(
+    drawn: tuple[list[Said], int], missing: set[int]
+) -> None:
+    said = [one._replace(at=one.at + 2 * one.exchange) for one in drawn[0]]
+    kept = [one for place, one in enumerate(said) if place not in missing]
+    attributed(overhear(sniffer(), kept), kept)
+
+
+def attributed(told: list[Overheard], kept: list[Said]) -> None:
+    """Each frame is told once, on its side, with the question that is its own if that was heard."""
+    by_time = {one.at: one for one in kept}
+    seen = []
+    for event in told:
+        if isinstance(event, Unanswered):
+            assert (event.to.at, False) not in [(by_time[at].at, one.is_request) for at, one in by_time.items()]
+            partner = by_time[event.to.at].exchange
+            assert not [one for one in kept if one.exchange == partner and not one.is_request]
+            continue
+        assert not isinstance(event, Disturbance)
+        one = by_time[event.at]
+        seen.append(event.at)
+        assert (event.unit, event.pdu) == (one.unit, one.pdu)
+        if isinstance(event, Asked):
+            assert one.is_request
+        elif isinstance(event, Answered):
+            assert not one.is_request
+            asked = [other.at for other in kept if other.exchange == one.exchange and other.is_request]
+            assert asked == ([event.to.at] if event.to else [])
+        else:
+            assert len([other for other in kept if other.exchange == one.exchange]) == 1
+    assert sorted(seen) == [one.at for one in kept]
+
+
+# Noise, other lines, bounds ----------------------------------------------------------------------------------------
+
+
+def test_noise_is_told_and_the_pair_is_kept() -> None:
+    listener = sniffer()
+    told = listener.feed(encode(1, unhex(READ)), 1.0)
+    told += listener.feed(b"\xff\x00\x55", 1.02) + silence(listener, 1.2)
+    told += listener.feed(encode(1, unhex(VALUES)), 1.2)
+    assert names(told) == ["Asked", "Disturbance", "Answered"]
+    assert isinstance(told[1], Disturbance)
+    assert told[1].noise.data == b"\xff\x00\x55"
+    assert told[2].to == told[0]  # type: ignore[union-attr]
+
+
+def test_nothing_expires_while_a_frame_is_coming() -> None:
+    listener, answer = sniffer(window=0.5), encode(1, unhex(VALUES))
+    told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(answer[:4], 1.49)
+    assert listener.deadline is not None
+    assert listener.deadline > 1.5
+    assert names(told + listener.feed(None, 1.5) + listener.feed(answer[4:], 1.5)) == ["Asked", "Answered"]
+
+
+def test_an_ascii_line() -> None:
+    listener = Sniffer(AsciiLine())
+    told = listener.feed(ascii_frame(1, unhex(READ)), 1.0) + listener.feed(ascii_frame(1, unhex(VALUES)), 1.1)
+    assert names(told) == ["Asked", "Answered"]
+
+
+def test_the_end_tells_what_is_held() -> None:
+    listener = sniffer()
+    told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(b"\x01\x03", 1.01)
+    assert names(told + listener.end(1.01)) == ["Asked", "Disturbance", "Unanswered"]
+    assert listener.deadline is None
+
+
+@modest
+@given(st.lists(st.tuples(st.one_of(st.none(), st.binary(max_size=40)), st.floats(0, 2)), max_size=20))
+def test_any_bytes_are_told_and_never_raise(chunks: list[tuple[bytes | None, float]]) -> None:
+    for line in (RtuLine(TIMING, role="listener"), AsciiLine()):
+        listener, now, fed, told = Sniffer(line), 0.0, b"", list[Overheard]()
+        for data, step in chunks:
+            now += step
+            fed += data or b""
+            told += listener.feed(data, now)
+        told += listener.end(now + 10)
+        if isinstance(line, RtuLine):
+            assert sorted(b"".join(_bytes(event) for event in told)) == sorted(fed)
+
+
+def _bytes(event: Overheard) -> bytes:
+    if isinstance(event, Disturbance):
+        return event.noise.data
+    return b"" if isinstance(event, Unanswered) else encode(event.unit, event.pdu)
+
+
+@pytest.mark.parametrize(
+    ("pdu", "expected"),
+    [
+        (READ, (True, False)),
+        (VALUES, (False, True)),
+        ("83 02", (False, True)),
+        (WRITE, (True, True)),
+        ("41 00", (True, True)),
+        ("01 0300 0008", (True, True)),  # coils from 0300h on, or three bytes of them
+        ("03 0000 0000", (True, False)),  # a quantity of 0, and a length that fits
+    ],
+)
+def test_shapes(pdu: str, expected: tuple[bool, bool]) -> None:
+    assert shapes(unhex(pdu)) == expected
+
+
+def test_a_window_of_nothing_is_refused() -> None:
+    with refused(EncodeError, "window 0: expected seconds, above 0"):
+        sniffer(window=0)
+
+
+# Numbered ----------------------------------------------------------------------------------------------------------
+
+
+def lines() -> tuple[Line, Line]:
+    return TcpLine(), TcpLine()
+
+
+def test_numbered_answers_in_any_order() -> None:
+    listener = NumberedSniffer(*lines())
+    told = listener.feed(True, tcp_frame(1, unhex(READ), 1) + tcp_frame(1, unhex(WRITE), 2), 1.0)
+    told += listener.feed(False, tcp_frame(1, unhex(WRITE), 2) + tcp_frame(1, unhex(VALUES), 1), 1.1)
+    told += listener.feed(False, tcp_frame(1, unhex(VALUES), 9), 1.2)
+    assert [event.to and event.to.transaction for event in told if isinstance(event, Answered)] == [2, 1, None]
+
+
+def test_numbered_silence_noise_and_bounds() -> None:
+    listener = NumberedSniffer(*lines())
+    told: list[Overheard] = []
+    for number in range(KEPT + 3):
+        told += listener.feed(True, tcp_frame(1, unhex(READ), number), 1.0)
+    assert names(told).count("Unanswered") == 3
+    assert names(listener.feed(True, tcp_frame(1, unhex(READ), 5), 1.0)) == ["Unanswered", "Asked"]
+    told = listener.feed(False, unhex("0001 0007 0000"), 2.5)
+    assert names(told) == ["Unanswered"] * KEPT + ["Disturbance"]
+    assert listener.end(3.0) == []
+    assert isinstance(told[-1], Disturbance)
+    assert isinstance(told[-1].noise, Noise)
