@@ -169,7 +169,7 @@ BAD = {
     "envelopes are strangers": ("ascii/line.py", "from ..rtu import crc"),
     "an envelope does not read letters": (
         "rtu/line.py",
-        "from barewire.modbus.messages.registers import WriteRegister",
+        "from barewire.modbus.server.server import Server",
     ),
     "an envelope does not use the door": ("rtu/line.py", "from barewire.modbus import Adu"),
     "only rtu counts": ("tcp/line.py", "from barewire.modbus.messages import registry"),
