@@ -11,7 +11,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from barewire.canopen import Device, LssAddress, LssSlave, LssState, ObjectDictionary
+from barewire.canopen import LocalNode, LssAddress, LssSlave, LssState, ObjectDictionary
 from barewire.canopen.lss.fastscan import FLOOR
 from barewire.io import open_canopen, open_host
 from bench.race import Many, Race, entries
@@ -21,7 +21,7 @@ ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)
 
 
 def _device(channel: str, closing: ExitStack) -> None:
-    nameless = Device(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
+    nameless = LocalNode(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
     closing.enter_context(open_host(f"can://virtual/{channel}", node=nameless))
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from barewire.canopen import Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
 from barewire.canopen.conformance.battery import Subject, cases, survey
 from barewire.conversation import play
 
@@ -64,11 +64,11 @@ out, so they run in virtual time as well. This holds a device of your own agains
 in a second:
 
 ```python
-from barewire.canopen import Device, ObjectDictionary, standard_objects
+from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
 from barewire.canopen.conformance.battery import carry_out, cases, prepare, survey
 from barewire.conversation import play
 
-device = Device(5, ObjectDictionary(standard_objects()))
+device = LocalNode(5, ObjectDictionary(standard_objects()))
 device.start(0.0)
 
 
@@ -113,7 +113,7 @@ def subject() -> Subject:
         Entry(0x6041, 0, "statusword", "u16", "ro"),
     ]
     pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
-    device = Device(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(address))
+    device = LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(address))
     device.start(0.0)
     found, _ = play(survey(NODE, large=(0x2100, 0)), lambda frame, now: [(now, one) for one in device.feed(frame, now)])
     return found

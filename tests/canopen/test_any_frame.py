@@ -11,10 +11,10 @@ from barewire.canopen import (
     AZ3,
     CanFrame,
     Channel,
-    Device,
     Emergency,
     Entry,
     HeartbeatConsumer,
+    LocalNode,
     NmtMessage,
     NmtSlave,
     NodeState,
@@ -51,7 +51,7 @@ FRAMES = st.builds(
 )
 
 
-def device() -> Device:
+def device() -> LocalNode:
     objects = ObjectDictionary(
         [
             Entry(0x1017, 0, "heartbeat time", "u16", "rw", 100),
@@ -59,7 +59,7 @@ def device() -> Device:
             Entry(0x6041, 0, "statusword", "u16", "ro", 0),
         ]
     )
-    return Device(5, objects, [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010, 0x60400010))], dialect=AZ3)
+    return LocalNode(5, objects, [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010, 0x60400010))], dialect=AZ3)
 
 
 @settings(max_examples=200, deadline=None)

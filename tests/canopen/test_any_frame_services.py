@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     EmcyConsumer,
     Entry,
     Fastscan,
     Guard,
     GuardedNode,
     GuardingMaster,
+    LocalNode,
     LssAddress,
     LssMessage,
     LssSlave,
@@ -74,14 +74,14 @@ FRAMES = st.one_of(
 WEATHER = st.lists(st.tuples(FRAMES, st.floats(0, 0.5)), max_size=40)
 
 
-def device(node: int | None) -> Device:
+def device(node: int | None) -> LocalNode:
     objects = [
         *standard_objects(LssAddress(0, 0, 0, 1)),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0),
     ]
     pdos = [Pdo("RPDO", 1, (0x60400010,), event_timer=100), Pdo("TPDO", 1, (0x60410010, 0x60400010), type=1)]
-    return Device(node, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(0, 0, 0, 1), store=lambda *_: True))
+    return LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(0, 0, 0, 1), store=lambda *_: True))
 
 
 @settings(max_examples=300, deadline=None)

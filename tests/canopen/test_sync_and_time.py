@@ -6,7 +6,7 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
+    LocalNode,
     ObjectDictionary,
     Pdo,
     SyncMonitor,
@@ -60,18 +60,18 @@ def test_the_monitor_tells_beat_jump_wrong_and_lost() -> None:
     assert kinds(monitor, "00000080#01", 2.0) == kinds(monitor, "080#R1", 2.0) == []
 
 
-def device(**objects: int) -> Device:
-    device = Device(5, ObjectDictionary([*standard_objects(), Entry(0x6041, 0, "status", "u16", "ro", 7)]),
+def device(**objects: int) -> LocalNode:
+    device = LocalNode(5, ObjectDictionary([*standard_objects(), Entry(0x6041, 0, "status", "u16", "ro", 7)]),
                     [Pdo("TPDO", 1, (0x60410010,), type=1)])  # fmt: skip
     device.start(0.0)
     return device
 
 
-def write(device: Device, index: int, size: int, value: int) -> None:
+def write(device: LocalNode, index: int, size: int, value: int) -> None:
     device.objects.write(index, 0, value.to_bytes(size, "little"))
 
 
-def hear(device: Device, text: str | None, now: float = 0.0) -> list[str]:
+def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
@@ -131,7 +131,7 @@ def test_another_sync_cob_id_even_an_extended_one() -> None:
 
 def test_synchronous_rpdos_outside_the_window_are_not_used() -> None:
     objects = ObjectDictionary([*standard_objects(), Entry(0x6040, 0, "control", "u16", "rw", 0)])
-    one = Device(5, objects, [Pdo("RPDO", 1, (0x60400010,), type=1)])
+    one = LocalNode(5, objects, [Pdo("RPDO", 1, (0x60400010,), type=1)])
     one.start(0.0)
     write(one, 0x1007, 4, 5000)
     for text, now in (("000#0105", 0.0), ("080#", 1.0), ("205#0100", 1.004), ("205#0200", 1.006), ("080#", 2.0)):

@@ -19,8 +19,8 @@ import canopen
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     Entry,
+    LocalNode,
     LssAddress,
     LssSlave,
     ObjectDictionary,
@@ -70,7 +70,7 @@ class Watched:
 class Living:
     """A device in a thread of its own; `do` lets it say something by itself."""
 
-    def __init__(self, port: Watched, device: Device) -> None:
+    def __init__(self, port: Watched, device: LocalNode) -> None:
         self.port = port
         self.device = device
         self._stopped = threading.Event()
@@ -186,7 +186,7 @@ class Bench:
             time.sleep(0.005)
 
 
-def device(node: int | None) -> Device:
+def device(node: int | None) -> LocalNode:
     """Our device: objects of all kinds, a PDO each way, guarding and LSS."""
     objects = [
         *standard_objects(ADDRESS, heartbeat=100),
@@ -200,7 +200,7 @@ def device(node: int | None) -> Device:
         Entry(0x60FF, 0, "target velocity", "i32", "rw", -25000),
     ]
     pdos = [Pdo("RPDO", 1, RPDO_MAPPING), Pdo("TPDO", 1, TPDO_MAPPING, type=1)]
-    return Device(node, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS, store=lambda number, rate: True))
+    return LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS, store=lambda number, rate: True))
 
 
 def dictionary_of_theirs() -> Any:

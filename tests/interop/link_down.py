@@ -11,9 +11,9 @@ import subprocess
 import threading
 import time
 
-from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, standard_objects
 from barewire.errors import NoAnswer, PortError
-from barewire.io import Back, CanopenClient, Gone, Lost, open_canopen, open_host
+from barewire.io import BusDown, BusUp, CanopenClient, FramesLost, open_canopen, open_host
 from barewire.io.canopen.event_stream import Stream
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
@@ -34,7 +34,7 @@ def until(stream: Stream[CanFrame], kind: type[object]) -> object:
         assert event is not None, f"no {kind.__name__} came"
         if isinstance(event, kind):
             return event
-        assert isinstance(event, (CanFrame, Lost)), event
+        assert isinstance(event, (CanFrame, FramesLost)), event
 
 
 def failing(client: CanopenClient, begun: threading.Event, failed: list[Exception]) -> None:
@@ -49,7 +49,7 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
 def main() -> None:
     """Down and up, twice."""
     objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
-    with open_host("can://socketcan/vcan0", node=Device(5, objects)), open_canopen(URL) as client:
+    with open_host("can://socketcan/vcan0", node=LocalNode(5, objects)), open_canopen(URL) as client:
         for _ in range(2):
             with client.frames((0x705, False)) as stream:
                 until(stream, CanFrame)
@@ -58,11 +58,11 @@ def main() -> None:
                 thread.start()
                 assert begun.wait(PATIENCE)
                 link("down")
-                gone = until(stream, Gone)
+                gone = until(stream, BusDown)
                 thread.join(PATIENCE)
                 assert [type(error) for error in failed] == [PortError], failed
                 link("up")
-                until(stream, Back)
+                until(stream, BusUp)
                 until(stream, CanFrame)  # a heartbeat: the device has opened its bus anew as well
             client.download(0x2100, 0, b"after it")
             assert client.upload(0x2100) == b"after it"

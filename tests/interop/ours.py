@@ -16,7 +16,7 @@ from typing import Any
 
 from barewire.io import Host, open_async, open_host, open_modbus, serve
 from barewire.io.modbus.methods import Verbs
-from barewire.modbus import CanopenReference, Counters, Diagnostics, Response, Table
+from barewire.modbus import CanopenReference, Diagnostics, Response, SerialCounters, Table
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.canopen_reference import CanopenReferenceResponse
 from barewire.modbus.messages.diagnostics import (
@@ -50,7 +50,7 @@ class Known(Table):
         self.queues[30] = [7, 8, 0xFFFF]
         self._seen = seen
         self._is_ascii = carrier in ("ascii", "ascii+tcp")
-        self._counters = None if carrier not in TCP_LIKE else Counters()
+        self._counters = None if carrier not in TCP_LIKE else SerialCounters()
 
     @staticmethod
     def supports(request: type[Any]) -> bool:

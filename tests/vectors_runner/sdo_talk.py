@@ -8,7 +8,7 @@ from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.datatypes import DATA_TYPES, object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-from barewire.canopen.sdo import Block, SdoAbort, SdoServer, download, upload
+from barewire.canopen.sdo import BlockSettings, SdoAbort, SdoServer, download, upload
 from barewire.canopen.time_types import DAY, TimeDifference, TimeOfDay
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError
@@ -30,7 +30,7 @@ def run_client(case: Case) -> None:
     """Our client, with the server's lines as they stand: it says the client's lines, and ends as told."""
     node, place = case["node"], (int(case["index"], 16), int(case["sub"], 16))
     asks = case.get("block")
-    block: Block | bool = Block(**asks) if asks else False
+    block: BlockSettings | bool = BlockSettings(**asks) if asks else False
     value = octets(case["value"])
     conversation: Conversation[CanFrame, Any]
     if case["direction"] == "upload":

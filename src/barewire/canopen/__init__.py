@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from barewire.canopen.bus.scan import Found, Survey, scan
     from barewire.canopen.cob_ids import CobEntry, Service, check_node, classify, cob_id, is_restricted
     from barewire.canopen.communication_objects import standard_objects
-    from barewire.canopen.device.device import Device
+    from barewire.canopen.device.device import LocalNode
     from barewire.canopen.device.sdo_channels import client_channel
     from barewire.canopen.device.storage import StoredParameters
     from barewire.canopen.emcy.consumer import EmcyConsumer, EmcyEvent
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
         consumer_entry,
         guarding_request,
     )
-    from barewire.canopen.nmt.master import Obeyed, ask_state, tell_nmt
+    from barewire.canopen.nmt.master import NmtConfirmation, ask_state, tell_nmt
     from barewire.canopen.nmt.messages import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
     from barewire.canopen.nmt.node_guarding import Guard, GuardedNode, GuardEvent, GuardingMaster, LifeEvent
     from barewire.canopen.nmt.wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
@@ -78,13 +78,13 @@ if TYPE_CHECKING:
     from barewire.canopen.pdo.engine import PdoEngine
     from barewire.canopen.pdo.mapping import Mapped, PdoMapping
     from barewire.canopen.pdo.multiplexed import Mpdo
-    from barewire.canopen.pdo.named_values import PdoHeard, PdoListener, RemotePdo, remote_pdo
-    from barewire.canopen.pdo.remote_config import PdoManner, mapping_of, read_pdo, write_pdo
+    from barewire.canopen.pdo.named_values import PdoListener, PdoReceived, RemotePdo, remote_pdo
+    from barewire.canopen.pdo.remote_config import PdoConfigPolicy, mapping_of, read_pdo, write_pdo
     from barewire.canopen.sdo import (
         AZ3,
         STANDARD,
         AbortCode,
-        Block,
+        BlockSettings,
         Channel,
         Dialect,
         SdoAbort,
@@ -113,7 +113,7 @@ __all__ = [
     "upload",
     "upload_to",
     "download",
-    "Block",
+    "BlockSettings",
     "Channel",
     "Dialect",
     "STANDARD",
@@ -134,7 +134,7 @@ __all__ = [
     "NmtSlave",
     "tell_nmt",
     "ask_state",
-    "Obeyed",
+    "NmtConfirmation",
     "wait_for_boot_up",
     "wait_for_heartbeat",
     "wait_for_state",
@@ -173,11 +173,11 @@ __all__ = [
     "read_pdo",
     "write_pdo",
     "mapping_of",
-    "PdoManner",
+    "PdoConfigPolicy",
     "remote_pdo",
     "RemotePdo",
     "PdoListener",
-    "PdoHeard",
+    "PdoReceived",
     "read_object",
     "write_object",
     "scan",
@@ -203,7 +203,7 @@ __all__ = [
     "fastscan",
     "find_all",
     "Assigned",
-    "Device",
+    "LocalNode",
     "StoredParameters",
     "standard_objects",
     "client_channel",
@@ -212,7 +212,7 @@ __all__ = [
 # Which file holds what. Only that one is loaded, with what it needs: a bus shell asks for `CanFrame` and gets no node.
 _FILES = {
     "cob_ids": "CobEntry Service check_node classify cob_id is_restricted",
-    "device.device": "Device",
+    "device.device": "LocalNode",
     "device.sdo_channels": "client_channel",
     "object_dictionary": "Entry ObjectDictionary",
     "emcy.message": "Emergency error_text register_names register_of",
@@ -230,16 +230,19 @@ _FILES = {
     "lss.slave": "LssSlave",
     "pdo.multiplexed": "Mpdo",
     "nmt.messages": "NmtChange NmtCommand NmtMessage NmtSlave NmtState",
-    "nmt.master": "Obeyed ask_state tell_nmt",
+    "nmt.master": "NmtConfirmation ask_state tell_nmt",
     "nmt.wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
     "communication_objects": "standard_objects",
     "pdo.mapping": "Mapped PdoMapping",
     "pdo.engine": "PdoEngine",
-    "pdo.named_values": "PdoHeard PdoListener RemotePdo remote_pdo",
+    "pdo.named_values": "PdoReceived PdoListener RemotePdo remote_pdo",
     "pdo.config": "Pdo pdos_of",
-    "pdo.remote_config": "PdoManner mapping_of read_pdo write_pdo",
+    "pdo.remote_config": "PdoConfigPolicy mapping_of read_pdo write_pdo",
     "sdo.client.typed_access": "read_object write_object",
-    "sdo": "AZ3 STANDARD AbortCode Block Channel Dialect SdoAbort SdoServer abort_text download fit upload upload_to",
+    "sdo": (
+        "AZ3 STANDARD AbortCode BlockSettings Channel Dialect SdoAbort SdoServer abort_text download fit upload "
+        "upload_to"
+    ),
     "device.storage": "StoredParameters",
     "bus.scan": "Found Survey scan",
     "sync": "Sync SyncEvent SyncMonitor SyncProducer",

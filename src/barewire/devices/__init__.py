@@ -24,7 +24,7 @@ from barewire._lazy import lazy
 from barewire.devices.description.check import DescriptionError
 from barewire.devices.description.describe import describe
 from barewire.devices.description.load import load, names
-from barewire.devices.device import CanopenSide, Device, DriveSide, ModbusSide, Pdo, UnknownName
+from barewire.devices.device import CanopenSide, Device, DevicePdo, DriveSide, ModbusSide, UnknownName
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ __all__ = [
     "ModbusSide",
     "CanopenSide",
     "DriveSide",
-    "Pdo",
+    "DevicePdo",
     "Parameter",
     "ModbusAt",
     "ObjectAt",

@@ -31,7 +31,7 @@ class ModbusSide(NamedTuple):
     order: Order = "ABCD"
 
 
-class Pdo(NamedTuple):
+class DevicePdo(NamedTuple):
     """A default PDO: `cob_id` is without the node id, `map` holds (index, sub-index, bits)."""
 
     name: str
@@ -46,7 +46,7 @@ class CanopenSide(NamedTuple):
     node: int = 1
     bitrate: int = 125_000
     dialect: str = "standard"
-    pdos: tuple[Pdo, ...] = ()
+    pdos: tuple[DevicePdo, ...] = ()
 
 
 class DriveSide(NamedTuple):

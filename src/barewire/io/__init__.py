@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
     from barewire.io.canopen.client import CanopenClient, connect, open_bus, open_canopen
     from barewire.io.canopen.shared_bus import CanBus
-    from barewire.io.canopen.subscriber import Back, Gone, Lost
+    from barewire.io.canopen.subscriber import BusDown, BusUp, FramesLost
     from barewire.io.endpoint import Endpoint
     from barewire.io.engine.blocking import Port, run
     from barewire.io.modbus.async_client import AsyncModbusClient, open_async, open_tcp
@@ -51,9 +51,9 @@ __all__ = [
     "open_canopen",
     "open_bus",
     "CanBus",
-    "Lost",
-    "Gone",
-    "Back",
+    "FramesLost",
+    "BusDown",
+    "BusUp",
     "AsyncModbusClient",
     "AsyncCanopenClient",
     "open_canopen_async",
@@ -72,7 +72,7 @@ _FILES = {
     "server.asyncio_stream": "serve serve_tcp",
     "engine.blocking": "Port run",
     "canopen.shared_bus": "CanBus",
-    "canopen.subscriber": "Back Gone Lost",
+    "canopen.subscriber": "BusUp BusDown FramesLost",
     "canopen.client": "CanopenClient connect open_bus open_canopen",
     "endpoint": "Endpoint",
     "server.open": "Host open_host",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.client.exchange import ask, tell
-    from barewire.modbus.client.fair_queue import Turns
+    from barewire.modbus.client.fair_queue import FairQueue
     from barewire.modbus.client.line_state import LateReply, WriteOutcomeUnknown
     from barewire.modbus.client.read_identification import Identification, identify
     from barewire.modbus.echo import EchoLine
@@ -93,12 +93,12 @@ if TYPE_CHECKING:
     )
     from barewire.modbus.messages.registry import decode_request, decode_response, register
     from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse, SdoAborted
-    from barewire.modbus.server.authorization import Authorisation, Permission
+    from barewire.modbus.server.authorization import Authorization, Permission
     from barewire.modbus.server.handlers import Functions
     from barewire.modbus.server.identity import Identity
-    from barewire.modbus.server.serial_counters import Counters
+    from barewire.modbus.server.serial_counters import SerialCounters
     from barewire.modbus.server.server import Reply, Server, Unit
-    from barewire.modbus.server.statistics import Tally
+    from barewire.modbus.server.statistics import ServerStatistics
     from barewire.modbus.server.table import Table
 
 __all__ = [
@@ -144,8 +144,8 @@ __all__ = [
     "LateReply",
     "WriteOutcomeUnknown",
     "EchoLine",
-    "Turns",
-    "Authorisation",
+    "FairQueue",
+    "Authorization",
     "Permission",
     "ReadExceptionStatus",
     "ReadExceptionStatusResponse",
@@ -177,9 +177,9 @@ __all__ = [
     "WriteSingleRegisterResponse",
     "Reply",
     "Server",
-    "Tally",
+    "ServerStatistics",
     "Unit",
-    "Counters",
+    "SerialCounters",
     "Functions",
     "Table",
 ]
@@ -187,7 +187,7 @@ __all__ = [
 # Which file holds what. Only that one is loaded, with what it needs: an envelope asks for `Adu` and gets no messages.
 _FILES = {
     "adu": "BROADCAST PDU_LIMIT Adu Noise",
-    "server.authorization": "Authorisation Permission",
+    "server.authorization": "Authorization Permission",
     "messages.coils": (
         "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
         "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"
@@ -197,7 +197,7 @@ _FILES = {
     "messages.combined": (
         "MaskWriteRegister MaskWriteRegisterResponse ReadWriteMultipleRegisters ReadWriteMultipleRegistersResponse"
     ),
-    "server.serial_counters": "Counters",
+    "server.serial_counters": "SerialCounters",
     "messages.diagnostics": (
         "Diagnostics DiagnosticsResponse ReadExceptionStatus ReadExceptionStatusResponse Unanswered"
     ),
@@ -228,9 +228,9 @@ _FILES = {
     "messages.sdo_abort": "ExtendedExceptionResponse SdoAborted",
     "server.server": "Reply Server Unit",
     "server.table": "Table",
-    "server.statistics": "Tally",
+    "server.statistics": "ServerStatistics",
     "client.exchange": "ask tell",
-    "client.fair_queue": "Turns",
+    "client.fair_queue": "FairQueue",
 }
 
 __getattr__ = lazy(__name__, _FILES)

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barewire.canopen.bus.channel_locks import Claim, Claims, Keys
+from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, Keys
 from barewire.errors import EncodeError
 
 FIVE, SIX = frozenset({5}), frozenset({6})
 
 
 def test_one_at_a_time_on_a_key_and_others_beside_it() -> None:
-    claims = Claims()
+    claims = ChannelLocks()
     woken: list[str] = []
     first, second, third, other = (
         claims.join(keys, wake=partial(woken.append, name))
@@ -31,7 +31,7 @@ def test_one_at_a_time_on_a_key_and_others_beside_it() -> None:
 
 
 def test_everything_waits_for_all_and_is_not_overtaken() -> None:
-    claims = Claims()
+    claims = ChannelLocks()
     first, everything, late, beside = (claims.join(keys) for keys in (FIVE, None, SIX, frozenset[int]()))
     assert (everything.going, late.going, beside.going) == (False, False, True)
     claims.leave(first)
@@ -41,7 +41,7 @@ def test_everything_waits_for_all_and_is_not_overtaken() -> None:
 
 
 def test_several_keys_are_claimed_at_once() -> None:
-    claims = Claims()
+    claims = ChannelLocks()
     both, five = claims.join(FIVE | SIX), claims.join(FIVE)
     assert not five.going
     claims.leave(both)
@@ -49,7 +49,7 @@ def test_several_keys_are_claimed_at_once() -> None:
 
 
 def test_who_would_wait_for_himself_is_told() -> None:
-    claims = Claims()
+    claims = ChannelLocks()
     claims.join(FIVE, owner="me")
     claims.join(SIX, owner="me")
     with pytest.raises(EncodeError, match="begun inside another one"):
@@ -61,8 +61,8 @@ def test_who_would_wait_for_himself_is_told() -> None:
 
 @given(st.lists(st.one_of(st.none(), st.frozensets(st.integers(0, 3))), max_size=12), st.randoms())
 def test_whatever_the_order_all_get_their_turn_and_never_two_on_a_key(wanted: list[Keys | None], dice: object) -> None:
-    claims = Claims()
-    standing: list[Claim] = [claims.join(keys) for keys in wanted]
+    claims = ChannelLocks()
+    standing: list[ChannelLock] = [claims.join(keys) for keys in wanted]
     while standing:
         going = [claim for claim in standing if claim.going]
         assert going, "nobody goes, so nobody ever will"

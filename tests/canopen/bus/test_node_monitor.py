@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Channel, ErrorFrame, NmtState, NodeState, upload
-from barewire.canopen.bus.node_monitor import Presence
+from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.nmt.wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
 from barewire.conversation import Conversation, Heard, Listen, play
 from barewire.errors import NoAnswer
 
 
-def heard(*lines: tuple[float, str]) -> Presence:
-    presence = Presence()
+def heard(*lines: tuple[float, str]) -> NodeMonitor:
+    presence = NodeMonitor()
     for at, text in lines:
         assert presence.feed(CanFrame.parse(text), at) == []
     return presence
@@ -35,12 +35,12 @@ def heard(*lines: tuple[float, str]) -> Presence:
     ],
 )
 def test_why_a_node_was_silent(lines: tuple[tuple[float, str], ...], told: str) -> None:
-    mark = Presence().mark(0x585)
+    mark = NodeMonitor().mark(0x585)
     assert told in heard(*lines).explain(5, 0x585, mark, 10.0, answers=0)
 
 
 def test_the_controller_s_report_is_told_while_it_is_fresh() -> None:
-    presence = Presence()
+    presence = NodeMonitor()
     presence.report(ErrorFrame(0x60), 10.0)
     mark = presence.mark(0x585)
     report = "the controller reported no acknowledgement, bus off 0.5 s ago"
@@ -49,7 +49,7 @@ def test_the_controller_s_report_is_told_while_it_is_fresh() -> None:
 
 
 def test_a_foreign_protocol_does_not_fill_the_memory() -> None:
-    presence = Presence()
+    presence = NodeMonitor()
     for number in range(10_000):
         presence.feed(CanFrame(0x18F00000 + number, b"", True), 0.0)
     assert (presence.foreign, presence.frames, len(presence._extended)) == (10_000, 10_000, 0)
@@ -98,7 +98,7 @@ def test_waiting_for_what_a_node_says() -> None:
 
 
 def test_a_wrong_node_id_shows() -> None:
-    presence = Presence()
+    presence = NodeMonitor()
     mark = presence.mark(0x585)
     presence.feed(CanFrame.parse("581#0000000000000000"), 1.0)
     text = "node 5 was never heard (heard so far: node {}), 0 frames on 585h, {} on the bus meanwhile"

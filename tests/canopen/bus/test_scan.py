@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, scan, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, scan, standard_objects
 from barewire.errors import EncodeError
 from tests.canopen.virtual_bus import VirtualBus
 
 
-def add(bus: VirtualBus, node: int, *, heartbeat: int = 0, device_type: int = 0x20192) -> Device:
-    device = Device(node, ObjectDictionary(standard_objects(heartbeat=heartbeat, device_type=device_type)))
+def add(bus: VirtualBus, node: int, *, heartbeat: int = 0, device_type: int = 0x20192) -> LocalNode:
+    device = LocalNode(node, ObjectDictionary(standard_objects(heartbeat=heartbeat, device_type=device_type)))
     bus.add(device, 0.003, device.start(bus.now))
     return device
 
@@ -100,7 +100,7 @@ def test_a_foreign_application_is_not_slowed() -> None:
     """However busy the bus, the scan comes to an end."""
     bus = VirtualBus()
     objects = ObjectDictionary([Entry(0x1000, 0, "device type", "u32", "const", 0)])
-    device = Device(9, objects)
+    device = LocalNode(9, objects)
     bus.add(device, said=device.start(0.0))
     for tick in range(5000):
         bus.inject("185#1122334455667788", tick / 2000)

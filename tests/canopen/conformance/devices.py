@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
 from barewire.canopen.conformance.battery import Case, Outcome, Subject, carry_out, cases, prepare, survey, wants_reset
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import Participant, VirtualBus
@@ -14,7 +14,7 @@ LARGE = (0x2100, 0)
 ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 
 
-def plain() -> Device:
+def plain() -> LocalNode:
     """A device with everything that the battery asks for."""
     objects = [
         *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device"),
@@ -24,7 +24,7 @@ def plain() -> Device:
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
     ]
     pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
-    return Device(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS))
+    return LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS))
 
 
 def az3() -> Participant:
@@ -37,7 +37,7 @@ def az3() -> Participant:
 def bus_with(device: Participant) -> VirtualBus:
     """A bus on which the device has been switched on."""
     bus = VirtualBus()
-    bus.add(device, said=device.start(0.0) if isinstance(device, Device) else [])
+    bus.add(device, said=device.start(0.0) if isinstance(device, LocalNode) else [])
     bus.pass_time(0.01)
     return bus
 
@@ -57,7 +57,9 @@ def hold(bus: VirtualBus, subject: Subject, case: Case, before: Case | None = No
 class Spoiled:
     """A device some of whose answers come out wrong, or not at all."""
 
-    def __init__(self, device: Device, spoil: Callable[[Device, CanFrame | None, list[CanFrame]], list[CanFrame]]):
+    def __init__(
+        self, device: LocalNode, spoil: Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
+    ):
         self.device = device
         self.spoil = spoil
 

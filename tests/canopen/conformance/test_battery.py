@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, NmtState
+from barewire.canopen import CanFrame, LocalNode, NmtState
 from barewire.canopen.conformance.battery import FLOOD, Case, Subject, Turn, carry_out, cases, survey
 from barewire.canopen.conformance.frames import Sdo
 from barewire.conversation import play
@@ -88,7 +88,7 @@ def test_where_nobody_is() -> None:
 # The battery finds what is wrong -----------------------------------------------------------------------------------
 
 
-Spoil = Callable[[Device, CanFrame | None, list[CanFrame]], list[CanFrame]]
+Spoil = Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
 
 
 def without(identifier: int) -> Spoil:
@@ -99,36 +99,36 @@ def without(identifier: int) -> Spoil:
 def other(old: str, new: str) -> Spoil:
     """These digits at the beginning of a frame come out as those."""
 
-    def spoil(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+    def spoil(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
         texts = [new + str(frame)[len(old) :] if str(frame).startswith(old) else str(frame) for frame in said]
         return [CanFrame.parse(text) for text in texts]
 
     return spoil
 
 
-def talks_when_stopped(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+def talks_when_stopped(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
     if device.state is NmtState.STOPPED and heard is not None and heard.id == 0x600 + NODE:
         return [*said, CanFrame(0x580 + NODE, heard.data)]
     return said
 
 
-def answers_twice(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+def answers_twice(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
     return [one for frame in said for one in ([frame, frame] if frame.id == 0x580 + NODE else [frame])]
 
 
-def answers_aborts(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+def answers_aborts(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
     if heard is not None and heard.key == (0x600 + NODE, False) and heard.data[:1] == b"\x80":
         return [CanFrame(0x580 + NODE, heard.data)]
     return said
 
 
-def sends_with_every_sync(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+def sends_with_every_sync(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
     if heard is not None and heard.id == 0x080 and not said:
         return [CanFrame(0x180 + NODE, bytes(2))]
     return said
 
 
-def boots_twice(device: Device, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
+def boots_twice(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
     return [*said, said[0]] if said and said[0] == CanFrame(0x700 + NODE, b"\0") else said
 
 

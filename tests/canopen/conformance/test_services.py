@@ -15,7 +15,7 @@ import re
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
 
 OK = "585#60.............."
 READ, VALUE = "605#4000100000000000", "585#4300100000000000"
@@ -134,7 +134,7 @@ CASES: dict[str, str] = {
 }
 
 
-def device() -> Device:
+def device() -> LocalNode:
     objects = [
         *standard_objects(),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
@@ -142,7 +142,7 @@ def device() -> Device:
         Entry(0x6064, 0, "position", "i32", "ro", -2),
     ]
     pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
-    device = Device(5, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(1, 2, 3, 4)))
+    device = LocalNode(5, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(1, 2, 3, 4)))
     assert [str(frame) for frame in device.start(0.0)] == ["705#00"]
     return device
 

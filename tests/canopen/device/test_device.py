@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, NmtCommand, NmtState, ObjectDictionary, Pdo
+from barewire.canopen import CanFrame, Entry, LocalNode, NmtCommand, NmtState, ObjectDictionary, Pdo
 from barewire.codecs import Value
 from barewire.errors import EncodeError
 
@@ -44,8 +44,8 @@ def az3_objects() -> ObjectDictionary:
     )
 
 
-def device_with(*pdos: Pdo, start: bool = True, operational: bool = True) -> Device:
-    device = Device(5, az3_objects(), pdos)
+def device_with(*pdos: Pdo, start: bool = True, operational: bool = True) -> LocalNode:
+    device = LocalNode(5, az3_objects(), pdos)
     if start:
         device.start(0.0)
     if operational:
@@ -53,7 +53,7 @@ def device_with(*pdos: Pdo, start: bool = True, operational: bool = True) -> Dev
     return device
 
 
-def hear(device: Device, text: str | None, now: float = 0.0) -> list[str]:
+def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
@@ -69,7 +69,7 @@ def test_before_it_starts_it_neither_speaks_nor_hears() -> None:
 
 
 def test_it_boots_once_into_pre_operational() -> None:
-    device = Device(5, az3_objects())
+    device = LocalNode(5, az3_objects())
     assert [str(frame) for frame in device.start(0.0)] == ["705#00"]
     assert device.state is NmtState.PRE_OPERATIONAL
     assert hear(device, None, 100.0) == []
@@ -107,7 +107,7 @@ def test_heartbeat_follows_1017h_and_the_state() -> None:
 
 def test_reset_communication_restores_the_communication_only() -> None:
     reset: list[NmtCommand] = []
-    device = Device(5, az3_objects(), on_reset=reset.append)
+    device = LocalNode(5, az3_objects(), on_reset=reset.append)
     device.start(0.0)
     hear(device, "605#2B171000E8030000")
     hear(device, "605#2B4060000F000000")
@@ -121,7 +121,7 @@ def test_reset_communication_restores_the_communication_only() -> None:
 
 
 def test_a_heartbeat_from_the_factory_goes_on_after_a_reset() -> None:
-    device = Device(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
+    device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
     device.start(0.0)
     assert hear(device, None, 1.0) == ["705#7F"]
     assert hear(device, "000#8205", 1.5) == ["705#00"]
@@ -156,7 +156,7 @@ def test_what_an_rpdo_left_behind_is_forgotten_with_the_state() -> None:
 def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
     seen: list[Value] = []
     objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0, maximum=100, on_write=seen.append)])
-    device = Device(5, objects, [Pdo("RPDO", 1, (0x60400010,))])
+    device = LocalNode(5, objects, [Pdo("RPDO", 1, (0x60400010,))])
     device.start(0.0)
     hear(device, "000#0105")
     hear(device, "205#0F00")
@@ -214,7 +214,7 @@ def test_a_value_that_its_bits_cannot_hold_does_not_stop_the_device() -> None:
     assert device.pdo.refused
 
 
-def answer(device: Device, request: str) -> str:
+def answer(device: LocalNode, request: str) -> str:
     """One SDO request by its data; 'ok' for a confirmation, the abort code in reading order, or the value."""
     data = CanFrame.parse(hear(device, f"605#{request.replace(' ', '')}")[0]).data
     number = int.from_bytes(data[4:], "little")
@@ -289,11 +289,11 @@ def test_what_may_not_be_mapped(request_: str, code: str) -> None:
 
 def test_factory_settings_are_checked_too() -> None:
     with pytest.raises(EncodeError, match="no such object"):
-        Device(5, ObjectDictionary(), [Pdo("TPDO", 1, (0x60410010,))])
+        LocalNode(5, ObjectDictionary(), [Pdo("TPDO", 1, (0x60410010,))])
     with pytest.raises(EncodeError, match="expected a number"):
-        Device(5, az3_objects(), [Pdo("TPDO", 0, (0x60410010,))])
+        LocalNode(5, az3_objects(), [Pdo("TPDO", 0, (0x60410010,))])
     with pytest.raises(EncodeError, match="there twice"):
-        Device(5, az3_objects(), [Pdo("TPDO", 1, ()), Pdo("TPDO", 1, ())])
+        LocalNode(5, az3_objects(), [Pdo("TPDO", 1, ()), Pdo("TPDO", 1, ())])
 
 
 def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
@@ -301,7 +301,7 @@ def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
     objects.add(Entry(0x1800, 1, "TPDO1 COB-ID", "u32", "rw", 0x181))
     objects.add(Entry(0x1800, 4, "TPDO1 COMPATIBILITY ENTRY", "u8", "rw", 0))
     objects.add(Entry(0x1A00, 0, "highest sub-index supported", "u8", "const", 1))
-    device = Device(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1)])
+    device = LocalNode(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1)])
     device.start(0.0)
     assert objects.entry(0x1800, 1).name == "TPDO1 COB-ID"
     assert answer(device, "40 00 18 01 00 00 00 00") == "185"
@@ -318,17 +318,17 @@ def test_a_fifth_pdo_is_off_until_it_gets_an_identifier() -> None:
     assert hear(device, "080#") == ["6A0#3706"]
 
 
-def in_a_block(*pdos: Pdo) -> Device:
+def in_a_block(*pdos: Pdo) -> LocalNode:
     """A device to which a long value is on its way, in blocks."""
     objects = ObjectDictionary([*az3_objects(), Entry(0x2F00, 0, "long", "domain", "rw", b"")])
-    device = Device(5, objects, pdos)
+    device = LocalNode(5, objects, pdos)
     device.start(0.0)
     for text in ("000#0105", "605#C6002F0010270000"):
         device.feed(CanFrame.parse(text), 0.0)
     return device
 
 
-def segment(device: Device, now: float) -> list[str]:
+def segment(device: LocalNode, now: float) -> list[str]:
     """The next segment of the block, and what is said then."""
     session = device.sdo._session
     assert session is not None

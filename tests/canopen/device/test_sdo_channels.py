@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Channel, Device, Entry, ObjectDictionary, SdoAbort, download, upload
+from barewire.canopen import CanFrame, Channel, Entry, LocalNode, ObjectDictionary, SdoAbort, download, upload
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.device.sdo_channels import client_channel
 from barewire.canopen.sdo.client.find_channel import find_channel
@@ -14,14 +14,14 @@ from tests.canopen.virtual_bus import VirtualBus
 OFF = 1 << 31
 
 
-def device(*channels: tuple[int, int, int, int]) -> Device:
+def device(*channels: tuple[int, int, int, int]) -> LocalNode:
     """Node 5 with records (index, COB-ID, COB-ID, node)."""
     words = [
         Entry(index, sub, f"{index:04X}h:{sub}", "u8" if sub == 3 else "u32", "rw", word)
         for index, *rest in channels
         for sub, word in enumerate(rest, start=1)
     ]
-    return Device(
+    return LocalNode(
         5,
         ObjectDictionary(
             [
@@ -35,13 +35,13 @@ def device(*channels: tuple[int, int, int, int]) -> Device:
     )
 
 
-def on_bus(node: Device) -> VirtualBus:
+def on_bus(node: LocalNode) -> VirtualBus:
     bus = VirtualBus()
     bus.add(node, said=node.start(0.0))
     return bus
 
 
-def hear(node: Device, text: str, now: float = 0.0) -> list[str]:
+def hear(node: LocalNode, text: str, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in node.feed(CanFrame.parse(text), now)]
 
 
@@ -145,7 +145,7 @@ def test_a_channel_of_our_own_as_a_client() -> None:
 
 
 def test_the_usual_objects_with_three_servers() -> None:
-    node = Device(5, ObjectDictionary(standard_objects(servers=3)))
+    node = LocalNode(5, ObjectDictionary(standard_objects(servers=3)))
     bus = on_bus(node)
     default = Channel(5)
     for sub, word in ((1, 0x6A0), (2, 0x6A1)):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, SdoAbort
+from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, SdoAbort
 from barewire.canopen.communication_objects import standard_objects
 
 SUBS = range(1, 5)
 
 
-def device() -> Device:
+def device() -> LocalNode:
     objects = ObjectDictionary(
         [
             *(Entry(0x1010, sub, f"store {sub}", "u32", "rw") for sub in SUBS),
@@ -21,21 +21,21 @@ def device() -> Device:
             Entry(0x6001, 0, "measured", "u16", "ro", 3),
         ]
     )
-    device = Device(5, objects)
+    device = LocalNode(5, objects)
     device.start(0.0)
     return device
 
 
-def values(device: Device) -> list[int]:
+def values(device: LocalNode) -> list[int]:
     return [int(device.objects.get(index)) for index in (0x1017, 0x2000, 0x6000, 0x6001)]
 
 
-def change(device: Device, by: int) -> None:
+def change(device: LocalNode, by: int) -> None:
     for index in (0x1017, 0x2000, 0x6000, 0x6001):
         device.objects.set(index, 0, int(device.objects.get(index)) + by)
 
 
-def reset(device: Device, command: str) -> list[int]:
+def reset(device: LocalNode, command: str) -> list[int]:
     device.feed(CanFrame.parse(f"000#{command}05"), 1.0)
     return values(device)
 
@@ -84,7 +84,7 @@ def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> N
     objects = ObjectDictionary(
         [*standard_objects(address), Entry(0x1010, 1, "store", "u32"), Entry(0x6041, 0, "statusword", "u16", "ro", 7)]
     )
-    device = Device(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("TPDO", 2, ())], lss=slave)
+    device = LocalNode(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("TPDO", 2, ())], lss=slave)
     device.start(0.0)
     objects.write(0x1800, 2, b"\x03")
     for word in (0x8000_0285, 0x2AB):
@@ -98,7 +98,7 @@ def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> N
 
 def test_a_channel_that_was_given_for_a_while_is_not_stored() -> None:
     objects = ObjectDictionary([*standard_objects(servers=3), Entry(0x1010, 1, "store", "u32")])
-    one = Device(5, objects)
+    one = LocalNode(5, objects)
     one.start(0.0)
     for_a_while, for_good = 1 << 30 | 0x6A0, 0x6A1
     for index, word in ((0x1201, for_a_while), (0x1202, for_good)):

@@ -6,10 +6,10 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     EmcyConsumer,
     EmcyProducer,
     Entry,
+    LocalNode,
     NmtState,
     ObjectDictionary,
     register_of,
@@ -20,8 +20,8 @@ from barewire.canopen.emcy.producer import WAITING_MAX
 from barewire.canopen.sdo import SdoAbort
 
 
-def device() -> Device:
-    device = Device(5, ObjectDictionary(standard_objects()))
+def device() -> LocalNode:
+    device = LocalNode(5, ObjectDictionary(standard_objects()))
     device.start(0.0)
     return device
 
@@ -132,7 +132,7 @@ def test_resets() -> None:
 
 
 def test_a_register_of_the_application_is_left_to_it() -> None:
-    one = Device(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro", on_read=lambda: 0x20)]))
+    one = LocalNode(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro", on_read=lambda: 0x20)]))
     one.start(0.0)
     assert texts(one.error(0xFF00, 0.0)) == ["085#00FF200000000000"]
 
@@ -173,7 +173,7 @@ def test_other_identifiers_boots_and_floods() -> None:
 
 def test_1028h_says_whose_emergencies_are_taken() -> None:
     objects = ObjectDictionary(standard_objects(heard=127))
-    device = Device(5, objects)
+    device = LocalNode(5, objects)
     device.start(0.0)
     hear = [CanFrame.parse(text) for text in ("089#3081110000000000", "1F0#1032150000000000")]
     for frame in hear:
@@ -190,7 +190,7 @@ def test_1028h_says_whose_emergencies_are_taken() -> None:
 
 
 def test_a_controller_that_was_bus_off_and_is_back_is_told() -> None:
-    device = Device(5, ObjectDictionary(standard_objects()))
+    device = LocalNode(5, ObjectDictionary(standard_objects()))
     device.start(0.0)
     assert [str(frame) for frame in device.recovered(1.0)] == ["085#4081110000000000", "085#0000000000000000"]
     assert device.objects.get(0x1003, 1) == 0x8140

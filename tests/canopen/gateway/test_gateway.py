@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barewire.canopen import CanFrame, Device, Entry, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
 from barewire.canopen.gateway import GatewayError, Session
 from barewire.canopen.gateway.commands import parse
 from barewire.canopen.gateway.values import TYPES, from_text, to_text
@@ -56,7 +56,7 @@ def objects() -> ObjectDictionary:
 @pytest.fixture
 def bus() -> VirtualBus:
     made = VirtualBus()
-    device = Device(5, objects(), [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("RPDO", 1, (0x60400010,), type=255)])
+    device = LocalNode(5, objects(), [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("RPDO", 1, (0x60400010,), type=255)])
     made.add(device, said=device.start(0.0))
     made.pass_time(0.1)
     return made
@@ -239,7 +239,7 @@ def test_with_a_real_device_a_pdo_makes_the_round(bus: VirtualBus) -> None:
 def unconfigured() -> VirtualBus:
     made = VirtualBus()
     slave = LssSlave(ADDRESS, store=lambda node, rate: True)
-    device = Device(None, ObjectDictionary(standard_objects(ADDRESS)), lss=slave)
+    device = LocalNode(None, ObjectDictionary(standard_objects(ADDRESS)), lss=slave)
     made.add(device, said=device.start(0.0))
     return made
 

@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from barewire.canopen import Assigned, CanFrame, Device, LssAddress, LssSlave, ObjectDictionary, fastscan, find_all
+from barewire.canopen import Assigned, CanFrame, LocalNode, LssAddress, LssSlave, ObjectDictionary, fastscan, find_all
 from barewire.canopen.lss.fastscan import Progress
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.virtual_bus import VirtualBus, never
@@ -17,8 +17,8 @@ WORST = LssAddress(0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF)
 ZERO = LssAddress(0, 0, 0, 0)
 
 
-def add(bus: VirtualBus, address: LssAddress, latency: float = 0.001) -> Device:
-    device = Device(None, ObjectDictionary(), lss=LssSlave(address, store=lambda node, rate: True))
+def add(bus: VirtualBus, address: LssAddress, latency: float = 0.001) -> LocalNode:
+    device = LocalNode(None, ObjectDictionary(), lss=LssSlave(address, store=lambda node, rate: True))
     bus.add(device, latency, device.start(0.0))
     return device
 
@@ -140,7 +140,7 @@ def test_late_answers_are_not_believed() -> None:
 
     class Slow:
         def __init__(self) -> None:
-            self.device = Device(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
+            self.device = LocalNode(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
             self.device.start(0.0)
             self.waiting: list[tuple[float, CanFrame]] = []
             self.answers = 0

@@ -6,8 +6,8 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     Fastscan,
+    LocalNode,
     LssAddress,
     LssMessage,
     LssRefused,
@@ -38,12 +38,14 @@ ADDRESS = LssAddress(0x360, 0x00010203, 0x00020001, 0xDEADBEEF)
 OTHER = LssAddress(0x360, 0x00010203, 0x00020001, 0x00000001)
 
 
-def device(node: int | None, address: LssAddress = ADDRESS, *, stored: list[tuple[int | None, int | None]]) -> Device:
+def device(
+    node: int | None, address: LssAddress = ADDRESS, *, stored: list[tuple[int | None, int | None]]
+) -> LocalNode:
     def store(number: int | None, rate: int | None) -> bool:
         stored.append((number, rate))
         return True
 
-    return Device(node, ObjectDictionary(standard_objects(address)), lss=LssSlave(address, store=store))
+    return LocalNode(node, ObjectDictionary(standard_objects(address)), lss=LssSlave(address, store=store))
 
 
 @pytest.fixture
@@ -51,7 +53,7 @@ def stored() -> list[tuple[int | None, int | None]]:
     return []
 
 
-def with_device(node: int | None, stored: list[tuple[int | None, int | None]]) -> tuple[VirtualBus, Device]:
+def with_device(node: int | None, stored: list[tuple[int | None, int | None]]) -> tuple[VirtualBus, LocalNode]:
     bus, one = VirtualBus(), device(node, stored=stored)
     bus.add(one, said=one.start(0.0))
     return bus, one
@@ -167,7 +169,7 @@ def test_identify_within_limits(stored: list[tuple[int | None, int | None]]) -> 
 
 def test_refusals() -> None:
     bus = VirtualBus()
-    one = Device(5, ObjectDictionary(), lss=LssSlave(ADDRESS, rates=frozenset({4})))
+    one = LocalNode(5, ObjectDictionary(), lss=LssSlave(ADDRESS, rates=frozenset({4})))
     bus.add(one, said=one.start(0.0))
     bus.run(switch_global(LssState.CONFIGURATION))
     with pytest.raises(LssRefused, match="store: not supported"):
@@ -191,7 +193,7 @@ def test_a_store_that_fails() -> None:
 def test_another_bit_rate_is_entered_in_silence() -> None:
     told: list[tuple[int | None, float]] = []
     slave = LssSlave(ADDRESS, on_bit_timing=lambda entry, delay: told.append((entry, delay)))
-    bus, one = VirtualBus(), Device(5, ObjectDictionary(standard_objects(ADDRESS, heartbeat=100)), lss=slave)
+    bus, one = VirtualBus(), LocalNode(5, ObjectDictionary(standard_objects(ADDRESS, heartbeat=100)), lss=slave)
     bus.add(one, said=one.start(0.0))
     bus.run(switch_global(LssState.CONFIGURATION))
     bus.run(configure_bit_timing(4))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import Device, NmtCommand, NmtState, ObjectDictionary, ask_state, standard_objects, tell_nmt
+from barewire.canopen import LocalNode, NmtCommand, NmtState, ObjectDictionary, ask_state, standard_objects, tell_nmt
 from barewire.errors import NoAnswer
 from tests.canopen.virtual_bus import VirtualBus
 
@@ -12,7 +12,7 @@ from tests.canopen.virtual_bus import VirtualBus
 def bus_with(*nodes: int, heartbeat: int = 100) -> VirtualBus:
     bus = VirtualBus()
     for node in nodes:
-        device = Device(node, ObjectDictionary(standard_objects(heartbeat=heartbeat)))
+        device = LocalNode(node, ObjectDictionary(standard_objects(heartbeat=heartbeat)))
         bus.add(device, said=device.start(0.0))
     bus.pass_time(0.01)
     return bus

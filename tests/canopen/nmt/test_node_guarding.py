@@ -6,12 +6,12 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     Guard,
     GuardedNode,
     GuardEvent,
     GuardingMaster,
     LifeEvent,
+    LocalNode,
     NmtState,
     ObjectDictionary,
     guarding_request,
@@ -98,13 +98,13 @@ def test_the_node_watches_from_the_first_question_on() -> None:
     assert node.deadline is None
 
 
-def device() -> Device:
-    device = Device(5, ObjectDictionary(standard_objects()))
+def device() -> LocalNode:
+    device = LocalNode(5, ObjectDictionary(standard_objects()))
     device.start(0.0)
     return device
 
 
-def hear(device: Device, text: str | None, now: float = 0.0) -> list[str]:
+def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 

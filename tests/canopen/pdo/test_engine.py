@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, Pdo, standard_objects
 from barewire.errors import EncodeError
 from tests.canopen.virtual_bus import VirtualBus
 
 
-def device_with(*pdos: Pdo) -> Device:
+def device_with(*pdos: Pdo) -> LocalNode:
     objects = [
         *standard_objects(),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
         Entry(0x6042, 0, "for TPDOs only", "u16", "rw", 0, mappable=("TPDO",)),
     ]
-    device = Device(5, ObjectDictionary(objects), pdos)
+    device = LocalNode(5, ObjectDictionary(objects), pdos)
     device.start(0.0)
     hear(device, "000#0105")
     return device
 
 
-def hear(device: Device, text: str | None, now: float = 0.0) -> list[str]:
+def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
@@ -91,9 +91,9 @@ def test_one_device_drives_another() -> None:
     bus = VirtualBus()
     sender = device_with(Pdo("TPDO", 1, (0x60410010,), type=2))
     objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0)])
-    receiver = Device(6, objects, [Pdo("RPDO", 1, (0x60400010,), type=1, cob_id=0x185)])
+    receiver = LocalNode(6, objects, [Pdo("RPDO", 1, (0x60400010,), type=1, cob_id=0x185)])
     receiver.start(0.0)
-    beat = Device(7, ObjectDictionary(standard_objects()))
+    beat = LocalNode(7, ObjectDictionary(standard_objects()))
     beat.start(0.0)
     beat.objects.set(0x1006, 0, 10_000)
     beat.objects.set(0x1005, 0, 0x4000_0080)

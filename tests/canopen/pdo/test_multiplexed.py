@@ -6,11 +6,11 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     Entry,
+    LocalNode,
     ObjectDictionary,
     Pdo,
-    PdoManner,
+    PdoConfigPolicy,
     RemotePdo,
     read_pdo,
     standard_objects,
@@ -48,14 +48,14 @@ def dispatcher(*words: int) -> list[Entry]:
     return [Entry(DISPATCHER, sub, "dispatcher", "u64", "rw", word) for sub, word in enumerate(words, start=1)]
 
 
-def node(number: int, pdo: Pdo, *more: Entry) -> Device:
-    device = Device(number, objects(*more), [pdo])
+def node(number: int, pdo: Pdo, *more: Entry) -> LocalNode:
+    device = LocalNode(number, objects(*more), [pdo])
     device.start(0.0)
     device.feed(CanFrame.parse(f"000#01{number:02X}"), 0.0)
     return device
 
 
-def hear(device: Device, text: str | None, now: float = 0.0) -> list[str]:
+def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
@@ -198,7 +198,7 @@ def test_telling_another_node() -> None:
 
 
 def test_configured_by_sdo_and_read_from_a_dictionary() -> None:
-    device = Device(5, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (), type=1)])
+    device = LocalNode(5, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (), type=1)])
     device.start(0.0)
     ok = "585#6000{}0000000000"
     assert hear(device, "605#2F001A00FE000000") == ["585#80001A0000000106"]  # it is on
@@ -220,14 +220,16 @@ def test_a_type_that_does_not_go_with_it_is_refused_and_not_silently_off() -> No
     assert hear(device, "607#2F001802FE000000")[0] == "587#6000180200000000"
     for type in (1, 252, 253):
         with pytest.raises(EncodeError, match=f"TPDO1 is multiplexed: expected type 254 or 255, here is {type}"):
-            Device(7, objects(), [Pdo("TPDO", 1, (), type=type, multiplexed="SAM")])
+            LocalNode(7, objects(), [Pdo("TPDO", 1, (), type=type, multiplexed="SAM")])
     with pytest.raises(EncodeError, match="TPDO1 is multiplexed, so it maps nothing"):
         Pdo("TPDO", 1, (0x20000110,), multiplexed="DAM")
 
 
-@pytest.mark.parametrize("manner", [PdoManner(), PdoManner(skip_equal=True), PdoManner(order="first")])
-def test_a_master_reads_and_writes_it(manner: PdoManner) -> None:
-    device = Device(7, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (0x64010110,), type=1)])
+@pytest.mark.parametrize(
+    "manner", [PdoConfigPolicy(), PdoConfigPolicy(skip_equal=True), PdoConfigPolicy(order="first")]
+)
+def test_a_master_reads_and_writes_it(manner: PdoConfigPolicy) -> None:
+    device = LocalNode(7, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (0x64010110,), type=1)])
     bus = VirtualBus()
     bus.add(device, said=device.start(0.0))
     wanted = Pdo("TPDO", 1, (), type=254, cob_id=0x187, inhibit=100, multiplexed="SAM")

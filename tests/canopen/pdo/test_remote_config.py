@@ -6,11 +6,11 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
     Entry,
+    LocalNode,
     ObjectDictionary,
     Pdo,
-    PdoManner,
+    PdoConfigPolicy,
     SdoAbort,
     mapping_of,
     pdos_of,
@@ -24,13 +24,13 @@ from tests.canopen.virtual_bus import VirtualBus
 TPDO1 = Pdo("TPDO", 1, (0x60410010, 0x60640020), type=1, inhibit=10, event_timer=500, sync_start=3)
 
 
-def bus_with(*pdos: Pdo) -> tuple[VirtualBus, Device]:
+def bus_with(*pdos: Pdo) -> tuple[VirtualBus, LocalNode]:
     objects = [
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
         Entry(0x6064, 0, "position", "i32", "ro", -2),
     ]
-    bus, device = VirtualBus(), Device(5, ObjectDictionary(objects), pdos)
+    bus, device = VirtualBus(), LocalNode(5, ObjectDictionary(objects), pdos)
     bus.add(device, said=device.start(0.0))
     bus.pass_time(0.01)
     return bus, device
@@ -65,13 +65,13 @@ def test_the_order_is_the_safe_one() -> None:
     parameters = ["1800:2=1", "1800:3=A", "1800:5=1F4", "1800:6=3"]
     assert writes(bus) == ["1800:1=80000195", *mapping, *parameters, "1800:1=185"]
     bus.log.clear()
-    bus.run(write_pdo(5, TPDO1, manner=PdoManner(order="first")))
+    bus.run(write_pdo(5, TPDO1, manner=PdoConfigPolicy(order="first")))
     assert writes(bus) == ["1800:1=80000185", *parameters, *mapping, "1800:1=185"]
 
 
 def test_what_is_equal_is_left_out_where_the_device_wants_it_so() -> None:
     bus, _ = bus_with(TPDO1)
-    bus.run(write_pdo(5, TPDO1, manner=PdoManner(skip_equal=True)))
+    bus.run(write_pdo(5, TPDO1, manner=PdoConfigPolicy(skip_equal=True)))
     assert writes(bus) == ["1800:1=80000185", "1800:1=185"]
 
 
@@ -98,8 +98,10 @@ class Locked:
         return self.server.feed(frame, now)
 
 
-@pytest.mark.parametrize("manner", [PdoManner(), PdoManner(mapping="fixed"), PdoManner(skip_equal=True)])
-def test_a_constant_mapping_is_compared(manner: PdoManner) -> None:
+@pytest.mark.parametrize(
+    "manner", [PdoConfigPolicy(), PdoConfigPolicy(mapping="fixed"), PdoConfigPolicy(skip_equal=True)]
+)
+def test_a_constant_mapping_is_compared(manner: PdoConfigPolicy) -> None:
     bus, device = VirtualBus(), Locked()
     bus.add(device)
     bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,), type=1), manner=manner))
@@ -117,7 +119,7 @@ def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
     with pytest.raises(SdoAbort, match="1800h:05: 0609 0011h"):
         bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,), event_timer=100)))
     with pytest.raises(SdoAbort, match="0601 0002h"):
-        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,)), manner=PdoManner(mapping="variable")))
+        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,)), manner=PdoConfigPolicy(mapping="variable")))
     with pytest.raises(SdoAbort):
         bus.run(read_pdo(5, "RPDO", 1))
     assert bus.run(read_pdo(5, "TPDO", 2)).multiplexed == "DAM"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barewire.canopen import Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.canopen import BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.conversation import Heard, Listen
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import Store
@@ -64,10 +64,12 @@ def test_the_server(beginning: str, weather: list[tuple[bytes, float]]) -> None:
 
 
 @pytest.mark.parametrize("downloads", [False, True])
-@pytest.mark.parametrize("block", [False, Block(size=4)])
+@pytest.mark.parametrize("block", [False, BlockSettings(size=4)])
 @modest
 @given(WEATHER, st.integers(0, 8))
-def test_the_client(block: bool | Block, downloads: bool, weather: list[tuple[bytes, float]], good: int) -> None:
+def test_the_client(
+    block: bool | BlockSettings, downloads: bool, weather: list[tuple[bytes, float]], good: int
+) -> None:
     """`good` turns with a real server, then anything."""
     store = Store()
     store.objects[0x2101, 0] = bytes(50)

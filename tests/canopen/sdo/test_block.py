@@ -7,9 +7,19 @@ from collections.abc import Iterator
 
 import pytest
 
-from barewire.canopen import AbortCode, Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload, upload_to
+from barewire.canopen import (
+    AbortCode,
+    BlockSettings,
+    CanFrame,
+    Channel,
+    SdoAbort,
+    SdoServer,
+    download,
+    upload,
+    upload_to,
+)
 from barewire.canopen.sdo import BlockAck, BlockEnded
-from barewire.canopen.sdo.aborts import Breach
+from barewire.canopen.sdo.aborts import ProtocolViolation
 from barewire.canopen.sdo.block_transfer import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.conversation import Conversation, Heard, Listen, last_words, play
@@ -45,9 +55,9 @@ def test_the_crc_at_the_end(data: bytes, crc: int) -> None:
     assert crc_hqx(data, 0) == crc
 
 
-@pytest.mark.parametrize("block", [False, True, Block(size=3), Block(crc=False)])
+@pytest.mark.parametrize("block", [False, True, BlockSettings(size=3), BlockSettings(crc=False)])
 @pytest.mark.parametrize("length", [*range(21), 21, 22, 889, 890, 4000])
-def test_every_length_there_and_back(length: int, block: bool | Block) -> None:
+def test_every_length_there_and_back(length: int, block: bool | BlockSettings) -> None:
     value, store, channel = counting(length), Store(), Channel(5)
     bus = Bus(SdoServer(5, store, blksize=127 if block is True else 5))
     pieces = [value[at : at + 5] for at in range(0, length, 5)]
@@ -148,7 +158,7 @@ def server(store: Store, downloads: bool) -> SdoServer:
 
 
 def moving(channel: Channel, block: bool, downloads: bool) -> Conversation[CanFrame, object]:
-    how = Block(size=3) if block else False
+    how = BlockSettings(size=3) if block else False
     return download(channel, 0x2100, 0, bytes(50), block=how) if downloads else upload(channel, 0x2100, block=how)
 
 
@@ -245,7 +255,7 @@ def test_a_sender_knows_the_last_word_when_it_comes_again() -> None:
     half.feed(None, 0.0)
     half.feed(BlockAck(6, 6), 0.0)
     assert numbers(half.feed(BlockAck(6, 6), 0.7)) == ["012a", "8231"]
-    with pytest.raises(Breach, match="segment 5 was acknowledged, and 2 were sent"):
+    with pytest.raises(ProtocolViolation, match="segment 5 was acknowledged, and 2 were sent"):
         half.feed(BlockAck(5, 6), 0.8)
 
 
@@ -254,7 +264,7 @@ def test_a_sender_does_not_begin_anew_for_ever() -> None:
     half.feed(None, 0.0)
     for _ in range(FUTILE_MAX):
         assert len(half.feed(BlockAck(0, 6), 0.5)) == 6
-    with pytest.raises(Breach, match="5 times nothing of a block arrived"):
+    with pytest.raises(ProtocolViolation, match="5 times nothing of a block arrived"):
         half.feed(BlockAck(0, 6), 0.5)
 
 
@@ -262,7 +272,7 @@ def test_a_sender_waits_so_long_and_no_longer() -> None:
     half = sender(5, 6)
     half.feed(None, 0.0)
     assert half.feed(None, 0.9) == []
-    with pytest.raises(Breach) as caught:
+    with pytest.raises(ProtocolViolation) as caught:
         half.feed(None, 1.0)
     assert caught.value.code == AbortCode.TIMED_OUT
 
@@ -287,7 +297,7 @@ def test_a_receiver_passes_over_what_does_not_follow() -> None:
 def test_a_receiver_tells_an_old_segment_from_another_block() -> None:
     half, _ = receiver()
     half.feed(segment(1, 1), 0.0)
-    with pytest.raises(Breach, match="segment 1 came again with other bytes"):
+    with pytest.raises(ProtocolViolation, match="segment 1 came again with other bytes"):
         half.feed(segment(1, 2), 0.0)
 
 
@@ -302,7 +312,7 @@ def test_a_receiver_says_after_silence_what_it_has() -> None:
     assert half.feed(None, 2.7) == [bytes.fromhex("A200020000000000")]
     assert half.feed(segment(1, 3), 2.8) == []
     assert half.feed(None, 3.5) == [bytes.fromhex("A201020000000000")]
-    with pytest.raises(Breach, match="no segment and no end within 1 s"):
+    with pytest.raises(ProtocolViolation, match="no segment and no end within 1 s"):
         half.feed(None, 3.8)
 
 
@@ -318,7 +328,7 @@ def test_a_receiver_does_not_listen_to_nonsense_for_ever() -> None:
     half, _ = receiver()
     for _ in range(STRAYS_MAX):
         assert half.feed(segment(3, 3), 0.0) == []
-    with pytest.raises(Breach, match="segments came out of turn"):
+    with pytest.raises(ProtocolViolation, match="segments came out of turn"):
         half.feed(segment(3, 3), 0.0)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from barewire.canopen import AZ3, AbortCode, Block, CanFrame, Channel, SdoAbort, download, fit, upload
+from barewire.canopen import AZ3, AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, download, fit, upload
 from barewire.conversation import Conversation, Heard, Listen, Send, last_words, play
 from barewire.errors import EncodeError, NoAnswer
 
@@ -291,7 +291,7 @@ def test_what_cannot_be_asked_is_said_at_once() -> None:
         download(5, 0x6041, 256, bytes(5))
     with pytest.raises(EncodeError, match="size"):
         download(5, 0x6041, 0, [], size=1 << 32)
-    for block in (Block(size=0), Block(size=128), Block(switch=256)):
+    for block in (BlockSettings(size=0), BlockSettings(size=128), BlockSettings(switch=256)):
         with pytest.raises(EncodeError):
             upload(5, 0x6041, block=block)
     with pytest.raises(EncodeError, match="speaks standard, not az3"):

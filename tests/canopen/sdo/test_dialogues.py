@@ -8,11 +8,11 @@ import pytest
 
 from barewire.canopen import (
     AbortCode,
-    Block,
+    BlockSettings,
     CanFrame,
     Channel,
-    Device,
     Entry,
+    LocalNode,
     ObjectDictionary,
     SdoAbort,
     SdoServer,
@@ -70,7 +70,7 @@ DIALOGUES = {
            S 0B 33 32""",
     ),
     "read in blocks without CRC": (
-        upload(5, 0x1000, block=Block(20, crc=False)),
+        upload(5, 0x1000, block=BlockSettings(20, crc=False)),
         bytes.fromhex("91010F00"),
         """C A0 00 10 00 14
            S C6 00 10 00 04
@@ -81,7 +81,7 @@ DIALOGUES = {
            C A1""",
     ),
     "read in blocks": (
-        upload(5, 0x1008, block=Block(20)),
+        upload(5, 0x1008, block=BlockSettings(20)),
         NAME.encode(),
         """C A4 08 10 00 14
            S C6 08 10 00 10
@@ -115,7 +115,7 @@ DIALOGUES = {
            S A1""",
     ),
     "write 10 bytes in a block, size not told": (
-        download(5, 0x2100, 0, b"0123456789", indicated=False, block=Block(crc=False)),
+        download(5, 0x2100, 0, b"0123456789", indicated=False, block=BlockSettings(crc=False)),
         None,
         """C C0 00 21 00
            S A4 00 21 00 7F
@@ -160,13 +160,13 @@ DIALOGUES = {
            S 20""",
     ),
     "a short value comes in one frame, if that is allowed": (
-        upload(5, 0x1000, block=Block(20, switch=4, falls_back=False)),
+        upload(5, 0x1000, block=BlockSettings(20, switch=4, falls_back=False)),
         bytes.fromhex("91010F00"),
         """C A4 00 10 00 14 04
            S 43 00 10 00 91 01 0F""",
     ),
     "a longer one in segments": (
-        upload(5, 0x1008, block=Block(20, switch=16, falls_back=False)),
+        upload(5, 0x1008, block=BlockSettings(20, switch=16, falls_back=False)),
         NAME.encode(),
         """C A4 08 10 00 14 10
            S 41 08 10 00 10
@@ -191,7 +191,7 @@ def test_our_client_and_our_server(name: str) -> None:
     assert (server.deadline, server.counters.aborts_said) == (None, 0)
 
 
-def say(server: SdoServer | Device, *texts: str, now: float = 0.0) -> list[str]:
+def say(server: SdoServer | LocalNode, *texts: str, now: float = 0.0) -> list[str]:
     """What the server says to frames, zeros behind them left out."""
     said = []
     for text in texts:
@@ -325,7 +325,7 @@ def test_a_server_without_blocks() -> None:
     assert bus.run(upload(5, 0x1008, block=True)) == NAME.encode()
     bus.run(download(5, 0x2100, 0, iter([b"0123", b"456789"]), block=True))
     assert server.objects.read(0x2100, 0) == b"0123456789"
-    for conversation in (upload(5, 0x1008, block=Block(falls_back=False)), refused_download()):
+    for conversation in (upload(5, 0x1008, block=BlockSettings(falls_back=False)), refused_download()):
         with pytest.raises(SdoAbort) as caught:
             bus.run(conversation)
         assert caught.value.code == AbortCode.COMMAND
@@ -333,11 +333,11 @@ def test_a_server_without_blocks() -> None:
 
 
 def refused_download() -> Conversation[CanFrame, None]:
-    return download(5, 0x2100, 0, b"0123456789", block=Block(falls_back=False))
+    return download(5, 0x2100, 0, b"0123456789", block=BlockSettings(falls_back=False))
 
 
 def test_a_stopped_device_forgets_its_transfer() -> None:
-    device = Device(5, objects())
+    device = LocalNode(5, objects())
     device.start(0.0)
     say(device, "40 08 10")
     assert device.sdo.deadline == 1.0
@@ -381,7 +381,7 @@ def test_a_server_that_answers_blocks_with_segments_unasked() -> None:
     turns = (("A4 08 10 00 7F", "41 08 10 00 02"), ("60", "0B 33 32"))
     assert scripted(upload(5, 0x1008, block=True), *turns)[0] == b"32"
     with pytest.raises(SdoAbort, match=r"0504 0001h .*an ordinary upload came") as caught:
-        scripted(upload(5, 0x1008, block=Block(falls_back=False)), turns[0], ("80 08 10 00 01 00 04 05",))
+        scripted(upload(5, 0x1008, block=BlockSettings(falls_back=False)), turns[0], ("80 08 10 00 01 00 04 05",))
     assert caught.value.why
 
 
@@ -421,7 +421,7 @@ def test_a_server_that_leaves_zeros_out() -> None:
         ("605#A202140000000000", f"585#D5{crc_hqx(data, 0).to_bytes(2, 'little').hex()}"),
         ("605#A100000000000000",),
     )
-    assert play(upload(channel, 0x2100, block=Block(20)), script)[0] == data
+    assert play(upload(channel, 0x2100, block=BlockSettings(20)), script)[0] == data
     assert (channel.heard.short, channel.heard.garbled) == (2, 1)
 
 

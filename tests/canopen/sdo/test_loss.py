@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import pytest
 
-from barewire.canopen import AbortCode, Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, Store, Weather
 
 VALUE = bytes((7 * place + 1) % 251 for place in range(63))
 BLKSIZE = 3
-BLOCK = Block(size=BLKSIZE)
+BLOCK = BlockSettings(size=BLKSIZE)
 TIMEOUT = 1.0
 
 
@@ -26,7 +26,7 @@ class Kind(NamedTuple):
 
     name: str
     downloads: bool
-    block: Block | bool
+    block: BlockSettings | bool
     lengths: tuple[int, ...]
     known: bool = True
 

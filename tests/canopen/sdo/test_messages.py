@@ -30,7 +30,7 @@ from barewire.canopen.sdo import (
     decode_answer,
     decode_request,
 )
-from barewire.canopen.sdo.messages.codec import Message, read
+from barewire.canopen.sdo.messages.codec import SdoMessage, read
 from barewire.errors import DecodeError, EncodeError, Refused
 
 
@@ -110,7 +110,7 @@ BLOCKS = [
 
 
 @pytest.mark.parametrize(("text", "message"), SEGMENTS + BLOCKS)
-def test_what_is_between_beginning_and_end_both_ways(text: str, message: Message) -> None:
+def test_what_is_between_beginning_and_end_both_ways(text: str, message: SdoMessage) -> None:
     assert message.encode() == raw(text)
     assert read(raw(text), (type(message),)) == message
 
@@ -135,7 +135,7 @@ def test_the_state_of_the_transfer_says_what_a_byte_means() -> None:
         (BlockEnd, "D5 F3"),
     ],
 )
-def test_bytes_that_are_missing(kind: type[Message], text: str) -> None:
+def test_bytes_that_are_missing(kind: type[SdoMessage], text: str) -> None:
     with pytest.raises(DecodeError) as caught:
         read(raw(text), (kind,))
     assert caught.value.reason == "short"
@@ -165,7 +165,7 @@ def test_there_is_no_segment_0(text: str) -> None:
         BlockDownloadInitiated(0x1008, 0, 0),
     ],
 )
-def test_segments_and_blocks_that_cannot_be_said(message: Message) -> None:
+def test_segments_and_blocks_that_cannot_be_said(message: SdoMessage) -> None:
     with pytest.raises(EncodeError):
         message.encode()
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen import Block, CanFrame, Channel, SdoAbort, SdoServer, download, upload
-from barewire.canopen.sdo.client.block_options import BlockWish
+from barewire.canopen import BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.canopen.sdo.client.block_options import BlockMode
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, Store
 
@@ -57,8 +57,8 @@ def world(seed: int) -> int:
     channel = Channel(5)
     known = {store.objects[0x2100, 0]}
     for _ in range(10):
-        block: BlockWish = dice.choice(
-            (False, True, "auto", Block(size=dice.choice((1, 2, 3)), switch=dice.choice((0, 30))))
+        block: BlockMode = dice.choice(
+            (False, True, "auto", BlockSettings(size=dice.choice((1, 2, 3)), switch=dice.choice((0, 30))))
         )
         timeout = dice.choice((0.3, 1.0))
         if dice.random() < 0.5:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import AbortCode, Device, Entry, ObjectDictionary, SdoAbort, read_object, standard_objects
+from barewire.canopen import AbortCode, Entry, LocalNode, ObjectDictionary, SdoAbort, read_object, standard_objects
 from barewire.canopen.sdo.client.typed_access import write_object
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
@@ -22,8 +22,8 @@ def entries() -> list[Entry]:
     ]
 
 
-def bus() -> tuple[VirtualBus, Device]:
-    bus, device = VirtualBus(), Device(5, ObjectDictionary(entries()))
+def bus() -> tuple[VirtualBus, LocalNode]:
+    bus, device = VirtualBus(), LocalNode(5, ObjectDictionary(entries()))
     bus.add(device, said=device.start(0.0))
     return bus, device
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from barewire.canopen import (
     AZ3,
-    Block,
+    BlockSettings,
     CanFrame,
     Channel,
-    Device,
     Entry,
+    LocalNode,
     LssAddress,
     LssSlave,
     LssState,
@@ -61,7 +61,7 @@ class Sender:
         return self.sync.feed(None, now) if frame is None else []
 
 
-def plain() -> Device:
+def plain() -> LocalNode:
     """A node with every kind of object and PDO."""
     objects = ObjectDictionary(
         [
@@ -72,7 +72,7 @@ def plain() -> Device:
             Entry(0x6001, 0, "alarm", "i16", "rw", 800, minimum=0, maximum=1500),
         ]
     )
-    return Device(PLAIN, objects, [Pdo("TPDO", 1, (0x60000010,), type=255)], lss=LssSlave(IDENTITY))
+    return LocalNode(PLAIN, objects, [Pdo("TPDO", 1, (0x60000010,), type=255)], lss=LssSlave(IDENTITY))
 
 
 def refused(conversation: Conversation[CanFrame, Any]) -> Conversation[CanFrame, SdoAbort]:
@@ -102,7 +102,7 @@ def recorded() -> tuple[tuple[float, CanFrame], ...]:
     bus.run(upload(channel, 0x1008, 0))
     bus.run(download(channel, 0x2100, 0, b"in segments, 26 bytes long"))
     bus.run(download(channel, 0x2100, 0, LONG, block=True))
-    bus.run(upload(channel, 0x2100, 0, block=Block(size=100)))
+    bus.run(upload(channel, 0x2100, 0, block=BlockSettings(size=100)))
     bus.run(upload(channel, 0x2101, 0))
     bus.run(refused(download(channel, 0x6001, 0, b"\x08\x07")))
     write = write_pdo(channel, Pdo("TPDO", 1, (0x60010010, 0x60000010), type=255))
@@ -126,7 +126,7 @@ def recorded() -> tuple[tuple[float, CanFrame], ...]:
     bus.run(switch_selective(IDENTITY))
     bus.run(inquire_address())
     bus.run(switch_global(LssState.WAITING))
-    fresh = Device(None, ObjectDictionary(), lss=LssSlave(NEW))
+    fresh = LocalNode(None, ObjectDictionary(), lss=LssSlave(NEW))
     bus.add(fresh, said=fresh.start(bus.now))
     bus.run(fastscan())
     bus.pass_time(1.5)

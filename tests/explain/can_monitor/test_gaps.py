@@ -8,7 +8,7 @@ from functools import cache
 
 import pytest
 
-from barewire.canopen import Block, CanFrame, Channel, ErrorFrame, SdoAbort, download, upload
+from barewire.canopen import BlockSettings, CanFrame, Channel, ErrorFrame, SdoAbort, download, upload
 from barewire.errors import NoAnswer
 from barewire.explain.can_monitor import Listener, in_words
 from barewire.explain.can_monitor.events import Event, Gap, Loss, NodeEvent, Sync, Transfer, Violation
@@ -39,7 +39,7 @@ def block_down(bus: VirtualBus, channel: Channel) -> None:
 
 
 def block_up(bus: VirtualBus, channel: Channel) -> None:
-    bus.run(upload(channel, 0x1008, 0, block=Block(size=2)))
+    bus.run(upload(channel, 0x1008, 0, block=BlockSettings(size=2)))
 
 
 KINDS = [expedited, segments_up, segments_down, block_down, block_up]

@@ -7,7 +7,17 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from barewire.canopen import CanFrame, Device, Entry, ErrorFrame, FdFrame, LssAddress, LssSlave, ObjectDictionary, Pdo
+from barewire.canopen import (
+    CanFrame,
+    Entry,
+    ErrorFrame,
+    FdFrame,
+    LocalNode,
+    LssAddress,
+    LssSlave,
+    ObjectDictionary,
+    Pdo,
+)
 from barewire.canopen.communication_objects import standard_objects
 from barewire.errors import PortError
 from barewire.io.canopen.shared_bus import CanBus
@@ -70,10 +80,10 @@ def objects() -> ObjectDictionary:
     )
 
 
-def device(node: int | None = 5) -> Device:
+def device(node: int | None = 5) -> LocalNode:
     """With two PDOs and LSS."""
     pdos = [Pdo("RPDO", 1, (0x60400010, 0x60FF0020)), Pdo("TPDO", 1, (0x60410010, 0x60FF0020), type=1)]
-    return Device(node, objects(), pdos, lss=LssSlave(IDENTITY, store=lambda node, rate: True))
+    return LocalNode(node, objects(), pdos, lss=LssSlave(IDENTITY, store=lambda node, rate: True))
 
 
 @contextmanager

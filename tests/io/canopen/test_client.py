@@ -16,7 +16,7 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
-    Device,
+    LocalNode,
     LssAddress,
     LssState,
     NmtCommand,
@@ -28,7 +28,7 @@ from barewire.canopen import (
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
-from barewire.canopen.pdo.named_values import PdoHeard
+from barewire.canopen.pdo.named_values import PdoReceived
 from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeHeard
 from barewire.devices import load
@@ -69,7 +69,7 @@ def walk(tour: Tour, kind: str, url: str) -> None:
 
 
 @pytest.fixture
-def thing(request: pytest.FixtureRequest) -> Iterator[tuple[str, Device]]:
+def thing(request: pytest.FixtureRequest) -> Iterator[tuple[str, LocalNode]]:
     """A device on a bus of its own; the URL of a client for it."""
     node = device()
     channel = f"can://virtual/{request.node.name}"
@@ -81,7 +81,7 @@ KINDS = pytest.mark.parametrize("kind", ["blocking", "asyncio"])
 
 
 @KINDS
-def test_sdo(kind: str, thing: tuple[str, Device]) -> None:
+def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
         assert await get(client.upload(0x6041)) == bytes.fromhex("3706")
         await get(client.download(0x2001, 0, b"\x0b"))
@@ -112,7 +112,7 @@ def test_sdo(kind: str, thing: tuple[str, Device]) -> None:
 
 
 @KINDS
-def test_nmt_and_heartbeats(kind: str, thing: tuple[str, Device]) -> None:
+def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
         with client.heartbeats() as stream:
             await get(client.download(0x1017, 0, (20).to_bytes(2, "little")))
@@ -138,7 +138,7 @@ def test_nmt_and_heartbeats(kind: str, thing: tuple[str, Device]) -> None:
 
 
 @KINDS
-def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, Device]) -> None:
+def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
         with client.heartbeats({5: 0.05}) as stream:
             await get(client.send(CanFrame.parse("705#05")))  # somebody else's stream hears it: see below
@@ -156,7 +156,7 @@ def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, Device])
 
 
 @KINDS
-def test_emcy_sync_and_time(kind: str, thing: tuple[str, Device]) -> None:
+def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
     url, _ = thing
 
     async def tour(client: Any) -> None:
@@ -183,7 +183,7 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, Device]) -> None:
 
 
 @KINDS
-def test_node_guarding(kind: str, thing: tuple[str, Device]) -> None:
+def test_node_guarding(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
         told: list[GuardEvent] = []
 
@@ -212,7 +212,7 @@ def test_node_guarding(kind: str, thing: tuple[str, Device]) -> None:
 
 
 @KINDS
-def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, Device]) -> None:
+def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, LocalNode]) -> None:
     """Each of the three with another COB-ID, and an extended one whose number is that of the default."""
     url, node = thing
     sync, clock, emcy = (0x80, True), (0x100, True), (0x6B0, False)
@@ -230,9 +230,9 @@ def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, Device]
             assert (await get(errors.get(30.0))).message.code == 0x8210
             assert (await get(values.get(0.0)), node.time.last) == (None, None)
             await get(client.send_sync(key=sync))
-            assert isinstance(await get(values.get(30.0)), PdoHeard)
+            assert isinstance(await get(values.get(30.0)), PdoReceived)
             producer = client.start_sync(0.005, key=sync)
-            assert isinstance(await get(values.get(30.0)), PdoHeard)
+            assert isinstance(await get(values.get(30.0)), PdoReceived)
             producer.stop()
             await get(client.send_time(1709210096.789, key=clock))
             await get(client.upload(0x1000))
@@ -265,7 +265,7 @@ def open_side(url: str) -> CanBus:
 
 
 @KINDS
-def test_pdos_by_name(kind: str, thing: tuple[str, Device]) -> None:
+def test_pdos_by_name(kind: str, thing: tuple[str, LocalNode]) -> None:
     url, node = thing
 
     async def tour(client: Any) -> None:
@@ -278,7 +278,7 @@ def test_pdos_by_name(kind: str, thing: tuple[str, Device]) -> None:
             await get(client.send_pdo(rpdo, {"controlword": 15, "velocity": -25000}))
             await get(client.send_sync())
             event = await get(stream.get(30.0))
-            assert isinstance(event, PdoHeard)
+            assert isinstance(event, PdoReceived)
             assert event.values == {"velocity": -25000, "statusword": 0x0637}
         assert await get(client.upload(0x6040)) == b"\x0f\x00"
         with pytest.raises(EncodeError, match="'speed' is not in this PDO"):
@@ -308,7 +308,7 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
 
 
 @KINDS
-def test_who_is_there_and_anything_else(kind: str, thing: tuple[str, Device]) -> None:
+def test_who_is_there_and_anything_else(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
         asked: list[int] = []
         survey = await get(client.scan(range(1, 8), progress=lambda node, survey: asked.append(node)))

@@ -12,7 +12,7 @@ from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.io import CanopenClient
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Lost
+from barewire.io.canopen.subscriber import FramesLost
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 ANSWER = bytes.fromhex("4300100092010200")
@@ -68,7 +68,7 @@ def test_every_value_is_right() -> None:
         assert client.channel().total.garbled == 0
         assert client.channel().total.late > 0
         assert slow.lost > 0
-        assert any(isinstance(slow.get(0.0), Lost) for _ in range(2000))
+        assert any(isinstance(slow.get(0.0), FramesLost) for _ in range(2000))
         assert node.sdo.counters.aborts_said == 0
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.canopen import CanFrame, Device, Entry, ErrorFrame, NmtCommand, NmtState, ObjectDictionary, Pdo
+from barewire.canopen import CanFrame, Entry, ErrorFrame, LocalNode, NmtCommand, NmtState, ObjectDictionary, Pdo
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
@@ -26,10 +26,10 @@ BUS_OFF, RESTARTED = ErrorFrame(0x40, bytes(8)), ErrorFrame(0x100, bytes(8))
 PATIENCE = 30.0
 
 
-def thermometer() -> Device:
+def thermometer() -> LocalNode:
     """It has no heartbeat: nothing brings it to speak but its value."""
     objects = ObjectDictionary([*standard_objects(), Entry(0x6000, 0, "temperature", "i16", "ro", 215)])
-    return Device(5, objects, [Pdo("TPDO", 1, (0x60000010,))])
+    return LocalNode(5, objects, [Pdo("TPDO", 1, (0x60000010,))])
 
 
 def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:

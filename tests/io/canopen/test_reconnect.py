@@ -22,7 +22,7 @@ from barewire.io.canopen.event_stream import Frames, Stream
 from barewire.io.canopen.reconnect import LASTED, Reopening
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.socketcand import SocketcandHub
-from barewire.io.canopen.subscriber import Back, Gone
+from barewire.io.canopen.subscriber import BusDown, BusUp
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.backoff import BackOff
 from barewire.io.ports.python_can import GARBLED_MAX, CanPort
@@ -78,9 +78,9 @@ def test_streams_are_told_and_go_on() -> None:
     with adapter.bus() as bus, Stream(bus, Frames(), {(0x80, False)}) as stream:
         adapter.port.come(frame("080#01"), UNPLUGGED)
         assert stream.get(30.0) == frame("080#01")
-        assert stream.get(30.0) == Gone("the adapter was unplugged")
+        assert stream.get(30.0) == BusDown("the adapter was unplugged")
         back = stream.get(30.0)
-        assert isinstance(back, Back)
+        assert isinstance(back, BusUp)
         assert back.after > 0
         assert [port.closed for port in adapter.ports] == [True, False]
         adapter.port.come(frame("080#02"))
@@ -137,14 +137,14 @@ def test_with_asyncio() -> None:
                     adapter.port.come(UNPLUGGED)
                     with pytest.raises(PortError, match="unplugged"):
                         await silent
-                    assert await stream.get(30.0) == Gone("the adapter was unplugged")
+                    assert await stream.get(30.0) == BusDown("the adapter was unplugged")
                     with pytest.raises(PortError, match="unplugged"):
                         await client.at(timeout=0.01).upload(0x1000)
                     asking = [asyncio.create_task(client.upload(0x6041)) for _ in range(20)]
                     await asyncio.sleep(0)
                     adapter.may_open.set()
                     assert await asyncio.gather(*asking) == [b"\x37\x06"] * 20
-                    assert isinstance(await stream.get(30.0), Back)
+                    assert isinstance(await stream.get(30.0), BusUp)
 
     asyncio.run(main())
 
@@ -154,13 +154,13 @@ def test_whoever_comes_while_the_bus_is_gone() -> None:
     adapter.may_open.clear()
     with adapter.bus() as bus, Stream(bus, Frames(), None) as first:
         adapter.port.come(UNPLUGGED)
-        until(first, Gone)
+        until(first, BusDown)
         with pytest.raises(PortError, match="unplugged"):
             bus.send(frame("080#"))
         with Stream(bus, Frames(), None) as second:
-            assert second.get(0.0) == Gone("the adapter was unplugged")
+            assert second.get(0.0) == BusDown("the adapter was unplugged")
             adapter.may_open.set()
-            assert isinstance(second.get(30.0), Back)
+            assert isinstance(second.get(30.0), BusUp)
 
 
 def test_closed_in_the_middle_of_a_pause() -> None:
@@ -169,7 +169,7 @@ def test_closed_in_the_middle_of_a_pause() -> None:
     bus = adapter.bus()
     stream = Stream(bus, Frames(), None)
     adapter.port.come(UNPLUGGED)
-    until(stream, Gone)
+    until(stream, BusDown)
     reopening = bus._reopening
     assert reopening is not None
     while reopening.back_off.why != "no such adapter":
@@ -256,9 +256,9 @@ def test_a_socketcand_server_that_is_restarted() -> None:
         with open_canopen(url) as client, open_canopen(url) as other, other.host(device()), client.frames() as stream:
             assert client.upload(0x6041) == b"\x37\x06"
             hub.close()
-            assert until(stream, Gone).why.endswith("the server hung up")
+            assert until(stream, BusDown).why.endswith("the server hung up")
             hub = SocketcandHub("127.0.0.1", place)
-            until(stream, Back)
+            until(stream, BusUp)
             other.bus.wait_open(30.0)
             assert client.upload(0x6041) == b"\x37\x06"
     finally:
@@ -350,9 +350,9 @@ def test_a_serial_adapter_that_is_plugged_out_and_in_again(tmp_path: Path) -> No
             adapter.say(b"t12320102\r")
             assert stream.get(30.0) == frame("123#0102")
             adapter.close()
-            until(stream, Gone)
+            until(stream, BusDown)
             adapter = Slcan(tmp_path / "can")
-            until(stream, Back)
+            until(stream, BusUp)
             adapter.say(b"t12320304\r")
             assert stream.get(30.0) == frame("123#0304")
     finally:

@@ -11,10 +11,10 @@ import pytest
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io import CanopenClient
-from barewire.io.canopen.async_bus import AsyncStream, AsyncTap
+from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber
 from barewire.io.canopen.event_stream import Frames, Stream
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Lost, Tap
+from barewire.io.canopen.subscriber import FramesLost, Subscriber
 from tests.io.canopen.memory_bus import MemoryPort, device, memory_bus
 
 BUS_OFF = ErrorFrame(0x40, bytes(8))
@@ -26,8 +26,8 @@ def frame(text: str) -> CanFrame:
 
 def test_frames_go_to_who_wants_their_identifier_and_kind() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, Tap(bus, {(0x585, False)}) as ours, Tap(bus, {(0x585, True)}) as foreign:
-        with Tap(bus, None) as everything:
+    with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}) as ours, Subscriber(bus, {(0x585, True)}) as foreign:
+        with Subscriber(bus, None) as everything:
             texts = ["585#01", "00000585#02", "586#03", "585#R1"]
             port.come(*map(frame, texts))
             assert [str(everything.receive(30.0)) for _ in texts] == texts
@@ -37,7 +37,7 @@ def test_frames_go_to_who_wants_their_identifier_and_kind() -> None:
 
 
 def test_what_one_sends_the_others_on_the_bus_object_hear() -> None:
-    with memory_bus() as bus, Tap(bus, None) as one, Tap(bus, {(0x80, False)}) as other:
+    with memory_bus() as bus, Subscriber(bus, None) as one, Subscriber(bus, {(0x80, False)}) as other:
         one.send(frame("080#"))
         assert (one.receive(0.0), other.receive(30.0)) == (None, frame("080#"))
 
@@ -49,15 +49,15 @@ def test_a_slow_hearer_is_told_what_it_lost_and_where() -> None:
         assert stream.get(30.0) == CanFrame(0x100, b"\0")
         bus.send(CanFrame(0x100, b"\x09"))
         rest = [stream.get(30.0) for _ in range(4)]
-        assert rest == [CanFrame(0x100, b"\1"), CanFrame(0x100, b"\2"), Lost(2), CanFrame(0x100, b"\x09")]
+        assert rest == [CanFrame(0x100, b"\1"), CanFrame(0x100, b"\2"), FramesLost(2), CanFrame(0x100, b"\x09")]
         for number in range(4):
             bus.send(CanFrame(0x100, bytes([number])))
-        assert [stream.get(30.0) for _ in range(4)][3] == Lost(1)
+        assert [stream.get(30.0) for _ in range(4)][3] == FramesLost(1)
         assert (stream.get(0.0), stream.lost) == (None, 3)
 
 
 def test_a_conversation_loses_as_if_on_the_bus_and_counts() -> None:
-    with memory_bus() as bus, Tap(bus, None, room=2) as tap:
+    with memory_bus() as bus, Subscriber(bus, None, room=2) as tap:
         for number in range(5):
             bus.send(CanFrame(0x100, bytes([number])))
         assert [tap.receive(0.0) for _ in range(3)] == [CanFrame(0x100, b"\0"), CanFrame(0x100, b"\1"), None]
@@ -66,7 +66,7 @@ def test_a_conversation_loses_as_if_on_the_bus_and_counts() -> None:
 
 def test_an_error_says_what_the_conversation_could_not_know() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, Tap(bus, {(0x585, False)}, room=1) as tap:
+    with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}, room=1) as tap:
         for _ in range(3):
             bus.send(frame("585#80"))
         error = NoAnswer("nobody")
@@ -77,7 +77,7 @@ def test_an_error_says_what_the_conversation_could_not_know() -> None:
 def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, Stream(bus, Frames(), {(0x1, False)}) as one, Stream(bus, Frames(), None) as two:
-        with Tap(bus, None) as conversation:
+        with Subscriber(bus, None) as conversation:
             fd = FdFrame(0x585, bytes(12))
             port.come(BUS_OFF, fd, frame("001#"))
             assert [one.get(30.0), one.get(30.0), one.get(30.0)] == [BUS_OFF, fd, frame("001#")]
@@ -108,7 +108,7 @@ def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
             thread.join(10.0)
         assert ends == ["the adapter was unplugged"] * 3
         assert frame("080#") in (stream.get(30.0), stream.get(30.0))
-        for late in (lambda: stream.get(30.0), lambda: Tap(bus, None), lambda: bus.send(frame("080#"))):
+        for late in (lambda: stream.get(30.0), lambda: Subscriber(bus, None), lambda: bus.send(frame("080#"))):
             with pytest.raises(PortError, match="the adapter was unplugged"):
                 late()
 
@@ -135,7 +135,10 @@ def test_closing_ends_the_reader_and_who_iterates() -> None:
 
 def test_a_watcher_is_told_of_both_directions() -> None:
     port, seen = MemoryPort(), []
-    with CanBus(port, watch=lambda direction, item: seen.append((direction, str(item)))) as bus, Tap(bus, None) as tap:
+    with (
+        CanBus(port, watch=lambda direction, item: seen.append((direction, str(item)))) as bus,
+        Subscriber(bus, None) as tap,
+    ):
         tap.send(frame("605#4000100000000000"))
         port.come(frame("585#4300100092010200"))
         assert tap.receive(30.0) is not None
@@ -147,7 +150,7 @@ def test_a_watcher_that_fails_is_no_silence() -> None:
         raise ValueError("full")
 
     port = MemoryPort()
-    with CanBus(port, watch=watch) as bus, Tap(bus, None) as tap:
+    with CanBus(port, watch=watch) as bus, Subscriber(bus, None) as tap:
         port.come(frame("080#"))
         with pytest.raises(PortError, match="reading memory ended: ValueError: full"):
             tap.receive(10.0)
@@ -167,7 +170,7 @@ def test_a_talk_inside_a_talk_on_one_channel_is_told_and_does_not_hang() -> None
 
 def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Tap(bus, None) as tap:
+    with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Subscriber(bus, None) as tap:
         port.come(frame("705#7F"))
         tap.receive(30.0)
         with pytest.raises(NoAnswer, match=r"node 5 last heard 0.\S+ s ago, pre-operational, 0 frames on 585h"):
@@ -176,7 +179,7 @@ def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
 
 def test_an_asyncio_tap_is_woken_once_and_hears_all() -> None:
     async def main(bus: CanBus, port: MemoryPort) -> None:
-        with AsyncTap(bus, None) as tap, AsyncStream(bus, Frames(), None) as stream:
+        with AsyncSubscriber(bus, None) as tap, AsyncStream(bus, Frames(), None) as stream:
             waiting = asyncio.create_task(tap.receive(10.0))
             await asyncio.sleep(0)
             port.come(*(CanFrame(number) for number in range(1, 100)))
@@ -220,7 +223,7 @@ def test_whoever_sends_to_a_full_controller_waits_for_room() -> None:
             return True
 
     async def main(bus: CanBus) -> None:
-        with AsyncTap(bus, None) as tap:
+        with AsyncSubscriber(bus, None) as tap:
             tap.write(frame("080#01"))
             tap.write(frame("080#02"))
             await tap.sent()

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barewire.io.endpoint import Endpoint
-from barewire.io.server.connection_limits import Guests
+from barewire.io.server.connection_limits import ConnectionTable
 from tests.helpers import modest
 
 
 class Fake:
     """A connection. Hung up on it tells so, as that of the thread does; that of asyncio says nothing then."""
 
-    def __init__(self, name: str, all_of_them: Guests[Fake], tells: bool = True) -> None:
+    def __init__(self, name: str, all_of_them: ConnectionTable[Fake], tells: bool = True) -> None:
         self.peer, self.was_answered, self.aborted = name, False, 0
         self._all, self._tells = all_of_them, tells
 
@@ -25,11 +25,11 @@ class Fake:
             self._all.left(self)
 
 
-def guests(**options: object) -> Guests[Fake]:
-    return Guests(Endpoint.parse("tcp://host?" + "&".join(f"{key}={value}" for key, value in options.items())))
+def guests(**options: object) -> ConnectionTable[Fake]:
+    return ConnectionTable(Endpoint.parse("tcp://host?" + "&".join(f"{key}={value}" for key, value in options.items())))
 
 
-def came(found: Guests[Fake], *names: str, now: float = 0.0) -> list[Fake]:
+def came(found: ConnectionTable[Fake], *names: str, now: float = 0.0) -> list[Fake]:
     """New ones, each a second later than the last."""
     made = [Fake(name, found) for name in names]
     for place, guest in enumerate(made):
@@ -37,7 +37,7 @@ def came(found: Guests[Fake], *names: str, now: float = 0.0) -> list[Fake]:
     return made
 
 
-def here(found: Guests[Fake]) -> str:
+def here(found: ConnectionTable[Fake]) -> str:
     return "".join(guest.peer for guest in found.connections)
 
 

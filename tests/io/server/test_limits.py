@@ -21,9 +21,9 @@ from barewire.errors import EncodeError
 from barewire.io import open_async, open_host, serve
 from barewire.io.endpoint import Endpoint
 from barewire.io.server.asyncio_stream import StreamServer
-from barewire.io.server.connection_limits import Guests
+from barewire.io.server.connection_limits import ConnectionTable
 from barewire.io.server.tcp import TcpHost
-from barewire.modbus import Authorisation, Table
+from barewire.modbus import Authorization, Table
 from barewire.rtu import encode as rtu_frame
 from tests.helpers import refused
 
@@ -47,7 +47,7 @@ class Serving(NamedTuple):
     """A server at work, as far as its limits are concerned."""
 
     port: int
-    guests: Guests[Any]
+    guests: ConnectionTable[Any]
 
 
 @contextlib.asynccontextmanager
@@ -278,7 +278,7 @@ def test_a_host_that_nobody_started_gives_its_port_back(scheme: str) -> None:
 def test_who_may_do_what_holds_where_nobody_has_a_role_too() -> None:
     """A table of roles on a connection without TLS: nobody has a role. It is said when the server is made; later it
     would be too late for some."""
-    nobody = Authorisation.parse('{"Viewer": [{}]}')
+    nobody = Authorization.parse('{"Viewer": [{}]}')
 
     async def talk() -> None:
         async with await serve("tcp://127.0.0.1:0", {1: Table()}, authorisation=nobody) as server:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barewire.modbus.client.fair_queue import Ticket, Turns
+from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from tests.helpers import modest
 
 
-def order(turns: Turns, tickets: dict[Ticket, str]) -> str:
+def order(turns: FairQueue, tickets: dict[Ticket, str]) -> str:
     """Who gets a turn, one after the other."""
     found = ""
     while holders := turns.holders:
@@ -20,7 +20,7 @@ def order(turns: Turns, tickets: dict[Ticket, str]) -> str:
 
 
 def test_round_about_by_unit_and_in_order_within_one() -> None:
-    turns = Turns()
+    turns = FairQueue()
     first = turns.join(9)
     tickets = {turns.join(unit): name for unit, name in [(1, "a"), (1, "b"), (1, "c"), (1, "d"), (2, "e"), (3, "f")]}
     tickets[turns.join(3)] = "g"
@@ -29,7 +29,7 @@ def test_round_about_by_unit_and_in_order_within_one() -> None:
 
 
 def test_whoever_gives_up_keeps_nobody_waiting() -> None:
-    turns = Turns()
+    turns = FairQueue()
     holder, waiting, gone = turns.join(1), turns.join(2), turns.join(2)
     turns.leave(gone)
     turns.leave(gone)  # twice is once
@@ -44,7 +44,7 @@ def test_whoever_gives_up_keeps_nobody_waiting() -> None:
 def test_never_more_than_there_are_places_and_everybody_gets_a_turn(
     places: int, units: list[int], data: st.DataObject
 ) -> None:
-    turns = Turns(places)
+    turns = FairQueue(places)
     waiting = [turns.join(unit) for unit in units]
     had: set[Ticket] = set()
     while waiting:
@@ -60,7 +60,7 @@ def test_never_more_than_there_are_places_and_everybody_gets_a_turn(
 
 
 def test_without_a_ticket_nobody_is_overtaken() -> None:
-    turns = Turns()
+    turns = FairQueue()
     assert turns.enter(1)
     assert not turns.enter(1)
     waiting = turns.join(1)
@@ -78,7 +78,7 @@ def test_without_a_ticket_nobody_is_overtaken() -> None:
 @modest
 @given(places=st.integers(1, 4), steps=st.lists(st.tuples(st.booleans(), st.integers(1, 3)), max_size=60))
 def test_with_and_without_tickets_there_are_as_many_places(places: int, steps: list[tuple[bool, int]]) -> None:
-    turns = Turns(places)
+    turns = FairQueue(places)
     entered, tickets = 0, list[Ticket]()
     for arrives, unit in steps:
         if arrives and turns.enter(unit):

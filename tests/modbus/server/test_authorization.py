@@ -8,7 +8,7 @@ import pytest
 
 from barewire.errors import EncodeError
 from barewire.modbus import (
-    Authorisation,
+    Authorization,
     Diagnostics,
     MaskWriteRegister,
     ReadHoldingRegisters,
@@ -22,7 +22,7 @@ from barewire.modbus import (
 )
 from tests.helpers import refused
 
-TABLE = Authorisation.parse(
+TABLE = Authorization.parse(
     """{"Viewer": [{"functions": [3, 4, 17]}],
         "Operator": [{"functions": [3]}, {"functions": [6, 15, 16, 22, 23], "units": "1-3,7", "addresses": "10-19,30"}],
         "Engineer": [{}],
@@ -89,4 +89,4 @@ def test_what_is_permitted(role: str | None, unit: int, request_: Request[Any], 
 )
 def test_a_table_that_is_none(text: str, said: str) -> None:
     with refused(EncodeError, said):
-        Authorisation.parse(text)
+        Authorization.parse(text)

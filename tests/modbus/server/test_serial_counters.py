@@ -8,7 +8,6 @@ from barewire.ascii import AsciiLine
 from barewire.ascii import decode as ascii_decode
 from barewire.ascii import encode as ascii_frame
 from barewire.modbus import (
-    Counters,
     Diagnostics,
     GetCommEventCounter,
     GetCommEventCounterResponse,
@@ -18,6 +17,7 @@ from barewire.modbus import (
     ReadHoldingRegisters,
     ReadWriteMultipleRegisters,
     Response,
+    SerialCounters,
     Server,
     Table,
     Unit,
@@ -130,7 +130,7 @@ def test_overruns_are_told_by_the_port_and_cleared_alone() -> None:
 
 
 def test_counters_wrap() -> None:
-    counters = Counters()
+    counters = SerialCounters()
     for _ in range(0x10000):
         counters.frame()
     assert counters.bus_messages == 0
@@ -170,7 +170,7 @@ def test_the_event_counter_counts_what_was_carried_out() -> None:
 
 
 def test_the_status_word_says_busy_when_its_owner_does() -> None:
-    counters = Counters()
+    counters = SerialCounters()
     counters.is_busy = True
     assert counters.answer(GetCommEventCounter()) == GetCommEventCounterResponse(0xFFFF, 0)
     answer = counters.answer(GetCommEventLog())
@@ -379,5 +379,5 @@ def test_on_tcp_there_are_no_counters() -> None:
 
 def test_other_requests_are_not_for_counters() -> None:
     with pytest.raises(ModbusException) as caught:
-        Counters().answer(ReadWriteMultipleRegisters(0, 1, 0, (1,)))
+        SerialCounters().answer(ReadWriteMultipleRegisters(0, 1, 0, (1,)))
     assert caught.value.code == 1

@@ -24,7 +24,7 @@ def _ignore() -> None:
     """Nobody waits."""
 
 
-class Claim:
+class ChannelLock:
     """One talk's place in the line. `keys` None is everything; `wake` is called when it may go ahead after waiting."""
 
     __slots__ = ("going", "keys", "owner", "wake")
@@ -35,17 +35,17 @@ class Claim:
         self.wake = wake
         self.going = False
 
-    def meets(self, other: Claim) -> bool:
+    def meets(self, other: ChannelLock) -> bool:
         """Whether the two want something of the same."""
         if self.keys is None or other.keys is None:
             return (self.keys is None or bool(self.keys)) and (other.keys is None or bool(other.keys))
         return not self.keys.isdisjoint(other.keys)
 
 
-class Claims:
+class ChannelLocks:
     """The line.
 
-    >>> claims = Claims()
+    >>> claims = ChannelLocks()
     >>> first, second, other = (claims.join(frozenset({node})) for node in (5, 5, 6))
     >>> first.going, second.going, other.going
     (True, False, True)
@@ -57,18 +57,18 @@ class Claims:
     __slots__ = ("_line",)
 
     def __init__(self) -> None:
-        self._line: dict[Claim, None] = {}  # in the order in which they came
+        self._line: dict[ChannelLock, None] = {}  # in the order in which they came
 
     def __len__(self) -> int:
         return len(self._line)
 
-    def join(self, keys: Keys | None, owner: Hashable = None, wake: Callable[[], None] = _ignore) -> Claim:
+    def join(self, keys: Keys | None, owner: Hashable = None, wake: Callable[[], None] = _ignore) -> ChannelLock:
         """Stand in the line. Whoever joins leaves, whether it went ahead or gave up before.
 
         `owner` is who talks, if that is known: EncodeError if it holds already what it would wait for, because then
         it would wait for itself.
         """
-        claim = Claim(keys, owner, wake)
+        claim = ChannelLock(keys, owner, wake)
         going = True
         for older in self._line:
             if older.meets(claim):
@@ -79,7 +79,7 @@ class Claims:
         self._line[claim] = None
         return claim
 
-    def leave(self, claim: Claim) -> None:
+    def leave(self, claim: ChannelLock) -> None:
         """The talk is over, or no longer wanted: whoever waited for it only goes ahead."""
         self._line.pop(claim, None)
         taken: set[Hashable] = set()

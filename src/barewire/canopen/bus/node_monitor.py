@@ -33,10 +33,10 @@ class Mark(NamedTuple):
     extended: int  # with the number of the answer identifier
 
 
-class Presence:
+class NodeMonitor:
     """Listens to everybody. A machine without events: it is asked.
 
-    >>> presence = Presence()
+    >>> presence = NodeMonitor()
     >>> mark = presence.mark(0x585)
     >>> presence.feed(CanFrame.parse("705#7F"), 1.0)
     []

@@ -21,7 +21,7 @@ TIME_HEARD = 0x8000_0100
 HISTORY = 16
 
 
-class DeviceEars:
+class DeviceConsumers:
     """TIME and the emergencies of others, as a device hears them. `follow` obeys the objects. A machine."""
 
     __slots__ = ("emergencies", "objects", "time")

@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable
 
 from barewire.canopen.cob_ids import NODE_MAX, check_node
-from barewire.canopen.device.consumers import DeviceEars
+from barewire.canopen.device.consumers import DeviceConsumers
 from barewire.canopen.device.error_control import HEARTBEAT_ERROR, ErrorControl, guard_consumer_entries
 from barewire.canopen.device.sdo_channels import FurtherServers, guard_channels
 from barewire.canopen.device.storage import StoredParameters
@@ -55,11 +55,11 @@ FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x10
 _PAST, _NEVER = float("-inf"), -1
 
 
-class Device:
+class LocalNode:
     """One node. A machine: frames and time in, frames out.
 
     >>> from barewire.canopen.object_dictionary import Entry
-    >>> device = Device(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
+    >>> device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
     >>> [str(frame) for frame in device.start(0.0)], device.deadline
     (['705#00'], 1.0)
     >>> [str(frame) for frame in device.feed(CanFrame.parse("605#4017100000000000"), 0.5)]
@@ -95,7 +95,7 @@ class Device:
             lss.silence = self._be_silent
         self.stored = StoredParameters(objects)
         self.sync = DeviceSync(objects)
-        self.ears = DeviceEars(objects)
+        self.ears = DeviceConsumers(objects)
         guard_sync_objects(objects)
         guard_consumer_entries(objects)
         guard_channels(objects)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from barewire.canopen.bus.node_monitor import Presence
+from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.cob_ids import NODE_MAX, CobEntry, cob_id
 from barewire.canopen.communication_objects import change, guard, guard_cob_id, number
 from barewire.canopen.frame import CanFrame
@@ -62,7 +62,7 @@ def _pair(objects: ObjectDictionary, index: int) -> Pair | None:
 
 
 def client_channel(
-    objects: ObjectDictionary, client: int = 1, dialect: Dialect = STANDARD, *, presence: Presence | None = None
+    objects: ObjectDictionary, client: int = 1, dialect: Dialect = STANDARD, *, presence: NodeMonitor | None = None
 ) -> Channel:
     """The channel of SDO client number `client` of a dictionary: for a device that asks others.
 

@@ -38,7 +38,7 @@ OK, OUT_OF_RANGE, NO_STORAGE = 0, 1, 2
 _PARTS = (0x40, 0x41, 0x42, 0x43)
 _LIMITS = (0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B)
 
-Store = Callable[[int | None, int | None], bool]
+StoreConfiguration = Callable[[int | None, int | None], bool]
 """Keeps (node-ID, entry of the bit rate table) for the next power-on; False if that fails."""
 
 
@@ -64,7 +64,7 @@ class LssSlave:
         address: LssAddress,
         node: int | None = None,
         *,
-        store: Store | None = None,
+        store: StoreConfiguration | None = None,
         rates: frozenset[int] = frozenset({*BIT_RATES, AUTOMATIC_BIT_RATE}),
         on_bit_timing: Callable[[int | None, float], None] | None = None,
     ) -> None:

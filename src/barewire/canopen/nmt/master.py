@@ -20,7 +20,7 @@ from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, NoAnswer
 
 
-class Obeyed(NamedTuple):
+class NmtConfirmation(NamedTuple):
     """A node that is where the command led it: the state it told, and how many seconds after the command."""
 
     node: int
@@ -35,7 +35,7 @@ def tell_nmt(
     confirmed_by: Iterable[int] | None = None,
     timeout: float = 2.0,
     ask_every: float | None = None,
-) -> Conversation[CanFrame, list[Obeyed]]:
+) -> Conversation[CanFrame, list[NmtConfirmation]]:
     """Command a node, or with 0 all of them, and wait until every node of `confirmed_by` says that it is there.
 
     Without `confirmed_by` that is the node itself, and nobody for a command to all. An empty one waits for nothing.
@@ -45,13 +45,13 @@ def tell_nmt(
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.1, CanFrame.parse("705#7F")), (now + 0.6, CanFrame.parse("705#05"))]
     >>> play(tell_nmt(NmtCommand.START, 5), node)[0]
-    [Obeyed(node=5, state=5, after=0.6)]
+    [NmtConfirmation(node=5, state=5, after=0.6)]
 
     Raises NoAnswer with the last word of each node that did not confirm.
     """
     waiting = {check_node(number): "" for number in (confirmed_by if confirmed_by is not None else [node] * (node > 0))}
     sent: Heard[CanFrame] = yield Send(NmtMessage(command, node).encode())
-    obeyed: list[Obeyed] = []
+    obeyed: list[NmtConfirmation] = []
     frames = 0
     until = sent.now + timeout
     asking = float("inf") if ask_every is None else sent.now + ask_every
@@ -64,7 +64,7 @@ def tell_nmt(
                 waiting[told.node] = f"its last word was {told.name}, {heard.now - sent.now:.3g} s after the command"
                 if told.state == LEADS_TO[command]:
                     del waiting[told.node]
-                    obeyed.append(Obeyed(told.node, told.state, heard.now - sent.now))
+                    obeyed.append(NmtConfirmation(told.node, told.state, heard.now - sent.now))
         if heard.now >= until and waiting:
             raise NoAnswer(_missing(command, waiting, timeout, frames))
         if heard.now >= asking:

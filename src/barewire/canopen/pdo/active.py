@@ -1,6 +1,6 @@
 """One PDO as its records say now, and what it is in the middle of.   [CiA 301, PDO]
 
-The records (see `pdo_records`) are read once; when one of them is written, the engine makes a new `LivePdo`.
+The records (see `pdo_records`) are read once; when one of them is written, the engine makes a new `ActivePdo`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from barewire.codecs import Value
 from barewire.errors import BarewireError
 
 
-class LivePdo:
+class ActivePdo:
     """One PDO at work."""
 
     __slots__ = ("cob", "event_timer", "heard_at", "held", "inhibit", "into", "is_on", "is_tpdo", "key", "mapping",

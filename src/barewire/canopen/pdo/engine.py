@@ -28,7 +28,7 @@ from barewire.canopen.cob_ids import SYNC_KEY
 from barewire.canopen.emcy.producer import EmcyProducer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.active import LivePdo
+from barewire.canopen.pdo.active import ActivePdo
 from barewire.canopen.pdo.config import RTR_AT_SYNC, Pdo, add_records
 from barewire.canopen.pdo.multiplexed import SIZE, Mpdo, MpdoIn
 from barewire.canopen.sync import sync_counter
@@ -61,7 +61,7 @@ class PdoEngine:
         self._refused = 0
         self._running = False
         self._synced_at: float | None = None
-        self._live: dict[Pdo, LivePdo] = {}
+        self._live: dict[Pdo, ActivePdo] = {}
         self._pdos_changed = True
         numbers = [(pdo.direction, pdo.number) for pdo in self.pdos]
         for direction, number in numbers:
@@ -82,10 +82,10 @@ class PdoEngine:
         return self._refused + sum(live.all_refused for live in self._live.values())
 
     @property
-    def live(self) -> Iterable[LivePdo]:
+    def live(self) -> Iterable[ActivePdo]:
         """Every PDO as configured now, in the order in which the device lists them."""
         if self._pdos_changed:
-            self._live = {pdo: self._live.get(pdo) or LivePdo(pdo, self.objects, self.node) for pdo in self.pdos}
+            self._live = {pdo: self._live.get(pdo) or ActivePdo(pdo, self.objects, self.node) for pdo in self.pdos}
             self._pdos_changed = False
         return self._live.values()
 
@@ -155,7 +155,7 @@ class PdoEngine:
                 live.held = frame.data[:size]
         return said
 
-    def _dispatch(self, live: LivePdo, into: MpdoIn, frame: CanFrame, now: float) -> list[CanFrame]:
+    def _dispatch(self, live: ActivePdo, into: MpdoIn, frame: CanFrame, now: float) -> list[CanFrame]:
         """A multiplexed RPDO: to where it says itself, or our list."""
         try:
             message = Mpdo.decode(frame)
@@ -185,7 +185,7 @@ class PdoEngine:
                 return self.feed(None, now)
         raise EncodeError(f"TPDO{number} is no DAM MPDO that is in use now")
 
-    def _judge(self, live: LivePdo, length: int, size: int, now: float) -> list[CanFrame]:
+    def _judge(self, live: ActivePdo, length: int, size: int, now: float) -> list[CanFrame]:
         """The errors that an RPDO of this length brings, and those that it takes away."""
         source = live.pdo.number
         wrong = TOO_SHORT if length < size else TOO_LONG if length > size else 0
@@ -227,6 +227,6 @@ class PdoEngine:
                 said.append(CanFrame(live.key[0], live.sent, live.key[1]))
         return said
 
-    def _send(self, live: LivePdo, now: float) -> CanFrame:
+    def _send(self, live: ActivePdo, now: float) -> CanFrame:
         live.sent, live.sent_at = live.next_data(), now
         return CanFrame(live.key[0], live.sent, live.key[1])

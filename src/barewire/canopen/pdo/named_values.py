@@ -73,7 +73,7 @@ def remote_pdo(
     return RemotePdo.of(channel.node, pdo, objects)
 
 
-class PdoHeard(NamedTuple):
+class PdoReceived(NamedTuple):
     """A PDO came. `values` is None if it has not the length that is mapped, and `why` says so."""
 
     source: RemotePdo
@@ -101,12 +101,12 @@ class PdoListener:
         """None: it waits for nothing but PDOs."""
         return None
 
-    def feed(self, frame: CanFrame | None, now: float) -> list[PdoHeard]:
+    def feed(self, frame: CanFrame | None, now: float) -> list[PdoReceived]:
         """The values, if the frame is one of these PDOs."""
         source = None if frame is None or frame.remote else self.sources.get(frame.key)
         if source is None or frame is None:
             return []
         try:
-            return [PdoHeard(source, source.mapping.unpack(frame.data), frame.data, now)]
+            return [PdoReceived(source, source.mapping.unpack(frame.data), frame.data, now)]
         except DecodeError as error:
-            return [PdoHeard(source, None, frame.data, now, error.text)]
+            return [PdoReceived(source, None, frame.data, now, error.text)]

@@ -10,9 +10,9 @@
 A multiplexed PDO (`mpdo`) has FEh or FFh in place of 4, no entries, and its type comes first: only 254 and 255 go with
 it.
 
-Not every device has the whole of it, and `PdoManner` says as data how one departs: a mapping that cannot be changed is
-compared instead of written; where a device wants the parameters before the mapping, they go there. What a device does
-not have (no :05, no :06) is not missed as long as it would be 0.
+Not every device has the whole of it, and `PdoConfigPolicy` says as data how one departs: a mapping that cannot be
+changed is compared instead of written; where a device wants the parameters before the mapping, they go there. What a
+device does not have (no :05, no :06) is not missed as long as it would be 0.
 
 If a step fails, the PDO is left off and the error says so: half a mapping is worse than none.
 """
@@ -42,7 +42,7 @@ _ABSENT = frozenset({AbortCode.NO_SUB, AbortCode.NO_OBJECT})
 _LOCKED = frozenset({AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS})
 
 
-class PdoManner(NamedTuple):
+class PdoConfigPolicy(NamedTuple):
     """How a device wants its PDOs configured.
 
     `mapping`: `variable`; `fixed`, so it is compared and not written; `try` writes, and compares if the device says
@@ -55,7 +55,7 @@ class PdoManner(NamedTuple):
     skip_equal: bool = False
 
 
-USUAL = PdoManner()
+USUAL = PdoConfigPolicy()
 
 
 def read_pdo(
@@ -83,7 +83,7 @@ def read_pdo(
 
 
 def write_pdo(
-    node: int | Channel, pdo: Pdo, *, manner: PdoManner = USUAL, timeout: float = 1.0
+    node: int | Channel, pdo: Pdo, *, manner: PdoConfigPolicy = USUAL, timeout: float = 1.0
 ) -> Conversation[CanFrame, None]:
     """Make a PDO of the device the one that is given. The device should be pre-operational.
 
@@ -97,7 +97,7 @@ def write_pdo(
 
 
 def _write_pdo(
-    channel: Channel, pdo: Pdo, entry: CobEntry, manner: PdoManner, timeout: float
+    channel: Channel, pdo: Pdo, entry: CobEntry, manner: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
     at = pdo.communication
     # Off with the identifier that it has: some devices do not take another one in the same step.
@@ -118,7 +118,7 @@ def _write_pdo(
         raise
 
 
-def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float) -> Conversation[CanFrame, None]:
+def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoConfigPolicy, timeout: float) -> Conversation[CanFrame, None]:
     if manner.skip_equal or manner.mapping == "fixed":
         has = yield from _read_mapping(channel, pdo, timeout)
         if has == (pdo.mapping, pdo.multiplexed):
@@ -140,7 +140,9 @@ def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float
         yield from _write(channel, pdo.map, 0, pdo.count, 1, timeout)
 
 
-def _write_parameters(channel: Channel, pdo: Pdo, manner: PdoManner, timeout: float) -> Conversation[CanFrame, None]:
+def _write_parameters(
+    channel: Channel, pdo: Pdo, manner: PdoConfigPolicy, timeout: float
+) -> Conversation[CanFrame, None]:
     wanted = {_TYPE: pdo.type, _INHIBIT: pdo.inhibit, _EVENT_TIMER: pdo.event_timer, _SYNC_START: pdo.sync_start}
     for sub, value in wanted.items():
         if manner.skip_equal:

@@ -33,9 +33,9 @@ from barewire.canopen.sdo.client.upload import upload, upload_to
 
 if TYPE_CHECKING:
     from barewire.canopen.sdo.aborts import AbortCode, SdoAbort, abort_text
-    from barewire.canopen.sdo.client.block_options import Block, BlockWish
+    from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings
     from barewire.canopen.sdo.client.channel import Channel
-    from barewire.canopen.sdo.client.channel_counters import Hearing
+    from barewire.canopen.sdo.client.channel_counters import ChannelCounters
     from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
     from barewire.canopen.sdo.messages.block import (
         BlockAck,
@@ -66,10 +66,10 @@ __all__ = [
     "upload",
     "upload_to",
     "download",
-    "Block",
-    "BlockWish",
+    "BlockSettings",
+    "BlockMode",
     "Channel",
-    "Hearing",
+    "ChannelCounters",
     "SdoServer",
     "ServerCounters",
     "ObjectStore",
@@ -113,12 +113,12 @@ _FILES = {
     ),
     "client.channel": "Channel",
     "dialect": "AZ3 STANDARD Dialect fit",
-    "client.channel_counters": "Hearing",
+    "client.channel_counters": "ChannelCounters",
     "messages.initiate": (
         "Abort DownloadInitiated ExpeditedDownload ExpeditedUpload InitiateDownload InitiateUpload UploadInitiated"
     ),
     "messages.codec": "decode_answer decode_request",
-    "client.block_options": "Block BlockWish",
+    "client.block_options": "BlockSettings BlockMode",
     "messages.segment": "NextSegment Segment SegmentTaken",
     "server.server": "SdoServer",
     "server.store": "ObjectStore ServerCounters",

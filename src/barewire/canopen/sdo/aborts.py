@@ -70,7 +70,7 @@ def abort_text(code: int) -> str:
     return f"{code >> 16:04X} {code & 0xFFFF:04X}h {_TEXTS.get(code, 'unknown abort code')}"
 
 
-class Breach(BarewireError):
+class ProtocolViolation(BarewireError):
     """What came, or did not come, breaks the rules, and this transfer is over: `code` is how to say so.
 
     Stays inside this room: the client turns it into SdoAbort or NoAnswer, the server into an abort message.

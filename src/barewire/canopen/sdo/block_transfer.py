@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from binascii import crc_hqx
 
-from barewire.canopen.sdo.aborts import AbortCode, Breach
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_segments import FRAME, joined, segments
 from barewire.canopen.sdo.messages.block import BLOCK_MAX, LAST, BlockAck, BlockEnd, BlockEnded
 from barewire.canopen.sdo.messages.codec import SenderHears
@@ -56,7 +56,9 @@ _STEP = 1 / 64
 def check_blksize(blksize: int) -> int:
     """The block size that the other side wants, or a Breach."""
     if not 1 <= blksize <= BLOCK_MAX:
-        raise Breach(AbortCode.BLOCK_SIZE, f"a block of {blksize} segments was wanted: there are 1 to {BLOCK_MAX}")
+        raise ProtocolViolation(
+            AbortCode.BLOCK_SIZE, f"a block of {blksize} segments was wanted: there are 1 to {BLOCK_MAX}"
+        )
     return blksize
 
 
@@ -100,7 +102,7 @@ class BlockSender:
         """What to say next. Raises Breach when the receiver broke the rules or is silent for too long."""
         if isinstance(heard, BlockEnded):
             if not self.ended:
-                raise Breach(AbortCode.COMMAND, "the receiver ended the transfer in the middle")
+                raise ProtocolViolation(AbortCode.COMMAND, "the receiver ended the transfer in the middle")
             self.over = True
             return []
         if heard is not None and not self.ended:
@@ -111,7 +113,7 @@ class BlockSender:
                 return [BlockEnd(unused, self._crc if self.with_crc else 0).encode()]
         if now >= self.deadline and self._said == len(self._block):
             what = "end" if self.ended else "block"
-            raise Breach(AbortCode.TIMED_OUT, f"no acknowledgement of the {what} within {self._timeout:g} s")
+            raise ProtocolViolation(AbortCode.TIMED_OUT, f"no acknowledgement of the {what} within {self._timeout:g} s")
         return self._say(now)
 
     def _say(self, now: float) -> list[bytes]:
@@ -128,7 +130,7 @@ class BlockSender:
         if ack.sequence > self._said:
             if ack != self._acknowledged:
                 text = f"segment {ack.sequence} was acknowledged, and {self._said} were sent"
-                raise Breach(AbortCode.SEQUENCE_NUMBER, text)
+                raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, text)
             # The last one again. If all of this block is out, the receiver has got nothing of it.
             if whole:
                 self._start_over()
@@ -147,7 +149,7 @@ class BlockSender:
     def _start_over(self) -> None:
         self._futile += 1
         if self._futile > FUTILE_MAX:
-            raise Breach(AbortCode.TIMED_OUT, f"{FUTILE_MAX} times nothing of a block arrived")
+            raise ProtocolViolation(AbortCode.TIMED_OUT, f"{FUTILE_MAX} times nothing of a block arrived")
         self._said = 0
 
 
@@ -242,21 +244,23 @@ class BlockReceiver:
         """A segment that is not the next one: an old one again, or one behind a gap."""
         sequence, last = data[0] & ~LAST, data[0] & LAST
         if not 1 <= sequence <= self._blksize:
-            raise Breach(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: there are 1 to {self._blksize}")
+            raise ProtocolViolation(
+                AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: there are 1 to {self._blksize}"
+            )
         self._strays += 1
         if self._strays > STRAYS_MAX:
-            raise Breach(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of turn")
+            raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of turn")
         parts = self._parts
         if sequence <= len(parts):
             if parts[sequence - 1][1:] != data[1:]:
-                raise Breach(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with other bytes")
+                raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with other bytes")
         elif parts and (last or sequence == self._blksize):
             return self._acknowledge()
         return []
 
     def _remind(self, now: float) -> list[bytes]:
         if self._reminded:
-            raise Breach(AbortCode.TIMED_OUT, f"no segment and no end within {self._timeout:g} s")
+            raise ProtocolViolation(AbortCode.TIMED_OUT, f"no segment and no end within {self._timeout:g} s")
         self._reminded = True
         self._stale = now
         self.deadline = now + self._late
@@ -273,13 +277,13 @@ class BlockReceiver:
         if 1 <= sequence <= len(parts) and parts[sequence - 1][1:] == data[1:]:
             return []  # a segment of the last block again
         if not BlockEnd.pattern.matches(data[0]) or len(data) < 3:
-            raise Breach(AbortCode.COMMAND, f"command {data[0]:02X}h came, and not the end of the transfer")
+            raise ProtocolViolation(AbortCode.COMMAND, f"command {data[0]:02X}h came, and not the end of the transfer")
         end = BlockEnd.decode(data)
         block = joined(parts)
         self._parts = []
         self._give_on(block[: len(block) - end.unused])
         if self.with_crc and end.crc != self._crc:
-            raise Breach(AbortCode.CRC, f"the CRC is {end.crc:04X}h, of what came it is {self._crc:04X}h")
+            raise ProtocolViolation(AbortCode.CRC, f"the CRC is {end.crc:04X}h, of what came it is {self._crc:04X}h")
         self._value.end()
         self.over = True
         return [_ENDED]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from barewire.canopen.sdo.aborts import AbortCode, Breach
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
 from barewire.errors import EncodeError
 
 LIMIT = 16 << 20
@@ -95,7 +95,7 @@ class Incoming:
         progress: Progress | None = None,
     ) -> None:
         if limit is not None and size is not None and size > limit:
-            raise Breach(AbortCode.OUT_OF_MEMORY, f"{size} bytes announced, the limit is {limit}")
+            raise ProtocolViolation(AbortCode.OUT_OF_MEMORY, f"{size} bytes announced, the limit is {limit}")
         self._sink = sink
         self._size = size
         self._limit = limit
@@ -106,13 +106,13 @@ class Incoming:
         """The next bytes."""
         self.count += len(data)
         if self._size is not None and self.count > self._size:
-            raise Breach(AbortCode.TOO_LONG, f"{self._size} bytes announced, more came")
+            raise ProtocolViolation(AbortCode.TOO_LONG, f"{self._size} bytes announced, more came")
         if self._limit is not None and self.count > self._limit:
-            raise Breach(AbortCode.OUT_OF_MEMORY, f"more than {self._limit} bytes came")
+            raise ProtocolViolation(AbortCode.OUT_OF_MEMORY, f"more than {self._limit} bytes came")
         self._sink(data)
         self._progress(self.count, self._size)
 
     def end(self) -> None:
         """That was all."""
         if self._size is not None and self.count < self._size:
-            raise Breach(AbortCode.TOO_SHORT, f"{self._size} bytes announced, {self.count} came")
+            raise ProtocolViolation(AbortCode.TOO_SHORT, f"{self._size} bytes announced, {self.count} came")

@@ -36,7 +36,7 @@ from barewire.devices.description.check import (
 )
 from barewire.devices.description.lines import Lines
 from barewire.devices.description.rows import Counting, read_row
-from barewire.devices.device import CanopenSide, Device, ModbusSide, Pdo, UnknownName, fold, suggest
+from barewire.devices.device import CanopenSide, Device, DevicePdo, ModbusSide, UnknownName, fold, suggest
 from barewire.devices.drive_roles import read_drive
 from barewire.devices.parameter import Parameter
 from barewire.errors import shown
@@ -254,7 +254,7 @@ def _canopen(file: Block) -> CanopenSide | None:
     values = block.read(_CANOPEN)
     pdos = []
     for table in tables:
-        pdo = Pdo(**table.read(_PDO, tuple(_PDO)))
+        pdo = DevicePdo(**table.read(_PDO, tuple(_PDO)))
         node = values.get("node", 1)
         if pdo.cob_id + node > 0x7FF:
             raise table.error("cob_id", f"with node {node} it is {pdo.cob_id + node:X}h; expected 7FFh at most")

@@ -12,7 +12,7 @@ from barewire.canopen.sdo.messages.block import (
     InitiateBlockUpload,
     StartBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import Message
+from barewire.canopen.sdo.messages.codec import SdoMessage
 from barewire.canopen.sdo.messages.initiate import (
     Abort,
     DownloadInitiated,
@@ -37,11 +37,11 @@ BEGINS: dict[type, tuple[Direction, Manner, tuple[type, ...]]] = {
     InitiateBlockUpload: ("upload", "block", (BlockUploadInitiated, *_UPLOADED)),
     InitiateBlockDownload: ("download", "block", (BlockDownloadInitiated,)),
 }
-CLIENT_SAYS: tuple[type[Message], ...] = (
+CLIENT_SAYS: tuple[type[SdoMessage], ...] = (
     *(InitiateUpload, ExpeditedDownload, InitiateDownload, NextSegment, Segment, Abort),
     *(InitiateBlockUpload, InitiateBlockDownload, StartBlockUpload, BlockAck, BlockEnd, BlockEnded),
 )
-SERVER_SAYS: tuple[type[Message], ...] = (
+SERVER_SAYS: tuple[type[SdoMessage], ...] = (
     *(ExpeditedUpload, UploadInitiated, DownloadInitiated, Segment, SegmentTaken, Abort),
     *(BlockUploadInitiated, BlockDownloadInitiated, BlockAck, BlockEnd, BlockEnded),
 )

@@ -19,7 +19,7 @@ from barewire.canopen.sdo.messages.block import (
     BlockUploadInitiated,
     StartBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import Message
+from barewire.canopen.sdo.messages.codec import SdoMessage
 from barewire.canopen.sdo.messages.initiate import DownloadInitiated, ExpeditedUpload, UploadInitiated
 from barewire.explain.can_monitor.block import BlockListener
 from barewire.explain.can_monitor.events import Direction, Gap, Manner, Transfer
@@ -101,7 +101,7 @@ def answer_to_nobody(channel: SdoListener, answer: Answer) -> None:
             channel.release()
 
 
-def block_unheard(channel: SdoListener, speaker: Side, message: Message, data: bytes) -> None:
+def block_unheard(channel: SdoListener, speaker: Side, message: SdoMessage, data: bytes) -> None:
     """A word of a block transfer, and none is under way."""
     if channel.open is not None and channel.open.asked:
         transfer = channel.open

@@ -17,7 +17,7 @@ from barewire.ascii.lrc import lrc
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, Reason
 from barewire.explain.modbus.field_text import unit_words
-from barewire.explain.modbus.pdu import Letter, left_over, read_letter
+from barewire.explain.modbus.pdu import ParsedPdu, left_over, read_letter
 from barewire.explain.result import Explanation, Problem, Role, counted, cover, explained, moved, on_bytes, problem
 from barewire.modbus.adu import Adu
 from barewire.modbus.messages.registry import measure_request, measure_response
@@ -36,7 +36,7 @@ def _fault(decode: Callable[[bytes], Adu], data: bytes) -> DecodeError | None:
     return None
 
 
-def _summary(letter: Letter, unit: int, ending: str = "") -> str:
+def _summary(letter: ParsedPdu, unit: int, ending: str = "") -> str:
     """The verdict's sentence, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
     whom = {"request": "a request to", "response": "a response from"}.get(letter.role or "", "a message for or from")
     note = f" ({letter.note})" if letter.note else ""

@@ -25,7 +25,7 @@ from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
 UNKNOWN_SHAPE = "data"
 
 
-class Letter(NamedTuple):
+class ParsedPdu(NamedTuple):
     """One PDU explained; offsets are counted in it. `note` says what could not be decided."""
 
     role: Role | None
@@ -35,20 +35,20 @@ class Letter(NamedTuple):
     note: str = ""
 
 
-def read_letter(pdu: bytes, role: Role | None = None) -> Letter:
+def read_letter(pdu: bytes, role: Role | None = None) -> ParsedPdu:
     """Explain a PDU. Never raises: what is wrong with it is in `error`.
 
     >>> read_letter(bytes.fromhex("8302")).summary
     'exception 02 (illegal data address) to 03 Read Holding Registers'
     """
     if not pdu:
-        return Letter(role, [], DecodeError("short", pdu, 0, "there is no function code"), "nothing")
+        return ParsedPdu(role, [], DecodeError("short", pdu, 0, "there is no function code"), "nothing")
     note = ""
     if role is None:
         role, note = guess(pdu)
     message = _shape(pdu, role)
     fields = with_meanings(_fields(message, pdu), pdu, role)
-    return Letter(role, fields, _error(message, pdu, role), _summary(fields, pdu), note)
+    return ParsedPdu(role, fields, _error(message, pdu, role), _summary(fields, pdu), note)
 
 
 def guess(pdu: bytes) -> tuple[Role | None, str]:

@@ -23,7 +23,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.event_stream import ROOM, Hearing, Listener, Report
 from barewire.io.canopen.shared_bus import PATIENCE, CanBus, no_room
-from barewire.io.canopen.subscriber import LONGEST, Arrived, Key, Tap, seconds
+from barewire.io.canopen.subscriber import LONGEST, Arrived, Key, Subscriber, seconds
 from barewire.io.canopen.subscriber import ROOM as TAP_ROOM
 
 E = TypeVar("E")
@@ -31,7 +31,7 @@ E = TypeVar("E")
 RETRY = 0.001
 
 
-class AsyncTap(Tap):
+class AsyncSubscriber(Subscriber):
     """What one task has of a bus: the port of the asyncio engine."""
 
     def __init__(
@@ -170,10 +170,10 @@ async def turn(bus: CanBus, keys: Keys | None) -> AsyncIterator[None]:
 class AsyncStream(Hearing[E]):
     """`Stream` for a task."""
 
-    _tap: AsyncTap
+    _tap: AsyncSubscriber
 
     def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
-        super().__init__(machine, AsyncTap(bus, keys, room=room, reports=True))
+        super().__init__(machine, AsyncSubscriber(bus, keys, room=room, reports=True))
 
     async def get(self, timeout: float | None = None) -> E | Report | None:
         """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.

@@ -18,7 +18,7 @@ from weakref import WeakSet
 from barewire.canopen import CanFrame
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, EncodeError
-from barewire.io.canopen.async_bus import AsyncStream, AsyncTap, turn, wait_open
+from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber, turn, wait_open
 from barewire.io.canopen.async_node_runner import AsyncRunning
 from barewire.io.canopen.client import manners, open_bus
 from barewire.io.canopen.event_stream import Listener
@@ -74,7 +74,7 @@ class AsyncCanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         """What every verb does: wait for its turn, then talk. A bus that is being opened anew is given our time-out."""
         await wait_open(self.bus, self.timeout)
         async with turn(self.bus, talk.claims):
-            with AsyncTap(self.bus, talk.hears) as tap:
+            with AsyncSubscriber(self.bus, talk.hears) as tap:
                 try:
                     return await run(talk.conversation, tap)
                 except BarewireError as error:

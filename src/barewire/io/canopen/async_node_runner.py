@@ -10,8 +10,8 @@ from typing import Self
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
-from barewire.io.canopen.async_bus import AsyncTap
-from barewire.io.canopen.node_runner import LOOK, Action, Ears, Speaker, begin
+from barewire.io.canopen.async_bus import AsyncSubscriber
+from barewire.io.canopen.node_runner import LOOK, Action, NodeDriver, Speaker, begin
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Key
 
@@ -25,7 +25,7 @@ class AsyncRunning:
     def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
         self.refused = 0
-        self._tap = AsyncTap(bus, keys, node=True, reports=True)
+        self._tap = AsyncSubscriber(bus, keys, node=True, reports=True)
         self._task = asyncio.create_task(self._live())
 
     def __enter__(self) -> Self:
@@ -35,7 +35,7 @@ class AsyncRunning:
         self.stop()
 
     async def _live(self) -> None:
-        machine, ears, clock = self.machine, Ears(self.machine), time.monotonic
+        machine, ears, clock = self.machine, NodeDriver(self.machine), time.monotonic
         with self._tap:
             said = begin(machine, clock())
             while True:

@@ -33,7 +33,7 @@ from barewire.io.canopen.node_runner import Running, Speaker
 from barewire.io.canopen.operations import Talk
 from barewire.io.canopen.pdo_lss_methods import LssVerbs, PdoVerbs
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Key, Tap, seconds
+from barewire.io.canopen.subscriber import Key, Subscriber, seconds
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import Port, run
 from barewire.io.ports.trace import Watch
@@ -66,7 +66,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
     ) -> None:
         super().__init__(bus, node=node, timeout=timeout, dialect=dialect)
         self._taking = threading.Lock()
-        self._everything: list[Tap] = []
+        self._everything: list[Subscriber] = []
         self._ended = False
 
     def __enter__(self) -> Self:
@@ -92,7 +92,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
     def carry_out(self, talk: Talk[T]) -> T:
         """What every verb does: wait for its turn, then talk. A bus that is being opened anew is given our time-out."""
         self.bus.wait_open(self.timeout)
-        with turn(self.bus, talk.claims), Tap(self.bus, talk.hears) as tap:
+        with turn(self.bus, talk.claims), Subscriber(self.bus, talk.hears) as tap:
             try:
                 return run(talk.conversation, tap)
             except BarewireError as error:
@@ -118,7 +118,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         with self._taking:
             if not self._everything:
                 self.bus.wait_open(patience)
-                self._everything.append(Tap(self.bus, None))
+                self._everything.append(Subscriber(self.bus, None))
             try:
                 return self._everything[0].receive(patience)
             except PortError:

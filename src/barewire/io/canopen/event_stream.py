@@ -24,7 +24,7 @@ from typing import Generic, Protocol, Self, TypeAlias, TypeVar
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Arrived, Back, Gone, Key, Lost, Tap, seconds
+from barewire.io.canopen.subscriber import Arrived, BusDown, BusUp, FramesLost, Key, Subscriber, seconds
 
 EventOut = TypeVar("EventOut", covariant=True)
 E = TypeVar("E")
@@ -32,7 +32,7 @@ E = TypeVar("E")
 ROOM = 1024
 """Frames that a stream holds for somebody who is busy with something else."""
 
-Report: TypeAlias = Lost | ErrorFrame | FdFrame | Gone | Back
+Report: TypeAlias = FramesLost | ErrorFrame | FdFrame | BusDown | BusUp
 
 
 class Listener(Protocol[EventOut]):
@@ -79,7 +79,7 @@ class Events(Generic[E]):
 class Hearing(Generic[E]):
     """What a stream is, for a thread or for a task: a machine, the events that nobody took yet, and a tap."""
 
-    def __init__(self, machine: Listener[E], tap: Tap) -> None:
+    def __init__(self, machine: Listener[E], tap: Subscriber) -> None:
         self.machine = machine
         self._events: Events[E] = Events(machine)
         self._tap = tap
@@ -106,7 +106,7 @@ class Stream(Hearing[E]):
     """Events of a machine that listens on a bus. For one thread; iterating ends when the stream is closed."""
 
     def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
-        super().__init__(machine, Tap(bus, keys, room=room, reports=True))
+        super().__init__(machine, Subscriber(bus, keys, room=room, reports=True))
 
     def get(self, timeout: float | None = None) -> E | Report | None:
         """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.

@@ -22,11 +22,11 @@ from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.gateway.codes import GatewayCode, error_line
 from barewire.canopen.gateway.session import MAX_LINE, Session
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.async_bus import AsyncTap
+from barewire.io.canopen.async_bus import AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.operations import NOBODY, SILENCE, Talk, sdo
 from barewire.io.canopen.pdo_lss_methods import LSS_CLAIM, LSS_HEARS
-from barewire.io.canopen.subscriber import LONGEST, Lost
+from barewire.io.canopen.subscriber import LONGEST, FramesLost
 from barewire.io.ports.tcp import reason
 
 CONNECTIONS = 64
@@ -113,7 +113,7 @@ class _Connection:
         self._writer = writer
         remote = not client.bus.name.startswith("socketcand/")  # which has no word for remote frames
         self._session = Session(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
-        self._tap = AsyncTap(client.bus, None, reports=True)
+        self._tap = AsyncSubscriber(client.bus, None, reports=True)
         self._lost = 0
         self._tasks: tuple[asyncio.Task[None], ...] = ()
 
@@ -196,7 +196,7 @@ class _Connection:
                 self._tell_now(None, clock())
             elif isinstance(arrived.item, CanFrame):
                 self._tell_now(arrived.item, arrived.at)
-            elif isinstance(arrived.item, Lost):
+            elif isinstance(arrived.item, FramesLost):
                 text = f"{arrived.item.frames} frames were not looked at"
                 self._notice([self._session.notices.bus(GatewayCode.CAN_OVERFLOW, text)])
             elif isinstance(arrived.item, ErrorFrame) and (code := _code_of(arrived.item)):

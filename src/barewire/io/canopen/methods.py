@@ -21,7 +21,7 @@ from barewire.canopen import download, upload, upload_to
 from barewire.canopen.cob_ids import SYNC_KEY, TIME_KEY
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.io.canopen.event_stream import Frames
-from barewire.io.canopen.node_runner import Teller
+from barewire.io.canopen.node_runner import CallbackAdapter
 from barewire.io.canopen.operations import (
     NOBODY,
     SILENCE,
@@ -40,7 +40,7 @@ from barewire.io.canopen.operations import (
 
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import Place
-    from barewire.canopen.sdo.client.block_options import BlockWish
+    from barewire.canopen.sdo.client.block_options import BlockMode
     from barewire.canopen.sdo.stream import Progress
     from barewire.codecs import Value
     from barewire.devices.device import Device
@@ -65,13 +65,13 @@ class MasterVerbs(Words):
         *,
         size: int | None = None,
         node: At = None,
-        block: BlockWish = False,
+        block: BlockMode = False,
         limit: int | None = LIMIT,
         progress: Progress | None = None,
         timeout: float | None = None,
     ) -> Talk[bytes]:
-        """Read an object: its bytes, little-endian. `block` may be True, False, "auto" or a `Block`; `progress(done,
-        size)` is told how it goes. Raises SdoAbort, NoAnswer, PortError."""
+        """Read an object: its bytes, little-endian. `block` may be True, False, "auto" or a `BlockSettings`;
+        `progress(done, size)` is told how it goes. Raises SdoAbort, NoAnswer, PortError."""
         channel, wait = self.channel(node), self.patience(timeout)
         how: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
         return sdo(channel, upload(channel, index, sub, **how))
@@ -84,7 +84,7 @@ class MasterVerbs(Words):
         sink: Callable[[bytes], object],
         *,
         node: At = None,
-        block: BlockWish = "auto",
+        block: BlockMode = "auto",
         progress: Progress | None = None,
         timeout: float | None = None,
     ) -> Talk[int]:
@@ -102,7 +102,7 @@ class MasterVerbs(Words):
         *,
         size: int | None = None,
         node: At = None,
-        block: BlockWish = False,
+        block: BlockMode = False,
         progress: Progress | None = None,
         timeout: float | None = None,
     ) -> Talk[None]:
@@ -129,7 +129,7 @@ class MasterVerbs(Words):
         place: Place,
         *,
         node: At = None,
-        block: BlockWish = False,
+        block: BlockMode = False,
         timeout: float | None = None,
     ) -> Talk[Value]:
         """The value of an object, which `objects` knows by name, by index, or by (index, sub-index)."""
@@ -144,7 +144,7 @@ class MasterVerbs(Words):
         value: Value,
         *,
         node: At = None,
-        block: BlockWish = False,
+        block: BlockMode = False,
         timeout: float | None = None,
     ) -> Talk[None]:
         """Give an object this value, in the type that `objects` has for it. Never repeated."""
@@ -186,7 +186,7 @@ class MasterVerbs(Words):
         confirmed_by: Iterable[int] | None = None,
         timeout: float = 2.0,
         ask_every: float | None = None,
-    ) -> Talk[list[canopen.Obeyed]]:
+    ) -> Talk[list[canopen.NmtConfirmation]]:
         """Send an NMT command and wait until the node, or every node of `confirmed_by`, says that it is there."""
         at = self.node_id(node)
         telling = canopen.tell_nmt(command, at, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
@@ -223,7 +223,7 @@ class MasterVerbs(Words):
     ) -> tuple[Speaker, frozenset[Key]]:
         """Guard nodes the older way, by asking each in its time, until it is stopped. `tell` is called with what
         changes, in the thread or task that asks."""
-        return Teller(canopen.GuardingMaster(guards, time.monotonic()), tell), STATES
+        return CallbackAdapter(canopen.GuardingMaster(guards, time.monotonic()), tell), STATES
 
     # EMCY, SYNC, TIME
 
@@ -281,7 +281,7 @@ class MasterVerbs(Words):
 
     @Going
     def host(self, node: Speaker) -> tuple[Speaker, None]:
-        """Let a node of our own live on this bus, until it is stopped: a `Device`, or any machine of frames."""
+        """Let a node of our own live on this bus, until it is stopped: a `LocalNode`, or any machine of frames."""
         return node, None
 
     @Verb

@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.errors import PortError
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Item, Key, Tap
+from barewire.io.canopen.subscriber import Item, Key, Subscriber
 from barewire.io.server.locking import alone
 
 _BUS_OFF, _RESTARTED = 0x40, 0x100
@@ -35,7 +35,7 @@ def begin(machine: Speaker, now: float) -> list[CanFrame]:
     return said + machine.feed(None, now)
 
 
-class Teller:
+class CallbackAdapter:
     """A machine that both speaks and reports, such as the master of node guarding: its frames go to the bus, everything
     else is given to `tell`, in the thread or task in which the machine is at work."""
 
@@ -60,7 +60,7 @@ class Teller:
         return said
 
 
-class Ears:
+class NodeDriver:
     """What a machine on a bus is to be told: frames, time, and that the controller is back on the bus.
 
     A node that goes bus-off obeys its error behaviour, and says itself that it is back (emergency 8140h) as soon as
@@ -108,7 +108,7 @@ class Running:
         self.machine = machine
         self.refused = 0
         self._turn = threading.RLock()  # what is said goes out in the order in which it was said
-        self._tap = Tap(bus, keys, node=True, reports=True)
+        self._tap = Subscriber(bus, keys, node=True, reports=True)
         self._thread = threading.Thread(target=self._live, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
 
@@ -119,7 +119,7 @@ class Running:
         self.stop()
 
     def _live(self) -> None:
-        machine, ears, clock = self.machine, Ears(self.machine), time.monotonic
+        machine, ears, clock = self.machine, NodeDriver(self.machine), time.monotonic
         with self._tap:
             with self._turn:
                 self._say(begin(machine, clock()))

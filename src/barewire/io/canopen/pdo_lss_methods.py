@@ -23,7 +23,7 @@ from barewire.canopen.lss import master as lss_master
 from barewire.io.canopen.operations import At, Talk, Verb, Watch, Watching, Words, say, sdo
 
 if TYPE_CHECKING:
-    from barewire.canopen import CanFrame, ObjectDictionary, Pdo, PdoHeard, PdoManner, RemotePdo
+    from barewire.canopen import CanFrame, ObjectDictionary, Pdo, PdoConfigPolicy, PdoReceived, RemotePdo
     from barewire.canopen.pdo.config import Direction
     from barewire.codecs import Value
     from barewire.conversation import Conversation
@@ -65,13 +65,13 @@ class PdoVerbs(Words):
 
     @Verb
     def write_pdo(
-        self, pdo: Pdo, *, manner: PdoManner | None = None, node: At = None, timeout: float | None = None
+        self, pdo: Pdo, *, manner: PdoConfigPolicy | None = None, node: At = None, timeout: float | None = None
     ) -> Talk[None]:
         """Make a PDO of the device the one that is given, in the safe order. The device should be pre-operational."""
         channel = self.channel(node)
         return sdo(
             channel,
-            canopen.write_pdo(channel, pdo, manner=manner or canopen.PdoManner(), timeout=self.patience(timeout)),
+            canopen.write_pdo(channel, pdo, manner=manner or canopen.PdoConfigPolicy(), timeout=self.patience(timeout)),
         )
 
     @Verb
@@ -94,7 +94,7 @@ class PdoVerbs(Words):
         return say(pdo.encode(values))
 
     @Watching
-    def pdos(self, *pdos: RemotePdo) -> Watch[PdoHeard]:
+    def pdos(self, *pdos: RemotePdo) -> Watch[PdoReceived]:
         """The values of these PDOs, as they come."""
         listener = canopen.PdoListener(pdos)
         return Watch(listener, frozenset(listener.sources))

@@ -7,7 +7,7 @@
 A tap holds what nobody has taken yet, as much as it has room for. What is more is lost, and counted: a stream is told
 so in its place (`Lost`), a conversation has it as if the bus had lost it. Reports of the controller (`ErrorFrame`,
 bus-off among them) go to every stream. A port that fails is told to all by PortError, and to whoever comes later; where
-it can be opened anew (`can_reopen`), streams hear `Gone` and `Back` in its place and go on.
+it can be opened anew (`can_reopen`), streams hear `BusDown` and `BusUp` in its place and go on.
 
 What one of us sends all others on the same bus object hear as well: nodes of one process are on one bus too.
 
@@ -23,14 +23,14 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
-from barewire.canopen.bus.channel_locks import Claim, Claims, Keys
-from barewire.canopen.bus.node_monitor import Presence
+from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, Keys
+from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import Dialect
 from barewire.errors import PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, taker
-from barewire.io.canopen.subscriber import Back, Gone, Item, Tap
+from barewire.io.canopen.subscriber import BusDown, BusUp, Item, Subscriber
 from barewire.io.engine.blocking import Port
 
 if TYPE_CHECKING:
@@ -56,19 +56,19 @@ class CanBus:
     def __init__(self, port: Port[CanFrame], *, watch: Watch | None = None, dial: Dial | None = None) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
-        self.presence = Presence()
+        self.presence = NodeMonitor()
         self.failure: str | None = None
         self._receive = taker(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
         self._watch = watch
-        self._taps: set[Tap] = set()
+        self._taps: set[Subscriber] = set()
         # Replaced, never changed: the reader looks without a lock.
-        self._by_id: dict[bool, dict[int, tuple[Tap, ...]]] = {False: {}, True: {}}
-        self._all: tuple[Tap, ...] = ()
+        self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
+        self._all: tuple[Subscriber, ...] = ()
         self._changing = threading.Lock()
         self._sending = threading.Lock()
         self._channels: dict[tuple[int, Dialect], Channel] = {}
-        self._claims = Claims()
+        self._claims = ChannelLocks()
         self._line = threading.Lock()
         self._closed = False
         self._over = False  # it failed, or was closed, and does not come back
@@ -111,7 +111,7 @@ class CanBus:
             return False
         return True
 
-    def _hand_out(self, frame: CanFrame, at: float, by: Tap | None) -> None:
+    def _hand_out(self, frame: CanFrame, at: float, by: Subscriber | None) -> None:
         if by is None or by.node:
             self.presence.feed(frame, at)
         for tap in self._by_id[frame.extended].get(frame.id, ()):
@@ -149,7 +149,7 @@ class CanBus:
             taps = tuple(self._taps)
         for tap in taps:
             if tap.reports:
-                tap.put(Gone(why), since)
+                tap.put(BusDown(why), since)
             else:
                 tap.fail(why)
         opened = self._reopening.reopen(self.port, why)
@@ -162,7 +162,7 @@ class CanBus:
             if self._over:
                 return False  # closed meanwhile: `close` waits for us, and closes the port
             self.failure = None
-        self._report(Back(time.monotonic() - since), time.monotonic())
+        self._report(BusUp(time.monotonic() - since), time.monotonic())
         self._wake()
         return first is None or self._take(first)
 
@@ -196,7 +196,7 @@ class CanBus:
 
     # Frames out
 
-    def send(self, frame: CanFrame, by: Tap | None = None) -> None:
+    def send(self, frame: CanFrame, by: Subscriber | None = None) -> None:
         """Put a frame on the bus, as soon as the controller has room; all hear it but who said it. PortError if that
         fails."""
         if self.try_send(frame, by):
@@ -208,7 +208,7 @@ class CanBus:
                 return
         raise PortError(no_room(self.name))
 
-    def try_send(self, frame: CanFrame, by: Tap | None = None, *, again: bool = False) -> bool:
+    def try_send(self, frame: CanFrame, by: Subscriber | None = None, *, again: bool = False) -> bool:
         """The same without waiting: False if the controller has no room now, and then it is tried `again`."""
         if self.failure is not None:
             raise PortError(self.failure)
@@ -224,13 +224,13 @@ class CanBus:
 
     # Who hears, and who talks
 
-    def add(self, tap: Tap) -> None:
+    def add(self, tap: Subscriber) -> None:
         """One hearer more."""
         with self._changing:
             if self.failure is not None and (self._over or not tap.reports):
                 raise PortError(self.failure)
             if self.failure is not None:
-                tap.put(Gone(self.failure), time.monotonic())
+                tap.put(BusDown(self.failure), time.monotonic())
             self._taps.add(tap)
             if tap.keys is None:
                 self._all = (*self._all, tap)
@@ -239,7 +239,7 @@ class CanBus:
                     table = self._by_id[extended]
                     table[identifier] = (*table.get(identifier, ()), tap)
 
-    def remove(self, tap: Tap) -> None:
+    def remove(self, tap: Subscriber) -> None:
         """One hearer less."""
         with self._changing:
             self._taps.discard(tap)
@@ -260,12 +260,12 @@ class CanBus:
                 channel = self._channels[node, dialect] = Channel(node, dialect, presence=self.presence)
             return channel
 
-    def join(self, keys: Keys | None, owner: Hashable, wake: Callable[[], None]) -> Claim:
-        """A place in the line of those who want to talk; see `Claims`."""
+    def join(self, keys: Keys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
+        """A place in the line of those who want to talk; see `ChannelLocks`."""
         with self._line:
             return self._claims.join(keys, owner, wake)
 
-    def leave(self, claim: Claim) -> None:
+    def leave(self, claim: ChannelLock) -> None:
         """The talk is over."""
         with self._line:
             self._claims.leave(claim)

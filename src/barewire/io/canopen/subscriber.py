@@ -36,25 +36,25 @@ def seconds(timeout: float | None) -> None:
         raise EncodeError(f"time-out {timeout} s: expected 0 or more")
 
 
-class Lost(NamedTuple):
+class FramesLost(NamedTuple):
     """So many frames came here that nobody took in time; they are gone."""
 
     frames: int
 
 
-class Gone(NamedTuple):
-    """The port of the bus failed: nothing comes and nothing goes until `Back`."""
+class BusDown(NamedTuple):
+    """The port of the bus failed: nothing comes and nothing goes until `BusUp`."""
 
     why: str
 
 
-class Back(NamedTuple):
+class BusUp(NamedTuple):
     """The bus is there again, after so many seconds."""
 
     after: float
 
 
-Item: TypeAlias = CanFrame | ErrorFrame | FdFrame | Lost | Gone | Back
+Item: TypeAlias = CanFrame | ErrorFrame | FdFrame | FramesLost | BusDown | BusUp
 
 
 class Arrived(NamedTuple):
@@ -67,7 +67,7 @@ class Arrived(NamedTuple):
 _arrived = tuple.__new__  # what Arrived(...) comes to, without the function around it: once for each frame
 
 
-class Tap:
+class Subscriber:
     """What one hearer has of a bus: a port of its own. One thread takes from it.
 
     `keys` are the identifiers it hears, None for all. `lost` counts what it had no room for. With `reports` it hears
@@ -115,7 +115,7 @@ class Tap:
                 self._gap += 1
                 return
             if self._gap and self.reports:
-                self._held.append(Arrived(Lost(self._gap), at))
+                self._held.append(Arrived(FramesLost(self._gap), at))
             self._gap = 0
             self._held.append(_arrived(Arrived, (item, at)))
             if not self._waiting:
@@ -143,7 +143,7 @@ class Tap:
             if self._held:
                 return self._held.popleft()
             if self._gap and self.reports:
-                lost, self._gap = Lost(self._gap), 0
+                lost, self._gap = FramesLost(self._gap), 0
                 return Arrived(lost, time.monotonic())
             if self._why is not None:
                 raise PortError(self._why)

@@ -64,7 +64,7 @@ class FaultyPort(Generic[Item]):
         self._port.close()
 
 
-class Spoiler:
+class FaultInjector:
     """The same for the server of a network: inside TLS, behind the framing, once for each answer of each connection.
 
     What is to be said later is said by `deliver`, which whoever owns this calls when it is `due`.
@@ -112,7 +112,7 @@ class Spoiler:
             say(part)
 
 
-class LoopSpoiler(Spoiler):
+class LoopFaultInjector(FaultInjector):
     """In a server of asyncio: its loop, which has the same clock, wakes it."""
 
     def _wake(self, at: float) -> None:
@@ -143,9 +143,9 @@ def open_faulty(
     on_line = Faults(Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp"), faults, dice, late=late, told=told)
     host = open_inner(url)
     if isinstance(host, TcpHost):
-        host.spoil = Spoiler(on_line)
+        host.spoil = FaultInjector(on_line)
     elif isinstance(host, NetworkHost):
-        host.server.spoil = LoopSpoiler(on_line)
+        host.server.spoil = LoopFaultInjector(on_line)
     else:
         assert isinstance(host, SerialHost)
         host.port = FaultyPort(host.port, on_line)

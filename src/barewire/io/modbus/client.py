@@ -23,7 +23,7 @@ from barewire.io.modbus.methods import Verbs
 from barewire.io.ports.trace import Trace, Watch
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
-from barewire.modbus.client.fair_queue import Ticket, Turns
+from barewire.modbus.client.fair_queue import FairQueue, Ticket
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Connection:
         self._new_line = new_line
         self._line = threading.Lock()  # held by whoever talks
         self._crowd = 0  # how many are in the queue: then nobody takes the line without standing in it
-        self._turns = Turns()
+        self._turns = FairQueue()
         self._alone = threading.Lock()  # who looks at the queue
         self._changed = threading.Condition(self._alone)
         self._closed = False

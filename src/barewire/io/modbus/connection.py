@@ -23,7 +23,7 @@ from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.async_link import dial
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
-from barewire.modbus.client.fair_queue import Ticket, Turns
+from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class AsyncConnection:
         self.back_off = back_off
         self._endpoint = endpoint
         self._link: AsyncLink | None = None
-        self._turns = Turns(in_flight)
+        self._turns = FairQueue(in_flight)
         self._free = list(self.lanes)
         self._waiters: dict[Ticket, asyncio.Future[None]] = {}
         self._opening = asyncio.Lock()

@@ -25,7 +25,7 @@ from barewire.io.ports.tcp import CHUNK, TcpPort, reason
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from barewire.modbus.server.authorization import Authorisation
+    from barewire.modbus.server.authorization import Authorization
 
 ROLE = bytes.fromhex("2B0601040183890C862201")
 """1.3.6.1.4.1.50316.802.1, as DER writes it."""
@@ -184,7 +184,7 @@ def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
         at = start + size
 
 
-def roles_of(endpoint: Endpoint) -> Authorisation | None:
+def roles_of(endpoint: Endpoint) -> Authorization | None:
     """The table that a URL names; None if it says that whoever has a certificate may do all."""
     name = endpoint.options.get("roles")
     if name is None:
@@ -194,10 +194,10 @@ def roles_of(endpoint: Endpoint) -> Authorisation | None:
         return None
     from pathlib import Path
 
-    from barewire.modbus.server.authorization import Authorisation
+    from barewire.modbus.server.authorization import Authorization
 
     try:
-        return Authorisation.parse(Path(name).read_text(encoding="utf-8"))
+        return Authorization.parse(Path(name).read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         text = f"roles {name}: not UTF-8 at byte {error.start}"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles") from None

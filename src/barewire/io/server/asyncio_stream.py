@@ -22,19 +22,19 @@ from barewire.io.ports.tcp import CHUNK, CONNECTIONS, attend, reason
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.ports.tls_session import TlsSession
 from barewire.io.server.asyncio_ports import DatagramServer, SerialServer
-from barewire.io.server.connection_limits import Guests, Spoil, say_all
-from barewire.modbus import Authorisation, Request, Server, Unit
+from barewire.io.server.connection_limits import ConnectionTable, Spoil, say_all
+from barewire.modbus import Authorization, Request, Server, Unit
 from barewire.modbus.server.server import counters_for
 
 HANDSHAKE = 10.0
 """Seconds that TLS may take to come about."""
 
 
-class StreamServer(Guests["_Connection"]):
+class StreamServer(ConnectionTable["_Connection"]):
     """A server on a TCP port and its connections. Leaving its `async with`, or `close`, ends all of them."""
 
     def __init__(
-        self, endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorisation | None = None
+        self, endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorization | None = None
     ) -> None:
         super().__init__(endpoint)
         self.endpoint = endpoint
@@ -58,7 +58,7 @@ class StreamServer(Guests["_Connection"]):
         await self.close()
 
     @property
-    def authorisation(self) -> Authorisation | None:
+    def authorisation(self) -> Authorization | None:
         """Who may do what. Said when the server is made and not later: where nobody has a role, no connection asks."""
         return self._authorisation
 
@@ -234,7 +234,7 @@ async def serve(
     units: Mapping[int, Unit],
     *,
     listener: socket.socket | None = None,
-    authorisation: Authorisation | None = None,
+    authorisation: Authorization | None = None,
     turn: Turn | None = None,
 ) -> AsyncServer:
     """Start a server for these units at a URL.
@@ -252,7 +252,7 @@ async def serve(
 
 
 def server_at(
-    endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorisation | None = None
+    endpoint: Endpoint, units: Mapping[int, Unit], authorisation: Authorization | None = None
 ) -> StreamServer | DatagramServer:
     """The server of a host and port, not listening yet: what is wrong with the URL is told here."""
     if endpoint.scheme == "udp":

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from barewire.canopen import CanFrame
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.node_runner import Action, Ears, begin
+from barewire.io.canopen.node_runner import Action, NodeDriver, begin
 from barewire.io.canopen.reconnect import Reopening, taker
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
@@ -40,7 +40,7 @@ class CanHost(Host):
         self.url = str(endpoint)
 
     def _serve(self, stop: threading.Event) -> None:
-        clock, reopening, ears = time.monotonic, Reopening(self.dial, stop), Ears(self._node)
+        clock, reopening, ears = time.monotonic, Reopening(self.dial, stop), NodeDriver(self._node)
         with self._turn:
             self._send(begin(self._node, clock()))
         while not self.is_over(stop):

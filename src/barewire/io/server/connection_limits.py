@@ -45,7 +45,7 @@ def say_all(replies: list[Reply], say: Callable[[bytes], None], spoil: Spoil | N
         say(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
 
 
-class Guest(Protocol):
+class TrackedConnection(Protocol):
     """One connection, as far as the limits are concerned."""
 
     peer: str
@@ -59,10 +59,10 @@ class Guest(Protocol):
         """Hang up at once."""
 
 
-G = TypeVar("G", bound="Guest")
+G = TypeVar("G", bound="TrackedConnection")
 
 
-class Guests(Generic[G]):
+class ConnectionTable(Generic[G]):
     """The connections of one server. The endpoint says `connections` and `idle`, if it says anything.
 
     Raises EncodeError for a number of connections or seconds that is none.

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.readiness import IN, OUT, most, watch
 from barewire.io.ports.tcp import CHUNK, attend, listen, reason
-from barewire.io.server.connection_limits import Guests, say_all
+from barewire.io.server.connection_limits import ConnectionTable, say_all
 from barewire.io.server.open import LOOK, Host
 from barewire.modbus.server.server import Server
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import threading
 
     from barewire.io.endpoint import Endpoint
-    from barewire.io.fault_injection.ports import Spoiler
+    from barewire.io.fault_injection.ports import FaultInjector
     from barewire.io.ports.readiness import Watch
     from barewire.modbus import Unit
 
@@ -41,10 +41,10 @@ class TcpHost(Host):
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
         super().__init__()
-        self.guests: Guests[_Connection] = Guests(endpoint)
+        self.guests: ConnectionTable[_Connection] = ConnectionTable(endpoint)
         self.guests.most = most(self.guests.most)
         self.by_file: dict[int, _Connection] = {}
-        self.spoil: Spoiler | None = None
+        self.spoil: FaultInjector | None = None
         self.endpoint = endpoint
         self.units = units
         modbus_line(endpoint, "server", units)  # what is wrong with the URL is told here

@@ -37,7 +37,7 @@ from contextlib import suppress
 from barewire.conversation import Abandoned, Conversation, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu
-from barewire.modbus.client.line_state import NEVER, Known, Memory, describe, note, unknown
+from barewire.modbus.client.line_state import NEVER, LineState, UnitState, describe, note, unknown
 from barewire.modbus.exceptions import ModbusException
 
 TYPE_CHECKING = False  # see `barewire.record`
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 _new = tuple.__new__  # what Send(...) and Listen(...) do, without the function around it
 
 
-class Bus(Memory):
+class Bus(LineState):
     """The owner of a line. One conversation at a time; whoever runs several sees to the turns.
 
     `late_window` is the silence, in seconds, after which a lost answer is taken for gone; three time-outs if not given.
@@ -139,7 +139,7 @@ class Bus(Memory):
             heard = yield Listen(until)
             self._pass_over(heard)
 
-    def _clear(self, unit: int, request: Request[Any], timeout: float, known: Known) -> Conversation[bytes, float]:
+    def _clear(self, unit: int, request: Request[Any], timeout: float, known: UnitState) -> Conversation[bytes, float]:
         """Until the unit may be asked: the line silent, its pause over, no lost answer under way. Returns the time."""
         now = yield from self.hush(timeout)
         if now < known.dead_until:
@@ -160,7 +160,7 @@ class Bus(Memory):
         line = self.line
         known = self._units.get(unit)
         if known is None:
-            known = self._units[unit] = Known()
+            known = self._units[unit] = UnitState()
         now = known.free_at if sent_at is None else sent_at
         # An answer with a number answers nothing else: then there is nothing to hear out before asking.
         if sent_at is None and not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
@@ -236,7 +236,7 @@ class Bus(Memory):
     # A lost answer
 
     def _prove_gone(
-        self, unit: int, request: Request[Any], timeout: float, known: Known, now: float
+        self, unit: int, request: Request[Any], timeout: float, known: UnitState, now: float
     ) -> Conversation[bytes, float]:
         """Before a question that a lost answer could pass for: make sure that the lost answer cannot come any more.
 

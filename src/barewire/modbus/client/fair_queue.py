@@ -22,10 +22,10 @@ class Ticket:
         self.unit = unit
 
 
-class Turns:
+class FairQueue:
     """`places` may have their turn at the same time: 1 on a serial line, up to 16 on TCP.
 
-    >>> turns = Turns()
+    >>> turns = FairQueue()
     >>> first, second, other = turns.join(1), turns.join(1), turns.join(2)
     >>> turns.leave(first)
     True

@@ -1,6 +1,6 @@
 """What a bus remembers: lost questions, late replies, what is known of each unit, and how the line is.
 
-What happened is kept here by being told of (`Memory`). What is done about it, and when a unit may be asked, are the
+What happened is kept here by being told of (`LineState`). What is done about it, and when a unit may be asked, are the
 conversations of `bus`.
 """
 
@@ -45,7 +45,7 @@ class LateReply(NamedTuple):
     at: float
 
 
-class Lost(NamedTuple):
+class PendingAnswer(NamedTuple):
     """A question that went out and got no answer, and until when its answer may still come."""
 
     unit: int
@@ -65,7 +65,7 @@ class Lost(NamedTuple):
         return True
 
 
-class Known(Shown):
+class UnitState(Shown):
     """What is known of one unit."""
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class BusCounters(Shown):
         self.replies: deque[LateReply] = deque(maxlen=KEPT)
 
 
-class Memory:
+class LineState:
     """What a bus knows of its line and of the units on it, kept up to date by being told what happened.
 
     `line` may be replaced between two questions, when a connection was made anew: what was lost may still come.
@@ -114,8 +114,8 @@ class Memory:
         self._gaps = gaps or {}
         self._dead_after = dead_after
         self._dead_longest = dead_longest
-        self._lost: deque[Lost] = deque(maxlen=KEPT)
-        self._units: dict[int, Known] = {}
+        self._lost: deque[PendingAnswer] = deque(maxlen=KEPT)
+        self._units: dict[int, UnitState] = {}
 
     @property
     def suspect(self) -> list[tuple[int, Request[Any]]]:
@@ -151,7 +151,7 @@ class Memory:
         if self._lost:
             self._forget(unit)
 
-    def _unanswered(self, known: Known, now: float) -> None:
+    def _unanswered(self, known: UnitState, now: float) -> None:
         known.silent += 1
         if self._dead_after is not None and known.silent >= self._dead_after:
             known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), self._dead_longest)
@@ -160,12 +160,12 @@ class Memory:
         self.counters.lost += 1
         if not self.line.numbered:
             window = 3 * timeout if self.late_window is None else self.late_window
-            self._lost.append(Lost(unit, request, now + window))
+            self._lost.append(PendingAnswer(unit, request, now + window))
 
     def _forget(self, unit: int) -> None:
         self._lost = deque((lost for lost in self._lost if lost.unit != unit), maxlen=KEPT)
 
-    def _confusable(self, unit: int, request: Request[Any]) -> list[Lost]:
+    def _confusable(self, unit: int, request: Request[Any]) -> list[PendingAnswer]:
         """The lost questions whose answers could pass for this one's: the same function is enough, for an exception
         response says no more than that."""
         code = request.function_code

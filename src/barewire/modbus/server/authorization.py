@@ -57,10 +57,10 @@ class Permission(NamedTuple):
         return all(any(address in span for span in self.addresses) for address in touched)
 
 
-class Authorisation:
+class Authorization:
     """The whole table: role -> its permissions.
 
-    >>> table = Authorisation.parse('{"Viewer": [{"functions": [3, 4], "addresses": "0-99"}]}')
+    >>> table = Authorization.parse('{"Viewer": [{"functions": [3, 4], "addresses": "0-99"}]}')
     >>> from barewire.modbus import ReadHoldingRegisters, WriteSingleRegister
     >>> [table.allows("Viewer", 1, ReadHoldingRegisters(at, 2)) for at in (98, 99)]
     [True, False]
@@ -72,7 +72,7 @@ class Authorisation:
         self.roles = dict(roles)
 
     @classmethod
-    def parse(cls, text: str) -> Authorisation:
+    def parse(cls, text: str) -> Authorization:
         """The table from JSON. EncodeError says what is wrong with it."""
         import json  # every server loads this file, and few have such a table
 

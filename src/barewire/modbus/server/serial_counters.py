@@ -71,10 +71,10 @@ _RESTARTS = tuple(Diagnostics(RESTART_COMMUNICATIONS, data).encode() for data in
 _EXCEPTION_BITS = {1: 0x01, 2: 0x01, 3: 0x01, 4: 0x02, 5: 0x04, 6: 0x04, 7: 0x08}
 
 
-class Counters:
+class SerialCounters:
     """The memory of one unit. Whoever owns it may set `diagnostic_register` and `is_busy` (the status word of 0B).
 
-    >>> seen = Counters()
+    >>> seen = SerialCounters()
     >>> seen.frame(), seen.received()
     (None, None)
     >>> seen.answer(Diagnostics(0x0B)).count

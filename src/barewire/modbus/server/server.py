@@ -38,8 +38,8 @@ from barewire.modbus.framing import Event, Line
 from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, checked
 from barewire.modbus.messages.registry import AnyRequest, request_class
 from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse, SdoAborted
-from barewire.modbus.server.serial_counters import ANSWERED, Counters
-from barewire.modbus.server.statistics import Tally
+from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
+from barewire.modbus.server.statistics import ServerStatistics
 
 TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
@@ -94,13 +94,13 @@ class Server:
         serial: bool,
         transactions: int = TRANSACTIONS,
         permits: Callable[[int, AnyRequest], bool] | None = None,
-        counters: defaultdict[int, Counters] | None = None,
+        counters: defaultdict[int, SerialCounters] | None = None,
     ) -> None:
         self.line = line
         self.units = units
         self.serial = serial
-        self.tally = Tally()
-        self.counters: defaultdict[int, Counters] = counters_for(line) if counters is None else counters
+        self.tally = ServerStatistics()
+        self.counters: defaultdict[int, SerialCounters] = counters_for(line) if counters is None else counters
         """By unit, on serial lines."""
         self._transactions = transactions
         self._permits = permits
@@ -136,7 +136,7 @@ class Server:
         for counters in self._counters():
             counters.overrun()
 
-    def _counters(self) -> Iterable[Counters]:
+    def _counters(self) -> Iterable[SerialCounters]:
         return [self.counters[number] for number in self.units]
 
     def _feed_serial(self, events: list[Event], now: float, is_early: bool) -> list[Reply]:
@@ -251,7 +251,7 @@ class Server:
         return answer if answered else None
 
     @staticmethod
-    def _handle(unit: Unit, counters: Counters, request: AnyRequest, now: float) -> Response | None:
+    def _handle(unit: Unit, counters: SerialCounters, request: AnyRequest, now: float) -> Response | None:
         """On a serial line, where what the unit declines may be a question about the line."""
         try:
             return unit.handle(request, now)
@@ -270,9 +270,9 @@ class Server:
         return data
 
 
-def counters_for(line: Line) -> defaultdict[int, Counters]:
+def counters_for(line: Line) -> defaultdict[int, SerialCounters]:
     """What the units behind such a line remember of it, by unit. Several connections to one line share it."""
-    return defaultdict(partial(Counters, has_delimiter=getattr(line, "has_delimiter", False)))
+    return defaultdict(partial(SerialCounters, has_delimiter=getattr(line, "has_delimiter", False)))
 
 
 def read(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:

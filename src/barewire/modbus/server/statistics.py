@@ -5,7 +5,7 @@ from __future__ import annotations
 from barewire.record import Shown
 
 
-class Tally(Shown):
+class ServerStatistics(Shown):
     """Counts from 0, and the latest errors of units."""
 
     def __init__(self) -> None:

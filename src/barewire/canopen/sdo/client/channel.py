@@ -6,8 +6,8 @@
 A server may have more channels than the default one, on identifiers that its objects 1201h to 127Fh tell: `cob_ids`.
 
 Everything that comes and is no answer to the question of the moment is not an error but weather, and is counted in
-`Hearing`. A channel whose shell hears the whole bus and gives the channel only its own frames says so with `presence`:
-then a time-out is explained with what was heard of the node before.
+`ChannelCounters`. A channel whose shell hears the whole bus and gives the channel only its own frames says so with
+`presence`: then a time-out is explained with what was heard of the node before.
 
 After a time-out the channel stays `quiet_until` one more time-out has passed, so that a late answer cannot become the
 answer to the next question.
@@ -17,11 +17,11 @@ I know: one node, what is heard of it.  I never know: clocks, buses, what an obj
 
 from __future__ import annotations
 
-from barewire.canopen.bus.node_monitor import Mark, Presence
+from barewire.canopen.bus.node_monitor import Mark, NodeMonitor
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.sdo.client.channel_counters import Hearing
+from barewire.canopen.sdo.client.channel_counters import ChannelCounters
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
 from barewire.canopen.sdo.messages.codec import M, may_be_late, read
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload
@@ -38,7 +38,7 @@ class Channel:
     """The client's side of one SDO channel.
 
     Keep one for each node and give it to every transfer: it remembers that the last one timed out, and counts.
-    `total` sums up over all transfers what `Hearing` counts in one.
+    `total` sums up over all transfers what `ChannelCounters` counts in one.
 
     >>> channel = Channel(5)
     >>> f"{channel.request_id:X}h {channel.answer_id:X}h"
@@ -54,7 +54,7 @@ class Channel:
         dialect: Dialect = STANDARD,
         *,
         cob_ids: tuple[CobEntry, CobEntry] | None = None,
-        presence: Presence | None = None,
+        presence: NodeMonitor | None = None,
     ) -> None:
         self.node = node
         self.dialect = dialect
@@ -69,8 +69,8 @@ class Channel:
         self.blocks = True  # until the server says that it has none: then `block="auto"` does not ask again
         self.quiet_until: float | None = None
         self.busy = False
-        self.heard = Hearing()
-        self.total = Hearing()
+        self.heard = ChannelCounters()
+        self.total = ChannelCounters()
 
     def hear(self, frame: CanFrame) -> bytes | None:
         """Count a frame; what is said on this channel is returned, whatever it says."""
@@ -110,7 +110,7 @@ class Channel:
         if self.busy:
             raise EncodeError(f"{what} has to wait: the SDO channel to node {self.node} carries one transfer at a time")
         self.total.add(self.heard)
-        self.heard = Hearing(state=self.heard.state)
+        self.heard = ChannelCounters(state=self.heard.state)
         self._mark = None if self.presence is None else self.presence.mark(self.answer_id)
         self.busy = True
 

@@ -16,7 +16,7 @@ from barewire.canopen.nmt.messages import NmtState
 
 
 @dataclass(slots=True)
-class Hearing:
+class ChannelCounters:
     """What was heard while waiting: the counters, and the evidence that a time-out is explained with."""
 
     answers: int = 0  # on the answer identifier of this channel
@@ -62,14 +62,14 @@ class Hearing:
             said.append(f"{self.garbled} unreadable")
         return said
 
-    def add(self, other: Hearing) -> None:
+    def add(self, other: ChannelCounters) -> None:
         """Sum up: what `other` counted is counted here too, and its state is the later one."""
         for name in _COUNTERS:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.state = other.state
 
 
-_COUNTERS = tuple(field.name for field in fields(Hearing) if field.name != "state")
+_COUNTERS = tuple(field.name for field in fields(ChannelCounters) if field.name != "state")
 
 
 def _count(number: int, noun: str) -> str:

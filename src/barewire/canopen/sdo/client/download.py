@@ -20,9 +20,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_transfer import BURST, BlockSender
-from barewire.canopen.sdo.client.block_options import Block, BlockWish, block_options
+from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, block_options
 from barewire.canopen.sdo.client.channel import Channel, channel_to
 from barewire.canopen.sdo.client.transfer import Transfer
 from barewire.canopen.sdo.dialect import Dialect
@@ -45,7 +45,7 @@ def download(
     size: int | None = None,
     indicated: bool = True,
     dialect: Dialect | None = None,
-    block: BlockWish = False,
+    block: BlockMode = False,
     progress: Progress | None = None,
 ) -> Conversation[CanFrame, None]:
     """Write `data`, little-endian, to object `index`:`sub`.
@@ -106,12 +106,14 @@ def _in_segments(transfer: Transfer, request: InitiateDownload, value: Outgoing)
             transfer.channel.heard.late += 1
             taken = yield from transfer.answer((SegmentTaken,))
         if taken.toggle != toggle:
-            raise Breach(AbortCode.TOGGLE, f"the answer has toggle bit {taken.toggle}, the segment has {toggle}")
+            raise ProtocolViolation(
+                AbortCode.TOGGLE, f"the answer has toggle bit {taken.toggle}, the segment has {toggle}"
+            )
         toggle, first = toggle ^ 1, False
 
 
 def _in_blocks(
-    transfer: Transfer, request: InitiateDownload, options: Block, value: Outgoing
+    transfer: Transfer, request: InitiateDownload, options: BlockSettings, value: Outgoing
 ) -> Conversation[CanFrame, None]:
     asked = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
     try:

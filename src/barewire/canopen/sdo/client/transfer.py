@@ -19,9 +19,9 @@ from collections.abc import Iterable
 from typing import TypeVar
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.messages.codec import M, Message
+from barewire.canopen.sdo.messages.codec import M, SdoMessage
 from barewire.canopen.sdo.messages.initiate import Abort
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import DecodeError, EncodeError, NoAnswer
@@ -64,7 +64,7 @@ class Transfer:
             if refusal.code in _OUT_OF_STEP:
                 channel.quiet_until = self.now + self.timeout
             raise
-        except Breach as breach:
+        except ProtocolViolation as breach:
             yield from self._end(breach.code)
             if breach.code == AbortCode.TIMED_OUT:
                 raise NoAnswer(self._explain()) from None
@@ -102,7 +102,7 @@ class Transfer:
         self.now = sent.now
         self.until = sent.now + self.timeout
 
-    def ask(self, request: Message, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
+    def ask(self, request: SdoMessage, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
         """Say a request and return the answer to it: a message of a wanted kind, about the same object."""
         yield from self.say(request.encode())
         return (yield from self.answer(wanted))
@@ -122,7 +122,7 @@ class Transfer:
                     channel.heard.late += 1
             # A bus that never falls silent must not keep us past the time either.
             if heard.now >= until:
-                raise Breach(AbortCode.TIMED_OUT, "no answer")
+                raise ProtocolViolation(AbortCode.TIMED_OUT, "no answer")
 
     def _is_about_us(self, answer: object) -> bool:
         """Messages without an object belong to the transfer that is going on."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary, Place
 from barewire.canopen.sdo import Channel, Dialect, download, upload
-from barewire.canopen.sdo.client.block_options import BlockWish
+from barewire.canopen.sdo.client.block_options import BlockMode
 from barewire.codecs import Value
 from barewire.conversation import Conversation
 from barewire.errors import DecodeError, EncodeError
@@ -25,7 +25,7 @@ def read_object(
     *,
     timeout: float = 1.0,
     dialect: Dialect | None = None,
-    block: BlockWish = False,
+    block: BlockMode = False,
 ) -> Conversation[CanFrame, Value]:
     """The value of an object: by name, by index, or by (index, sub-index).
 
@@ -62,7 +62,7 @@ def write_object(
     *,
     timeout: float = 1.0,
     dialect: Dialect | None = None,
-    block: BlockWish = False,
+    block: BlockMode = False,
 ) -> Conversation[CanFrame, None]:
     """Give an object this value. Raises EncodeError at once for what is no value of its type."""
     entry = objects.at(place)

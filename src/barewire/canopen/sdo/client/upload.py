@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_segments import FRAME
 from barewire.canopen.sdo.block_transfer import BlockReceiver
-from barewire.canopen.sdo.client.block_options import Block, BlockWish, block_options
+from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, block_options
 from barewire.canopen.sdo.client.channel import Channel, channel_to
 from barewire.canopen.sdo.client.transfer import ABORT, Transfer
 from barewire.canopen.sdo.dialect import Dialect
@@ -45,7 +45,7 @@ def upload(
     timeout: float = 1.0,
     size: int | None = None,
     dialect: Dialect | None = None,
-    block: BlockWish = False,
+    block: BlockMode = False,
     limit: int | None = LIMIT,
     progress: Progress | None = None,
 ) -> Conversation[CanFrame, bytes]:
@@ -96,7 +96,7 @@ def upload_to(
     timeout: float = 1.0,
     size: int | None = None,
     dialect: Dialect | None = None,
-    block: BlockWish = False,
+    block: BlockMode = False,
     limit: int | None = None,
     progress: Progress | None = None,
 ) -> Conversation[CanFrame, int]:
@@ -128,7 +128,7 @@ def _upload(
     transfer: Transfer,
     request: InitiateUpload,
     size: int | None,
-    options: Block | None,
+    options: BlockSettings | None,
     incoming: Callable[[int | None], Incoming],
 ) -> Conversation[CanFrame, int]:
     answer: BlockUploadAnswer
@@ -151,7 +151,7 @@ def _upload(
 
 
 def _ask_for_blocks(
-    transfer: Transfer, request: InitiateUpload, options: Block
+    transfer: Transfer, request: InitiateUpload, options: BlockSettings
 ) -> Conversation[CanFrame, BlockUploadAnswer]:
     """Ask for blocks. A server that has none may say so, or answer as if it had been asked for segments."""
     index, sub = request.index, request.sub
@@ -166,7 +166,7 @@ def _ask_for_blocks(
     if not isinstance(answer, BlockUploadInitiated) and not options.falls_back:
         announced = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
         if announced is None or announced > options.switch:
-            raise Breach(AbortCode.COMMAND, "an ordinary upload came, and blocks were asked for")
+            raise ProtocolViolation(AbortCode.COMMAND, "an ordinary upload came, and blocks were asked for")
     return answer
 
 
@@ -179,13 +179,15 @@ def _in_segments(transfer: Transfer, value: Incoming) -> Conversation[CanFrame, 
             transfer.channel.heard.late += 1
             segment = yield from transfer.answer((Segment,))
         if segment.toggle != toggle:
-            raise Breach(AbortCode.TOGGLE, f"the answer has toggle bit {segment.toggle}, the question has {toggle}")
+            raise ProtocolViolation(
+                AbortCode.TOGGLE, f"the answer has toggle bit {segment.toggle}, the question has {toggle}"
+            )
         value.add(segment.data)
         toggle, first, last = toggle ^ 1, False, segment.last
     value.end()
 
 
-def _in_blocks(transfer: Transfer, options: Block, crc: bool, value: Incoming) -> Conversation[CanFrame, None]:
+def _in_blocks(transfer: Transfer, options: BlockSettings, crc: bool, value: Incoming) -> Conversation[CanFrame, None]:
     yield from transfer.say(StartBlockUpload().encode())
     channel = transfer.channel
     identifier, extended = channel.answer_id, channel.answer_extended

@@ -57,7 +57,7 @@ __all__ = [
     "BlockEnd",
     "BlockEnded",
     "Abort",
-    "Message",
+    "SdoMessage",
     "decode_request",
     "decode_answer",
     "has_reserved_bits",
@@ -66,7 +66,7 @@ __all__ = [
 ]
 
 
-class Message(Protocol):
+class SdoMessage(Protocol):
     """What every SDO message has."""
 
     pattern: ClassVar[BitPattern]
@@ -77,17 +77,17 @@ class Message(Protocol):
     def decode(cls, data: bytes) -> Self: ...
 
 
-M = TypeVar("M", bound=Message)
+M = TypeVar("M", bound=SdoMessage)
 
-Request: TypeAlias = (
+SdoRequest: TypeAlias = (
     InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload | Abort
 )
 UploadAnswer: TypeAlias = ExpeditedUpload | UploadInitiated
 BlockUploadAnswer: TypeAlias = BlockUploadInitiated | ExpeditedUpload | UploadInitiated
-Answer: TypeAlias = BlockUploadAnswer | DownloadInitiated | BlockDownloadInitiated | Abort
+SdoResponse: TypeAlias = BlockUploadAnswer | DownloadInitiated | BlockDownloadInitiated | Abort
 SenderHears: TypeAlias = BlockAck | BlockEnded
 
-REQUESTS: tuple[type[Request], ...] = (
+REQUESTS: tuple[type[SdoRequest], ...] = (
     InitiateUpload,
     ExpeditedDownload,
     InitiateDownload,
@@ -97,7 +97,7 @@ REQUESTS: tuple[type[Request], ...] = (
 )
 UPLOAD_ANSWERS: tuple[type[UploadAnswer], ...] = (ExpeditedUpload, UploadInitiated)
 BLOCK_UPLOAD_ANSWERS: tuple[type[BlockUploadAnswer], ...] = (BlockUploadInitiated, *UPLOAD_ANSWERS)
-ANSWERS: tuple[type[Answer], ...] = (*BLOCK_UPLOAD_ANSWERS, DownloadInitiated, BlockDownloadInitiated, Abort)
+ANSWERS: tuple[type[SdoResponse], ...] = (*BLOCK_UPLOAD_ANSWERS, DownloadInitiated, BlockDownloadInitiated, Abort)
 SENDER_HEARS: tuple[type[SenderHears], ...] = (BlockAck, BlockEnded)
 
 _LATE = (Segment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
@@ -119,7 +119,7 @@ def read(data: bytes, kinds: tuple[type[M], ...]) -> M:
     raise DecodeError("function", data, 0, f"command {data[0]:02X}h is nothing that belongs here")
 
 
-def decode_request(data: bytes) -> Request:
+def decode_request(data: bytes) -> SdoRequest:
     """What a client said to a server that had no transfer going.
 
     >>> decode_request(bytes.fromhex("2B40 6000 0F00 0000"))
@@ -130,7 +130,7 @@ def decode_request(data: bytes) -> Request:
     return read(data, REQUESTS)
 
 
-def decode_answer(data: bytes) -> Answer:
+def decode_answer(data: bytes) -> SdoResponse:
     """What a server said to a request. Trailing bytes that the message does not need may be missing: some trim them.
 
     >>> decode_answer(bytes.fromhex("4B41 6000 3706"))

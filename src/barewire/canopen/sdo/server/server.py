@@ -29,7 +29,7 @@ from functools import partial
 
 from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, Breach, SdoAbort
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_transfer import check_blksize
 from barewire.canopen.sdo.dialect import STANDARD, Dialect
 from barewire.canopen.sdo.messages.block import (
@@ -40,7 +40,7 @@ from barewire.canopen.sdo.messages.block import (
     InitiateBlockDownload,
     InitiateBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import Request, decode_request
+from barewire.canopen.sdo.messages.codec import SdoRequest, decode_request
 from barewire.canopen.sdo.messages.initiate import (
     LAYOUT,
     Abort,
@@ -183,7 +183,7 @@ class SdoServer:
         self.counters.reserved_bits += has_reserved_bits(request.pattern, data[0])
         try:
             return [self._carry_out(request, now)]
-        except (SdoAbort, Breach) as refusal:
+        except (SdoAbort, ProtocolViolation) as refusal:
             return self._refuse(refusal.code)
         except BarewireError:
             return self._refuse(AbortCode.GENERAL)  # a hook of the application said no in other words
@@ -192,7 +192,7 @@ class SdoServer:
         expected = session.next_segment
         try:
             said = session.feed(data, now)
-        except (SdoAbort, Breach) as refusal:
+        except (SdoAbort, ProtocolViolation) as refusal:
             code = refusal.code
         except BarewireError:
             code = AbortCode.GENERAL
@@ -214,7 +214,7 @@ class SdoServer:
         self.counters.aborts_said += 1
         return [Abort(*self._place, code).encode()]
 
-    def _carry_out(self, request: Request, now: float) -> bytes:
+    def _carry_out(self, request: SdoRequest, now: float) -> bytes:
         index, sub = request.index, request.sub
         if isinstance(request, InitiateUpload):
             return self._upload(request, self.objects.read(index, sub), now)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from barewire.canopen.sdo.aborts import AbortCode, Breach
+from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender
 from barewire.canopen.sdo.messages.block import StartBlockUpload
 from barewire.canopen.sdo.messages.codec import SENDER_HEARS, M, read
@@ -58,12 +58,12 @@ def _expect(data: bytes, *kinds: type[M]) -> M:
     try:
         return read(data, kinds)
     except DecodeError as error:
-        raise Breach(AbortCode.COMMAND, error.text) from None
+        raise ProtocolViolation(AbortCode.COMMAND, error.text) from None
 
 
 def _silence(now: float, deadline: float) -> list[bytes]:
     if now >= deadline:
-        raise Breach(AbortCode.TIMED_OUT, "the client said nothing more")
+        raise ProtocolViolation(AbortCode.TIMED_OUT, "the client said nothing more")
     return []
 
 
@@ -88,7 +88,7 @@ class SegmentedUpload:
             return _silence(now, self.deadline)
         toggle = _expect(data, NextSegment).toggle
         if toggle != self._toggle:
-            raise Breach(AbortCode.TOGGLE, f"segment with toggle bit {toggle} asked, {self._toggle} is next")
+            raise ProtocolViolation(AbortCode.TOGGLE, f"segment with toggle bit {toggle} asked, {self._toggle} is next")
         part = self._value.take(SEGMENT)
         self.over = self._value.exhausted
         self._toggle ^= 1
@@ -119,7 +119,9 @@ class SegmentedDownload:
             return _silence(now, self.deadline)
         segment = _expect(data, Segment)
         if segment.toggle != self._toggle:
-            raise Breach(AbortCode.TOGGLE, f"segment with toggle bit {segment.toggle} came, {self._toggle} is next")
+            raise ProtocolViolation(
+                AbortCode.TOGGLE, f"segment with toggle bit {segment.toggle} came, {self._toggle} is next"
+            )
         self._value.add(segment.data)
         if segment.last:
             self._value.end()

@@ -30,9 +30,9 @@ from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.sim.adxl.measurements import hang_values
 from barewire.devices.sim.adxl.menus import ACCELERATION_TIME, FACTORY, NODE_ADDRESS, Events, Menus
-from barewire.devices.sim.adxl.modbus import AdxlFace
+from barewire.devices.sim.adxl.modbus import AdxlModbusAdapter
 from barewire.devices.sim.adxl.motor import Motor, Phase
-from barewire.devices.sim.core.modbus import ModbusFace
+from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, number_of
 from barewire.devices.sim.core.store import Declined
 
@@ -93,9 +93,9 @@ class Adxl(Simulator):
         self._hang_commands()
         self.events.add(self.uptime, "POWER ON")
 
-    def _modbus_face(self) -> ModbusFace | None:
+    def _modbus_face(self) -> ModbusAdapter | None:
         assert self.device.modbus is not None
-        return AdxlFace(self, self.device.modbus)
+        return AdxlModbusAdapter(self, self.device.modbus)
 
     def tick(self, now: float) -> None:
         """The motor goes on."""

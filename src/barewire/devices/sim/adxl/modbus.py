@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from barewire.devices.sim.core.modbus import ModbusFace
+from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, SERVER_DEVICE_BUSY, ModbusException
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
@@ -30,7 +30,7 @@ FIRST_SETTING = 0x4FFF
 EVENT_TEXT = 0x5031
 
 
-class AdxlFace(ModbusFace):
+class AdxlModbusAdapter(ModbusAdapter):
     """03, 04, 06, 07 and 17 (hexadecimal 11), and silence while it reboots."""
 
     machine: Adxl

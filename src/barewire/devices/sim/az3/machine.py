@@ -34,7 +34,7 @@ from barewire.devices.drive.cia402 import Command, State
 from barewire.devices.sim.az3.measurements import hang_values
 from barewire.devices.sim.az3.motion import Az3Axis, Az3Motion
 from barewire.devices.sim.az3.service import Az3Service
-from barewire.devices.sim.core.modbus import ModbusFace
+from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, number_of
 from barewire.devices.sim.motion import cia402_axis as axis
 from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, FAULTED
@@ -62,7 +62,7 @@ ERROR_CLASSES = {2: 0x02, 3: 0x04, 4: 0x08, 8: 0x10}
 OVERVOLTAGE, UNDERVOLTAGE = 0x3210, 0x3220  # codes of CiA 402; the guides list none
 
 
-class Az3Face(ModbusFace):
+class Az3Face(ModbusAdapter):
     """The tables, and "Read device identification, MEI type 0Eh with base identification" (ST.TEC.022, 5.3.2)."""
 
     def other(self, request: Any) -> Response | None:
@@ -113,7 +113,7 @@ class Az3(Simulator):
         store.after("V REF SETPOINT", lambda value: self._follow_reference())
         store.after("V BUS MAX", lambda value: self._look_at_supply())
 
-    def _modbus_face(self) -> ModbusFace | None:
+    def _modbus_face(self) -> ModbusAdapter | None:
         assert self.device.modbus is not None
         return Az3Face(self, self.device.modbus)
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from barewire.devices.sim.core.modbus import ModbusFace
+from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator
 from barewire.errors import EncodeError
 
 
-class Addressed(Mapping[int, ModbusFace]):
+class Addressed(Mapping[int, ModbusAdapter]):
     """One unit, wherever it is.
 
     >>> from barewire.devices.description.load import load
@@ -33,7 +33,7 @@ class Addressed(Mapping[int, ModbusFace]):
     def _has(self, address: object) -> bool:
         return address == self._machine.address or address in self._also
 
-    def __getitem__(self, address: int) -> ModbusFace:
+    def __getitem__(self, address: int) -> ModbusAdapter:
         if not self._has(address):
             raise KeyError(address)
         return self._face

@@ -20,7 +20,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from barewire.canopen.device.device import Device as Node
+from barewire.canopen.device.device import LocalNode as Node
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import Access, Entry, ObjectDictionary
@@ -28,8 +28,7 @@ from barewire.canopen.pdo.config import Pdo
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
 from barewire.codecs import Value, get_bit, set_bit
-from barewire.devices.device import CanopenSide
-from barewire.devices.device import Pdo as DescribedPdo
+from barewire.devices.device import CanopenSide, DevicePdo
 from barewire.devices.sim.core.store import Cell, Declined, Why
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ COMMUNICATION = range(0x1000, 0x2000)
 SERVO_402 = 0x0002_0192  # device profile 402, servo drive
 
 
-class CanopenFace:
+class CanopenAdapter:
     """A machine: CAN frames and time in, CAN frames out. `start`, or else the first `feed`, says the boot-up."""
 
     def __init__(self, machine: Simulator, side: CanopenSide) -> None:
@@ -164,7 +163,7 @@ class CanopenFace:
         self.machine.reset_communication()
 
 
-def _pdo(described: DescribedPdo, node: int) -> Pdo:
+def _pdo(described: DevicePdo, node: int) -> Pdo:
     """The factory setting of a PDO. The descriptions give COB-IDs without the node-ID, which is added."""
     number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)

@@ -37,7 +37,7 @@ CODES: dict[Why, int] = {
 """How a refusal is said on Modbus."""
 
 
-class ModbusFace:
+class ModbusAdapter:
     """Answers requests out of a store. `reads` and `writes` are the images by function code."""
 
     diagnostics = False  # a machine without function 08 says so, also on a serial line

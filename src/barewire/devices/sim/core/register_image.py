@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from barewire.codecs import Value
-from barewire.devices.sim.core.store import Cell, Declined, Store
+from barewire.devices.sim.core.store import Cell, Declined, MachineStore
 from barewire.errors import DecodeError
 
 
@@ -35,7 +35,7 @@ class Piece(NamedTuple):
 class Image:
     """The cells that one function code reaches, by address. Coils count as registers that hold 0 or 1."""
 
-    def __init__(self, store: Store, cells: Iterable[Cell]) -> None:
+    def __init__(self, store: MachineStore, cells: Iterable[Cell]) -> None:
         self.store = store
         self.pieces: dict[int, list[Piece]] = {}
         self._waiting: dict[str, dict[int, int]] = {}

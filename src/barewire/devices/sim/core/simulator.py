@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 from barewire.codecs import Value
 from barewire.devices.device import Device
-from barewire.devices.sim.core.modbus import ModbusFace
-from barewire.devices.sim.core.store import Store
+from barewire.devices.sim.core.modbus import ModbusAdapter
+from barewire.devices.sim.core.store import MachineStore
 from barewire.errors import EncodeError
 
 if TYPE_CHECKING:
-    from barewire.devices.sim.core.canopen import CanopenFace
+    from barewire.devices.sim.core.canopen import CanopenAdapter
 
 
 class Simulator:
@@ -43,17 +43,17 @@ class Simulator:
         """What survives power-off, by name."""
         self.address = 1 if device.modbus is None else device.modbus.unit
         """The unit address on Modbus. Machines that can be given another one take it when they start anew."""
-        self.store = Store(device.parameters)
+        self.store = MachineStore(device.parameters)
         self.modbus = self._modbus_face()
-        self.canopen: CanopenFace | None = None
+        self.canopen: CanopenAdapter | None = None
         if device.canopen is not None:
             # Only a device that is on CAN loads the room that speaks it.
-            from barewire.devices.sim.core.canopen import CanopenFace
+            from barewire.devices.sim.core.canopen import CanopenAdapter
 
-            self.canopen = CanopenFace(self, device.canopen)
+            self.canopen = CanopenAdapter(self, device.canopen)
 
-    def _modbus_face(self) -> ModbusFace | None:
-        return None if self.device.modbus is None else ModbusFace(self, self.device.modbus)
+    def _modbus_face(self) -> ModbusAdapter | None:
+        return None if self.device.modbus is None else ModbusAdapter(self, self.device.modbus)
 
     def tick(self, now: float) -> None:
         """Time has passed. A clock that goes backwards is read over."""

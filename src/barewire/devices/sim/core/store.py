@@ -126,11 +126,11 @@ class Cell:
             part.after(now)
 
 
-class Store:
+class MachineStore:
     """All cells of a machine, by name.
 
     >>> from barewire.devices.description.load import load
-    >>> store = Store(load("az3").parameters)
+    >>> store = MachineStore(load("az3").parameters)
     >>> store["RESET POSITION"] = True
     >>> store["coil word 0"]
     2048

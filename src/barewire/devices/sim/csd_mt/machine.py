@@ -38,7 +38,7 @@ from collections.abc import Iterator
 from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.drive.cia402 import State
-from barewire.devices.sim.core.modbus import ModbusFace
+from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator
 from barewire.devices.sim.core.store import Declined
 from barewire.devices.sim.csd_mt.axis import Event, StepperAxis
@@ -65,7 +65,7 @@ MOST_EVENTS = 1000
 """In one tick. No machine of any sense comes near; a world that contradicts itself must not hang us."""
 
 
-class CsdMtFace(ModbusFace):
+class CsdMtFace(ModbusAdapter):
     """03, 04, 06, 10, and a watchdog over all of them."""
 
     def images(self) -> None:
@@ -120,7 +120,7 @@ class CsdMt(Simulator):
         store.veto("Mode of Operation", self._check_mode)
         store.veto("Profile Velocity", self._check_velocity)
 
-    def _modbus_face(self) -> ModbusFace | None:
+    def _modbus_face(self) -> ModbusAdapter | None:
         assert self.device.modbus is not None
         return CsdMtFace(self, self.device.modbus)
 
