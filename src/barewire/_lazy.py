@@ -12,10 +12,7 @@ I know: modules and names.  I never know: what is in them.  The doors of rooms i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any
+from typing import Any
 
 
 def lazy(room: str, files: Mapping[str, str]) -> Callable[[str], Any]:

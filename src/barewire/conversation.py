@@ -27,14 +27,9 @@ I know: turns and times.  I never know: bytes, frames, sockets, clocks.  Everybo
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
+from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from barewire.errors import BarewireError
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
-else:
-    from barewire.record import Generic, NamedTuple, Protocol, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -79,10 +74,7 @@ class Heard(NamedTuple, Generic[Item]):
     now: float
 
 
-if TYPE_CHECKING:
-    Conversation: TypeAlias = Generator[Send[Item] | SendAll[Item] | Listen, Heard[Item], Result]
-else:
-    Conversation = Generator
+Conversation: TypeAlias = Generator[Send[Item] | SendAll[Item] | Listen, Heard[Item], Result]
 
 
 class Machine(Protocol[ItemIn, EventOut]):

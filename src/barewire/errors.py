@@ -14,25 +14,21 @@ I know: nothing about any protocol.  I may be imported by: everybody.
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Literal
+from typing import Literal
 
-    Reason = Literal[
-        "short",
-        "long",
-        "checksum",
-        "character",
-        "delimiter",
-        "protocol",
-        "length",
-        "function",
-        "value",
-        "mismatch",
-        "silence",
-    ]
-else:
-    Reason = str
+Reason = Literal[
+    "short",
+    "long",
+    "checksum",
+    "character",
+    "delimiter",
+    "protocol",
+    "length",
+    "function",
+    "value",
+    "mismatch",
+    "silence",
+]
 
 REASONS: tuple[Reason, ...] = (
     "short",  # the bytes end before the value does

@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from barewire.canopen.datatypes import ObjectCodec, object_codec
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 Access = Literal["ro", "wo", "rw", "const"]
 Place = str | int | tuple[int, int]

@@ -12,12 +12,12 @@ and type 1 only: without somebody who sends SYNC, nothing moves.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import SYNC_KEY
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 COUNTER_MAX = 240
 LOST_AFTER = 1.5

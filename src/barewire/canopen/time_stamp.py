@@ -10,6 +10,7 @@ June 2163. In 1012h bit 31 means that a device *takes* the time, bit 30 that it 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -17,7 +18,6 @@ from barewire.canopen.cob_ids import TIME_KEY
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.time_types import Time, TimeOfDay
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 EPOCH = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
 """1 January 1984 in seconds of Unix."""

@@ -9,16 +9,11 @@ ten coils packed  byte 0: 7 6 5 4 3 2 1 0     byte 1: - - - - - - 9 8       [MB-
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 from barewire.errors import DecodeError, EncodeError
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Literal
-
-    Half = Literal["L", "H"]
-else:
-    Half = str
+Half = Literal["L", "H"]
 
 
 def _check_bit(bit: int, width: int) -> None:

@@ -22,14 +22,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from operator import attrgetter
+from typing import Any, Literal, NamedTuple
 
 from barewire.errors import DecodeError, EncodeError
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, Literal, NamedTuple
-else:
-    from barewire.record import NamedTuple
 
 
 class Field(NamedTuple):

@@ -13,15 +13,10 @@ from __future__ import annotations
 
 import math
 import struct
+from typing import Protocol, TypeAlias
 
 from barewire.codecs.order import ORDERS, Order, reorder
 from barewire.errors import DecodeError, EncodeError, Reason, shown
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Protocol, TypeAlias
-else:
-    Protocol = object
 
 Value: TypeAlias = int | float | bool | str | bytes
 

@@ -17,16 +17,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from typing import Literal
 
 from barewire.errors import EncodeError
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Literal
-
-    Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-else:
-    Order = str
+Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 
 ORDERS: tuple[Order, ...] = ("ABCD", "CDAB", "BADC", "DCBA")
 

@@ -25,9 +25,10 @@ I know: ports, clocks, threads, tasks, and how each of them fails.  I never know
 programs, tests and bench import me; nothing below does.
 """
 
+from typing import TYPE_CHECKING
+
 from barewire._lazy import lazy
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
     from barewire.io.canopen.client import CanopenClient, connect, open_bus, open_canopen

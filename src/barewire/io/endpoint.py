@@ -27,15 +27,10 @@ can        node (the device's own, or 1), timeout (1), bitrate (125000 bit/s), w
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 from barewire.errors import EncodeError, shown
 from barewire.io.url import pairs, split, unquote
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import NamedTuple
-else:
-    from barewire.record import NamedTuple
 
 PSEUDO_TERMINAL = "pty"
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}

@@ -21,9 +21,10 @@ I know: function codes, their fields and limits, turns of talk.  I never know: c
 what a register means.  Everybody but `codecs` and `canopen` may import me; I import no envelope.
 """
 
+from typing import TYPE_CHECKING
+
 from barewire._lazy import lazy
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
     from barewire.modbus.client.bus import Bus

@@ -10,13 +10,9 @@ The PDU (protocol data unit) is the function code and its data, 1 to 253 bytes, 
 
 from __future__ import annotations
 
-from barewire.errors import EncodeError, Reason
+from typing import NamedTuple
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import NamedTuple
-else:
-    from barewire.record import NamedTuple
+from barewire.errors import EncodeError, Reason
 
 PDU_LIMIT = 253
 BROADCAST = 0

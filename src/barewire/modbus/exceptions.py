@@ -5,13 +5,9 @@
 
 from __future__ import annotations
 
-from barewire.errors import Refused
+from typing import NamedTuple
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import NamedTuple
-else:
-    from barewire.record import NamedTuple
+from barewire.errors import Refused
 
 
 class ExceptionCode(NamedTuple):

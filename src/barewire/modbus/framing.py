@@ -13,14 +13,10 @@ A *line* is the framing state of one connection. Nobody inherits from this; a cl
 
 from __future__ import annotations
 
+from typing import Protocol, TypeAlias
+
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Protocol, TypeAlias
-else:
-    from barewire.record import Protocol
 
 Event: TypeAlias = Adu | Noise
 

@@ -15,14 +15,13 @@ will be, which `modbus.functions` tells), sockets, ports, clocks.  Shells, devic
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import decode, encode
 from barewire.rtu.timing import Timing, character_bits
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Any
-
     from barewire.rtu.line import RtuLine
 
 

@@ -12,19 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 from contextlib import suppress
+from typing import Literal
 
 from barewire.errors import DecodeError
 from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Literal
-
-    Role = Literal["client", "server", "listener"]
-else:
-    Role = str
+Role = Literal["client", "server", "listener"]
 
 
 class Shape:

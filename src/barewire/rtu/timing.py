@@ -11,13 +11,9 @@ in small devices get no finer. Lines of 8N1 send 10 bits a character: wrong by t
 
 from __future__ import annotations
 
-from barewire.errors import EncodeError
+from typing import NamedTuple
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import NamedTuple
-else:
-    from barewire.record import NamedTuple
+from barewire.errors import EncodeError
 
 FIXED_ABOVE = 19200
 FIXED_T15 = 750e-6

@@ -10,11 +10,12 @@ register 00h says that all is well.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from barewire.canopen.cob_ids import classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 # Four digits, or the first two of them: of 3210h this table knows that it is a voltage inside the device.
 ERROR_CODES: dict[str, str] = {

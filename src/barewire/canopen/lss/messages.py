@@ -17,6 +17,7 @@ master puts one device into the state *configuration* (the others stay in *waiti
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -24,7 +25,6 @@ from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError, Reason, Refused
-from barewire.frozen import dataclass
 
 REQUEST_KEY = (cob_id("LSS request"), False)
 ANSWER_KEY = (cob_id("LSS answer"), False)

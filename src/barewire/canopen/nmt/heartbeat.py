@@ -19,6 +19,7 @@ A boot-up message alone does not start the watch: a device whose heartbeat is sw
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import check_node, classify, cob_id
@@ -26,7 +27,6 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import BitPattern
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 STATE_BYTE = BitPattern("tsss ssss")
 _NAMES = {state.value: state.name.lower().replace("_", "-") for state in NmtState}

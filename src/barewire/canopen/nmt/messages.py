@@ -16,6 +16,7 @@ nothing. What a device may do depends on where it is: `SERVICES_IN` is the table
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -23,7 +24,6 @@ from barewire.canopen.cob_ids import ServiceName, check_node, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 
 class NmtCommand(IntEnum):

@@ -25,6 +25,7 @@ number, switch the PDO on. Out of this order the answer is 0601 0000h.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 from barewire.canopen.cob_ids import CobEntry, ServiceName, cob_id, is_restricted
@@ -34,7 +35,6 @@ from barewire.canopen.pdo.multiplexed import COUNTS, Addressing
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import EncodeError
-from barewire.frozen import dataclass
 
 Direction = Literal["RPDO", "TPDO"]
 

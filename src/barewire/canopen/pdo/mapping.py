@@ -18,13 +18,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from barewire.canopen.datatypes import BY_NAME, object_codec
 from barewire.canopen.time_types import Time
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 ENTRIES_MAX = 64
 BITS_MAX = 64

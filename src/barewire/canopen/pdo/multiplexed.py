@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 from barewire.canopen.cob_ids import NODE_MAX
@@ -28,7 +29,6 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.codecs import Layout
 from barewire.errors import BarewireError, DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 Addressing = Literal["SAM", "DAM"]
 Place = tuple[int, int]

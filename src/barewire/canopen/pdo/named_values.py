@@ -9,6 +9,7 @@ A `RemotePdo` is what `read_pdo` told (or what one knows anyway) with the names 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 from barewire.canopen.frame import CanFrame
@@ -20,7 +21,6 @@ from barewire.canopen.sdo.client.channel import Channel
 from barewire.codecs import Value
 from barewire.conversation import Conversation
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,15 +8,10 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 from barewire.conversation import Conversation, Heard, Listen, last_words
 from barewire.errors import BarewireError, PortError
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Protocol, TypeVar
-else:
-    from barewire.record import Protocol, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

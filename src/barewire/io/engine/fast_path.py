@@ -15,22 +15,19 @@ of `bus.ask`, whatever comes in whatever pieces; tests/io/engine/test_fast_path.
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING, TypeVar
 
 from barewire.conversation import Heard
 from barewire.errors import BarewireError
 from barewire.io.engine.blocking import break_off, run
 from barewire.tcp import TcpLine
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import TypeVar
-
     from barewire.conversation import Conversation
     from barewire.io.engine.blocking import Clock, Port
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response
-
-    R = TypeVar("R", bound=Response)
+R = TypeVar("R", bound="Response")
 
 
 def exchange(

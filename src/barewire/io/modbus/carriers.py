@@ -12,20 +12,17 @@ A port that needs a library, and an envelope, is loaded when a URL names it.
 from __future__ import annotations
 
 from collections.abc import Callable, Container
+from typing import TYPE_CHECKING, Any, Literal
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import LATENCIES, MODBUS, Endpoint
 from barewire.tcp import DatagramLine, TcpLine
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Any, Literal
-
     from barewire.io.engine.blocking import Port
     from barewire.modbus.framing import Line
     from barewire.rtu.timing import Timing
-
-    Role = Literal["client", "server"]
+Role = Literal["client", "server"]
 
 
 def modbus_endpoint(url: str) -> Endpoint:

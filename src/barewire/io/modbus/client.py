@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, dice
@@ -25,10 +26,8 @@ from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from types import TracebackType
-    from typing import Any, Self, TypeVar
 
     from barewire.codecs import Value
     from barewire.conversation import Conversation
@@ -39,9 +38,8 @@ if TYPE_CHECKING:
     from barewire.io.endpoint import Turn
     from barewire.modbus.framing import Line
     from barewire.modbus.messages.base import Request, Response
-
-    R = TypeVar("R", bound=Response)
-    T = TypeVar("T")
+R = TypeVar("R", bound="Response")
+T = TypeVar("T")
 
 
 class Connection:

@@ -16,20 +16,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property
 from types import MethodType
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
 
 from barewire import modbus
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from collections.abc import Coroutine
-    from typing import Any, Generic, ParamSpec, TypeVar, overload
 
     from barewire import modbus as messages
     from barewire.io.modbus.async_client import AsyncModbusClient
     from barewire.io.modbus.client import ModbusClient
     from barewire.modbus.messages.base import Request, Response
 else:
-    from barewire.record import Generic, ParamSpec, TypeVar
 
     class _Messages:
         """For a type checker `messages.ReadCoils` is the class; here it is what loads the class when it is called."""

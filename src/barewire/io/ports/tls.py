@@ -18,12 +18,12 @@ from __future__ import annotations
 import socket
 import ssl
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.tcp import CHUNK, TcpPort, reason
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     from barewire.modbus.server.authorization import Authorization
 

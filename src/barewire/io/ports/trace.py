@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Any, Generic, Literal, TypeVar
-
     from barewire.io.engine.blocking import Port
-
-    Direction = Literal["sent", "received"]
-    Watch = Callable[[Direction, Any], None]
-else:
-    from barewire.record import Generic, TypeVar
-
-    Direction = str
-    Watch = Callable
+Direction = Literal["sent", "received"]
+Watch = Callable[[Direction, Any], None]
 
 Item = TypeVar("Item")
 

@@ -19,17 +19,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from math import inf
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from barewire.io.ports.tcp import CONNECTIONS
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Generic, Protocol, TypeVar
-
     from barewire.io.endpoint import Endpoint
     from barewire.modbus.server.server import Reply
-else:
-    from barewire.record import Generic, Protocol, TypeVar
 
 
 Spoil = Callable[[bytes, Callable[[bytes], None]], None]

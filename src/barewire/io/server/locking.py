@@ -16,15 +16,11 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, Protocol
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Any, Protocol
-
     from barewire.canopen import CanFrame
     from barewire.modbus import Response, Unit
-else:
-    from barewire.record import Protocol
 
 
 class CanopenNode(Protocol):

@@ -17,14 +17,12 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Self
 
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Self
-
     from barewire.io.endpoint import Turn
     from barewire.io.server.locking import CanopenNode
     from barewire.modbus import Unit

@@ -15,6 +15,7 @@ import errno
 import socket
 import time
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.readiness import IN, OUT, most, watch
@@ -23,7 +24,6 @@ from barewire.io.server.connection_limits import ConnectionTable, say_all
 from barewire.io.server.open import LOOK, Host
 from barewire.modbus.server.server import Server
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
     import threading
 

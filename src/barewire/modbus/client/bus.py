@@ -33,6 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from barewire.conversation import Abandoned, Conversation, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
@@ -40,15 +41,11 @@ from barewire.modbus.adu import BROADCAST, Adu
 from barewire.modbus.client.line_state import NEVER, LineState, UnitState, describe, note, unknown
 from barewire.modbus.exceptions import ModbusException
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Any, Literal, TypeVar
-
     from barewire.modbus.framing import Line
     from barewire.modbus.messages.base import Request, Response
-
-    R = TypeVar("R", bound=Response)
-    Recovery = Literal["probe", "wait"]
+R = TypeVar("R", bound="Response")
+Recovery = Literal["probe", "wait"]
 
 _new = tuple.__new__  # what Send(...) and Listen(...) do, without the function around it
 

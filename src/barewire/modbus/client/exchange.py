@@ -14,17 +14,15 @@ the timer running [MB-SERIAL 2.4.1], for the right answer may still come.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, TypeVar
+
 from barewire.modbus.client.bus import Bus
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import TypeVar
-
     from barewire.conversation import Conversation
     from barewire.modbus.framing import Line
     from barewire.modbus.messages.base import Request, Response
-
-    R = TypeVar("R", bound=Response)
+R = TypeVar("R", bound="Response")
 
 
 def ask(line: Line, unit: int, request: Request[R], *, timeout: float = 1.0) -> Conversation[bytes, R]:

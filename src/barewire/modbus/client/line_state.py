@@ -8,21 +8,17 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from barewire.conversation import Heard
 from barewire.errors import DecodeError, NoAnswer
 from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
-from barewire.record import Shown
 
-TYPE_CHECKING = False  # see `barewire.record`
 if TYPE_CHECKING:
-    from typing import Any, NamedTuple, Self
-
     from barewire.modbus.framing import Event, Line
     from barewire.modbus.messages.base import Request
-else:
-    from barewire.record import NamedTuple
 
 KEPT = 16
 """Late replies kept to be looked at, and lost questions remembered: a line in trouble must not fill the memory."""
@@ -65,28 +61,28 @@ class PendingAnswer(NamedTuple):
         return True
 
 
-class UnitState(Shown):
+@dataclass
+class UnitState:
     """What is known of one unit."""
 
-    def __init__(self) -> None:
-        self.free_at = NEVER  # not to be spoken to before: its gap
-        self.silent = 0  # questions in a row without an answer
-        self.dead_until = NEVER
-        self.unproven = 0  # probes in a row without an answer
-        self.listens_only = False  # it was told to, and was silent
+    free_at: float = NEVER  # not to be spoken to before: its gap
+    silent: int = 0  # questions in a row without an answer
+    dead_until: float = NEVER
+    unproven: int = 0  # probes in a row without an answer
+    listens_only: bool = False  # it was told to, and was silent
 
 
-class BusCounters(Shown):
+@dataclass
+class BusCounters:
     """How the line is."""
 
-    def __init__(self) -> None:
-        self.asked = 0
-        self.answered = 0
-        self.lost = 0
-        self.late = 0
-        self.probes = 0
-        self.strays = 0
-        self.replies: deque[LateReply] = deque(maxlen=KEPT)
+    asked: int = 0
+    answered: int = 0
+    lost: int = 0
+    late: int = 0
+    probes: int = 0
+    strays: int = 0
+    replies: deque[LateReply] = field(default_factory=lambda: deque(maxlen=KEPT))
 
 
 class LineState:

@@ -23,7 +23,7 @@ from barewire.modbus.messages.identification import (
     ReadDeviceIdentificationResponse,
 )
 
-R = TypeVar("R", bound=Response)
+R = TypeVar("R", bound="Response")
 
 
 class Asker(Protocol):

@@ -9,17 +9,13 @@ and `request.read_response(pdu)` is the only way to a value. A response is a val
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.adu import check_pdu
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Generic, Self, TypeVar
-else:
-    from barewire.record import Generic, TypeVar
 
 R = TypeVar("R", bound="Response")
 

@@ -20,19 +20,15 @@ dictionary refuses comes back as an exception of its own form: `sdo_abort`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Self
+
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.sdo_abort import MEI_CANOPEN, ExtendedExceptionResponse, SdoAborted
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Literal, Self
-
-    Dialect = Literal["cia309", "schneider"]
-else:
-    Dialect = str
+Dialect = Literal["cia309", "schneider"]
 
 READ, WRITE = 0x00, 0x01
 

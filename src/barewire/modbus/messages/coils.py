@@ -7,15 +7,12 @@ filled up with zeros [MB-APP 6.1]. Coils can be written, discrete inputs cannot.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, pack_bits, unpack_bits
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Self
 
 READ_LIMIT = 2000
 WRITE_LIMIT = 1968

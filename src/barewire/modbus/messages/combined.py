@@ -6,16 +6,13 @@ Between a read and a write of its own a client may be overtaken by another one; 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.registers import READ_LIMIT, ReadHoldingRegistersResponse, register_fields
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Self
 
 WRITE_LIMIT = 121
 """Two registers fewer than function 10 can write: the read address and the read quantity need their place."""

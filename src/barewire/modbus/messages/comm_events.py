@@ -11,14 +11,12 @@ An event is one byte; what its bits mean depends on the two at the top [MB-APP 6
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import ClassVar, Self
 
 EVENT_LIMIT = 64
 """The most events that a log holds."""

@@ -6,14 +6,12 @@ something, 0B to 12 are the counters that every serial server keeps.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
 from barewire.codecs import Field, Layout
 from barewire.errors import EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Self
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.registers import register_fields
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import ClassVar, Self
 
 FIFO_LIMIT = 31
 """The most registers that one answer may hold; a queue that is longer is answered with exception 03 [MB-APP 6.18]."""

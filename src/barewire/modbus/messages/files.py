@@ -6,18 +6,13 @@ A file has 10000 records of one register, 0 to 9999 (270Fh). One message has sev
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_DATA_VALUE
 from barewire.modbus.messages.base import R, Request, Response, check_range
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, NamedTuple, Self
-else:
-    from barewire.record import NamedTuple
 
 REFERENCE_TYPE = 6
 RECORD_LIMIT = 0x270F

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range, checked
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Self
 
 MEI_DEVICE_IDENTIFICATION = 0x0E
 OBJECT_LIMIT = 244

@@ -7,17 +7,14 @@ cannot. What several registers mean together is not Modbus's business: see `bare
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from struct import Struct
 from struct import error as StructError
+from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 from barewire.modbus.messages.base import Request, Response, check_range
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, ClassVar, Self
 
 READ_LIMIT = 125
 WRITE_LIMIT = 123
@@ -132,7 +129,7 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
                 _set_address(request, address)
                 _set_quantity(request, quantity)
                 return request
-        return super().decode(pdu)
+        return super(ReadHoldingRegisters, cls).decode(pdu)  # a dataclass with slots is a second class: no bare super()
 
     def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
         """As of every request. The answer that fits, and nearly all do, is known at one look and read by one call."""

@@ -13,6 +13,8 @@ clients, `explain` and the byte count of RTU know it.
 
 from __future__ import annotations
 
+from typing import Any, TypeAlias
+
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
 from barewire.modbus.messages.canopen_reference import CanopenReference
@@ -31,13 +33,7 @@ from barewire.modbus.messages.registers import (
 )
 from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
 
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, TypeAlias
-
-    AnyRequest: TypeAlias = Request[Any]
-else:
-    AnyRequest = Request
+AnyRequest: TypeAlias = Request[Any]
 
 ENCAPSULATED = 0x2B
 """Behind this function code a second byte, the MEI type, says which function it is [MB-APP 6.19]."""

@@ -7,15 +7,13 @@ It is the one exception response with more than two bytes, and it says its lengt
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.frozen import dataclass
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.base import EXCEPTION_BIT, Response, check_range
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import ClassVar, Self
 
 MEI_CANOPEN = 0x0D
 EXTENDED = 0xFF

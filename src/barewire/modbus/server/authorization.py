@@ -15,15 +15,10 @@ What is refused gets exception 01 [MB-TLS R-31].
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from barewire.errors import EncodeError
 from barewire.modbus.messages.base import Request
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, NamedTuple
-else:
-    from barewire.record import NamedTuple
 
 _NUMBERS = "numbers and ranges, such as 0-99,200"
 _PLACES = (

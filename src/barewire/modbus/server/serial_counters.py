@@ -20,6 +20,7 @@ Communications (08/01), which is not answered then.
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.base import Response
@@ -48,10 +49,6 @@ from barewire.modbus.messages.diagnostics import (
     Diagnostics,
     DiagnosticsResponse,
 )
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any
 
 ANSWERED = (Diagnostics, GetCommEventCounter, GetCommEventLog)
 """The requests that are about the line and not about the device."""

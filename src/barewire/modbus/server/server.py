@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import BROADCAST, Adu, Noise
@@ -40,12 +41,6 @@ from barewire.modbus.messages.registry import AnyRequest, request_class
 from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse, SdoAborted
 from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
 from barewire.modbus.server.statistics import ServerStatistics
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any, NamedTuple, Protocol
-else:
-    from barewire.record import NamedTuple, Protocol
 
 TRANSACTIONS = 16
 """NumberMaxOfServerTransaction: so many requests of one client are worked on at a time [MB-TCP 4.4.2]."""

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from barewire.record import Shown
+from dataclasses import dataclass, field
 
 
-class ServerStatistics(Shown):
+@dataclass
+class ServerStatistics:
     """Counts from 0, and the latest errors of units."""
 
-    def __init__(self) -> None:
-        self.requests = 0
-        self.replies = 0
-        self.exceptions = 0
-        self.broadcasts = 0
-        self.for_others = 0
-        self.noise_bytes = 0
-        self.not_requests = 0
-        """Frames with bit 7 of the function set."""
-        self.stale = 0
-        """Requests that other traffic had followed before they could be answered."""
-        self.echoes = 0
-        """Our own answers, heard."""
-        self.failures: list[str] = []
-        """The latest errors of a unit's own code, at most ten: they were answered with exception 04."""
+    requests: int = 0
+    replies: int = 0
+    exceptions: int = 0
+    broadcasts: int = 0
+    for_others: int = 0
+    noise_bytes: int = 0
+    not_requests: int = 0
+    """Frames with bit 7 of the function set."""
+    stale: int = 0
+    """Requests that other traffic had followed before they could be answered."""
+    echoes: int = 0
+    """Our own answers, heard."""
+    failures: list[str] = field(default_factory=list)
+    """The latest errors of a unit's own code, at most ten: they were answered with exception 04."""
 
     def failed(self, error: Exception) -> None:
         """One more of them. Its text is the user's code as well."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from barewire.codecs import from_registers
 from barewire.errors import EncodeError
@@ -26,10 +27,6 @@ from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExcept
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
 from barewire.modbus.server.identity import Identity
-
-TYPE_CHECKING = False  # see `barewire.record`
-if TYPE_CHECKING:
-    from typing import Any
 
 SIZE = 0x10000
 

@@ -23,13 +23,13 @@ is no segment 0. A segment never says how many of its bytes count: the end does,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from barewire.canopen.sdo.messages.initiate import LAYOUT, SIZE, about, indicated_size
 from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 BLOCK_MAX = 127
 LAST = 0x80

@@ -24,11 +24,11 @@ beginning stands in `segment_messages` and `block_messages`; `messages` reads al
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
 SIZE = Layout("<I", "size")

@@ -17,11 +17,11 @@ A value of no bytes travels too, as one segment 0Fh with seven unused bytes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from barewire.codecs import BitPattern
 from barewire.errors import DecodeError, EncodeError
-from barewire.frozen import dataclass
 
 SEGMENT = 7
 """Bytes of data in a segment."""
