@@ -31,6 +31,9 @@ from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from barewire.errors import BarewireError
 
+DEFAULT_TIMEOUT = 1.0
+"""Seconds that a request waits for its response where the caller gives no time-out, on every bus."""
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Event = TypeVar("Event")
