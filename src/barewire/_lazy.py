@@ -1,36 +1,39 @@
-"""A door that loads what is behind it when somebody asks for it: the `__getattr__` of a room's `__init__.py`.
+"""Lazy package doors: an `__init__.py` offers names and loads the file of a name when that name is first used.
 
-    __getattr__ = lazy(__name__, {"adu": "Adu Noise", "message": "Message Request Response", ...})
+    if TYPE_CHECKING:
+        from barewire.modbus.adu import Adu as Adu, Noise as Noise           # for type checkers
 
-Whoever asks for a name loads the one file that holds it, and what that file needs: an envelope which wants `Adu` does
-not pay for all the messages. A door says its names three times, each for another reader: in imports for type checkers,
-in `__all__` for `import *`, by file for me. `tests/test_doors.py` holds the three against each other.
+    __getattr__, __all__ = lazy(__name__, {"adu": "Adu Noise", ...})         # for programs, in reading order
 
-I know: modules and names.  I never know: what is in them.  The doors of rooms import me, nobody else.
+So `from barewire.modbus import Adu` loads `barewire.modbus.adu` and what that file needs, and no message class. A door
+lists its names twice because type checkers read only import statements; `tests/test_doors.py` compares the two lists.
+
+Depends on: nothing. Used by: the `__init__.py` of rooms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import Any
 
 
-def lazy(room: str, files: Mapping[str, str]) -> Callable[[str], Any]:
-    """What answers for `room` when a name is asked of it that is not loaded yet.
+def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], list[str]]:
+    """The `__getattr__` and the `__all__` of the package `room`.
 
-    `files`: for each file the names that it holds and the door offers, with spaces between them.
+    `files` maps each file, relative to the room, to the names it offers, separated by spaces.
 
-    >>> find = lazy("barewire.modbus", {"adu": "Adu Noise", "table": "Table"})
-    >>> find("Adu").__module__
-    'barewire.modbus.adu'
+    >>> find, names = lazy("barewire.modbus", {"adu": "Adu Noise", "server.table": "Table"})
+    >>> find("Adu").__module__, names
+    ('barewire.modbus.adu', ['Adu', 'Noise', 'Table'])
 
-    Raises AttributeError, as a module does, for a name that no file holds.
+    `__getattr__` raises AttributeError, as a module does, for a name that is not in the list.
     """
     file_of = {name: file for file, names in files.items() for name in names.split()}
 
     def find(name: str) -> Any:
         if name in file_of:
-            return getattr(__import__(f"{room}.{file_of[name]}", fromlist=[name]), name)
+            return getattr(import_module(f"{room}.{file_of[name]}"), name)
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
 
-    return find
+    return find, list(file_of)

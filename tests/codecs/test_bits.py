@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.codecs import get_bit, get_field, get_half, pack_bits, set_bit, set_field, set_half, unpack_bits
 from barewire.codecs.bits import Half

@@ -7,8 +7,7 @@ import struct
 from itertools import product
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.codecs import ORDERS, Number, codec
 from barewire.codecs.order import Order

@@ -6,8 +6,7 @@ from itertools import combinations
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.devices import Device, ModbusAt, ModbusSide, Parameter, load, plan_reads, plan_writes
 from barewire.devices.parameter import TableName

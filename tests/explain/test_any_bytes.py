@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from barewire import ascii as ascii_room
-from barewire import rtu, tcp
+from barewire import ascii as ascii_room, rtu, tcp
 from barewire.canopen import CanFrame
 from barewire.errors import DecodeError
 from barewire.explain import Explanation, Protocol, Role, explain, explain_text

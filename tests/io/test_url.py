@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from urllib.parse import parse_qsl, urlsplit
-from urllib.parse import unquote as their_unquote
+from urllib.parse import parse_qsl, unquote as their_unquote, urlsplit
 
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from barewire.io.url import pairs, split, unquote
 from tests.helpers import modest

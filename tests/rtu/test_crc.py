@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import crcmod.predefined
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.rtu.crc import crc16, crc16_bit_by_bit, crc16_folded, crc16_table
 from tests.helpers import modest, unhex

@@ -36,218 +36,170 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.bus.scan import Found, Survey, scan
-    from barewire.canopen.cob_ids import CobEntry, Service, check_node, classify, cob_id, is_restricted
-    from barewire.canopen.communication_objects import standard_objects
-    from barewire.canopen.device.device import LocalNode
-    from barewire.canopen.device.sdo_channels import client_channel
-    from barewire.canopen.device.storage import StoredParameters
-    from barewire.canopen.emcy.consumer import EmcyConsumer, EmcyEvent
-    from barewire.canopen.emcy.message import Emergency, error_text, register_names, register_of
-    from barewire.canopen.emcy.producer import EmcyProducer
-    from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-    from barewire.canopen.lss.fastscan import Assigned, fastscan, find_all
+    from barewire.canopen.bus.scan import Found as Found, Survey as Survey, scan as scan
+    from barewire.canopen.cob_ids import (
+        CobEntry as CobEntry,
+        Service as Service,
+        check_node as check_node,
+        classify as classify,
+        cob_id as cob_id,
+        is_restricted as is_restricted,
+    )
+    from barewire.canopen.communication_objects import standard_objects as standard_objects
+    from barewire.canopen.device.device import LocalNode as LocalNode
+    from barewire.canopen.device.sdo_channels import client_channel as client_channel
+    from barewire.canopen.device.storage import StoredParameters as StoredParameters
+    from barewire.canopen.emcy.consumer import EmcyConsumer as EmcyConsumer, EmcyEvent as EmcyEvent
+    from barewire.canopen.emcy.message import (
+        Emergency as Emergency,
+        error_text as error_text,
+        register_names as register_names,
+        register_of as register_of,
+    )
+    from barewire.canopen.emcy.producer import EmcyProducer as EmcyProducer
+    from barewire.canopen.frame import CanFrame as CanFrame, ErrorFrame as ErrorFrame, FdFrame as FdFrame
+    from barewire.canopen.lss.fastscan import Assigned as Assigned, fastscan as fastscan, find_all as find_all
     from barewire.canopen.lss.master import (
-        activate_bit_timing,
-        configure_bit_timing,
-        configure_node,
-        identify_slaves,
-        identify_unconfigured,
-        inquire_address,
-        inquire_node,
-        store_configuration,
-        switch_global,
-        switch_selective,
+        activate_bit_timing as activate_bit_timing,
+        configure_bit_timing as configure_bit_timing,
+        configure_node as configure_node,
+        identify_slaves as identify_slaves,
+        identify_unconfigured as identify_unconfigured,
+        inquire_address as inquire_address,
+        inquire_node as inquire_node,
+        store_configuration as store_configuration,
+        switch_global as switch_global,
+        switch_selective as switch_selective,
     )
-    from barewire.canopen.lss.messages import Fastscan, LssAddress, LssMessage, LssRefused, LssService, LssState
-    from barewire.canopen.lss.slave import LssSlave
+    from barewire.canopen.lss.messages import (
+        Fastscan as Fastscan,
+        LssAddress as LssAddress,
+        LssMessage as LssMessage,
+        LssRefused as LssRefused,
+        LssService as LssService,
+        LssState as LssState,
+    )
+    from barewire.canopen.lss.slave import LssSlave as LssSlave
     from barewire.canopen.nmt.heartbeat import (
-        HeartbeatConsumer,
-        HeartbeatEvent,
-        HeartbeatProducer,
-        NodeState,
-        consumer_entry,
-        guarding_request,
+        HeartbeatConsumer as HeartbeatConsumer,
+        HeartbeatEvent as HeartbeatEvent,
+        HeartbeatProducer as HeartbeatProducer,
+        NodeState as NodeState,
+        consumer_entry as consumer_entry,
+        guarding_request as guarding_request,
     )
-    from barewire.canopen.nmt.master import NmtConfirmation, ask_state, tell_nmt
-    from barewire.canopen.nmt.messages import NmtChange, NmtCommand, NmtMessage, NmtSlave, NmtState
-    from barewire.canopen.nmt.node_guarding import Guard, GuardedNode, GuardEvent, GuardingMaster, LifeEvent
-    from barewire.canopen.nmt.wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
-    from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-    from barewire.canopen.pdo.config import Pdo, pdos_of
-    from barewire.canopen.pdo.engine import PdoEngine
-    from barewire.canopen.pdo.mapping import Mapped, PdoMapping
-    from barewire.canopen.pdo.multiplexed import Mpdo
-    from barewire.canopen.pdo.named_values import PdoListener, PdoReceived, RemotePdo, remote_pdo
-    from barewire.canopen.pdo.remote_config import PdoConfigPolicy, mapping_of, read_pdo, write_pdo
+    from barewire.canopen.nmt.master import (
+        NmtConfirmation as NmtConfirmation,
+        ask_state as ask_state,
+        tell_nmt as tell_nmt,
+    )
+    from barewire.canopen.nmt.messages import (
+        NmtChange as NmtChange,
+        NmtCommand as NmtCommand,
+        NmtMessage as NmtMessage,
+        NmtSlave as NmtSlave,
+        NmtState as NmtState,
+    )
+    from barewire.canopen.nmt.node_guarding import (
+        Guard as Guard,
+        GuardedNode as GuardedNode,
+        GuardEvent as GuardEvent,
+        GuardingMaster as GuardingMaster,
+        LifeEvent as LifeEvent,
+    )
+    from barewire.canopen.nmt.wait import (
+        wait_for_boot_up as wait_for_boot_up,
+        wait_for_heartbeat as wait_for_heartbeat,
+        wait_for_state as wait_for_state,
+    )
+    from barewire.canopen.object_dictionary import Entry as Entry, ObjectDictionary as ObjectDictionary
+    from barewire.canopen.pdo.config import Pdo as Pdo, pdos_of as pdos_of
+    from barewire.canopen.pdo.engine import PdoEngine as PdoEngine
+    from barewire.canopen.pdo.mapping import Mapped as Mapped, PdoMapping as PdoMapping
+    from barewire.canopen.pdo.multiplexed import Mpdo as Mpdo
+    from barewire.canopen.pdo.named_values import (
+        PdoListener as PdoListener,
+        PdoReceived as PdoReceived,
+        RemotePdo as RemotePdo,
+        remote_pdo as remote_pdo,
+    )
+    from barewire.canopen.pdo.remote_config import (
+        PdoConfigPolicy as PdoConfigPolicy,
+        mapping_of as mapping_of,
+        read_pdo as read_pdo,
+        write_pdo as write_pdo,
+    )
     from barewire.canopen.sdo import (
-        AZ3,
-        STANDARD,
-        AbortCode,
-        BlockSettings,
-        Channel,
-        Dialect,
-        SdoAbort,
-        SdoServer,
-        abort_text,
-        download,
-        fit,
-        upload,
-        upload_to,
+        AZ3 as AZ3,
+        STANDARD as STANDARD,
+        AbortCode as AbortCode,
+        BlockSettings as BlockSettings,
+        Channel as Channel,
+        Dialect as Dialect,
+        SdoAbort as SdoAbort,
+        SdoServer as SdoServer,
+        abort_text as abort_text,
+        download as download,
+        fit as fit,
+        upload as upload,
+        upload_to as upload_to,
     )
-    from barewire.canopen.sdo.client.typed_access import read_object, write_object
-    from barewire.canopen.sync import Sync, SyncEvent, SyncMonitor, SyncProducer
-    from barewire.canopen.time_stamp import TimeConsumer, TimeHeard, TimeProducer, TimeStamp
-    from barewire.canopen.time_types import TimeDifference, TimeOfDay
+    from barewire.canopen.sdo.client.typed_access import read_object as read_object, write_object as write_object
+    from barewire.canopen.sync import (
+        Sync as Sync,
+        SyncEvent as SyncEvent,
+        SyncMonitor as SyncMonitor,
+        SyncProducer as SyncProducer,
+    )
+    from barewire.canopen.time_stamp import (
+        TimeConsumer as TimeConsumer,
+        TimeHeard as TimeHeard,
+        TimeProducer as TimeProducer,
+        TimeStamp as TimeStamp,
+    )
+    from barewire.canopen.time_types import TimeDifference as TimeDifference, TimeOfDay as TimeOfDay
 
-__all__ = [
-    "CanFrame",
-    "FdFrame",
-    "ErrorFrame",
-    "cob_id",
-    "classify",
-    "check_node",
-    "is_restricted",
-    "Service",
-    "CobEntry",
-    "upload",
-    "upload_to",
-    "download",
-    "BlockSettings",
-    "Channel",
-    "Dialect",
-    "STANDARD",
-    "AZ3",
-    "fit",
-    "SdoAbort",
-    "AbortCode",
-    "abort_text",
-    "SdoServer",
-    "Entry",
-    "ObjectDictionary",
-    "TimeOfDay",
-    "TimeDifference",
-    "NmtCommand",
-    "NmtState",
-    "NmtMessage",
-    "NmtChange",
-    "NmtSlave",
-    "tell_nmt",
-    "ask_state",
-    "NmtConfirmation",
-    "wait_for_boot_up",
-    "wait_for_heartbeat",
-    "wait_for_state",
-    "NodeState",
-    "HeartbeatProducer",
-    "HeartbeatConsumer",
-    "HeartbeatEvent",
-    "consumer_entry",
-    "guarding_request",
-    "Guard",
-    "GuardingMaster",
-    "GuardEvent",
-    "GuardedNode",
-    "LifeEvent",
-    "Emergency",
-    "error_text",
-    "register_names",
-    "register_of",
-    "EmcyProducer",
-    "EmcyConsumer",
-    "EmcyEvent",
-    "Sync",
-    "SyncProducer",
-    "SyncMonitor",
-    "SyncEvent",
-    "TimeStamp",
-    "TimeProducer",
-    "TimeConsumer",
-    "TimeHeard",
-    "Mapped",
-    "PdoMapping",
-    "Mpdo",
-    "Pdo",
-    "pdos_of",
-    "PdoEngine",
-    "read_pdo",
-    "write_pdo",
-    "mapping_of",
-    "PdoConfigPolicy",
-    "remote_pdo",
-    "RemotePdo",
-    "PdoListener",
-    "PdoReceived",
-    "read_object",
-    "write_object",
-    "scan",
-    "Survey",
-    "Found",
-    "LssAddress",
-    "LssMessage",
-    "LssService",
-    "LssState",
-    "LssRefused",
-    "LssSlave",
-    "Fastscan",
-    "switch_global",
-    "switch_selective",
-    "identify_slaves",
-    "identify_unconfigured",
-    "inquire_address",
-    "inquire_node",
-    "configure_node",
-    "configure_bit_timing",
-    "activate_bit_timing",
-    "store_configuration",
-    "fastscan",
-    "find_all",
-    "Assigned",
-    "LocalNode",
-    "StoredParameters",
-    "standard_objects",
-    "client_channel",
-]
-
-# Which file holds what. Only that one is loaded, with what it needs: a bus shell asks for `CanFrame` and gets no node.
-_FILES = {
-    "cob_ids": "CobEntry Service check_node classify cob_id is_restricted",
-    "device.device": "LocalNode",
-    "device.sdo_channels": "client_channel",
-    "object_dictionary": "Entry ObjectDictionary",
-    "emcy.message": "Emergency error_text register_names register_of",
-    "emcy.consumer": "EmcyConsumer EmcyEvent",
-    "emcy.producer": "EmcyProducer",
-    "frame": "CanFrame ErrorFrame FdFrame",
-    "nmt.node_guarding": "Guard GuardedNode GuardEvent GuardingMaster LifeEvent",
-    "nmt.heartbeat": "HeartbeatConsumer HeartbeatEvent HeartbeatProducer NodeState consumer_entry guarding_request",
-    "lss.messages": "Fastscan LssAddress LssMessage LssRefused LssService LssState",
-    "lss.master": (
-        "activate_bit_timing configure_bit_timing configure_node identify_slaves identify_unconfigured "
-        "inquire_address inquire_node store_configuration switch_global switch_selective"
-    ),
-    "lss.fastscan": "Assigned fastscan find_all",
-    "lss.slave": "LssSlave",
-    "pdo.multiplexed": "Mpdo",
-    "nmt.messages": "NmtChange NmtCommand NmtMessage NmtSlave NmtState",
-    "nmt.master": "NmtConfirmation ask_state tell_nmt",
-    "nmt.wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
-    "communication_objects": "standard_objects",
-    "pdo.mapping": "Mapped PdoMapping",
-    "pdo.engine": "PdoEngine",
-    "pdo.named_values": "PdoReceived PdoListener RemotePdo remote_pdo",
-    "pdo.config": "Pdo pdos_of",
-    "pdo.remote_config": "PdoConfigPolicy mapping_of read_pdo write_pdo",
-    "sdo.client.typed_access": "read_object write_object",
-    "sdo": (
-        "AZ3 STANDARD AbortCode BlockSettings Channel Dialect SdoAbort SdoServer abort_text download fit upload "
-        "upload_to"
-    ),
-    "device.storage": "StoredParameters",
-    "bus.scan": "Found Survey scan",
-    "sync": "Sync SyncEvent SyncMonitor SyncProducer",
-    "time_stamp": "TimeConsumer TimeHeard TimeProducer TimeStamp",
-    "time_types": "TimeDifference TimeOfDay",
-}
-
-__getattr__ = lazy(__name__, _FILES)
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        "frame": "CanFrame FdFrame ErrorFrame",
+        "cob_ids": "cob_id classify check_node is_restricted Service CobEntry",
+        "sdo": (
+            "upload upload_to download BlockSettings Channel Dialect STANDARD AZ3 fit SdoAbort AbortCode "
+            "abort_text SdoServer"
+        ),
+        "object_dictionary": "Entry ObjectDictionary",
+        "time_types": "TimeOfDay TimeDifference",
+        "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave",
+        "nmt.master": "tell_nmt ask_state NmtConfirmation",
+        "nmt.wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
+        "nmt.heartbeat": (
+            "NodeState HeartbeatProducer HeartbeatConsumer HeartbeatEvent consumer_entry guarding_request"
+        ),
+        "nmt.node_guarding": "Guard GuardingMaster GuardEvent GuardedNode LifeEvent",
+        "emcy.message": "Emergency error_text register_names register_of",
+        "emcy.producer": "EmcyProducer",
+        "emcy.consumer": "EmcyConsumer EmcyEvent",
+        "sync": "Sync SyncProducer SyncMonitor SyncEvent",
+        "time_stamp": "TimeStamp TimeProducer TimeConsumer TimeHeard",
+        "pdo.mapping": "Mapped PdoMapping",
+        "pdo.multiplexed": "Mpdo",
+        "pdo.config": "Pdo pdos_of",
+        "pdo.engine": "PdoEngine",
+        "pdo.remote_config": "read_pdo write_pdo mapping_of PdoConfigPolicy",
+        "pdo.named_values": "remote_pdo RemotePdo PdoListener PdoReceived",
+        "sdo.client.typed_access": "read_object write_object",
+        "bus.scan": "scan Survey Found",
+        "lss.messages": "LssAddress LssMessage LssService LssState LssRefused Fastscan",
+        "lss.slave": "LssSlave",
+        "lss.master": (
+            "switch_global switch_selective identify_slaves identify_unconfigured inquire_address inquire_node "
+            "configure_node configure_bit_timing activate_bit_timing store_configuration"
+        ),
+        "lss.fastscan": "fastscan find_all Assigned",
+        "device.device": "LocalNode",
+        "device.storage": "StoredParameters",
+        "communication_objects": "standard_objects",
+        "device.sdo_channels": "client_channel",
+    },
+)

@@ -9,8 +9,7 @@ import click
 from barewire.cli.arguments import ending, endpoint_argument, json_option, say_timing, timing_option
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.conformance import Result
-from barewire.io.modbus.conformance import conform as run_battery
+from barewire.io.modbus.conformance import Result, conform as run_battery
 from barewire.modbus.conformance.model import shown
 
 

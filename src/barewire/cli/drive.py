@@ -12,8 +12,7 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import Progress as Bar
-from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.devices import load

@@ -21,58 +21,54 @@ me; modbus and canopen do not.
 from typing import TYPE_CHECKING
 
 from barewire._lazy import lazy
-from barewire.devices.description.check import DescriptionError
-from barewire.devices.description.describe import describe
-from barewire.devices.description.load import load, names
-from barewire.devices.device import CanopenSide, Device, DevicePdo, DriveSide, ModbusSide, UnknownName
-from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, Reading
 
 if TYPE_CHECKING:
-    from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
-    from barewire.devices.drive.access import CanopenAccess, ModbusAccess
-    from barewire.devices.drive.cia402 import State, next_control_word, state_of
-    from barewire.devices.drive.drive import Drive
-    from barewire.devices.drive.report import DriveStuck
-    from barewire.devices.plan import plan_reads, plan_writes
+    from barewire.devices.access import (
+        read_canopen as read_canopen,
+        read_modbus as read_modbus,
+        write_canopen as write_canopen,
+        write_modbus as write_modbus,
+    )
+    from barewire.devices.description.check import DescriptionError as DescriptionError
+    from barewire.devices.description.describe import describe as describe
+    from barewire.devices.description.load import load as load, names as names
+    from barewire.devices.device import (
+        CanopenSide as CanopenSide,
+        Device as Device,
+        DevicePdo as DevicePdo,
+        DriveSide as DriveSide,
+        ModbusSide as ModbusSide,
+        UnknownName as UnknownName,
+    )
+    from barewire.devices.drive.access import CanopenAccess as CanopenAccess, ModbusAccess as ModbusAccess
+    from barewire.devices.drive.cia402 import (
+        State as State,
+        next_control_word as next_control_word,
+        state_of as state_of,
+    )
+    from barewire.devices.drive.drive import Drive as Drive
+    from barewire.devices.drive.report import DriveStuck as DriveStuck
+    from barewire.devices.parameter import (
+        ModbusAt as ModbusAt,
+        ObjectAt as ObjectAt,
+        Parameter as Parameter,
+        Reading as Reading,
+    )
+    from barewire.devices.plan import plan_reads as plan_reads, plan_writes as plan_writes
 
-__all__ = [
-    "load",
-    "names",
-    "Device",
-    "ModbusSide",
-    "CanopenSide",
-    "DriveSide",
-    "DevicePdo",
-    "Parameter",
-    "ModbusAt",
-    "ObjectAt",
-    "Reading",
-    "UnknownName",
-    "DescriptionError",
-    "read_modbus",
-    "write_modbus",
-    "read_canopen",
-    "write_canopen",
-    "plan_reads",
-    "plan_writes",
-    "describe",
-    "State",
-    "state_of",
-    "next_control_word",
-    "Drive",
-    "DriveStuck",
-    "ModbusAccess",
-    "CanopenAccess",
-]
-
-# Which file holds what. Only that one is loaded, with what it needs: looking a parameter up loads no bus.
-_FILES = {
-    "access": "read_canopen read_modbus write_canopen write_modbus",
-    "drive.cia402": "State next_control_word state_of",
-    "drive.drive": "Drive",
-    "drive.access": "CanopenAccess ModbusAccess",
-    "drive.report": "DriveStuck",
-    "plan": "plan_reads plan_writes",
-}
-
-__getattr__ = lazy(__name__, _FILES)
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        "description.load": "load names",
+        "device": "Device ModbusSide CanopenSide DriveSide DevicePdo UnknownName",
+        "parameter": "Parameter ModbusAt ObjectAt Reading",
+        "description.check": "DescriptionError",
+        "access": "read_modbus write_modbus read_canopen write_canopen",
+        "plan": "plan_reads plan_writes",
+        "description.describe": "describe",
+        "drive.cia402": "State state_of next_control_word",
+        "drive.drive": "Drive",
+        "drive.report": "DriveStuck",
+        "drive.access": "ModbusAccess CanopenAccess",
+    },
+)

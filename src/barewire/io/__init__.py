@@ -30,54 +30,41 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
-    from barewire.io.canopen.client import CanopenClient, connect, open_bus, open_canopen
-    from barewire.io.canopen.shared_bus import CanBus
-    from barewire.io.canopen.subscriber import BusDown, BusUp, FramesLost
-    from barewire.io.endpoint import Endpoint
-    from barewire.io.engine.blocking import Port, run
-    from barewire.io.modbus.async_client import AsyncModbusClient, open_async, open_tcp
-    from barewire.io.modbus.client import ModbusClient, open_modbus
-    from barewire.io.server.asyncio_stream import serve, serve_tcp
-    from barewire.io.server.open import Host, open_host
+    from barewire.io.canopen.async_client import (
+        AsyncCanopenClient as AsyncCanopenClient,
+        open_canopen_async as open_canopen_async,
+    )
+    from barewire.io.canopen.client import (
+        CanopenClient as CanopenClient,
+        connect as connect,
+        open_bus as open_bus,
+        open_canopen as open_canopen,
+    )
+    from barewire.io.canopen.shared_bus import CanBus as CanBus
+    from barewire.io.canopen.subscriber import BusDown as BusDown, BusUp as BusUp, FramesLost as FramesLost
+    from barewire.io.endpoint import Endpoint as Endpoint
+    from barewire.io.engine.blocking import Port as Port, run as run
+    from barewire.io.modbus.async_client import (
+        AsyncModbusClient as AsyncModbusClient,
+        open_async as open_async,
+        open_tcp as open_tcp,
+    )
+    from barewire.io.modbus.client import ModbusClient as ModbusClient, open_modbus as open_modbus
+    from barewire.io.server.asyncio_stream import serve as serve, serve_tcp as serve_tcp
+    from barewire.io.server.open import Host as Host, open_host as open_host
 
-__all__ = [
-    "Endpoint",
-    "Port",
-    "run",
-    "ModbusClient",
-    "CanopenClient",
-    "connect",
-    "open_modbus",
-    "open_canopen",
-    "open_bus",
-    "CanBus",
-    "FramesLost",
-    "BusDown",
-    "BusUp",
-    "AsyncModbusClient",
-    "AsyncCanopenClient",
-    "open_canopen_async",
-    "open_async",
-    "open_tcp",
-    "serve",
-    "serve_tcp",
-    "Host",
-    "open_host",
-]
-
-# Which file holds what. Only that one is loaded, with what it needs: a blocking client gets no asyncio.
-_FILES = {
-    "canopen.async_client": "AsyncCanopenClient open_canopen_async",
-    "modbus.async_client": "AsyncModbusClient open_async open_tcp",
-    "server.asyncio_stream": "serve serve_tcp",
-    "engine.blocking": "Port run",
-    "canopen.shared_bus": "CanBus",
-    "canopen.subscriber": "BusUp BusDown FramesLost",
-    "canopen.client": "CanopenClient connect open_bus open_canopen",
-    "endpoint": "Endpoint",
-    "server.open": "Host open_host",
-    "modbus.client": "ModbusClient open_modbus",
-}
-
-__getattr__ = lazy(__name__, _FILES)
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        "endpoint": "Endpoint",
+        "engine.blocking": "Port run",
+        "modbus.client": "ModbusClient open_modbus",
+        "canopen.client": "CanopenClient connect open_canopen open_bus",
+        "canopen.shared_bus": "CanBus",
+        "canopen.subscriber": "FramesLost BusDown BusUp",
+        "modbus.async_client": "AsyncModbusClient open_async open_tcp",
+        "canopen.async_client": "AsyncCanopenClient open_canopen_async",
+        "server.asyncio_stream": "serve serve_tcp",
+        "server.open": "Host open_host",
+    },
+)

@@ -26,212 +26,151 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.modbus.adu import BROADCAST, PDU_LIMIT, Adu, Noise
-    from barewire.modbus.client.bus import Bus
-    from barewire.modbus.client.exchange import ask, tell
-    from barewire.modbus.client.fair_queue import FairQueue
-    from barewire.modbus.client.line_state import LateReply, WriteOutcomeUnknown
-    from barewire.modbus.client.read_identification import Identification, identify
-    from barewire.modbus.echo import EchoLine
-    from barewire.modbus.exceptions import EXCEPTIONS, ModbusException, exception_name
-    from barewire.modbus.framing import Line
-    from barewire.modbus.messages.base import ExceptionResponse, Message, Request, Response
-    from barewire.modbus.messages.canopen_reference import CanopenReference, CanopenReferenceResponse
+    from barewire.modbus.adu import BROADCAST as BROADCAST, PDU_LIMIT as PDU_LIMIT, Adu as Adu, Noise as Noise
+    from barewire.modbus.client.bus import Bus as Bus
+    from barewire.modbus.client.exchange import ask as ask, tell as tell
+    from barewire.modbus.client.fair_queue import FairQueue as FairQueue
+    from barewire.modbus.client.line_state import LateReply as LateReply, WriteOutcomeUnknown as WriteOutcomeUnknown
+    from barewire.modbus.client.read_identification import Identification as Identification, identify as identify
+    from barewire.modbus.echo import EchoLine as EchoLine
+    from barewire.modbus.exceptions import (
+        EXCEPTIONS as EXCEPTIONS,
+        ModbusException as ModbusException,
+        exception_name as exception_name,
+    )
+    from barewire.modbus.framing import Line as Line
+    from barewire.modbus.messages.base import (
+        ExceptionResponse as ExceptionResponse,
+        Message as Message,
+        Request as Request,
+        Response as Response,
+    )
+    from barewire.modbus.messages.canopen_reference import (
+        CanopenReference as CanopenReference,
+        CanopenReferenceResponse as CanopenReferenceResponse,
+    )
     from barewire.modbus.messages.coils import (
-        ReadCoils,
-        ReadCoilsResponse,
-        ReadDiscreteInputs,
-        ReadDiscreteInputsResponse,
-        WriteMultipleCoils,
-        WriteMultipleCoilsResponse,
-        WriteSingleCoil,
-        WriteSingleCoilResponse,
+        ReadCoils as ReadCoils,
+        ReadCoilsResponse as ReadCoilsResponse,
+        ReadDiscreteInputs as ReadDiscreteInputs,
+        ReadDiscreteInputsResponse as ReadDiscreteInputsResponse,
+        WriteMultipleCoils as WriteMultipleCoils,
+        WriteMultipleCoilsResponse as WriteMultipleCoilsResponse,
+        WriteSingleCoil as WriteSingleCoil,
+        WriteSingleCoilResponse as WriteSingleCoilResponse,
     )
     from barewire.modbus.messages.combined import (
-        MaskWriteRegister,
-        MaskWriteRegisterResponse,
-        ReadWriteMultipleRegisters,
-        ReadWriteMultipleRegistersResponse,
+        MaskWriteRegister as MaskWriteRegister,
+        MaskWriteRegisterResponse as MaskWriteRegisterResponse,
+        ReadWriteMultipleRegisters as ReadWriteMultipleRegisters,
+        ReadWriteMultipleRegistersResponse as ReadWriteMultipleRegistersResponse,
     )
     from barewire.modbus.messages.comm_events import (
-        GetCommEventCounter,
-        GetCommEventCounterResponse,
-        GetCommEventLog,
-        GetCommEventLogResponse,
-        event_text,
+        GetCommEventCounter as GetCommEventCounter,
+        GetCommEventCounterResponse as GetCommEventCounterResponse,
+        GetCommEventLog as GetCommEventLog,
+        GetCommEventLogResponse as GetCommEventLogResponse,
+        event_text as event_text,
     )
     from barewire.modbus.messages.diagnostics import (
-        Diagnostics,
-        DiagnosticsResponse,
-        ReadExceptionStatus,
-        ReadExceptionStatusResponse,
-        Unanswered,
+        Diagnostics as Diagnostics,
+        DiagnosticsResponse as DiagnosticsResponse,
+        ReadExceptionStatus as ReadExceptionStatus,
+        ReadExceptionStatusResponse as ReadExceptionStatusResponse,
+        Unanswered as Unanswered,
     )
-    from barewire.modbus.messages.fifo import ReadFifoQueue, ReadFifoQueueResponse
+    from barewire.modbus.messages.fifo import (
+        ReadFifoQueue as ReadFifoQueue,
+        ReadFifoQueueResponse as ReadFifoQueueResponse,
+    )
     from barewire.modbus.messages.files import (
-        FileRecord,
-        ReadFileRecord,
-        ReadFileRecordResponse,
-        RecordPlace,
-        WriteFileRecord,
-        WriteFileRecordResponse,
+        FileRecord as FileRecord,
+        ReadFileRecord as ReadFileRecord,
+        ReadFileRecordResponse as ReadFileRecordResponse,
+        RecordPlace as RecordPlace,
+        WriteFileRecord as WriteFileRecord,
+        WriteFileRecordResponse as WriteFileRecordResponse,
     )
     from barewire.modbus.messages.identification import (
-        ReadDeviceIdentification,
-        ReadDeviceIdentificationResponse,
-        ReportServerId,
-        ReportServerIdResponse,
+        ReadDeviceIdentification as ReadDeviceIdentification,
+        ReadDeviceIdentificationResponse as ReadDeviceIdentificationResponse,
+        ReportServerId as ReportServerId,
+        ReportServerIdResponse as ReportServerIdResponse,
     )
     from barewire.modbus.messages.registers import (
-        ReadHoldingRegisters,
-        ReadHoldingRegistersResponse,
-        ReadInputRegisters,
-        ReadInputRegistersResponse,
-        WriteMultipleRegisters,
-        WriteMultipleRegistersResponse,
-        WriteSingleRegister,
-        WriteSingleRegisterResponse,
+        ReadHoldingRegisters as ReadHoldingRegisters,
+        ReadHoldingRegistersResponse as ReadHoldingRegistersResponse,
+        ReadInputRegisters as ReadInputRegisters,
+        ReadInputRegistersResponse as ReadInputRegistersResponse,
+        WriteMultipleRegisters as WriteMultipleRegisters,
+        WriteMultipleRegistersResponse as WriteMultipleRegistersResponse,
+        WriteSingleRegister as WriteSingleRegister,
+        WriteSingleRegisterResponse as WriteSingleRegisterResponse,
     )
-    from barewire.modbus.messages.registry import decode_request, decode_response, register
-    from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse, SdoAborted
-    from barewire.modbus.server.authorization import Authorization, Permission
-    from barewire.modbus.server.handlers import Functions
-    from barewire.modbus.server.identity import Identity
-    from barewire.modbus.server.serial_counters import SerialCounters
-    from barewire.modbus.server.server import Reply, Server, Unit
-    from barewire.modbus.server.statistics import ServerStatistics
-    from barewire.modbus.server.table import Table
+    from barewire.modbus.messages.registry import (
+        decode_request as decode_request,
+        decode_response as decode_response,
+        register as register,
+    )
+    from barewire.modbus.messages.sdo_abort import (
+        ExtendedExceptionResponse as ExtendedExceptionResponse,
+        SdoAborted as SdoAborted,
+    )
+    from barewire.modbus.server.authorization import Authorization as Authorization, Permission as Permission
+    from barewire.modbus.server.handlers import Functions as Functions
+    from barewire.modbus.server.identity import Identity as Identity
+    from barewire.modbus.server.serial_counters import SerialCounters as SerialCounters
+    from barewire.modbus.server.server import Reply as Reply, Server as Server, Unit as Unit
+    from barewire.modbus.server.statistics import ServerStatistics as ServerStatistics
+    from barewire.modbus.server.table import Table as Table
 
-__all__ = [
-    "BROADCAST",
-    "PDU_LIMIT",
-    "Adu",
-    "Noise",
-    "ask",
-    "tell",
-    "ReadCoils",
-    "ReadCoilsResponse",
-    "ReadDiscreteInputs",
-    "ReadDiscreteInputsResponse",
-    "WriteMultipleCoils",
-    "WriteMultipleCoilsResponse",
-    "WriteSingleCoil",
-    "WriteSingleCoilResponse",
-    "Diagnostics",
-    "DiagnosticsResponse",
-    "Unanswered",
-    "GetCommEventCounter",
-    "GetCommEventCounterResponse",
-    "GetCommEventLog",
-    "GetCommEventLogResponse",
-    "event_text",
-    "MaskWriteRegister",
-    "MaskWriteRegisterResponse",
-    "ReadWriteMultipleRegisters",
-    "ReadWriteMultipleRegistersResponse",
-    "ReadFifoQueue",
-    "ReadFifoQueueResponse",
-    "FileRecord",
-    "RecordPlace",
-    "ReadFileRecord",
-    "ReadFileRecordResponse",
-    "WriteFileRecord",
-    "WriteFileRecordResponse",
-    "CanopenReference",
-    "CanopenReferenceResponse",
-    "ExtendedExceptionResponse",
-    "SdoAborted",
-    "Bus",
-    "LateReply",
-    "WriteOutcomeUnknown",
-    "EchoLine",
-    "FairQueue",
-    "Authorization",
-    "Permission",
-    "ReadExceptionStatus",
-    "ReadExceptionStatusResponse",
-    "EXCEPTIONS",
-    "ModbusException",
-    "exception_name",
-    "decode_request",
-    "decode_response",
-    "register",
-    "ReadDeviceIdentification",
-    "ReadDeviceIdentificationResponse",
-    "ReportServerId",
-    "ReportServerIdResponse",
-    "Identification",
-    "Identity",
-    "identify",
-    "Line",
-    "ExceptionResponse",
-    "Message",
-    "Request",
-    "Response",
-    "ReadHoldingRegisters",
-    "ReadHoldingRegistersResponse",
-    "ReadInputRegisters",
-    "ReadInputRegistersResponse",
-    "WriteMultipleRegisters",
-    "WriteMultipleRegistersResponse",
-    "WriteSingleRegister",
-    "WriteSingleRegisterResponse",
-    "Reply",
-    "Server",
-    "ServerStatistics",
-    "Unit",
-    "SerialCounters",
-    "Functions",
-    "Table",
-]
-
-# Which file holds what. Only that one is loaded, with what it needs: an envelope asks for `Adu` and gets no messages.
-_FILES = {
-    "adu": "BROADCAST PDU_LIMIT Adu Noise",
-    "server.authorization": "Authorization Permission",
-    "messages.coils": (
-        "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
-        "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"
-    ),
-    "client.bus": "Bus",
-    "messages.canopen_reference": "CanopenReference CanopenReferenceResponse",
-    "messages.combined": (
-        "MaskWriteRegister MaskWriteRegisterResponse ReadWriteMultipleRegisters ReadWriteMultipleRegistersResponse"
-    ),
-    "server.serial_counters": "SerialCounters",
-    "messages.diagnostics": (
-        "Diagnostics DiagnosticsResponse ReadExceptionStatus ReadExceptionStatusResponse Unanswered"
-    ),
-    "echo": "EchoLine",
-    "messages.comm_events": (
-        "GetCommEventCounter GetCommEventCounterResponse GetCommEventLog GetCommEventLogResponse event_text"
-    ),
-    "exceptions": "EXCEPTIONS ModbusException exception_name",
-    "messages.fifo": "ReadFifoQueue ReadFifoQueueResponse",
-    "messages.files": (
-        "FileRecord ReadFileRecord ReadFileRecordResponse RecordPlace WriteFileRecord WriteFileRecordResponse"
-    ),
-    "messages.registry": "decode_request decode_response register",
-    "server.handlers": "Functions",
-    "messages.identification": (
-        "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse"
-    ),
-    "server.identity": "Identity",
-    "client.read_identification": "Identification identify",
-    "framing": "Line",
-    "client.line_state": "LateReply WriteOutcomeUnknown",
-    "messages.base": "ExceptionResponse Message Request Response",
-    "messages.registers": (
-        "ReadHoldingRegisters ReadHoldingRegistersResponse ReadInputRegisters ReadInputRegistersResponse "
-        "WriteMultipleRegisters WriteMultipleRegistersResponse WriteSingleRegister "
-        "WriteSingleRegisterResponse"
-    ),
-    "messages.sdo_abort": "ExtendedExceptionResponse SdoAborted",
-    "server.server": "Reply Server Unit",
-    "server.table": "Table",
-    "server.statistics": "ServerStatistics",
-    "client.exchange": "ask tell",
-    "client.fair_queue": "FairQueue",
-}
-
-__getattr__ = lazy(__name__, _FILES)
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        "adu": "BROADCAST PDU_LIMIT Adu Noise",
+        "client.exchange": "ask tell",
+        "messages.coils": (
+            "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
+            "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"
+        ),
+        "messages.diagnostics": (
+            "Diagnostics DiagnosticsResponse Unanswered ReadExceptionStatus ReadExceptionStatusResponse"
+        ),
+        "messages.comm_events": (
+            "GetCommEventCounter GetCommEventCounterResponse GetCommEventLog GetCommEventLogResponse event_text"
+        ),
+        "messages.combined": (
+            "MaskWriteRegister MaskWriteRegisterResponse ReadWriteMultipleRegisters ReadWriteMultipleRegistersResponse"
+        ),
+        "messages.fifo": "ReadFifoQueue ReadFifoQueueResponse",
+        "messages.files": (
+            "FileRecord RecordPlace ReadFileRecord ReadFileRecordResponse WriteFileRecord WriteFileRecordResponse"
+        ),
+        "messages.canopen_reference": "CanopenReference CanopenReferenceResponse",
+        "messages.sdo_abort": "ExtendedExceptionResponse SdoAborted",
+        "client.bus": "Bus",
+        "client.line_state": "LateReply WriteOutcomeUnknown",
+        "echo": "EchoLine",
+        "client.fair_queue": "FairQueue",
+        "server.authorization": "Authorization Permission",
+        "exceptions": "EXCEPTIONS ModbusException exception_name",
+        "messages.registry": "decode_request decode_response register",
+        "messages.identification": (
+            "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse"
+        ),
+        "client.read_identification": "Identification identify",
+        "server.identity": "Identity",
+        "framing": "Line",
+        "messages.base": "ExceptionResponse Message Request Response",
+        "messages.registers": (
+            "ReadHoldingRegisters ReadHoldingRegistersResponse ReadInputRegisters ReadInputRegistersResponse "
+            "WriteMultipleRegisters WriteMultipleRegistersResponse WriteSingleRegister "
+            "WriteSingleRegisterResponse"
+        ),
+        "server.server": "Reply Server Unit",
+        "server.statistics": "ServerStatistics",
+        "server.serial_counters": "SerialCounters",
+        "server.handlers": "Functions",
+        "server.table": "Table",
+    },
+)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, Keys
 from barewire.errors import EncodeError

@@ -6,8 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from barewire.canopen import CanFrame, LocalNode, Pdo, eds
 from barewire.canopen.eds.diagnostics import LINT_RULES, RULES

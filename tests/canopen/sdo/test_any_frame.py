@@ -5,8 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.canopen import BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.conversation import Heard, Listen

@@ -11,8 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from barewire.canopen import AZ3, STANDARD
-from barewire.devices import DescriptionError, describe, load, names
-from barewire.devices import drive_roles as parts
+from barewire.devices import DescriptionError, describe, drive_roles as parts, load, names
 from barewire.devices.description.load import CATALOG
 from barewire.devices.description.rows import REQUIRED, RULES
 from tests.devices.description.test_descriptions import HEAD, HEAD_MISTAKES, row, write

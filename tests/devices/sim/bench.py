@@ -7,8 +7,7 @@ from barewire.codecs import Value
 from barewire.devices.parameter import ModbusAt, Parameter
 from barewire.devices.sim import Simulator
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.messages import coils as bits
-from barewire.modbus.messages import registers
+from barewire.modbus.messages import coils as bits, registers
 from barewire.modbus.messages.base import Response
 
 

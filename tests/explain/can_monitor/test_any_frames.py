@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from binascii import crc_hqx
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.devices import load

@@ -6,8 +6,7 @@ import json
 import struct
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import BarewireError, DecodeError

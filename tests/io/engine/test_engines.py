@@ -10,8 +10,7 @@ import pytest
 
 from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import PortError
-from barewire.io.engine import asyncio as aio
-from barewire.io.engine import blocking
+from barewire.io.engine import asyncio as aio, blocking
 
 Talk = Conversation[str, list[Heard[str]]]
 

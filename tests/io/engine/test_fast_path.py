@@ -11,12 +11,10 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.errors import BarewireError, PortError
-from barewire.io.engine import asyncio as aio
-from barewire.io.engine import fast_path as plain
+from barewire.io.engine import asyncio as aio, fast_path as plain
 from barewire.io.engine.blocking import run
 from barewire.modbus import Bus, Diagnostics, ReadHoldingRegisters, Request, Server, Table, WriteSingleRegister
 from barewire.tcp import DatagramLine, TcpLine

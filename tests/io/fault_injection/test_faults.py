@@ -15,10 +15,8 @@ from barewire.errors import EncodeError, NoAnswer
 from barewire.io.fault_injection.faults import KINDS, LATE, PAUSE, Bytes, Faults, Frames, parse_faults
 from barewire.io.fault_injection.ports import FaultyPort
 from barewire.modbus import Bus, ModbusException, ReadHoldingRegisters, Server, Table
-from barewire.rtu import RtuLine, Timing
-from barewire.rtu import frame as rtu_frame
-from barewire.tcp import TcpLine
-from barewire.tcp import frame as tcp_frame
+from barewire.rtu import RtuLine, Timing, frame as rtu_frame
+from barewire.tcp import TcpLine, frame as tcp_frame
 from tests.helpers import Peer, refused, serving
 
 ANSWER = rtu_frame.encode(1, bytes.fromhex("03 02 12 34"))

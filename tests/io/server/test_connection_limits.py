@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.io.endpoint import Endpoint
 from barewire.io.server.connection_limits import ConnectionTable

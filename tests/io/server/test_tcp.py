@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.errors import PortError
 from barewire.io import connect, open_host, open_modbus
@@ -22,8 +21,7 @@ from barewire.io.server.asyncio_thread import NetworkHost
 from barewire.io.server.open import Host
 from barewire.io.server.tcp import TcpHost, _Connection
 from barewire.modbus import Server, Table, Unit
-from barewire.tcp import TcpLine
-from barewire.tcp import encode as frame
+from barewire.tcp import TcpLine, encode as frame
 from tests.helpers import Broken, modest, refused
 from tests.io.peers import read_exactly
 

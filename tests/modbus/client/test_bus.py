@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import encode as ascii_frame
+from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.conversation import Abandoned, Heard, Send, play
 from barewire.errors import NoAnswer
 from barewire.modbus import (
@@ -20,10 +18,8 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.client.bus import Bus
-from barewire.rtu import RtuLine
-from barewire.rtu import encode as rtu_frame
-from barewire.tcp import TcpLine
-from barewire.tcp import encode as tcp_frame
+from barewire.rtu import RtuLine, encode as rtu_frame
+from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import modest
 from tests.modbus.client.slow import TIMING, Clock, Slow, read, rtu_bus
 

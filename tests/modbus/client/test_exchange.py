@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import encode as ascii_frame
+from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll, play
 from barewire.errors import EncodeError, NoAnswer
 from barewire.modbus import (
@@ -23,10 +22,8 @@ from barewire.modbus import (
     tell,
 )
 from barewire.modbus.messages.registry import AnyRequest
-from barewire.rtu import RtuLine, Timing
-from barewire.rtu import encode as rtu_frame
-from barewire.tcp import TcpLine
-from barewire.tcp import encode as tcp_frame
+from barewire.rtu import RtuLine, Timing, encode as rtu_frame
+from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import Chunk, answering, refused, serving, unhex
 
 TIMING = Timing.of(19200)

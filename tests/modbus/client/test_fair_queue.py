@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from tests.helpers import modest

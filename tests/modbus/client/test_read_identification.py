@@ -19,9 +19,7 @@ from barewire.modbus import (
     Table,
     identify,
 )
-from barewire.tcp import TcpLine
-from barewire.tcp import decode as tcp_decode
-from barewire.tcp import encode as tcp_frame
+from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import refused, serving
 
 BASIC = {0: b"ACME", 1: b"bench", 2: b"1.0"}

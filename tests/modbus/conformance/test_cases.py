@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import encode as ascii_frame
+from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.modbus import Adu, Server, Table
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.modbus.conformance.model import CLOSED, SILENCE, Case, Heard, shown, wrong
-from barewire.rtu import RtuLine, Timing
-from barewire.rtu import decode as rtu_decode
-from barewire.rtu import encode as rtu_frame
-from barewire.tcp import TcpLine
-from barewire.tcp import decode as tcp_decode
-from barewire.tcp import encode as tcp_frame
+from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_frame
+from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import unhex
 
 UNIT = 1

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from barewire.codecs import Layout, from_registers
 from barewire.errors import BarewireError, DecodeError, EncodeError
@@ -29,9 +28,7 @@ from barewire.modbus import (
 from barewire.modbus.messages.base import Message
 from barewire.modbus.messages.registers import READ_LIMIT
 from barewire.modbus.messages.registry import forget
-from barewire.tcp import TcpLine
-from barewire.tcp import decode as tcp_decode
-from barewire.tcp import encode as tcp_frame
+from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import modest
 
 READS = [ReadHoldingRegisters, ReadInputRegisters]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import decode as ascii_decode
-from barewire.ascii import encode as ascii_frame
+from barewire.ascii import AsciiLine, decode as ascii_decode, encode as ascii_frame
 from barewire.modbus import (
     Diagnostics,
     GetCommEventCounter,
@@ -24,9 +22,7 @@ from barewire.modbus import (
     event_text,
 )
 from barewire.modbus.messages.registry import AnyRequest
-from barewire.rtu import RtuLine, Timing
-from barewire.rtu import decode as rtu_decode
-from barewire.rtu import encode as rtu_frame
+from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_frame
 from tests.helpers import Broken, unhex
 
 TIMING = Timing.of(19200)
@@ -368,8 +364,7 @@ def test_a_unit_whose_01_is_meant_is_not_helped() -> None:
 
 
 def test_on_tcp_there_are_no_counters() -> None:
-    from barewire.tcp import TcpLine
-    from barewire.tcp import encode as tcp_frame
+    from barewire.tcp import TcpLine, encode as tcp_frame
 
     server = Server(TcpLine(), {1: Table(10)}, serial=False)
     (reply,) = server.feed(tcp_frame(1, unhex("0B"), 1), 1.0)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import encode as ascii_frame
+from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.modbus import (
     Adu,
     EchoLine,
@@ -25,11 +23,8 @@ from barewire.modbus import (
 )
 from barewire.modbus.framing import Line
 from barewire.modbus.messages.base import Message
-from barewire.rtu import RtuLine, Timing
-from barewire.rtu import encode as rtu_frame
-from barewire.tcp import TcpLine
-from barewire.tcp import decode as tcp_decode
-from barewire.tcp import encode as tcp_frame
+from barewire.rtu import RtuLine, Timing, encode as rtu_frame
+from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import Broken, Chunk, chunked, modest, unhex
 
 TIMING = Timing.of(19200)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import encode as ascii_frame
+from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.modbus import Noise, ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.modbus.framing import Line
@@ -25,8 +23,7 @@ from barewire.modbus.sniffer.sniffer import (
     shapes,
 )
 from barewire.rtu import RtuLine, Timing, encode
-from barewire.tcp import TcpLine
-from barewire.tcp import encode as tcp_frame
+from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import modest, refused, unhex
 
 TIMING = Timing.of(19200)

@@ -201,11 +201,13 @@ def is_there(node: int, index: int, sub: int, *, timeout: float = PATIENCE) -> C
 
 def cases(subject: Subject) -> tuple[Case, ...]:
     """The whole battery for one device."""
-    from barewire.canopen.conformance import lss as conform_lss
-    from barewire.canopen.conformance import nmt as conform_network
-    from barewire.canopen.conformance import pdo as conform_pdo
-    from barewire.canopen.conformance import sdo_expedited as conform_sdo
-    from barewire.canopen.conformance import sdo_segmented as conform_long
+    from barewire.canopen.conformance import (
+        lss as conform_lss,
+        nmt as conform_network,
+        pdo as conform_pdo,
+        sdo_expedited as conform_sdo,
+        sdo_segmented as conform_long,
+    )
 
     rooms = (conform_sdo, conform_long, conform_network, conform_pdo, conform_lss)
     return tuple(case for room in rooms for case in room.rows(subject))

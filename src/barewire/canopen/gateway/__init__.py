@@ -22,17 +22,15 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-    from barewire.canopen.gateway.notices import Notices
-    from barewire.canopen.gateway.session import Session
+    from barewire.canopen.gateway.codes import GatewayCode as GatewayCode, GatewayError as GatewayError
+    from barewire.canopen.gateway.notices import Notices as Notices
+    from barewire.canopen.gateway.session import Session as Session
 
-__all__ = ["GatewayCode", "GatewayError", "Notices", "Session"]
-
-# Which file holds what.
-_FILES = {
-    "codes": "GatewayCode GatewayError",
-    "notices": "Notices",
-    "session": "Session",
-}
-
-__getattr__ = lazy(__name__, _FILES)
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        "codes": "GatewayCode GatewayError",
+        "notices": "Notices",
+        "session": "Session",
+    },
+)

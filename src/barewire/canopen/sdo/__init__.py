@@ -28,100 +28,64 @@ Who may import me: canopen, devices, shells, cli.
 from typing import TYPE_CHECKING
 
 from barewire._lazy import lazy
-from barewire.canopen.sdo.client.download import download
-from barewire.canopen.sdo.client.upload import upload, upload_to
 
 if TYPE_CHECKING:
-    from barewire.canopen.sdo.aborts import AbortCode, SdoAbort, abort_text
-    from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings
-    from barewire.canopen.sdo.client.channel import Channel
-    from barewire.canopen.sdo.client.channel_counters import ChannelCounters
-    from barewire.canopen.sdo.dialect import AZ3, STANDARD, Dialect, fit
+    from barewire.canopen.sdo.aborts import AbortCode as AbortCode, SdoAbort as SdoAbort, abort_text as abort_text
+    from barewire.canopen.sdo.client.block_options import BlockMode as BlockMode, BlockSettings as BlockSettings
+    from barewire.canopen.sdo.client.channel import Channel as Channel
+    from barewire.canopen.sdo.client.channel_counters import ChannelCounters as ChannelCounters
+    from barewire.canopen.sdo.client.download import download as download
+    from barewire.canopen.sdo.client.upload import upload as upload, upload_to as upload_to
+    from barewire.canopen.sdo.dialect import AZ3 as AZ3, STANDARD as STANDARD, Dialect as Dialect, fit as fit
     from barewire.canopen.sdo.messages.block import (
-        BlockAck,
-        BlockDownloadInitiated,
-        BlockEnd,
-        BlockEnded,
-        BlockSegment,
-        BlockUploadInitiated,
-        InitiateBlockDownload,
-        InitiateBlockUpload,
-        StartBlockUpload,
+        BlockAck as BlockAck,
+        BlockDownloadInitiated as BlockDownloadInitiated,
+        BlockEnd as BlockEnd,
+        BlockEnded as BlockEnded,
+        BlockSegment as BlockSegment,
+        BlockUploadInitiated as BlockUploadInitiated,
+        InitiateBlockDownload as InitiateBlockDownload,
+        InitiateBlockUpload as InitiateBlockUpload,
+        StartBlockUpload as StartBlockUpload,
     )
-    from barewire.canopen.sdo.messages.codec import decode_answer, decode_request
+    from barewire.canopen.sdo.messages.codec import decode_answer as decode_answer, decode_request as decode_request
     from barewire.canopen.sdo.messages.initiate import (
-        Abort,
-        DownloadInitiated,
-        ExpeditedDownload,
-        ExpeditedUpload,
-        InitiateDownload,
-        InitiateUpload,
-        UploadInitiated,
+        Abort as Abort,
+        DownloadInitiated as DownloadInitiated,
+        ExpeditedDownload as ExpeditedDownload,
+        ExpeditedUpload as ExpeditedUpload,
+        InitiateDownload as InitiateDownload,
+        InitiateUpload as InitiateUpload,
+        UploadInitiated as UploadInitiated,
     )
-    from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
-    from barewire.canopen.sdo.server.server import SdoServer
-    from barewire.canopen.sdo.server.store import ObjectStore, ServerCounters
+    from barewire.canopen.sdo.messages.segment import (
+        NextSegment as NextSegment,
+        Segment as Segment,
+        SegmentTaken as SegmentTaken,
+    )
+    from barewire.canopen.sdo.server.server import SdoServer as SdoServer
+    from barewire.canopen.sdo.server.store import ObjectStore as ObjectStore, ServerCounters as ServerCounters
 
-__all__ = [
-    "upload",
-    "upload_to",
-    "download",
-    "BlockSettings",
-    "BlockMode",
-    "Channel",
-    "ChannelCounters",
-    "SdoServer",
-    "ServerCounters",
-    "ObjectStore",
-    "Dialect",
-    "STANDARD",
-    "AZ3",
-    "fit",
-    "SdoAbort",
-    "AbortCode",
-    "abort_text",
-    "InitiateUpload",
-    "ExpeditedUpload",
-    "UploadInitiated",
-    "NextSegment",
-    "Segment",
-    "ExpeditedDownload",
-    "InitiateDownload",
-    "DownloadInitiated",
-    "SegmentTaken",
-    "InitiateBlockUpload",
-    "BlockUploadInitiated",
-    "StartBlockUpload",
-    "InitiateBlockDownload",
-    "BlockDownloadInitiated",
-    "BlockSegment",
-    "BlockAck",
-    "BlockEnd",
-    "BlockEnded",
-    "Abort",
-    "decode_request",
-    "decode_answer",
-]
-
-# Which file holds what. Only that one is loaded, with what it needs. `upload` and `download` are loaded at once: they
-# have the names of their files, and a file that is loaded later would take the place of its function.
-_FILES = {
-    "aborts": "AbortCode SdoAbort abort_text",
-    "messages.block": (
-        "BlockAck BlockDownloadInitiated BlockEnd BlockEnded "
-        "BlockSegment BlockUploadInitiated InitiateBlockDownload InitiateBlockUpload StartBlockUpload"
-    ),
-    "client.channel": "Channel",
-    "dialect": "AZ3 STANDARD Dialect fit",
-    "client.channel_counters": "ChannelCounters",
-    "messages.initiate": (
-        "Abort DownloadInitiated ExpeditedDownload ExpeditedUpload InitiateDownload InitiateUpload UploadInitiated"
-    ),
-    "messages.codec": "decode_answer decode_request",
-    "client.block_options": "BlockSettings BlockMode",
-    "messages.segment": "NextSegment Segment SegmentTaken",
-    "server.server": "SdoServer",
-    "server.store": "ObjectStore ServerCounters",
-}
-
-__getattr__ = lazy(__name__, _FILES)
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        "client.upload": "upload upload_to",
+        "client.download": "download",
+        "client.block_options": "BlockSettings BlockMode",
+        "client.channel": "Channel",
+        "client.channel_counters": "ChannelCounters",
+        "server.server": "SdoServer",
+        "server.store": "ServerCounters ObjectStore",
+        "dialect": "Dialect STANDARD AZ3 fit",
+        "aborts": "SdoAbort AbortCode abort_text",
+        "messages.initiate": (
+            "InitiateUpload ExpeditedUpload UploadInitiated ExpeditedDownload InitiateDownload DownloadInitiated Abort"
+        ),
+        "messages.segment": "NextSegment Segment SegmentTaken",
+        "messages.block": (
+            "InitiateBlockUpload BlockUploadInitiated StartBlockUpload InitiateBlockDownload "
+            "BlockDownloadInitiated BlockSegment BlockAck BlockEnd BlockEnded"
+        ),
+        "messages.codec": "decode_request decode_answer",
+    },
+)

@@ -23,8 +23,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.event_stream import ROOM, Hearing, Listener, Report
 from barewire.io.canopen.shared_bus import PATIENCE, CanBus, no_room
-from barewire.io.canopen.subscriber import LONGEST, Arrived, Key, Subscriber, seconds
-from barewire.io.canopen.subscriber import ROOM as TAP_ROOM
+from barewire.io.canopen.subscriber import LONGEST, ROOM as TAP_ROOM, Arrived, Key, Subscriber, seconds
 
 E = TypeVar("E")
 

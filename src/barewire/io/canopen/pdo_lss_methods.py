@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from barewire import canopen
 from barewire.canopen.cob_ids import cob_id
-from barewire.canopen.lss import fastscan as lss_scan
-from barewire.canopen.lss import master as lss_master
+from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
 from barewire.io.canopen.operations import At, Talk, Verb, Watch, Watching, Words, say, sdo
 
 if TYPE_CHECKING:

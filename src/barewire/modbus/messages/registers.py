@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from struct import Struct
-from struct import error as StructError
+from struct import Struct, error as StructError
 from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers

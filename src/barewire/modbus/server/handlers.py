@@ -11,8 +11,7 @@ from typing import Any
 
 from barewire.errors import EncodeError
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
-from barewire.modbus.messages import coils as bits
-from barewire.modbus.messages import combined, files, registers
+from barewire.modbus.messages import coils as bits, combined, files, registers
 from barewire.modbus.messages.base import Request, Response
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import ReadFifoQueue, ReadFifoQueueResponse

@@ -20,8 +20,7 @@ from barewire.modbus.exceptions import (
     ILLEGAL_FUNCTION,
     ModbusException,
 )
-from barewire.modbus.messages import coils as bits
-from barewire.modbus.messages import combined, files, registers
+from barewire.modbus.messages import coils as bits, combined, files, registers
 from barewire.modbus.messages.base import Response, check_range
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse

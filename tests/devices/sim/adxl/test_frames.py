@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from barewire.ascii import AsciiLine
-from barewire.ascii import frame as ascii_frame
+from barewire.ascii import AsciiLine, frame as ascii_frame
 from barewire.devices.sim import Addressed, simulator
 from barewire.devices.sim.adxl.machine import REBOOT_TAKES
 from barewire.modbus.adu import Adu
@@ -16,8 +15,7 @@ from barewire.modbus.messages.registers import (
 )
 from barewire.modbus.server.server import Server
 from barewire.rtu import RtuLine, Timing, decode, encode
-from barewire.tcp import TcpLine
-from barewire.tcp import frame as tcp_frame
+from barewire.tcp import TcpLine, frame as tcp_frame
 from tests.devices.sim.adxl.adxl_bench import starter
 from tests.devices.sim.bench import Bench
 

@@ -8,8 +8,7 @@ import pytest
 
 from barewire.devices.description.load import load
 from barewire.devices.sim import Simulator, simulator
-from barewire.modbus.messages import coils as bits
-from barewire.modbus.messages import registers
+from barewire.modbus.messages import coils as bits, registers
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus
 from tests.devices.sim.bench import Bench
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from math import inf
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from barewire.devices.sim.csd_mt.environment import Span
 from barewire.modbus.messages.registers import WriteMultipleRegisters, WriteSingleRegister

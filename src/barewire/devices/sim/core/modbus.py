@@ -22,8 +22,7 @@ from barewire.modbus.exceptions import (
     SERVER_DEVICE_FAILURE,
     ModbusException,
 )
-from barewire.modbus.messages import coils as bits
-from barewire.modbus.messages import registers
+from barewire.modbus.messages import coils as bits, registers
 from barewire.modbus.messages.base import Response
 
 if TYPE_CHECKING:
