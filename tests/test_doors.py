@@ -45,7 +45,8 @@ def test_every_name_is_in_the_file_that_the_door_names(door: Path) -> None:
     look = (
         f"import sys; sys.path.insert(0, {str(SRC)!r})\nfrom {room(door)} import *\n"
         f"for file_, names_ in { {file: sorted(names) for file, names in files.items()}!r}.items():\n"
-        f"    for name_ in names_: assert globals()[name_] is getattr(sys.modules['{room(door)}.' + file_], name_), name_\n"
+        f"    module_ = sys.modules['{room(door)}.' + file_]\n"
+        f"    for name_ in names_: assert globals()[name_] is getattr(module_, name_), name_\n"
     )
     run = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
