@@ -1,27 +1,26 @@
-"""The two forms of behaviour: a conversation speaks first, a machine only listens.
+"""The two forms of behaviour below `io`: a conversation sends first, a machine only reacts.
 
-A **conversation** is a generator. It yields `Send(item)` when it wants something on the wire and `Listen(until)`
-when it wants to hear; each time it is given back one `Heard(item, now)`. It never looks at a clock: time is
-what it is told.
+A **conversation** is a generator. It yields `Send(item)` to transmit and `Listen(until)` to receive, and is resumed
+each time with one `Heard(item, now)`. It reads no clock: the time is part of what it is given.
 
-        conversation                                   whoever runs it
-        ------------                                   ---------------
-        yield Send(frame)          ------------->      puts it on the wire
-                                   <-------------      Heard(None, now)    it is out (for a serial line: the last
-                                                                           bit has left, as far as anyone can know)
-        yield SendAll(frames)      ------------->      puts them on the wire, one after the other
-                                   <-------------      Heard(None, now)    the last one is out
-        yield Listen(until=now+1)  ------------->      waits for something, at most until then
-                                   <-------------      Heard(item, now)    this came
-                                   <-------------      Heard(None, now)    the time is up
+        conversation                                   interpreter
+        ------------                                   -----------
+        yield Send(frame)          ------------->      transmits the item
+                                   <-------------      Heard(None, now)    transmitted (on a serial line: the last
+                                                                           bit has left, as far as can be known)
+        yield SendAll(frames)      ------------->      transmits the items, one after the other
+                                   <-------------      Heard(None, now)    the last one is transmitted
+        yield Listen(until=now+1)  ------------->      waits for an item, at most until that time
+                                   <-------------      Heard(item, now)    an item arrived
+                                   <-------------      Heard(None, now)    the time is over
         return result              ------------->      done
 
-A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` is how time passes.
+A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` tells it that only time has passed.
 
-Three interpreters exist and no more: the blocking shell, the asyncio shell, and a test that plays a script in
-virtual time (`Wire` below, and `play`). All three mean the same by every word here.
+There are three interpreters: the blocking engine, the asyncio engine (both in `io.engine`), and `Wire` below, which
+runs conversations in virtual time for tests. All three give these words the same meaning.
 
-I know: turns and times.  I never know: bytes, frames, sockets, clocks.  Everybody may import me.
+Depends on: errors. Used by: every room that exchanges messages.
 """
 
 from __future__ import annotations
@@ -42,36 +41,36 @@ EventOut = TypeVar("EventOut", covariant=True)
 
 
 class Send(NamedTuple, Generic[Item]):
-    """Put `item` on the wire. Answered with `Heard(None, now)` once it is out."""
+    """Transmit `item`. The conversation is resumed with `Heard(None, now)` once it is transmitted."""
 
     item: Item
 
     @property
     def items(self) -> Sequence[Item]:
-        """As `SendAll` has them: whoever carries a conversation out need not tell the two apart."""
+        """The item as a sequence, so that an interpreter treats `Send` and `SendAll` alike."""
         return (self.item,)
 
 
 class SendAll(NamedTuple, Generic[Item]):
-    """Put `items` on the wire, one after the other. Answered once, with `Heard(None, now)` when the last one is out.
+    """Transmit `items` one after the other; resumed once, with `Heard(None, now)`, when the last is transmitted.
 
-    For what is said in one breath, as the segments of an SDO block are: nothing is listened for in between.
+    For bursts such as the segments of an SDO block: nothing is received in between.
     """
 
     items: Sequence[Item]
 
 
 class Listen(NamedTuple):
-    """Wait for whatever comes, at most until `until` (seconds on the clock of `Heard.now`).
+    """Wait for the next item, at most until `until` (seconds on the clock of `Heard.now`).
 
-    A time that is already past means: take what is there, do not wait.
+    With a time in the past, take an item that is already there and do not wait.
     """
 
     until: float
 
 
 class Heard(NamedTuple, Generic[Item]):
-    """What came, or None, and what time it is."""
+    """The item that arrived, or None, and the time in seconds."""
 
     item: Item | None
     now: float
@@ -81,7 +80,7 @@ Conversation: TypeAlias = Generator[Send[Item] | SendAll[Item] | Listen, Heard[I
 
 
 class Machine(Protocol[ItemIn, EventOut]):
-    """What only listens. `deadline` is the time at which it wants to be fed `None` if nothing came before."""
+    """An object that reacts to items. At `deadline` it must be fed `None` if no item came before."""
 
     @property
     def deadline(self) -> float | None: ...
@@ -90,36 +89,35 @@ class Machine(Protocol[ItemIn, EventOut]):
 
 
 class Abandoned(BarewireError):
-    """Thrown into a conversation by a shell that has to go: Ctrl-C, cancellation, an unplugged cable.
+    """Thrown into a conversation that cannot go on: Ctrl-C, cancellation, an unplugged cable.
 
-    The conversation may still send (an SDO abort is a last word); it is never listened for again.
+    The conversation may still send final frames, such as an SDO abort; it receives nothing more.
     """
 
 
 def last_words(conversation: Conversation[Item, Result], why: str = "the conversation was abandoned") -> list[Item]:
-    """Tell a conversation that it is abandoned and collect what it still wants to say.
+    """Abandon a conversation and return the final frames that it still sends, such as an SDO abort.
 
-    What it raises comes out, if it has something to tell: that nobody knows what became of a write.
+    Errors that the conversation raises propagate, for example that the outcome of a write is unknown.
     """
-    said: list[Item] = []
+    frames: list[Item] = []
     try:
         step = conversation.throw(Abandoned(why))
         while not isinstance(step, Listen):
-            said += step.items
+            frames += step.items
             step = conversation.send(Heard(None, float("inf")))
     except (StopIteration, Abandoned):
         pass
     finally:
         conversation.close()
-    return said
+    return frames
 
 
 class Wire(Generic[Item]):
-    """The third interpreter: virtual time, on which one conversation is played after the other.
+    """The interpreter in virtual time: it runs one conversation after another and never sleeps.
 
-    `peer(item, now)` is called for everything sent and returns what it answers as (time, item) pairs; nothing sleeps,
-    so a night on the bus is a test of a millisecond. What is still under way when a conversation ends, or raises, is
-    heard by the next one.
+    `peer(item, now)` is called for each transmitted item and returns its answers as (time, item) pairs. Answers that
+    are still under way when a conversation ends or raises are received by the next one.
     """
 
     def __init__(
@@ -131,20 +129,20 @@ class Wire(Generic[Item]):
     ) -> None:
         self.now = start
         self.coming: list[tuple[float, Item]] = []
-        """What is under way, and when it is there."""
+        """Items under way, each with its time of arrival."""
         self.peer = peer
         self._sending_takes = sending_takes
 
     def play(self, conversation: Conversation[Item, Result]) -> Result:
-        """Carry a conversation out, from `now` on. Whatever it raises comes out."""
+        """Run a conversation from `now` on and return its result. Errors that it raises propagate."""
         try:
             step = next(conversation)
             while True:
                 item: Item | None = None
                 if not isinstance(step, Listen):
-                    for said in step.items:
-                        self.now += self._sending_takes(said)
-                        self.coming += self.peer(said, self.now)
+                    for sent in step.items:
+                        self.now += self._sending_takes(sent)
+                        self.coming += self.peer(sent, self.now)
                         self.coming.sort(key=lambda pair: pair[0])
                 elif self.coming and self.coming[0][0] <= max(step.until, self.now):
                     when, item = self.coming.pop(0)
@@ -164,6 +162,6 @@ def play(
     start: float = 0.0,
     sending_takes: Callable[[Item], float] = lambda item: 0.0,
 ) -> tuple[Result, float]:
-    """One conversation on a `Wire` of its own. Returns the result and the time at the end."""
+    """Run one conversation on a new `Wire`. Returns its result and the time at the end."""
     wire = Wire(peer, start=start, sending_takes=sending_takes)
     return wire.play(conversation), wire.now

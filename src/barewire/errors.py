@@ -1,15 +1,16 @@
-"""The four sentences that can go wrong, and the short closed list of reasons.
+"""The errors of barewire, and the closed list of reasons why bytes cannot be decoded.
 
-    EncodeError    I can't say that          the caller asked for bytes that the wire has no way to carry
-    DecodeError    I can't read that         these bytes are not what they were taken for: reason, data, at
-    Refused        they said no              the other side understood and declined: code
-    NoAnswer       nobody answered           the time is up
+    BarewireError
+      |- EncodeError    the caller's value has no encoding        text, field
+      |- DecodeError    the bytes are not a valid message         reason, data, at, text
+      |- Refused        the peer understood and declined          code   (ModbusException, SdoAbort)
+      |- NoAnswer       no answer within the time-out
+      '- PortError      the port failed                           raised in `io` only
 
-Everything barewire raises on purpose is a `BarewireError`, so one `except` is enough for a program that only
-wants to say what happened. Functions raise; *machines* (whatever has `feed`) never do: noise on a bus is
-weather, and weather is reported as an event.
+Every error that barewire raises on purpose is a `BarewireError`, so one `except` catches them all. Functions raise;
+machines (objects with `feed`) never raise on received data: they report noise as an event.
 
-I know: nothing about any protocol.  I may be imported by: everybody.
+Depends on: nothing. Used by: every room.
 """
 
 from __future__ import annotations
@@ -38,16 +39,16 @@ REASONS: tuple[Reason, ...] = (
     "delimiter",  # ':' or CR LF missing or in the wrong place
     "protocol",  # MBAP protocol identifier is not 0
     "length",  # a length field or a byte count contradicts the bytes that follow
-    "function",  # a function code or command byte that nobody here knows
-    "value",  # a field holds what the standard does not allow in it
-    "mismatch",  # a well-formed answer, but not to this question
-    "silence",  # a gap inside a frame, or a frame that never came to its end
+    "function",  # an unknown function code or command byte
+    "value",  # a field holds a value that the standard does not allow
+    "mismatch",  # a well-formed response, but not to this request
+    "silence",  # a gap inside a frame, or a frame without an end
 )
-"""Why bytes could not be read. The same words stand in the vectors' `reason`."""
+"""Why bytes cannot be decoded. `reason` in the vectors has the same words."""
 
 
 def shown(value: object) -> str:
-    """A value as an error shows it: one line, and not endless, whatever it is.
+    """The value as error texts show it: `repr` on one line, at most 60 characters.
 
     >>> shown("x" * 100), shown(1 << 5000)
     ("'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...", 'a number of 5001 bits')
@@ -59,14 +60,13 @@ def shown(value: object) -> str:
 
 
 class BarewireError(Exception):
-    """Whatever barewire raises on purpose."""
+    """The base of all errors that barewire raises on purpose."""
 
 
 class EncodeError(BarewireError, ValueError):
-    """I can't say that: a value, a quantity or an address that does not fit the wire.
+    """A value, quantity or address that cannot be encoded.
 
-    The text names the thing, what it was and what was expected, in one line; `field` is the field of the message
-    that holds it, where there is one.
+    The text names in one line what was given and what was expected; `field` is the message field concerned, or None.
     """
 
     def __init__(self, text: str, field: str | None = None) -> None:
@@ -75,10 +75,10 @@ class EncodeError(BarewireError, ValueError):
 
 
 class DecodeError(BarewireError, ValueError):
-    """I can't read that.
+    """Bytes that cannot be decoded.
 
-    `reason` is one word of `Reason`; `data` is everything that was being read; `at` is the offset of the first
-    byte that is wrong, counted in `data`; `text` is the sentence for a person.
+    `reason` is one word of `Reason`; `data` is all the bytes given; `at` is the offset in `data` of the first wrong
+    byte; `text` explains it in one sentence.
 
     >>> raise DecodeError("short", b"\\x01\\x03", 2, "no CRC")
     Traceback (most recent call last):
@@ -98,14 +98,14 @@ class DecodeError(BarewireError, ValueError):
 
 
 class Refused(BarewireError):
-    """They said no: the peer understood the request and declined it with `code`."""
+    """The peer understood the request and declined it with `code`."""
 
     code: int
 
 
 class NoAnswer(BarewireError, TimeoutError):
-    """Nobody answered in the time given. What *was* heard meanwhile stands in the text."""
+    """No answer came within the time-out. The text reports what was received meanwhile."""
 
 
 class PortError(BarewireError, OSError):
-    """The port itself failed: not there, refused, unplugged. Raised by the shells only."""
+    """The port failed: it does not exist, refused the connection, or was unplugged. Raised in `io` only."""

@@ -18,7 +18,7 @@ def after(*passed: tuple[bytes, bool], unit: int = 1) -> Delimiters:
     """The endings after these messages of a unit, each with whether we said it."""
     endings = Delimiters()
     for pdu, said in passed:
-        endings.passed(unit, pdu, said=said)
+        endings.passed(unit, pdu, sent=said)
     return endings
 
 
@@ -27,19 +27,19 @@ def test_a_question_and_its_answer_are_in_force_for_whoever_hears_both(
     directions: tuple[bool, bool],
 ) -> None:
     endings = after(*((CHANGE, said) for said in directions))
-    assert (endings.of(1), endings.of(2), endings.heard) == (SEMICOLON, LF, {LF, SEMICOLON})
+    assert (endings.of(1), endings.of(2), endings.accepted) == (SEMICOLON, LF, {LF, SEMICOLON})
 
 
 def test_asked_again_is_not_answered() -> None:
     endings = after((CHANGE, True), (CHANGE, True))
     assert endings.of(1) == LF
-    assert SEMICOLON in endings.heard, "the unit may have obeyed: its answer was lost"
-    endings.passed(1, CHANGE, said=False)
+    assert SEMICOLON in endings.accepted, "the unit may have obeyed: its answer was lost"
+    endings.passed(1, CHANGE, sent=False)
     assert endings.of(1) == SEMICOLON
 
 
 def test_declined_is_forgotten() -> None:
-    assert after((CHANGE, True), (unhex("88 01"), False)).heard == {LF}
+    assert after((CHANGE, True), (unhex("88 01"), False)).accepted == {LF}
     assert after((CHANGE, True), (CHANGE, False), (RESTART, True), (unhex("88 03"), False)).of(1) == SEMICOLON
 
 
@@ -51,20 +51,20 @@ def test_another_message_between_is_no_answer() -> None:
 def test_a_restart_brings_lf_back_answered_or_not(next_one: tuple[bytes, bool]) -> None:
     endings = after((CHANGE, True), (CHANGE, False), (RESTART, True))
     assert endings.of(1) == SEMICOLON, "its answer still ends as before"
-    endings.passed(1, *next_one[:1], said=next_one[1])
-    assert (endings.of(1), endings.heard) == (LF, {LF})
+    endings.passed(1, *next_one[:1], sent=next_one[1])
+    assert (endings.of(1), endings.accepted) == (LF, {LF})
 
 
 def test_a_broadcast_is_for_all_and_nobody_answers_it() -> None:
     endings = after((CHANGE, False), unit=0)
     assert {endings.of(unit) for unit in range(248)} == {SEMICOLON}
-    endings.passed(0, RESTART, said=False)
+    endings.passed(0, RESTART, sent=False)
     assert {endings.of(unit) for unit in range(248)} == {LF}
 
 
 def test_a_colon_begins_a_message_and_never_ends_one() -> None:
     colon = unhex("08 0003 3A00")
-    assert after((colon, True), (colon, False)).heard == {LF}
+    assert after((colon, True), (colon, False)).accepted == {LF}
 
 
 @pytest.mark.parametrize("character", [c for c in range(256) if c != 0x3A])

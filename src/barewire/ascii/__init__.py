@@ -1,12 +1,11 @@
-"""ENVELOPE ended by CR LF: Modbus ASCII on a serial line, every byte as two hexadecimal digits.
+"""Modbus ASCII framing on a serial line: every byte as two hexadecimal digits, CR LF ends a frame.
 
     : | unit | PDU 1..253 | LRC | CR LF                                              [MB-SERIAL 2.5.2]
 
-    lrc    the checksum    frame      encode and decode of one whole frame
-    line   the framing state of one connection             delimiter  what stands for LF where 08/03 said so
+    lrc        the checksum                              frame    encode and decode one whole frame
+    delimiter  the character that replaces LF after 08/03    line     the framing state of one line
 
-I know: where a frame begins and ends, and whether it is whole.  I never know: what a message means, sockets, ports,
-clocks.  Shells, devices' simulators and `explain` import me.
+Depends on: errors, modbus.adu. Used by: explain, io.
 """
 
 from barewire.ascii.frame import decode, encode

@@ -1,8 +1,8 @@
-"""One whole ASCII frame, in and out. Pure: characters to a letter and back, nothing remembered.
+"""Encode and decode one whole ASCII frame.
 
     : | unit, 2 characters | PDU, 2 characters a byte | LRC, 2 characters | CR LF        [MB-SERIAL 2.5.2]
 
-9 to 513 characters. Hexadecimal digits are written in upper case; lower case is read too.
+9 to 513 characters. Digits are sent in upper case; lower case is accepted.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ def decode(data: bytes) -> Adu:
     >>> decode(b":01040FB1000239\\r\\n")
     Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)
 
-    Raises DecodeError: "delimiter", "character", "short", "long", or "checksum", which says what the LRC should be.
+    Raises DecodeError: "delimiter", "character", "short", "long", or "checksum", with the expected LRC in the text.
     """
     if data[:1] != START:
         raise DecodeError("delimiter", data, 0, "an ASCII frame begins with ':'")
     if data[-2:] != END:
         raise DecodeError("delimiter", data, max(len(data) - 2, 1), "an ASCII frame ends with CR LF")
     digits = data[1:-2]
-    if digits.translate(None, DIGITS):  # what is left without the digits
+    if digits.translate(None, DIGITS):  # leaves the characters that are no digits
         at = next(at for at, character in enumerate(digits, start=1) if character not in DIGITS)
         found = f"{chr(data[at])!r}" if 0x20 <= data[at] < 0x7F else f"{data[at]:02X}h"
         raise DecodeError("character", data, at, f"{found} is no hexadecimal digit")

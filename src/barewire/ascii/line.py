@@ -1,13 +1,13 @@
-"""The framing state of one ASCII line: ':' begins, CR LF ends, and a second between characters is too long.
+"""The framing state of one ASCII line: ':' begins a frame, CR LF ends it, a pause of a second makes it invalid.
 
     waiting --':'--> inside --CR LF--> frame or noise --> waiting               [MB-SERIAL 2.5.2]
-                     inside --':'----> what came so far was noise, begin again
+                     inside --':'----> the characters so far were noise, begin again
                      inside --1 s----> noise
 
-LF is what ends a frame behind CR until a unit is told to have another character there, by function 08/03: `delimiter`.
+Function 08/03 can replace LF, behind CR, by another character: see `delimiter`.
 
-Characters travel with 7 data bits by the standard and with 8 on many devices. When a port that reads 8 bits hears a
-line of 7 with parity, the parity bit comes as bit 7: `data_bits=7` takes it off.
+The standard has 7 data bits, many devices use 8. If a port set to 8 bits receives a line of 7 bits with parity, the
+parity bit arrives as bit 7: `data_bits=7` removes it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class AsciiLine:
     numbered = False
     broken = None
     has_delimiter = True
-    """Function 08/03 means something here: what ends a message can be changed."""
+    """Function 08/03 has an effect on this line: it changes the character that ends a frame."""
 
     def __init__(self, *, character_timeout: float = 1.0, data_bits: int = 8) -> None:
         if data_bits not in (7, 8):
@@ -45,43 +45,43 @@ class AsciiLine:
 
     @property
     def quiet_at(self) -> float:
-        """ASCII keeps no silence: the delimiters say where frames are."""
+        """0: delimiters mark the frames, so no silence is needed before sending."""
         return 0.0
 
     @property
     def deadline(self) -> float | None:
-        """When the pause inside a frame becomes too long."""
+        """When the pause inside a frame becomes too long; None between frames."""
         return self._last + self._timeout if self._held else None
 
     @property
     def held(self) -> bytes:
-        """The characters of a frame whose end has not come."""
+        """The characters of a frame that has not ended."""
         return bytes(self._held)
 
     def request(self, unit: int, pdu: bytes) -> bytes:
         """The frame of a request."""
         self._unit = unit
-        return self._say(unit, pdu)
+        return self._encode(unit, pdu)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """The frame of an answer."""
-        return self._say(to.unit, pdu)
+        return self._encode(to.unit, pdu)
 
-    def _say(self, unit: int, pdu: bytes) -> bytes:
+    def _encode(self, unit: int, pdu: bytes) -> bytes:
         frame = encode(unit, pdu)
         delimiter = self._delimiters.of(unit)
-        self._delimiters.passed(unit, pdu, said=True)
+        self._delimiters.passed(unit, pdu, sent=True)
         return frame if delimiter == LF else frame[:-1] + bytes((delimiter,))
 
     def sent(self, now: float) -> None:
-        """Nothing to remember."""
+        """Does nothing: this line has no silence to keep."""
 
     def answers(self, adu: Adu) -> bool:
-        """From the unit that was asked last."""
+        """Whether the frame comes from the unit of the last request."""
         return adu.unit == self._unit
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """Frames and noise in the order in which they came."""
+        """The frames and the noise in `data`, in the order of arrival; None means that only time has passed."""
         events: list[Adu | Noise] = []
         if self._held and now >= self._last + self._timeout:
             events.append(self._drop("silence", f"no character for {self._timeout:g} s inside a frame"))
@@ -104,7 +104,7 @@ class AsciiLine:
                 inside = self._held[0] == COLON
                 events.append(self._drop("delimiter", "':' before the frame ended" if inside else "no ':' before it"))
             self._held += piece
-            if after_cr and piece[0] in self._delimiters.heard:
+            if after_cr and piece[0] in self._delimiters.accepted:
                 events.append(self._end())
             elif len(self._held) >= LONGEST:
                 # Not even the longest frame is longer: nothing that comes can complete it.
@@ -116,7 +116,7 @@ class AsciiLine:
         if data[at] != COLON:
             return 0
         end = data.find(b"\r", at, at + LONGEST - 1)
-        if not 0 < end < len(data) - 1 or data[end + 1] not in self._delimiters.heard:
+        if not 0 < end < len(data) - 1 or data[end + 1] not in self._delimiters.accepted:
             return 0
         return end + 2 if data.find(b":", at + 1, end) < 0 else 0
 
@@ -135,7 +135,7 @@ class AsciiLine:
         return noise
 
     def _end(self) -> Adu | Noise:
-        """CR LF came (or CR and what stands for LF): a frame, or noise that says why it is none."""
+        """The end of a frame (CR LF, or CR and the character instead): a frame, or noise with the reason."""
         data = bytes(self._held)
         self._held.clear()
         return self._read(data)
@@ -145,5 +145,5 @@ class AsciiLine:
             adu = decode(data if data[-1] == LF else data[:-1] + b"\n")
         except DecodeError as error:
             return Noise(data, error.reason, error.text)
-        self._delimiters.passed(adu.unit, adu.pdu, said=False)
+        self._delimiters.passed(adu.unit, adu.pdu, sent=False)
         return adu

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 
 def lrc(data: bytes) -> int:
-    """The LRC of the bytes (of what the characters stand for, not of the characters).
+    """The LRC of the bytes; of the bytes that the characters encode, not of the characters.
 
     >>> f"{lrc(bytes.fromhex('0104000008')):02X}h"
     'F3h'

@@ -1,16 +1,14 @@
-"""VALUES <-> BYTES: width, sign, order, bits and text. This room has never heard of a protocol.
+"""Values <-> bytes: width, sign, byte order, bits and text, for any protocol.
 
         229.8  <----- codec("f32", "ABCD") ----->  43 65 CC CD
 
-Five files, five questions:
+    order      the order of the bytes of a number    ABCD, CDAB, BADC, DCBA
+    numbers    integers and floats                   u8..u64, i8..i64, f32, f64, in steps of 8 bits
+    bits       single bits, rows of bits, halves     bit k of a word, a packed row of coils, half a register
+    text       characters of a fixed length          encoding and padding are given, no character is lost
+    layout     named fields                          a struct with names, and bit patterns like "010- nnes"
 
-    numbers    which bits make this number?         u8..u64, i8..i64, f32, f64, and any other width of integer
-    order      in which order do its bytes lie?     ABCD, CDAB, BADC, DCBA
-    bits       which bit, which half?               bit k of a word, a packed row of coils, half a register
-    text       which characters?                    fixed length, padding told, nothing lost in silence
-    layout     which named fields, one after the other?   a struct with names, and bit patterns like "010- nnes"
-
-I know: values and bytes.  I never know: messages, units, addresses, time.  Everybody may import me.
+Depends on: errors. Used by: every room with messages or values.
 """
 
 from barewire.codecs.bits import (

@@ -1,4 +1,4 @@
-"""Which bit, which half. Bit 0 is always the least significant one, and coil 0 of a packed row is bit 0 of byte 0.
+"""Bits and halves of words. Bit 0 is the least significant bit; coil 0 of a packed row is bit 0 of byte 0.
 
 a register        15 14 13 12 11 10  9  8 | 7  6  5  4  3  2  1  0
                   '------- H half -------' '------- L half -------'
@@ -32,7 +32,7 @@ def get_bit(word: int, bit: int, width: int = 16) -> bool:
 
 
 def set_bit(word: int, bit: int, value: bool, width: int = 16) -> int:
-    """The word with that bit changed and every other bit kept.
+    """The word with bit `bit` set to `value`; every other bit is kept.
 
     >>> hex(set_bit(0x00F0, 4, False))
     '0xe0'
@@ -42,7 +42,7 @@ def set_bit(word: int, bit: int, value: bool, width: int = 16) -> int:
 
 
 def get_field(word: int, low: int, bits: int, width: int = 16) -> int:
-    """The number in `bits` bits of a word, the lowest of them being bit `low`.
+    """The number in `bits` bits of a word, from bit `low` upwards.
 
     >>> get_field(0x0B40, 6, 6)             # 0000 1011 01.. ....
     45
@@ -52,7 +52,7 @@ def get_field(word: int, low: int, bits: int, width: int = 16) -> int:
 
 
 def set_field(word: int, low: int, bits: int, value: int, width: int = 16) -> int:
-    """The word with that number changed and every other bit kept.
+    """The word with this number in `bits` bits from bit `low` upwards; every other bit is kept.
 
     >>> hex(set_field(0xFFFF, 4, 8, 0))
     '0xf00f'
@@ -83,7 +83,7 @@ def get_half(word: int, half: Half) -> int:
 
 
 def set_half(word: int, half: Half, value: int) -> int:
-    """The register with that byte changed and the other one kept.
+    """The register with this half set to `value`; the other half is kept.
 
     >>> hex(set_half(0x12AB, "H", 0x34))
     '0x34ab'
@@ -98,7 +98,7 @@ def set_half(word: int, half: Half, value: int) -> int:
 
 
 def pack_bits(bits: Sequence[bool | int]) -> bytes:
-    """A row of bits as bytes, the first in the lowest bit of the first byte, the last byte filled with zeros.
+    """Pack bits into bytes: the first bit is bit 0 of the first byte, the last byte is filled with zeros.
 
     >>> pack_bits([1, 0, 1, 1, 0, 0, 1, 1, 1, 0]).hex(" ")
     'cd 01'
@@ -111,7 +111,7 @@ def pack_bits(bits: Sequence[bool | int]) -> bytes:
 
 
 def unpack_bits(data: bytes, quantity: int | None = None) -> tuple[bool, ...]:
-    """Bytes as a row of bits: the first `quantity` of them, or all.
+    """Unpack bytes into bits: the first `quantity` bits, or all.
 
     >>> unpack_bits(bytes.fromhex("CD01"), 10)
     (True, False, True, True, False, False, True, True, True, False)

@@ -1,20 +1,18 @@
-"""Named fields, one after the other: the drawing of a message, and the code that obeys the drawing.
+"""Named fields in a row: one `Layout` describes the bytes of a message and does all the work on them.
 
-One `Layout` does five jobs, so nothing about a message is written twice:
+pack       values -> bytes                         unpack   bytes -> values, refusing short and left-over bytes
+fields     offset and value of each field, for `explain`
+measure    the length of the message from its first bytes, for the RTU line
 
-    pack       values -> bytes                         unpack   bytes -> values, refusing short and left-over bytes
-    fields     where each field lies (for `explain`)   names    the field table of the docs
-    measure    how long it will be, told from its first bytes (what an RTU line needs to count)
+    Layout(">BHH", "function_code", "address", "quantity")
 
-        Layout(">BHH", "function_code", "address", "quantity")
+    offset   0               1        2        3        4
+           | function_code | address         | quantity        |      size 5, always
 
-        offset   0               1        2        3        4
-               | function_code | address         | quantity        |      size 5, always
+    Layout(">BB", "function_code", "byte_count", tail="data", count="byte_count")
 
-        Layout(">BB", "function_code", "byte_count", tail="data", count="byte_count")
-
-        offset   0               1            2 ...
-               | function_code | byte_count | byte_count bytes of data |      size 2 + byte_count
+    offset   0               1            2 ...
+           | function_code | byte_count | byte_count bytes of data |      size 2 + byte_count
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ from barewire.errors import DecodeError, EncodeError
 
 
 class Field(NamedTuple):
-    """One field of a message as it lies in the bytes: what `explain` prints a line for."""
+    """One field of a message with its offset and length in bytes; `explain` prints a line for each."""
 
     offset: int
     length: int
@@ -40,8 +38,8 @@ class Field(NamedTuple):
 class Layout:
     """A struct format with a name for each value, and optionally a tail of bytes behind it.
 
-    `tail` names the bytes behind the fixed part, `count` the field that holds their number. A tail without a
-    count takes whatever there is, and then nobody can tell the length from the first bytes.
+    `tail` names the bytes behind the fixed part, `count` the field that holds their number. A tail without a count
+    takes all remaining bytes; then the first bytes do not tell the length.
 
     >>> Layout(">BHH", "function_code", "address", "quantity").pack(3, 107, 3).hex(" ")
     '03 00 6b 00 03'
@@ -81,18 +79,18 @@ class Layout:
             raise
 
     def pack_of(self, message: object) -> bytes:
-        """The fields as `message` has them, as attributes under their names; there is no tail."""
+        """The attributes of `message` with the names of the fields, as bytes; there is no tail."""
         values = self._values(message)
         try:
             return self._struct.pack(*values)
         except (struct.error, TypeError):
-            # A single name gives its value and not a row of one; and `pack` knows what to say of a wrong one.
+            # attrgetter of one name gives the value itself, not a tuple; `pack` reports the value that does not fit.
             return self.pack(*values) if len(self.names) > 1 else self.pack(values)
 
     def unpack(self, data: bytes) -> tuple[Any, ...]:
-        """The field values, and the tail as last one if there is a tail. Nothing missing, nothing left over.
+        """The field values, with the tail as the last one if there is a tail.
 
-        Raises DecodeError("short"), ("long") or ("length": the count says another number than there is).
+        Raises DecodeError("short"), ("long") or ("length": the count field contradicts the number of bytes).
         """
         if len(data) < self.size:
             raise self._short(data)
@@ -117,9 +115,9 @@ class Layout:
         raise AssertionError("not short")  # pragma: no cover - called with too few bytes only
 
     def measure(self, data: bytes) -> int | None:
-        """How many bytes to wait for, as far as these first bytes tell; None if nobody can know.
+        """How many bytes to wait for, as far as these first bytes tell; None if they cannot tell.
 
-        The answer grows once, when the count field is in; when there are as many bytes, it is the whole length.
+        The result grows once, when the count field has arrived; with as many bytes as the result it is the length.
         """
         if self.tail is None:
             return self.size
@@ -131,7 +129,7 @@ class Layout:
         return self.size + int.from_bytes(data[start:end], self._byteorder)
 
     def fields(self, data: bytes, at: int = 0) -> list[Field]:
-        """Where each field lies and what it holds, as far as the bytes go; offsets are counted from `at`."""
+        """The fields with their offsets and values, as far as the bytes go; offsets count from `at`."""
         found: list[Field] = []
         for name, (start, end) in zip(self.names, self._places):
             if end > len(data):
@@ -145,7 +143,7 @@ class Layout:
 
 
 class BitPattern:
-    """One byte drawn bit by bit, most significant first: 0 and 1 are fixed, a letter is a field, - is reserved.
+    """One byte described bit by bit, most significant first: 0 and 1 are fixed, a letter is a field, - is reserved.
 
         "010- nnes"    7 6 5 | 4 | 3 2 | 1 | 0
                        0 1 0   -   n n   e   s       the server's answer to an SDO upload [CiA 301]
@@ -177,18 +175,18 @@ class BitPattern:
         return f"BitPattern({self.pattern!r})"
 
     def matches(self, byte: int) -> bool:
-        """Whether the fixed bits are as drawn. Reserved bits may be anything: read tolerantly."""
+        """Whether the fixed bits match. Reserved bits may have any value."""
         return byte & self.mask == self.value
 
     def decode(self, byte: int) -> dict[str, int]:
-        """The fields by letter. DecodeError("function") if the fixed bits say it is something else."""
+        """The fields by letter. Raises DecodeError("function") if the fixed bits do not match."""
         if not self.matches(byte):
             text = f"{byte:02X}h is not {self.pattern}"
             raise DecodeError("function", bytes([byte]), 0, text)
         return {letter: byte >> low & (1 << width) - 1 for letter, (low, width) in self._fields.items()}
 
     def encode(self, **fields: int) -> int:
-        """The byte with these fields and reserved bits 0: write strictly. A field not given is 0."""
+        """The byte with these fields. Reserved bits and fields not given are 0."""
         byte = self.value
         for letter, field in fields.items():
             if letter not in self._fields:

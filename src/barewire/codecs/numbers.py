@@ -1,4 +1,4 @@
-"""Integers and floats of every width, as codecs: one object that turns a value into bytes and back.
+"""Codecs of integers and floats: a codec encodes a value as bytes and decodes the bytes.
 
     u8 u16 u24 u32 u40 u48 u56 u64     0 .. 2^n - 1
     i8 i16 i24 i32 i40 i48 i56 i64     -2^(n-1) .. 2^(n-1) - 1, two's complement
@@ -6,7 +6,7 @@
 
     1.1  --codec("f32", "DCBA")-->  CD CC 8C 3F        the number of the AZ3's CANopen guide
 
-`codec(type, order)` gives the codec; it is made once and kept, since a program uses few of them.
+`codec(type, order)` returns the codec; there is one object for each type and order.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _INTEGER_BITS = {f"{sign}{bits}": bits for sign in "ui" for bits in range(8, 65,
 
 
 class Codec(Protocol):
-    """What turns one value into `size` bytes and back."""
+    """Encodes one value as `size` bytes and decodes them."""
 
     @property
     def name(self) -> str: ...
@@ -64,7 +64,7 @@ class Number:
         self.is_float = name in _FLOAT_BITS
         self.bits = _FLOAT_BITS[name] if self.is_float else _integer_bits(name)
         self.size = self.bits // 8
-        reorder(bytes(self.size), order)  # u24 has no order CDAB: better said now than with the first value
+        reorder(bytes(self.size), order)  # refuses u24 in order CDAB now, and not with the first value
         self.minimum: int | float
         self.maximum: int | float
         if self.is_float:
@@ -73,7 +73,7 @@ class Number:
             self.minimum, self.maximum = -(1 << self.bits - 1), (1 << self.bits - 1) - 1
         else:
             self.minimum, self.maximum = 0, (1 << self.bits) - 1
-        # The two plain orders are one struct call; the mixed ones and odd widths take the longer way.
+        # Orders ABCD and DCBA are one struct call; mixed orders and odd widths take a longer way.
         endian = {"ABCD": ">", "DCBA": "<"}.get(order)
         plain = endian is not None and name in _STRUCT
         self._struct = struct.Struct(f"{endian}{_STRUCT[name]}") if plain else None
@@ -82,12 +82,12 @@ class Number:
         return f"Number({self.name!r}, {self.order!r})"
 
     def check(self, value: Value) -> int | float:
-        """The value as this type has it, or an EncodeError that names the limits."""
+        """The value as int or float. Raises EncodeError, with the limits, for a value that the type does not have."""
         if not isinstance(value, (int, float)) or (value != value // 1 and not self.is_float):
             wanted = "a number" if self.is_float else "a whole number"
             raise EncodeError(f"{shown(value)} is not {wanted} for {self.name}")
         if self.is_float:
-            # Infinities and NaN are values of IEEE 754 and travel; what rounds beyond the largest float does not.
+            # Infinities and NaN are values of IEEE 754; a number that rounds beyond the largest float is refused.
             try:
                 number = float(value)
                 if abs(number) < _FLOAT_TOO_LARGE[self.name] or not math.isfinite(number):
@@ -136,13 +136,13 @@ _made: dict[tuple[str, str], Number] = {}
 
 
 def codec(name: str, order: Order = "ABCD") -> Number:
-    """The codec of a number type in an order, made once.
+    """The codec of a number type in a byte order.
 
     >>> codec("f32", "DCBA").encode(1.1).hex(" ").upper()
     'CD CC 8C 3F'
     """
     found = _made.get((name, order))
     if found is None:
-        # Bounded: only names and orders that Number accepts are ever kept, 18 x 4 of them.
+        # Bounded: Number accepts 18 names and 4 orders.
         found = _made[name, order] = Number(name, order)
     return found

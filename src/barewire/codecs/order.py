@@ -1,7 +1,7 @@
-"""In which order the bytes of a number lie, and how they fill registers.
+"""The order of the bytes of a number, and how they fill registers.
 
-A register holds two bytes, the more significant one first: that much Modbus says [MB-APP 4.2]. How a wider
-number is cut into registers it does not say, so four orders are in use. With A the most significant byte:
+A register holds two bytes, the more significant one first [MB-APP 4.2]. Modbus does not define how a wider number
+fills registers, so four orders are in use. With A the most significant byte:
 
               register n   register n+1
     ABCD        A  B          C  D        high word first, the usual reading
@@ -9,8 +9,8 @@ number is cut into registers it does not say, so four orders are in use. With A 
     BADC        B  A          D  C        high word first, bytes swapped in each register
     DCBA        D  C          B  A        everything reversed: a little-endian number, as CANopen has it
 
-The names are read for any width: for 64 bits CDAB is GHEFCDAB, for 16 bits there is only AB or BA, and a single
-byte has no order at all.
+The names apply to any width: for 64 bits CDAB means GHEFCDAB, for 16 bits there is only AB or BA, and a single byte
+has no order.
 """
 
 from __future__ import annotations
@@ -34,15 +34,14 @@ def _swap_bytes(data: bytes) -> bytes:
 
 
 def reorder(data: bytes, order: Order) -> bytes:
-    """Big-endian bytes into `order`, or bytes in `order` into big-endian: each of the four undoes itself.
+    """Convert big-endian bytes to `order`, or back: each of the four conversions is its own inverse.
 
     >>> reorder(bytes.fromhex("0A0B0C0D"), "CDAB").hex(" ").upper()
     '0C 0D 0A 0B'
     >>> reorder(bytes.fromhex("0A0B0C0D"), "BADC").hex(" ").upper()
     '0B 0A 0D 0C'
 
-    Raises EncodeError for an order that is none of the four, and for an odd number of bytes that has to be cut
-    into registers.
+    Raises EncodeError for an unknown order, and for an odd number of bytes in order CDAB or BADC.
     """
     if order == "ABCD":
         return bytes(data)
@@ -58,7 +57,7 @@ def reorder(data: bytes, order: Order) -> bytes:
 
 
 def to_registers(data: bytes) -> tuple[int, ...]:
-    """Bytes as they travel -> register values. An odd byte at the end is an EncodeError.
+    """Bytes of the wire as register values. Raises EncodeError for an odd number of bytes.
 
     >>> to_registers(bytes.fromhex("000A0102"))
     (10, 258)
@@ -69,7 +68,7 @@ def to_registers(data: bytes) -> tuple[int, ...]:
 
 
 def from_registers(registers: Sequence[int]) -> bytes:
-    """Register values -> bytes as they travel, two for each. A value outside 0..65535 is an EncodeError.
+    """Register values as bytes of the wire, two for each. Raises EncodeError for a value outside 0..65535.
 
     >>> from_registers([10, 258]).hex(" ")
     '00 0a 01 02'

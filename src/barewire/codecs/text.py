@@ -1,4 +1,4 @@
-"""Text of a fixed number of bytes. Character set and padding are told, never guessed, and nothing is lost in silence.
+"""Text of a fixed number of bytes. The caller gives encoding and padding; text that does not fit is refused.
 
 "OVERTEMP"  --Text(12)-->  4F 56 45 52 54 45 4D 50 00 00 00 00
 """
@@ -12,8 +12,8 @@ from barewire.errors import DecodeError, EncodeError, Reason
 class Text:
     """`size` bytes of characters, filled up with `pad` at the end.
 
-    `encoding` is a name that Python knows; the default, latin-1, gives every byte a character, so that reading
-    cannot fail. On reading, the padding and zero bytes at the end are taken off.
+    `encoding` is the name of a Python codec; the default, latin-1, has a character for every byte, so decoding
+    cannot fail. Decoding removes padding and zero bytes at the end.
 
     >>> Text(6).encode("ADXL").hex(" ")
     '41 44 58 4c 00 00'
@@ -37,7 +37,7 @@ class Text:
         return f"Text({self.size}, {self.encoding!r}, {self.pad!r})"
 
     def encode(self, value: Value) -> bytes:
-        """The text as `size` bytes; EncodeError if it is too long or has a character the set does not have."""
+        """The text as `size` bytes. Raises EncodeError if it is too long or the encoding lacks a character."""
         if not isinstance(value, str):
             raise EncodeError(f"{value!r} is not text")
         try:
@@ -50,7 +50,7 @@ class Text:
         return data.ljust(self.size, self.pad)
 
     def decode(self, data: bytes) -> str:
-        """The characters without padding; DecodeError for a wrong length or bytes that are no characters."""
+        """The text without padding. Raises DecodeError for a wrong length or bytes outside the encoding."""
         if len(data) != self.size:
             reason: Reason = "short" if len(data) < self.size else "long"
             text = f"text takes {self.size} bytes, here are {len(data)}"

@@ -1,16 +1,15 @@
-"""ENVELOPE ended by silence or by count: Modbus RTU on a serial line.
+"""Modbus RTU framing on a serial line: silence or the byte count ends a frame, the CRC confirms it.
 
     silence | unit 1 | PDU 1..253 | CRC 2, low byte first | silence                 [MB-SERIAL 2.5.1]
      t3.5                                                    t3.5
 
-The names of the files are the same as in `barewire.ascii` and `barewire.tcp`; learn one envelope, know three:
+    crc      the checksum                         frame    encode and decode one whole frame
+    timing   character times                      line     the framing state of one line
+    shape    the length of a frame from its first bytes, by role
 
-    crc      the checksum           frame    encode and decode of one whole frame
-    timing   character times        line     the framing state of one connection
-    shape    what a count tells, and to whom
+`barewire.ascii` and `barewire.tcp` have files of the same names.
 
-I know: where a frame begins and ends, and whether it is whole.  I never know: what a message means (only how long it
-will be, which `modbus.functions` tells), sockets, ports, clocks.  Shells, devices' simulators and `explain` import me.
+Depends on: errors, modbus.adu, modbus.framing, modbus.messages (lengths only). Used by: explain, io.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    # The line counts bytes and needs the messages for that; whoever only checks frames need not load them.
+    # The line needs the lengths of all messages; a program that only encodes or decodes frames does not load them.
     if name == "RtuLine":
         from barewire.rtu.line import RtuLine
 

@@ -2,13 +2,13 @@
 
     02 07  ->  1241h, sent as  41 12                                                [MB-SERIAL 6.2.2]
 
-Three forms of one function, equal for every input, with crcmod as the referee in the tests:
+Three forms of one function, equal for every input (the tests compare them with crcmod):
 
     crc16_bit_by_bit   the definition: eight steps for each byte
     crc16_table        the same eight steps at once: a table of 256 remainders, one step for each byte
     crc16_folded       the whole frame at once, as one big number folded onto itself; its steps grow with the logarithm
 
-`crc16` takes the table for short frames and folds long ones; it is the one to call.
+`crc16` uses the table for short frames and folds long ones; call this one.
 
 **Why a frame folds.** Read the frame as a polynomial over the two-element field, the bit sent first as the highest
 power. Its CRC is the remainder after division by x^16 + x^15 + x^2 + 1, and that polynomial is a product:
@@ -57,7 +57,7 @@ def crc16(data: bytes | bytearray) -> int:
     """
     if len(data) >= FOLD_FROM:
         return crc16_folded(data)
-    # crc16_table once more: for a frame of eight bytes, calling it would cost a tenth of the whole.
+    # The loop of crc16_table, inline: for a frame of eight bytes the call would take a tenth of the time.
     crc = INITIAL
     table = TABLE
     for byte in data:
@@ -83,7 +83,7 @@ def crc16_bit_by_bit(data: bytes | bytearray) -> int:
 
 
 def _remainder(byte: int) -> int:
-    """What eight steps make of a single byte."""
+    """The remainder of one byte after eight steps."""
     for _ in range(8):
         byte = byte >> 1 ^ (POLYNOMIAL if byte & 1 else 0)
     return byte
@@ -105,7 +105,7 @@ def crc16_table(data: bytes | bytearray) -> int:
 
 
 _BLOCK = 0x10000
-"""Bytes folded at once. A longer input goes block by block, so that nothing here is ever larger than that."""
+"""Bytes folded at once. A longer input is folded block by block, so no number becomes larger than a block."""
 
 # For k = 2^14 down to 1: fold while there are 29k bits or more (14k are taken off, 15k must be left to receive them).
 _LEVELS = tuple((29 << j, 14 << j, 1 << j, (1 << (14 << j)) - 1) for j in range(14, -1, -1))
@@ -127,8 +127,8 @@ def crc16_folded(data: bytes | bytearray) -> int:
 
 
 def _fold(data: bytes | bytearray, crc: int) -> int:
-    """One block; `crc` is what the blocks before it left."""
-    # The remainder is that of the frame with 16 zero bits behind it, and what came before is added to its beginning.
+    """Fold one block; `crc` is the remainder of the blocks before it."""
+    # The remainder is that of the frame followed by 16 zero bits; that of the blocks before is added at the front.
     bits = 8 * len(data) + 16
     number = int.from_bytes(data, "little") ^ crc
     parity = number.bit_count()

@@ -1,4 +1,4 @@
-"""One whole RTU frame, in and out. Pure: bytes to a letter and back, nothing remembered.
+"""Encode and decode one whole RTU frame.
 
 | unit 1 | PDU 1..253 | CRC 2, low byte first |        4 to 256 bytes            [MB-SERIAL 2.5.1]
 """
@@ -10,7 +10,6 @@ from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
 from barewire.rtu.crc import crc16
 
 SHORTEST, LONGEST = 4, 256
-_adu = tuple.__new__  # what Adu(...) does, without the function around it: a frame is decoded in two microseconds
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
@@ -34,15 +33,15 @@ def decode(data: bytes) -> Adu:
     >>> decode(bytes.fromhex("01040FB1000222F8"))
     Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)
 
-    Raises DecodeError: "short", "long", or "checksum", which says what the CRC should have been.
+    Raises DecodeError: "short", "long", or "checksum", with the expected CRC in the text.
     """
     if len(data) < SHORTEST:
         raise DecodeError("short", data, len(data), f"an RTU frame has at least {SHORTEST} bytes, here are {len(data)}")
     if len(data) > LONGEST:
         raise DecodeError("long", data, LONGEST, f"an RTU frame has at most {LONGEST} bytes, here are {len(data)}")
-    # With its own CRC behind it a frame leaves nothing: one call, and the right CRC only where it is needed.
+    # The CRC over a frame with its own CRC is 0; the expected CRC is computed only for the error.
     if crc16(data):
         right = crc16(data[:-2]).to_bytes(2, "little")
-        said, should = data[-2:].hex(" ").upper(), right.hex(" ").upper()
-        raise DecodeError("checksum", data, len(data) - 2, f"CRC is {said}, should be {should}")
-    return _adu(Adu, (data[0], bytes(data[1:-2]), None))
+        found, expected = data[-2:].hex(" ").upper(), right.hex(" ").upper()
+        raise DecodeError("checksum", data, len(data) - 2, f"CRC is {found}, should be {expected}")
+    return Adu(data[0], bytes(data[1:-2]))

@@ -1,20 +1,20 @@
-"""The framing state of one RTU line: where a frame begins and ends when nothing on the wire says so.
+"""The framing state of one RTU line: it finds the frames in a stream of bytes without delimiters.
 
-Three witnesses, in this order:
+Three criteria, in this order:
 
-    the count     the first bytes of a message tell its length (`rtu.shape`): it ends a frame early
-    the CRC       confirms it: nothing is a frame without
-    the silence   ends whatever is left, resynchronises, and is the only end of functions that nobody can count
+    the count     the first bytes of a message give its length (`rtu.shape`), so a frame ends early
+    the CRC       must be right, or there is no frame
+    the silence   ends what is left, resynchronises, and is the only end of functions without a known length
 
-**t3.5 is two numbers.** Speaking, we keep the strict one: `quiet_at`. Hearing, we are patient: operating systems and
-USB adapters hand bytes over in batches, up to 16 ms late, and a strict 2 ms window cuts good frames in half. `patience`
-is the longest pause that is still forgiven inside a frame. `patience=None` is the letter of the standard, for real
-UARTs: a frame ends after t3.5 and by nothing else, and a gap above t1.5 inside spoils it [MB-SERIAL 2.5.1.1].
+**t3.5 is two numbers.** For sending, the line keeps the strict one: `quiet_at`. For receiving, it is patient: operating
+systems and USB adapters deliver bytes in batches, up to 16 ms late, and a strict window of 2 ms cuts good frames in
+half. `patience` is the longest pause that is accepted inside a frame. `patience=None` is the standard to the letter,
+for real UARTs: only t3.5 ends a frame, and a gap above t1.5 inside makes it invalid [MB-SERIAL 2.5.1.1].
 
     feed:  | noise | unit ... CRC | unit ... CRC | half a fr        ->  Noise, Adu, Adu, and 9 bytes held
 
-After a wrong CRC the line does not throw everything away: it slides on, byte by byte, to the next place where a whole
-frame with a good CRC lies, and reports what it passed over as one Noise.
+After a wrong CRC the line searches, byte by byte, for the next whole frame with a good CRC, and reports the bytes
+before it as one Noise.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ PATIENCE = 0.030
 """Seconds: above the 16 ms in which common USB adapters hand over bytes, far below any time-out."""
 
 _ROUNDING = 1e-7
-"""Seconds: far below any character. Times are sums of floats, and a gap of exactly t1.5 or t3.5 must count as that."""
+"""Seconds, far below any character. Times are sums of floats, and a gap of exactly t1.5 or t3.5 must count as such."""
 
 _ENVELOPE = 3
-"""What the frame has more than the PDU: unit and CRC."""
+"""Bytes of a frame around the PDU: unit and CRC."""
 
 SILENCE, NEVER = 1 << 62, 1 << 63
-"""When to look at a place again where no number of bytes tells: silence may end a frame; no frame begins there."""
+"""When to check a place again that no number of bytes decides: at the next silence; never."""
 
 
 class RtuLine:
-    """One line, heard as `role`: a client hears responses, a server requests (and, from other units, both).
+    """One line, received in a role: a client receives responses, a server requests (and both of other units).
 
     >>> line = RtuLine(Timing.of(19200), role="server")
     >>> line.feed(bytes.fromhex("01040FB1 000222F8"), now=1.0)
@@ -53,7 +53,7 @@ class RtuLine:
     >>> line.feed(None, now=2.03)
     [Noise(data=b'\\xff\\x00\\x07', reason='short', text='3 bytes, then silence')]
 
-    `units` are the server's own addresses: what goes to them is a request, never some other unit's response.
+    `units` are the server's own addresses: a frame with one of them is a request, never the response of another unit.
     """
 
     numbered = False
@@ -73,23 +73,25 @@ class RtuLine:
         self.role: Role = role
         self.strict = patience is None
         self.gap = timing.t35 if patience is None else max(timing.t35, patience)
-        """The silence, in seconds, that ends whatever is held."""
+        """The silence, in seconds, that ends a frame."""
         self._shape = Shape(role, units)
         self._held = bytearray()
-        self._last = float("-inf")  # when the last byte was over, ours or theirs
-        self._spoiled: tuple[Reason, str] | None = None  # strict only: why what is held is no frame, whatever its CRC
-        self._gone = 0  # so many bytes were held and taken off
-        self._again = 0  # the number of bytes at which the first one is worth another look
-        self._places: list[tuple[int, int]] = []  # a heap: with so many bytes look at that one again
-        self._fresh = 0  # nobody has looked at this byte, nor behind it
+        self._last = float("-inf")  # end of the last byte, sent or received
+        self._spoiled: tuple[Reason, str] | None = (
+            None  # strict only: why the held bytes are no frame, whatever their CRC
+        )
+        self._gone = 0  # bytes that were held and removed
+        self._again = 0  # with how many bytes to check the first place again
+        self._places: list[tuple[int, int]] = []  # a heap of (number of bytes at which to check again, place)
+        self._fresh = 0  # the first place that was not checked yet
         self._hunted = 0  # no frame that begins behind the first byte ends up to here
         self._unit = 0
 
-    # Speaking
+    # Sending
 
     @property
     def quiet_at(self) -> float:
-        """t3.5 after the last byte on the line, ours or theirs: the strict number, whatever the patience."""
+        """t3.5 after the last byte on the line, sent or received: the strict time, whatever the patience."""
         return self._last + self.timing.t35
 
     def request(self, unit: int, pdu: bytes) -> bytes:
@@ -102,14 +104,14 @@ class RtuLine:
         return encode(to.unit, pdu)
 
     def sent(self, now: float) -> None:
-        """Our own last byte left: the silence before the next frame begins here."""
+        """The last byte of a frame was transmitted at `now`: the silence before the next frame begins here."""
         self._last = max(self._last, now)
 
     def answers(self, adu: Adu) -> bool:
-        """From the unit that was asked last."""
+        """Whether the frame comes from the unit of the last request."""
         return adu.unit == self._unit
 
-    # Hearing
+    # Receiving
 
     @property
     def held(self) -> bytes:
@@ -118,7 +120,7 @@ class RtuLine:
 
     @property
     def deadline(self) -> float | None:
-        """When the silence will have lasted long enough to end what is held."""
+        """When the silence will be long enough to end the held bytes."""
         return self._last + self.gap if self._held else None
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
@@ -128,7 +130,7 @@ class RtuLine:
             if self._held and now >= self._last + self.gap:
                 events += self._close()
             return events
-        # They came one behind the other, so the first of them began this much earlier.
+        # The bytes came one after the other, so the first began this much earlier.
         silent = now - self.timing.duration(len(data)) - self._last
         if self._held:
             if silent >= self.gap - _ROUNDING:
@@ -146,7 +148,7 @@ class RtuLine:
         return events
 
     def _cut(self) -> list[Adu | Noise]:
-        """Take off every frame that the count and the CRC prove already."""
+        """Remove and return every frame that count and CRC confirm already."""
         events: list[Adu | Noise] = []
         while self._held:
             end = self._first()
@@ -164,7 +166,7 @@ class RtuLine:
         return events
 
     def _close(self) -> list[Adu | Noise]:
-        """Silence: what is held is one frame, or there are frames in it, or it is noise."""
+        """Silence: the held bytes are one frame, or contain frames, or are noise."""
         events: list[Adu | Noise] = []
         if self._spoiled is not None:
             events.append(self._drop(len(self._held), *self._spoiled))
@@ -172,7 +174,7 @@ class RtuLine:
         while self._held:
             end = None if self.strict else self._first()
             if end is None and self._shape.is_whole(bytes(self._held)):
-                # Only silence can end a function that nobody can count.
+                # Only silence ends a function without a known length.
                 end = len(self._held)
             if end is not None:
                 events.append(self._take(end))
@@ -183,7 +185,7 @@ class RtuLine:
         return events
 
     def _diagnosis(self) -> tuple[Reason, str]:
-        """Why what is left is no frame."""
+        """Why the remaining bytes are no frame."""
         size = f"{len(self._held)} byte{'' if len(self._held) == 1 else 's'}"
         try:
             decode(bytes(self._held))
@@ -193,18 +195,18 @@ class RtuLine:
             return error.reason, error.text
         return "short", f"{size}, then silence: the last byte is missing, a 00 of the CRC"
 
-    # Where a frame may begin and end. Places are counted from the first byte that the line ever held, so that nothing
-    # has to be counted anew when bytes are taken off: held[at] is byte number _gone + at.
+    # Where a frame may begin and end. Places are counted from the first byte that the line ever held, so they stay
+    # valid when bytes are removed: held[at] is byte number _gone + at.
 
     def _first(self) -> int | None:
-        """The end of the frame that begins with the first byte. Looked for only when it may have come."""
+        """The end of the frame that begins with the first byte. Checked only when enough bytes have come."""
         if self._gone + len(self._held) < self._again:
             return None
         end, self._again = self._look(0)
         return end
 
     def _look(self, at: int) -> tuple[int | None, int]:
-        """The end of the frame that begins at `at`, of what is here; and the number of bytes at which to look again."""
+        """The end of the frame that begins at `at`, or None; and the number of bytes at which to check again."""
         here, pdu = len(self._held), bytes(self._held[at + 1 : at + LONGEST])
         if not pdu:
             return None, self._gone + at + 2
@@ -217,16 +219,16 @@ class RtuLine:
             if end - at > LONGEST:
                 continue
             if end > here:
-                # Either the count is known and the end has not come, or more is needed to know the count.
+                # The count is known and the end has not come, or more bytes are needed to know the count.
                 again = min(again, self._gone + (end if size <= len(pdu) else at + 1 + size))
             elif self._gone + end > self._hunted and end - at >= SHORTEST and crc16(self._held[at:end]) == 0:
                 return end, again
         return None, again if counted else SILENCE
 
     def _hunt(self) -> list[Adu | Noise] | None:
-        """The first whole frame at any later place, and what lies before it as Noise; None if there is none yet.
+        """The first whole frame at a later place, and the bytes before it as Noise; None if there is none yet.
 
-        Each place is looked at when enough has come to tell more about it, not with every byte.
+        Each place is checked when enough bytes have come to decide more about it, not with every byte.
         """
         here, due = self._gone + len(self._held), []
         while self._places and self._places[0][0] <= here:
@@ -245,7 +247,7 @@ class RtuLine:
         return None
 
     def _at(self, number: int) -> int | None:
-        """The end of the frame that begins with this byte; if it has not come, when to look again is noted."""
+        """The end of the frame that begins with this byte; if it has not come, schedules the next check."""
         end, again = self._look(number - self._gone)
         if end is None and again < SILENCE:
             heappush(self._places, (again, number))
@@ -270,4 +272,4 @@ class RtuLine:
     def _remove(self, count: int) -> None:
         del self._held[:count]
         self._gone += count
-        self._again = 0  # there is another first byte
+        self._again = 0  # another byte is the first one now

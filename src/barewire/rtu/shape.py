@@ -1,11 +1,12 @@
-"""What the bytes of a frame tell of its length, by who is listening to whom.
+"""The length of a frame from its first bytes, by the role of the receiver.
 
-    a client                 hears responses                 01 | 03 06 ....
-    a server, its own units  hears requests                  01 | 10 0001 0002 04 ....
-    a server, other units    hears both, and so does whoever listens in
+    a client                      receives responses         01 | 03 06 ....
+    a server, its own units       receives requests          01 | 10 0001 0002 04 ....
+    a server, other units         receives both
+    a listener                    receives both
 
-A frame can lose its end and keep a good CRC: where the last byte of the CRC is 00, the rest of the frame leaves no
-remainder either. Then only the count tells that a byte is missing.
+A frame can lose its last byte and keep a good CRC: if the last byte of the CRC is 00, the bytes before it have the
+remainder 0 as well. Then only the byte count shows that a byte is missing.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ Role = Literal["client", "server", "listener"]
 
 
 class Shape:
-    """What may be heard from which unit. `units` are the server's own addresses."""
+    """Which kinds of message a receiver expects from a unit. `units` are the server's own addresses."""
 
     def __init__(self, role: Role, units: Container[int]) -> None:
         self.role: Role = role
         self._units = units
 
     def measured(self, unit: int, pdu: bytes) -> list[int | None]:
-        """How long the PDU that begins like this will be, for each kind of message that it may be."""
+        """The length of the PDU that begins with these bytes, for each kind of message that it may be."""
         if self.role == "client":
             return [measure_response(pdu)]
         if unit in self._units:
@@ -38,7 +39,7 @@ class Shape:
         return [measure_request(pdu), measure_response(pdu)]
 
     def reads(self, unit: int, pdu: bytes) -> bool:
-        """Whether this is a message, of a kind that may be heard from this unit."""
+        """Whether the PDU can be decoded as a message of a kind that this unit may send or receive."""
         kinds: list[Callable[[bytes], object]] = [] if self.role == "client" else [decode_request]
         if self.role == "client" or unit not in self._units:
             kinds.append(decode_response)
@@ -49,10 +50,11 @@ class Shape:
         return False
 
     def is_whole(self, held: bytes) -> bool:
-        """Whether all of these bytes, with silence behind them, are one frame.
+        """Whether all of these bytes, followed by silence, are one frame.
 
-        What its count calls longer, by no more than a CRC, and what can be read with so many bytes, lost its end. What
-        can be read as it is (query data of one byte) is what it is, and a count that lies is for the server to decline.
+        Bytes whose count announces up to two more, and that decode with that many bytes taken from the CRC, are a frame
+        that lost its end. Bytes that decode as they are (query data of one byte) are a frame; a wrong count in a
+        request is left to the server, which declines it.
         """
         if not SHORTEST <= len(held) <= LONGEST or crc16(held) != 0:
             return False

@@ -1,12 +1,12 @@
-"""How long a character takes, and the two silences that RTU is made of.
+"""The duration of a character, and the two silences of RTU, t1.5 and t3.5.
 
     one character, 11 bits:   | start | 8 data bits, lowest first | parity | stop |       [MB-SERIAL 2.5.1]
                                                     no parity: a second stop bit takes its place
     ...|char|char|char| <- at least t3.5, silence -> |char|char|char|char|...             [MB-SERIAL 2.5.1.1]
                          ends a frame                  no gap above t1.5 inside
 
-t1.5 and t3.5 are 1.5 and 3.5 characters up to 19200 bit/s; above they are fixed, 750 us and 1750 us, because timers
-in small devices get no finer. Lines of 8N1 send 10 bits a character: wrong by the letter, common in the field.
+t1.5 and t3.5 are 1.5 and 3.5 characters up to 19200 bit/s; above, they are fixed at 750 us and 1750 us, because timers
+of small devices have no finer resolution. Lines with 8N1 send 10 bits a character: not standard, but common.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ class Timing(NamedTuple):
 
     @classmethod
     def of(cls, baudrate: int, bits: int = 11) -> Timing:
-        """From the bits per second and the bits per character: 11, or 10 for lines of 8N1 and for ASCII's 7E1."""
+        """The times for a rate in bit/s and a number of bits per character: 11, or 10 with 8N1 and with 7E1 of ASCII.
+
+        Raises EncodeError for a rate that is not positive and for other than 7 to 12 bits.
+        """
         if baudrate <= 0:
             raise EncodeError(f"baudrate {baudrate}: expected a positive number of bits per second", "baudrate")
         if not 7 <= bits <= 12:
@@ -47,12 +50,12 @@ class Timing(NamedTuple):
         return cls(character, 1.5 * character, 3.5 * character)
 
     def duration(self, length: int) -> float:
-        """How long that many characters take on the wire, one behind the other."""
+        """Seconds that `length` characters take on the wire without gaps."""
         return length * self.character
 
 
 def character_bits(data_bits: int, parity: str, stop_bits: float) -> int:
-    """The bits of one character of a port's settings: start, data, parity if any, stop.
+    """The bits of one character with these port settings: start, data, parity if any, stop.
 
     >>> character_bits(8, "E", 1), character_bits(8, "N", 2), character_bits(8, "N", 1), character_bits(7, "E", 1)
     (11, 11, 10, 10)

@@ -1,12 +1,12 @@
-"""ENVELOPE ended by a length: Modbus TCP, the MBAP header in front.
+"""Modbus TCP framing: an MBAP header with a length precedes the PDU.
 
     transaction 2 | protocol 2 = 0 | length 2 | unit 1 | PDU 1..253                  [MB-TCP 3.1.3]
 
-    frame    encode and decode of one whole frame     line    the framing state of one connection, or of datagrams
-    fan_out  several questions under way on one connection
+    frame     encode and decode one whole frame
+    line      the framing state of one connection, or of datagrams
+    fan_out   several requests in flight on one connection
 
-I know: where a frame begins and ends.  I never know: what a message means, sockets, clocks.  Shells, devices'
-simulators and `explain` import me.
+Depends on: errors, modbus.adu. Used by: explain, io.
 """
 
 from barewire.tcp.fan_out import FanOut

@@ -1,11 +1,11 @@
-"""Several questions under way on one connection: what comes in goes to the line that asked, by transaction number.
+"""Several requests in flight on one connection: each response goes to the line of its transaction number.
 
     line 1   -- 0007 -->  |
     line 2   -- 0008 -->  |  one connection  -- 0007, 0008, 0009 -->  server
-    line 3   -- 0009 -->  |                  <-- 0009, 0007, ... --   in whatever order     [MB-TCP 4.2.1: 1 to 16]
+    line 3   -- 0009 -->  |                  <-- 0009, 0007, ... --   in any order     [MB-TCP 4.2.1: 1 to 16]
 
-Each line is a line of its own with a bus of its own, so all that a bus knows holds here too. Framing is done once,
-here; a header that cannot be right goes to everybody who waits: each of them says so.
+Each line has a `Bus` of its own, so the rules of a bus hold for each. Framing is done once, here; an invalid header
+goes to all lines, so that each of them reports it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from barewire.tcp.line import DatagramLine, TcpLine
 
 
 class FanOut:
-    """`lines` share one connection. `feed` says which bytes are for which of them (its place in `lines`).
+    """`lines` share one connection. `feed` assigns received bytes to them, by place in `lines`.
 
     >>> fan = FanOut(2)
     >>> [line.request(1, b"\\x07").hex(" ") for line in fan.lines]
@@ -28,7 +28,7 @@ class FanOut:
 
     def __init__(self, count: int, *, datagrams: bool = False, any_unit: bool = False) -> None:
         self.strays = 0
-        """Frames that answer nothing that was asked here."""
+        """Frames with a transaction number that was not requested here."""
         self._datagrams = datagrams
         self._held = b""
         self._last = 0
@@ -42,7 +42,7 @@ class FanOut:
 
     def _number(self, place: int) -> int:
         self._asked.pop(self._numbers[place], None)
-        # A question may wait while 65,535 others come and go: its number is not given to anybody else.
+        # A request may wait while 65,535 others are answered: its number is not used again.
         while (number := self._last + 1 & 0xFFFF) in self._asked:
             self._last = number
         self._last = self._numbers[place] = number
@@ -50,9 +50,9 @@ class FanOut:
         return number
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Bytes that arrived, cut into frames, each with the place of the line that it is for."""
+        """Received bytes cut into frames, each with the place of its line."""
         if self._datagrams:
-            return self._passed_on(data) if data else []
+            return self._assigned(data) if data else []
         held = self._held + data if self._held else data
         frames: list[tuple[int, bytes]] = []
         at, end = 0, len(held)
@@ -65,13 +65,13 @@ class FanOut:
             next_at = at + PREFIX + length
             if next_at > end:
                 break
-            frames += self._passed_on(held[at:next_at])
+            frames += self._assigned(held[at:next_at])
             at = next_at
         self._held = held[at:]
         return frames
 
-    def _passed_on(self, frame: bytes) -> list[tuple[int, bytes]]:
-        """To the line that asked, if there is one."""
+    def _assigned(self, frame: bytes) -> list[tuple[int, bytes]]:
+        """The frame with the place of the line that sent the request, if there is one."""
         place = self._asked.get(frame[0] << 8 | frame[1]) if len(frame) > PREFIX else None
         if place is None:
             self.strays += 1

@@ -1,4 +1,4 @@
-"""One whole Modbus TCP frame, in and out. Pure: bytes to a letter and back, nothing remembered.
+"""Encode and decode one whole Modbus TCP frame.
 
 | transaction 2 | protocol 2 = 0 | length 2 | unit 1 | PDU 1..253 |                  [MB-TCP 3.1.3]
   '----------------- MBAP header ------------------'
@@ -13,13 +13,12 @@ from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
 
 HEADER = struct.Struct(">HHHB")
-BEGINNING = struct.Struct(">HHH")  # the header without the unit: what tells the length
+BEGINNING = struct.Struct(">HHH")  # the header up to the length field
 PREFIX = 6
-"""The bytes before the length counts: transaction, protocol, length."""
+"""Bytes that the length does not count: transaction, protocol, length."""
 
 SHORTEST, LONGEST = 8, 260
 LENGTHS = range(2, 255)
-_adu = tuple.__new__  # what Adu(...) does, without the function around it
 
 
 def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
@@ -39,18 +38,18 @@ def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
 
 
 def check_header(data: bytes) -> int:
-    """The length of the whole frame, told from its first 6 bytes (or more).
+    """The length of the whole frame, from its first 6 bytes (or more).
 
-    Raises DecodeError("protocol") or ("length"), naming the bytes: after that nobody knows where a frame begins.
+    Raises DecodeError("protocol") or ("length"), naming the bytes: behind such a header no frame can be found.
     """
     protocol = int.from_bytes(data[2:4], "big")
     if protocol != 0:
-        said = data[2:4].hex(" ").upper()
-        raise DecodeError("protocol", data, 2, f"protocol identifier is {said}, Modbus has 00 00")
+        found = data[2:4].hex(" ").upper()
+        raise DecodeError("protocol", data, 2, f"protocol identifier is {found}, Modbus has 00 00")
     length = int.from_bytes(data[4:6], "big")
     if length not in LENGTHS:
-        said = data[4:6].hex(" ").upper()
-        raise DecodeError("length", data, 4, f"length is {said} ({length}): expected 2..254, the unit and a PDU")
+        found = data[4:6].hex(" ").upper()
+        raise DecodeError("length", data, 4, f"length is {found} ({length}): expected 2..254, the unit and a PDU")
     return PREFIX + length
 
 
@@ -66,8 +65,7 @@ def decode(data: bytes) -> Adu:
     if SHORTEST <= size <= LONGEST:
         transaction, protocol, length, unit = HEADER.unpack_from(data)
         if protocol == 0 and PREFIX + length == size:
-            return _adu(Adu, (unit, bytes(data[7:]), transaction))
-    # Something is wrong with it: what?
+            return Adu(unit, bytes(data[7:]), transaction)
     if size < PREFIX:
         raise DecodeError("short", data, size, f"the MBAP header is not all there: {size} of 7 bytes")
     promised = check_header(data)

@@ -1,8 +1,8 @@
-"""The framing state of one TCP connection: a length says where a frame ends, so this is the easy envelope.
+"""The framing state of one TCP connection: the length in the header gives the end of a frame.
 
-TCP may deliver several frames in one read or one frame in many; it never loses or changes a byte. So a header that
-cannot be right (protocol not 0, length outside 2..254) means that the stream is not Modbus or that somebody lost count,
-and no later byte can be trusted: the line is *broken*, says so once with the bytes named, and the shell closes it.
+TCP may deliver several frames in one read or one frame in many; it never loses or changes a byte. So an invalid header
+(protocol not 0, length outside 2..254) means that the stream is not Modbus or is out of step, and no later byte can be
+trusted: the line is *broken*, reports this with the bytes, and `io` closes the connection.
 """
 
 from __future__ import annotations
@@ -13,11 +13,9 @@ from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
 from barewire.tcp.frame import BEGINNING, HEADER, LENGTHS, LONGEST, PREFIX, SHORTEST, check_header, decode, encode
 
-_adu = tuple.__new__  # what Adu(...) does, without the function around it
-
 
 class TcpLine:
-    """One connection. The transaction number goes up by one with each request and comes back with its answer.
+    """One connection. Each request has the next transaction number, and its response the same one.
 
     >>> line = TcpLine()
     >>> line.request(1, b"\\x07").hex(" ")
@@ -27,9 +25,9 @@ class TcpLine:
     >>> line.held
     b'\\x00'
 
-    Two quirks of servers and gateways are tolerated when said, never without. `any_unit`: an answer may bear another
-    unit than its question. `any_transaction`: it may bear another transaction; then nothing tells a late answer from
-    the right one, and the line counts as not `numbered`: one question at a time, and the care of a serial line.
+    Two faults of servers and gateways are tolerated on request. `any_unit`: a response may have another unit than its
+    request. `any_transaction`: a response may have another transaction number; then a late response looks like the
+    right one, so the line is not `numbered`: one request at a time, with the precautions of a serial line.
     """
 
     def __init__(
@@ -42,21 +40,21 @@ class TcpLine:
         self._unit = 0
         self._number = number
         self.broken: DecodeError | None = None
-        """Why nothing that comes can be trusted any more; None while all is well."""
+        """The error after which no received byte can be trusted; None before."""
 
     @property
     def quiet_at(self) -> float:
-        """TCP has no silence to keep."""
+        """0: TCP needs no silence before sending."""
         return 0.0
 
     @property
     def deadline(self) -> float | None:
-        """TCP has no gap to watch."""
+        """None: TCP has no limit for gaps."""
         return None
 
     @property
     def held(self) -> bytes:
-        """The beginning of a frame whose end has not come."""
+        """The beginning of a frame that has not ended."""
         return self._held
 
     def request(self, unit: int, pdu: bytes) -> bytes:
@@ -71,16 +69,16 @@ class TcpLine:
         return encode(to.unit, pdu, to.transaction or 0)
 
     def sent(self, now: float) -> None:
-        """Nothing to remember."""
+        """Does nothing: this line has no silence to keep."""
 
     def answers(self, adu: Adu) -> bool:
-        """The transaction and the unit of the last request."""
+        """Whether the frame has the transaction number and the unit of the last request."""
         this = not self.numbered or adu.transaction == self._transaction
         return this and (self._any_unit or adu.unit == self._unit)
 
     def answer_in(self, data: bytes) -> bytes | None:
-        """The PDU, if these bytes are the whole answer to the last request and nothing else; None where it takes `feed`
-        to find out what they are. Nothing is remembered.
+        """The PDU, if these bytes are exactly the response to the last request; None if `feed` has to judge them. The
+        state does not change.
 
         >>> line = TcpLine()
         >>> line.request(1, b"\\x07") and line.answer_in(bytes.fromhex("00 01 00 00 00 03 01 07 6D"))
@@ -94,14 +92,14 @@ class TcpLine:
         return None
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """As many frames as are whole. After a header that cannot be right everything is Noise."""
+        """All whole frames. After an invalid header everything is Noise."""
         if not data:
             return []
         if not self._held and self.broken is None and SHORTEST <= len(data) <= LONGEST:
-            # Nearly always one read is one frame.
+            # The usual case: one read is one frame.
             transaction, protocol, length = BEGINNING.unpack_from(data)
             if protocol == 0 and PREFIX + length == len(data):
-                return [_adu(Adu, (data[PREFIX], bytes(data[7:]), transaction))]
+                return [Adu(data[PREFIX], bytes(data[7:]), transaction)]
         held = self._held + data
         events: list[Adu | Noise] = []
         at, end = 0, len(held)
@@ -116,7 +114,7 @@ class TcpLine:
             next_at = at + PREFIX + length
             if next_at > end:
                 break
-            events.append(_adu(Adu, (held[at + PREFIX], held[at + 7 : next_at], transaction)))
+            events.append(Adu(held[at + PREFIX], held[at + 7 : next_at], transaction))
             at = next_at
         if self.broken is not None and at < end:
             events.append(Noise(held[at:], self.broken.reason, self.broken.text))
@@ -126,14 +124,14 @@ class TcpLine:
 
 
 class DatagramLine(TcpLine):
-    """The same frames over UDP: one datagram is one frame, whole or not at all, so nothing is held and nothing breaks.
+    """The same frames over UDP: one datagram is one frame, so no bytes are held and the line never breaks.
 
     >>> DatagramLine().feed(bytes.fromhex("00 01 00 00 00 03 01"), now=0.0)
     [Noise(data=b'\\x00\\x01\\x00\\x00\\x00\\x03\\x01', reason='short', text='length 3 promises 9 bytes, here are 7')]
     """
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """One datagram: a frame, or noise that says why it is none."""
+        """One datagram: a frame, or noise with the reason."""
         if not data:
             return []
         try:
