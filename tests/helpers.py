@@ -1,4 +1,4 @@
-"""What the tests of several rooms share: ways to deliver bytes, the law of bytes, and a peer in virtual time."""
+"""Shared by the tests of several rooms: ways to deliver bytes, the accounting of bytes, peers in virtual time."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from barewire.rtu import Timing
 T = TypeVar("T")
 
 Chunk = tuple[bytes | None, float]
-"""What a line is fed once: bytes (or None, when nothing came), and the time."""
+"""One call of `feed`: bytes (or None when nothing came), and the time."""
 
 Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
-"""What `play` wants on the other end of the line."""
+"""The other end of the line, as `play` takes it."""
 
 modest = settings(max_examples=60, deadline=None, derandomize=True, database=None)
-"""For properties: enough to find what is wrong, the same every day, and soon over."""
+"""For property tests: 60 examples, the same in every run."""
 
 
 def unhex(text: str) -> bytes:
-    """Bytes as people write them: `unhex("01 83 02")`."""
+    """Bytes from hexadecimal text: `unhex("01 83 02")`."""
     return bytes.fromhex(text)
 
 
 def readable(decode: Callable[[bytes], T], data: bytes) -> T | None:
-    """What `decode` makes of the bytes; None if it refuses them as it should, with a DecodeError that shows where."""
+    """The result of `decode`; None if it raises a DecodeError, which must give the data and a place in them."""
     try:
         return decode(data)
     except DecodeError as error:
@@ -46,7 +46,7 @@ def readable(decode: Callable[[bytes], T], data: bytes) -> T | None:
 
 
 def deliveries(frame: bytes) -> Iterator[list[bytes]]:
-    """Every way in which a port may hand over one frame: whole, byte by byte, in two parts at each place."""
+    """The ways in which a port may deliver one frame: whole, byte by byte, in two parts at each place."""
     yield [frame]
     yield [frame[at : at + 1] for at in range(len(frame))]
     for at in range(1, len(frame)):
@@ -59,7 +59,7 @@ def spaced(parts: Iterable[bytes], step: float, start: float = 1.0) -> list[Chun
 
 
 def feed_all(line: Line, chunks: Iterable[Chunk]) -> list[Event]:
-    """Everything that came of the chunks, the line being told of silence when it asked for that."""
+    """All events of the chunks; at each deadline the line is fed None."""
     events: list[Event] = []
     for data, now in chunks:
         if line.deadline is not None and line.deadline <= now:
@@ -69,7 +69,7 @@ def feed_all(line: Line, chunks: Iterable[Chunk]) -> list[Event]:
 
 
 def silence(line: Line) -> list[Event]:
-    """Nothing comes until the line's own deadline."""
+    """The events at the line's deadline when nothing comes before."""
     return line.feed(None, line.deadline) if line.deadline is not None else []
 
 
@@ -81,11 +81,11 @@ def noise_of(events: Iterable[Event]) -> list[Noise]:
     return [event for event in events if isinstance(event, Noise)]
 
 
-# The law of bytes ------------------------------------------------------------------------------------------------
+# The accounting of bytes -------------------------------------------------------------------------------------------
 
 
 def bytes_of(events: Iterable[Event], encode: Callable[[Adu], bytes]) -> bytes:
-    """What the events account for, put together again: frames as they were on the wire, and noise."""
+    """The bytes of the events in order: frames as on the wire, and noise."""
     return b"".join(encode(event) if isinstance(event, Adu) else event.data for event in events)
 
 
@@ -104,13 +104,13 @@ def _with_times(pairs: list[tuple[bytes | None, float]]) -> list[Chunk]:
     return chunks
 
 
-def keeps_the_law(line: Line, chunks: Iterable[Chunk], encode: Callable[[Adu], bytes], bound: int) -> None:
+def accounts_for_every_byte(line: Line, chunks: Iterable[Chunk], encode: Callable[[Adu], bytes], bound: int) -> None:
     """frames + noise + held = fed, after each chunk; and never more held than `bound`."""
-    fed, told = b"", b""
+    fed, reported = b"", b""
     for data, now in chunks:
-        told += bytes_of(line.feed(data, now), encode)
+        reported += bytes_of(line.feed(data, now), encode)
         fed += data or b""
-        assert told + line.held == fed
+        assert reported + line.held == fed
         assert len(line.held) <= bound
 
 
@@ -118,12 +118,12 @@ def keeps_the_law(line: Line, chunks: Iterable[Chunk], encode: Callable[[Adu], b
 
 
 def answering(*answers: tuple[float, bytes]) -> Peer:
-    """A peer that answers the first thing it is sent: each of `answers` that many seconds after it."""
+    """A peer that answers the first item it receives: each of `answers` so many seconds after it."""
     left = list(answers)
 
     def peer(item: bytes, now: float) -> list[tuple[float, bytes]]:
-        said, left[:] = [(now + after, data) for after, data in left], []
-        return said
+        sent, left[:] = [(now + after, data) for after, data in left], []
+        return sent
 
     return peer
 
@@ -132,21 +132,21 @@ def serving(server: Server, timing: Timing | None = None) -> Peer:
     """A server at the other end; its replies take the time that their characters take."""
 
     def peer(item: bytes, now: float) -> list[tuple[float, bytes]]:
-        said = []
+        sent = []
         replies = server.feed(item, now)
         while not replies and server.deadline is not None:
             replies = server.feed(None, server.deadline)
         for reply in replies:
             out = max(reply.at, now) + (timing.duration(len(reply.data)) if timing else 0.0)
             server.line.sent(out)
-            said.append((out, reply.data))
-        return said
+            sent.append((out, reply.data))
+        return sent
 
     return peer
 
 
-class Broken:
-    """A unit whose own code raises what it is given."""
+class FailingUnit:
+    """A unit whose code raises `error`."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -156,5 +156,5 @@ class Broken:
 
 
 def refused(error: type[Exception], text: str) -> pytest.RaisesExc[Exception]:
-    """`pytest.raises` with the text taken word for word."""
+    """`pytest.raises` for an error with exactly this text in it."""
     return pytest.raises(error, match=re.escape(text))

@@ -23,7 +23,7 @@ def tool() -> ModuleType:
     return module
 
 
-def test_its_device_lacks_nothing(tool: ModuleType) -> None:
+def test_the_device_of_the_page_lacks_no_case(tool: ModuleType) -> None:
     assert [case.name for case in cases(tool.subject()) if case.lacks] == []
 
 

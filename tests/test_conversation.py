@@ -1,4 +1,4 @@
-"""The two forms of behaviour: what `play` and `last_words` mean by each word. And the errors, as sentences."""
+"""The two forms of behaviour: what `play` and `abort_frames` mean by each word. And the errors, as sentences."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, SendAll, Wire, last_words, play
+from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, SendAll, Wire, abort_frames, play
 from barewire.errors import REASONS, BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused
 from barewire.modbus import ModbusException
 from tests.helpers import refused
@@ -34,25 +34,25 @@ def echo_after(*delays: float) -> Callable[[str, float], list[tuple[float, str]]
 # play ------------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_sent_is_out_after_the_time_that_sending_takes() -> None:
+def test_send_is_resumed_after_the_time_that_sending_takes() -> None:
     heard, end = play(saying(Send("four")), silent, start=10.0, sending_takes=len)
     assert heard == [Heard(None, 14.0)]
     assert end == 14.0
 
 
-def test_the_peer_hears_it_when_it_is_out() -> None:
+def test_the_peer_receives_an_item_when_it_is_transmitted() -> None:
     heard, end = play(saying(Send("four"), Listen(9.0)), echo_after(1.0), sending_takes=len)
     assert heard[1] == Heard("four after 1", 5.0)
     assert end == 5.0
 
 
-def test_what_does_not_come_is_waited_for_until_the_time_is_up() -> None:
+def test_listen_without_item_ends_at_its_time() -> None:
     heard, end = play(saying(Send("x"), Listen(3.0), Listen(5.0)), echo_after(4.0))
     assert heard == [Heard(None, 0.0), Heard(None, 3.0), Heard("x after 4", 4.0)]
     assert end == 4.0
 
 
-def test_what_comes_exactly_when_the_time_is_up_is_heard() -> None:
+def test_an_item_at_exactly_the_end_of_listen_is_received() -> None:
     heard, _ = play(saying(Send("x"), Listen(3.0)), echo_after(3.0))
     assert heard[1] == Heard("x after 3", 3.0)
 
@@ -62,23 +62,23 @@ def test_answers_come_in_the_order_of_their_times() -> None:
     assert [item for item, _ in heard[1:]] == ["x after 1", "x after 2"]
 
 
-def test_what_came_while_sending_is_heard_afterwards() -> None:
+def test_an_item_that_arrives_while_sending_is_received_afterwards() -> None:
     heard, _ = play(saying(Send("x"), Send("long"), Listen(9.0)), echo_after(1.0), sending_takes=len)
     assert heard[2] == Heard("x after 1", 5.0)
 
 
-def test_what_is_said_in_one_breath_is_out_when_the_last_is_and_each_is_heard_in_its_turn() -> None:
+def test_send_all_is_resumed_after_the_last_item_and_each_reaches_the_peer_in_turn() -> None:
     heard, end = play(saying(SendAll(("one", "three")), Listen(9.0), Listen(9.0)), echo_after(1.0), sending_takes=len)
     assert heard == [Heard(None, 8.0), Heard("one after 1", 8.0), Heard("three after 1", 9.0)]
     assert end == 9.0
 
 
-def test_nothing_in_one_breath_takes_no_time() -> None:
+def test_send_all_of_no_items_takes_no_time() -> None:
     assert play(saying(SendAll(())), silent, start=2.0, sending_takes=len) == ([Heard(None, 2.0)], 2.0)
 
 
 @pytest.mark.parametrize("until", [float("-inf"), 0.0, 4.0])
-def test_a_time_that_is_past_means_take_what_is_there(until: float) -> None:
+def test_listen_until_a_past_time_takes_an_item_that_is_there(until: float) -> None:
     nothing, _ = play(saying(Listen(until)), silent, start=4.0)
     assert nothing == [Heard(None, 4.0)]
     waiting, _ = play(saying(Send("x"), Listen(until)), echo_after(0.0), start=4.0)
@@ -91,7 +91,7 @@ def test_time_never_runs_backwards() -> None:
     assert times == sorted(times) == [5.0, 5.0, 5.0, 5.0]
 
 
-def test_what_a_conversation_raises_comes_out_of_play() -> None:
+def test_errors_of_a_conversation_propagate_from_play() -> None:
     def gives_up() -> Talk:
         yield Listen(1.0)
         raise NoAnswer("nobody there")
@@ -100,7 +100,7 @@ def test_what_a_conversation_raises_comes_out_of_play() -> None:
         play(gives_up(), silent)
 
 
-def test_on_one_wire_time_goes_on_and_what_is_late_is_heard_by_the_next() -> None:
+def test_the_next_conversation_on_a_wire_continues_in_time_and_receives_late_items() -> None:
     def impatient() -> Talk:
         yield Send("x")
         yield Listen(1.0)
@@ -132,13 +132,13 @@ def polite(*words: str) -> Talk:
     return []
 
 
-def test_an_abandoned_conversation_may_say_something_last() -> None:
+def test_an_abandoned_conversation_may_send_a_final_frame() -> None:
     conversation = polite("abort", "goodbye")
     next(conversation)
-    assert last_words(conversation) == ["abort", "goodbye"]
+    assert abort_frames(conversation) == ["abort", "goodbye"]
 
 
-def test_last_words_in_one_breath() -> None:
+def test_final_frames_may_come_from_send_all() -> None:
     def wordy() -> Talk:
         try:
             yield Listen(1.0)
@@ -150,27 +150,27 @@ def test_last_words_in_one_breath() -> None:
 
     conversation = wordy()
     next(conversation)
-    assert last_words(conversation) == ["abort", "abort", "goodbye"]
+    assert abort_frames(conversation) == ["abort", "abort", "goodbye"]
 
 
-def test_most_conversations_have_no_last_words() -> None:
+def test_a_conversation_without_final_frames_gives_none() -> None:
     conversation = saying(Listen(1.0))
     next(conversation)
-    assert last_words(conversation) == []
+    assert abort_frames(conversation) == []
 
 
-def test_a_conversation_that_never_began_has_no_last_words() -> None:
-    assert last_words(polite("abort")) == []
+def test_a_conversation_that_never_began_has_no_final_frames() -> None:
+    assert abort_frames(polite("abort")) == []
 
 
-def test_a_conversation_that_is_over_has_no_last_words() -> None:
+def test_a_conversation_that_is_over_has_no_final_frames() -> None:
     conversation = saying()
     with pytest.raises(StopIteration):
         next(conversation)
-    assert last_words(conversation) == []
+    assert abort_frames(conversation) == []
 
 
-def test_an_abandoned_conversation_is_never_listened_for() -> None:
+def test_an_abandoned_conversation_receives_nothing() -> None:
     listened = []
 
     def stubborn() -> Talk:
@@ -183,12 +183,12 @@ def test_an_abandoned_conversation_is_never_listened_for() -> None:
 
     conversation = stubborn()
     next(conversation)
-    assert last_words(conversation) == ["abort"]
+    assert abort_frames(conversation) == ["abort"]
     assert listened == []
     assert conversation.gi_frame is None  # type: ignore[attr-defined]  # closed
 
 
-def test_an_abandoned_conversation_may_end_quietly() -> None:
+def test_an_abandoned_conversation_may_return() -> None:
     def quiet() -> Talk:
         try:
             yield Listen(1.0)
@@ -198,10 +198,10 @@ def test_an_abandoned_conversation_may_end_quietly() -> None:
 
     conversation = quiet()
     next(conversation)
-    assert last_words(conversation) == ["abort"]
+    assert abort_frames(conversation) == ["abort"]
 
 
-def test_an_error_in_the_last_words_is_not_hidden() -> None:
+def test_an_error_in_the_final_frames_propagates() -> None:
     def clumsy() -> Talk:
         try:
             yield Listen(1.0)
@@ -212,25 +212,25 @@ def test_an_error_in_the_last_words_is_not_hidden() -> None:
     conversation = clumsy()
     next(conversation)
     with refused(EncodeError, "cannot say that either"):
-        last_words(conversation)
+        abort_frames(conversation)
 
 
 # Errors ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("error", [EncodeError, DecodeError, Refused, NoAnswer, PortError, Abandoned])
-def test_whatever_is_raised_on_purpose_is_one_family(error: type[Exception]) -> None:
+def test_every_error_is_a_barewire_error(error: type[Exception]) -> None:
     assert issubclass(error, BarewireError)
 
 
-def test_errors_are_also_what_python_calls_them() -> None:
+def test_errors_are_also_the_matching_builtin_errors() -> None:
     assert issubclass(EncodeError, ValueError)
     assert issubclass(DecodeError, ValueError)
     assert issubclass(NoAnswer, TimeoutError)
     assert issubclass(PortError, OSError)
 
 
-def test_the_reasons_are_a_closed_list() -> None:
+def test_reasons_are_a_closed_list() -> None:
     assert len(REASONS) == len(set(REASONS)) == 11
 
 
@@ -242,7 +242,7 @@ def test_a_decode_error_shows_the_bytes_but_not_all_of_many(data: bytes, shown: 
     assert str(DecodeError("short", data, 0, "no")) == f"no (short, at byte 0 of {shown})"
 
 
-def test_errors_survive_being_sent_to_another_process() -> None:
+def test_errors_can_be_pickled() -> None:
     unread = pickle.loads(pickle.dumps(DecodeError("checksum", b"\x01", 1, "no CRC")))
     assert (unread.reason, unread.data, unread.at, unread.text) == ("checksum", b"\x01", 1, "no CRC")
     declined = pickle.loads(pickle.dumps(ModbusException(2, 3)))

@@ -41,7 +41,7 @@ def loaded(statement: str) -> set[str]:
         ("tcp", ENVELOPE),
     ],
 )
-def test_a_light_room_loads_itself_and_next_to_nothing(room: str, needs: set[str]) -> None:
+def test_a_light_room_loads_no_other_room(room: str, needs: set[str]) -> None:
     found = loaded(f"import barewire.{room}")
     assert not HEAVY & found
     files = {name for name in found if name.startswith(f"barewire.{room}")}

@@ -126,7 +126,7 @@ def test_every_import_is_in_the_picture() -> None:
     assert not found, "src/barewire/" + "\nsrc/barewire/".join(found)
 
 
-def test_every_file_can_be_read_in_one_sitting() -> None:
+def test_no_file_has_more_than_400_lines() -> None:
     counts = {file: len(file.read_text(encoding="utf-8").splitlines()) for file in FILES}
     long = [f"{file.relative_to(SRC.parent)}: {lines} lines" for file, lines in counts.items() if lines > 400]
     assert not long, "more than 400 lines, time for two files:\n" + "\n".join(long)
@@ -218,5 +218,5 @@ def test_a_wrong_import_is_found(path: str, source: str) -> None:
 
 
 @pytest.mark.parametrize(("path", "source"), GOOD.values(), ids=GOOD)
-def test_a_right_import_is_left_alone(path: str, source: str) -> None:
+def test_an_allowed_import_is_accepted(path: str, source: str) -> None:
     assert broken_rules(source, path) == []

@@ -95,7 +95,7 @@ class Abandoned(BarewireError):
     """
 
 
-def last_words(conversation: Conversation[Item, Result], why: str = "the conversation was abandoned") -> list[Item]:
+def abort_frames(conversation: Conversation[Item, Result], why: str = "the conversation was abandoned") -> list[Item]:
     """Abandon a conversation and return the final frames that it still sends, such as an SDO abort.
 
     Errors that the conversation raises propagate, for example that the outcome of a write is unknown.

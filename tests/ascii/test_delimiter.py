@@ -23,14 +23,14 @@ def after(*passed: tuple[bytes, bool], unit: int = 1) -> Delimiters:
 
 
 @pytest.mark.parametrize("directions", [(True, False), (False, True), (False, False)])
-def test_a_question_and_its_answer_are_in_force_for_whoever_hears_both(
+def test_a_request_and_its_response_change_the_delimiter(
     directions: tuple[bool, bool],
 ) -> None:
     endings = after(*((CHANGE, said) for said in directions))
     assert (endings.of(1), endings.of(2), endings.accepted) == (SEMICOLON, LF, {LF, SEMICOLON})
 
 
-def test_asked_again_is_not_answered() -> None:
+def test_a_repeated_request_is_not_a_response() -> None:
     endings = after((CHANGE, True), (CHANGE, True))
     assert endings.of(1) == LF
     assert SEMICOLON in endings.accepted, "the unit may have obeyed: its answer was lost"
@@ -38,37 +38,37 @@ def test_asked_again_is_not_answered() -> None:
     assert endings.of(1) == SEMICOLON
 
 
-def test_declined_is_forgotten() -> None:
+def test_a_declined_request_changes_nothing() -> None:
     assert after((CHANGE, True), (unhex("88 01"), False)).accepted == {LF}
     assert after((CHANGE, True), (CHANGE, False), (RESTART, True), (unhex("88 03"), False)).of(1) == SEMICOLON
 
 
-def test_another_message_between_is_no_answer() -> None:
+def test_another_message_in_between_is_not_the_response() -> None:
     assert after((CHANGE, True), (READ, True), (CHANGE, False)).of(1) == LF
 
 
 @pytest.mark.parametrize("next_one", [(RESTART, False), (READ, True), (RESTART, True)])
-def test_a_restart_brings_lf_back_answered_or_not(next_one: tuple[bytes, bool]) -> None:
+def test_a_restart_restores_lf_with_or_without_response(next_one: tuple[bytes, bool]) -> None:
     endings = after((CHANGE, True), (CHANGE, False), (RESTART, True))
     assert endings.of(1) == SEMICOLON, "its answer still ends as before"
     endings.passed(1, *next_one[:1], sent=next_one[1])
     assert (endings.of(1), endings.accepted) == (LF, {LF})
 
 
-def test_a_broadcast_is_for_all_and_nobody_answers_it() -> None:
+def test_a_broadcast_changes_the_delimiter_of_all_units_without_response() -> None:
     endings = after((CHANGE, False), unit=0)
     assert {endings.of(unit) for unit in range(248)} == {SEMICOLON}
     endings.passed(0, RESTART, sent=False)
     assert {endings.of(unit) for unit in range(248)} == {LF}
 
 
-def test_a_colon_begins_a_message_and_never_ends_one() -> None:
+def test_a_colon_cannot_become_the_delimiter() -> None:
     colon = unhex("08 0003 3A00")
     assert after((colon, True), (colon, False)).accepted == {LF}
 
 
 @pytest.mark.parametrize("character", [c for c in range(256) if c != 0x3A])
-def test_every_other_character_can(character: int) -> None:
+def test_every_other_character_can_become_the_delimiter(character: int) -> None:
     line, change = AsciiLine(), bytes((8, 0, 3, character, 0))
     frame = encode(1, change)
     assert line.feed(frame * 2, 1.0) == [Adu(1, change)] * 2
@@ -80,7 +80,7 @@ def test_every_other_character_can(character: int) -> None:
 
 @modest
 @given(st.lists(st.one_of(st.binary(max_size=12), st.sampled_from([encode(1, CHANGE), encode(1, RESTART), b":01\r;"]))))
-def test_no_byte_vanishes_whatever_ends_a_message(parts: list[bytes]) -> None:
+def test_every_byte_is_accounted_for_with_any_delimiter(parts: list[bytes]) -> None:
     line, fed = AsciiLine(), 0
     told = 0
     for part in parts:

@@ -13,7 +13,7 @@ from tests.helpers import modest, readable, refused, unhex
 
 @modest
 @given(st.integers(0, 255), st.binary(min_size=1, max_size=253))
-def test_a_letter_comes_back_in_upper_and_in_lower_case(unit: int, pdu: bytes) -> None:
+def test_decode_returns_what_was_encoded_in_upper_and_lower_case(unit: int, pdu: bytes) -> None:
     frame = encode(unit, pdu)
     assert frame == frame.upper()
     assert decode(frame) == decode(frame.lower()) == Adu(unit, pdu)
@@ -22,7 +22,7 @@ def test_a_letter_comes_back_in_upper_and_in_lower_case(unit: int, pdu: bytes) -
 
 @modest
 @given(st.one_of(st.binary(max_size=20), st.text(":0123456789ABCDEFabcdef\r\n", max_size=20).map(str.encode)))
-def test_characters_are_a_frame_or_a_decode_error(data: bytes) -> None:
+def test_any_characters_decode_or_raise_decode_error(data: bytes) -> None:
     adu = readable(decode, data)
     if adu is not None:
         assert encode(adu.unit, adu.pdu) == data.upper()
@@ -60,7 +60,7 @@ def test_what_does_not_fit_is_refused(unit: int, pdu: bytes) -> None:
         (b":0107F9\r\n", "checksum", 5, "LRC is F9, should be F8"),
     ],
 )
-def test_what_is_no_frame_says_why(data: bytes, reason: str, at: int, text: str) -> None:
+def test_an_invalid_frame_is_refused_with_reason_and_place(data: bytes, reason: str, at: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         decode(data)
     assert isinstance(caught.value, DecodeError)

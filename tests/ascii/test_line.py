@@ -10,11 +10,11 @@ from barewire.errors import EncodeError
 from barewire.modbus import Adu, Noise
 from tests.helpers import (
     Chunk,
+    accounts_for_every_byte,
     chunked,
     deliveries,
     feed_all,
     frames_of,
-    keeps_the_law,
     modest,
     noise_of,
     refused,
@@ -57,7 +57,7 @@ def test_two_frames_glued_together_are_two(frame: bytes) -> None:
         (b":" + b"0" * 512, "long", "513 characters without CR LF"),
     ],
 )
-def test_noise_before_a_frame_is_told_and_does_not_hide_it(noise: bytes, reason: str, text: str) -> None:
+def test_noise_before_a_frame_is_reported_and_does_not_hide_it(noise: bytes, reason: str, text: str) -> None:
     for parts in deliveries(noise + READ):
         first, *rest = feed_all(AsciiLine(), spaced(parts, 0.001))
         assert isinstance(first, Noise)
@@ -88,7 +88,7 @@ def test_the_deadline_ends_half_a_frame() -> None:
     assert line.deadline is None
 
 
-def test_a_line_of_7_bits_takes_the_parity_bit_off() -> None:
+def test_with_7_data_bits_the_parity_bit_is_removed() -> None:
     with_parity = bytes(character | character.bit_count() % 2 << 7 for character in READ)
     assert with_parity != READ
     assert AsciiLine(data_bits=7).feed(with_parity, 1.0) == [decode(READ)]
@@ -96,26 +96,26 @@ def test_a_line_of_7_bits_takes_the_parity_bit_off() -> None:
 
 
 @pytest.mark.parametrize("data_bits", [5, 6, 9])
-def test_characters_have_7_or_8_bits(data_bits: int) -> None:
+def test_other_than_7_or_8_data_bits_is_refused(data_bits: int) -> None:
     with refused(EncodeError, f"{data_bits} data bits: ASCII characters have 7 or 8"):
         AsciiLine(data_bits=data_bits)
 
 
-def test_ascii_keeps_no_silence() -> None:
+def test_ascii_needs_no_silence_before_sending() -> None:
     line = AsciiLine()
     line.sent(5.0)
     line.feed(READ, 6.0)
     assert line.quiet_at <= 6.0
 
 
-def test_an_answer_comes_from_the_unit_that_was_asked() -> None:
+def test_answers_compares_the_unit_of_the_request() -> None:
     line = AsciiLine()
     assert line.request(7, b"\x07") == encode(7, b"\x07")
     assert line.answers(Adu(7, b"\x07\x00"))
     assert not line.answers(Adu(8, b"\x07\x00"))
 
 
-def test_a_response_goes_back_under_the_units_own_address() -> None:
+def test_a_response_has_the_unit_of_its_request() -> None:
     assert AsciiLine().response(Adu(7, b"\x07"), unhex("87 01")) == encode(7, unhex("87 01"))
 
 
@@ -128,13 +128,13 @@ CHARACTERS = st.one_of(
 
 @modest
 @given(chunked(CHARACTERS, longest_pause=1.5))
-def test_no_byte_vanishes(chunks: list[Chunk]) -> None:
-    keeps_the_law(AsciiLine(), chunks, lambda adu: encode(adu.unit, adu.pdu), bound=512)
+def test_every_byte_is_in_a_frame_in_noise_or_held(chunks: list[Chunk]) -> None:
+    accounts_for_every_byte(AsciiLine(), chunks, lambda adu: encode(adu.unit, adu.pdu), bound=512)
 
 
 @modest
 @given(st.binary(max_size=3000))
-def test_a_babbling_line_is_heard_out_and_forgotten(data: bytes) -> None:
+def test_endless_noise_is_reported_and_not_accumulated(data: bytes) -> None:
     line = AsciiLine()
     events = line.feed(data, 1.0) + silence(line)
     assert line.held == b""
@@ -147,7 +147,7 @@ CHANGED = encode(1, unhex("08 0003 3B00"))
 
 @modest
 @given(st.lists(st.one_of(CHARACTERS, st.sampled_from([CHANGED * 2, READ[:-1] + b";", LONGEST[:-2] + b"0\r\n"]))))
-def test_many_at_once_are_what_they_are_one_by_one(pieces: list[bytes]) -> None:
+def test_many_bytes_at_once_give_the_events_of_single_bytes(pieces: list[bytes]) -> None:
     """A frame that is there as a whole is read as a whole; a character at a time, it comes to the same."""
     data = b"".join(pieces)
     at_once, one_by_one = AsciiLine(), AsciiLine()

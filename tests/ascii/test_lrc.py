@@ -29,5 +29,5 @@ def test_the_bytes_and_their_lrc_sum_to_zero(data: bytes) -> None:
         ("80 80", 0x00),
     ],
 )
-def test_frames_that_are_known(data: str, right: int) -> None:
+def test_published_frames_have_this_checksum(data: str, right: int) -> None:
     assert lrc(unhex(data)) == right

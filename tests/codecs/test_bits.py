@@ -44,7 +44,7 @@ def test_a_value_too_large_for_half_a_register_is_refused(value: int) -> None:
         set_half(0, "L", value)
 
 
-def test_there_are_two_halves() -> None:
+def test_an_unknown_half_is_refused() -> None:
     text = "half 'M': expected L (low byte) or H (high byte)"
     with refused(EncodeError, text):
         get_half(0, "M")  # type: ignore[arg-type]
@@ -54,7 +54,7 @@ def test_there_are_two_halves() -> None:
 
 @modest
 @given(st.lists(st.booleans(), max_size=2000))
-def test_a_row_of_bits_comes_back(bits: list[bool]) -> None:
+def test_unpacked_bits_equal_the_packed_bits(bits: list[bool]) -> None:
     packed = pack_bits(bits)
     assert len(packed) == (len(bits) + 7) // 8
     assert list(unpack_bits(packed, len(bits))) == bits
@@ -71,7 +71,7 @@ def test_the_first_bit_is_the_lowest_of_the_first_byte(bits: str, packed: str) -
     assert unpack_bits(unhex(packed), len(row)) == tuple(map(bool, row))
 
 
-def test_more_bits_than_there_are_is_short() -> None:
+def test_more_bits_than_the_bytes_hold_is_short() -> None:
     with refused(DecodeError, "9 bits do not fit into 1 bytes") as caught:
         unpack_bits(b"\xff", 9)
     assert isinstance(caught.value, DecodeError)

@@ -37,14 +37,14 @@ def test_a_value_that_does_not_fit_is_named(values: tuple[int, ...], text: str) 
         (4, "quantity needs bytes 3..4, but there are only 4"),
     ],
 )
-def test_what_is_short_names_the_field_that_is_not_all_there(length: int, text: str) -> None:
+def test_short_data_is_refused_with_the_incomplete_field(length: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         FIXED.unpack(unhex("03006B0003")[:length])
     assert isinstance(caught.value, DecodeError)
     assert (caught.value.reason, caught.value.at) == ("short", length)
 
 
-def test_what_is_long_says_where_the_rest_begins() -> None:
+def test_long_data_is_refused_at_the_first_extra_byte() -> None:
     with refused(DecodeError, "2 bytes are left over behind quantity") as caught:
         FIXED.unpack(unhex("03006B0003 FFFF"))
     assert isinstance(caught.value, DecodeError)
@@ -52,7 +52,7 @@ def test_what_is_long_says_where_the_rest_begins() -> None:
 
 
 @pytest.mark.parametrize("data", ["10 0001 02 AA", "10 0001 02 AABBCC", "10 0001 02"])
-def test_a_count_that_contradicts_what_follows_is_named_at_the_count(data: str) -> None:
+def test_a_wrong_count_is_refused_at_the_count_field(data: str) -> None:
     there = len(unhex(data)) - 4
     with refused(DecodeError, f"byte_count says 2, but {there} bytes of data follow") as caught:
         COUNTED.unpack(unhex(data))
@@ -60,7 +60,7 @@ def test_a_count_that_contradicts_what_follows_is_named_at_the_count(data: str) 
     assert (caught.value.reason, caught.value.at) == ("length", 3)
 
 
-def test_an_open_tail_takes_whatever_there_is() -> None:
+def test_a_tail_without_count_takes_all_remaining_bytes() -> None:
     assert OPEN.unpack(unhex("41")) == (0x41, b"")
     assert OPEN.unpack(unhex("41 0102")) == (0x41, b"\x01\x02")
     assert OPEN.measure(unhex("41 0102")) is None
@@ -77,7 +77,7 @@ def test_a_length_grows_once_when_the_count_is_in() -> None:
 
 @modest
 @given(st.integers(0, 255), st.integers(0, 0xFFFF), st.binary(max_size=255))
-def test_what_was_packed_is_unpacked_measured_and_covered_by_fields(code: int, address: int, tail: bytes) -> None:
+def test_packed_values_are_unpacked_measured_and_covered_by_fields(code: int, address: int, tail: bytes) -> None:
     data = COUNTED.pack(code, address, len(tail), tail=tail)
     assert COUNTED.unpack(data) == (code, address, len(tail), tail)
     assert COUNTED.measure(data) == len(data)
@@ -113,7 +113,7 @@ INITIATED = BitPattern("010- nnes")
 
 
 @pytest.mark.parametrize("byte", range(256))
-def test_a_pattern_takes_a_byte_exactly_if_its_fixed_bits_are_right(byte: int) -> None:
+def test_a_pattern_matches_a_byte_exactly_if_its_fixed_bits_match(byte: int) -> None:
     right = byte >> 5 == 0b010
     assert INITIATED.matches(byte) is right
     if right:
@@ -137,7 +137,7 @@ def test_a_field_that_does_not_fit_is_named(letter: str, value: int, limit: int)
         INITIATED.encode(**{letter: value})
 
 
-def test_a_letter_that_is_not_drawn_is_named() -> None:
+def test_an_unknown_letter_is_named() -> None:
     with refused(EncodeError, "'010- nnes' has no field 't'"):
         INITIATED.encode(t=1)
 

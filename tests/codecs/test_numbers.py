@@ -28,7 +28,7 @@ TYPES_AND_ORDERS = [(n, o) for n, o in product(ALL, ORDERS) if o not in MIXED or
 
 
 @pytest.mark.parametrize(("name", "order"), TYPES_AND_ORDERS)
-def test_both_limits_travel_there_and_back(name: str, order: Order) -> None:
+def test_both_limits_are_encoded_and_decoded(name: str, order: Order) -> None:
     number = codec(name, order)
     for value in (number.minimum, 0, 1, number.maximum):
         data = number.encode(value)
@@ -37,7 +37,7 @@ def test_both_limits_travel_there_and_back(name: str, order: Order) -> None:
 
 
 @pytest.mark.parametrize(("name", "order"), [(n, o) for n, o in TYPES_AND_ORDERS if n in INTEGERS])
-def test_one_beyond_a_limit_is_refused_and_the_limits_are_named(name: str, order: Order) -> None:
+def test_a_value_beyond_a_limit_is_refused_with_the_limits(name: str, order: Order) -> None:
     number = codec(name, order)
     for value in (number.minimum - 1, number.maximum + 1):
         text = f"{value} does not fit {name}: expected {number.minimum}..{number.maximum}"
@@ -89,7 +89,7 @@ def test_infinity_and_not_a_number_are_values_of_floats(name: str, order: Order)
 
 
 @pytest.mark.parametrize("value", [3.5e38, -3.5e38, 3.4028235677973366e38, 1e300, 10**400])
-def test_what_rounds_beyond_the_largest_float_is_refused(value: float) -> None:
+def test_a_number_that_rounds_beyond_the_largest_float_is_refused(value: float) -> None:
     with refused(EncodeError, "does not fit f32: at most ±3.40282e+38"):
         codec("f32").encode(value)
 
@@ -132,12 +132,12 @@ def test_a_wrong_number_of_bytes_is_short_or_long(name: str, order: Order) -> No
 
 
 @pytest.mark.parametrize("name", ["u12", "u0", "u72", "i128", "f16", "x32", "u", "", "u16 ", "u016", "u１６", "u-8"])
-def test_what_is_no_type_is_refused(name: str) -> None:
+def test_an_unknown_type_is_refused(name: str) -> None:
     with refused(EncodeError, f"type {name!r}: expected u8..u64"):
         Number(name)
 
 
-def test_what_is_no_order_is_refused() -> None:
+def test_an_unknown_order_name_is_refused() -> None:
     with refused(EncodeError, "byte order 'ACBD': expected one of ABCD, CDAB, BADC, DCBA"):
         Number("u32", "ACBD")  # type: ignore[arg-type]
 
@@ -149,14 +149,14 @@ def test_an_order_of_registers_for_half_a_register_is_refused_at_once(name: str,
         Number(name, order)
 
 
-def test_a_codec_is_made_once() -> None:
+def test_codec_returns_the_same_object_again() -> None:
     assert codec("u32", "CDAB") is codec("u32", "CDAB")
     assert codec("u32", "CDAB") is not codec("u32")
 
 
 @modest
 @given(st.sampled_from([pair for pair in TYPES_AND_ORDERS if pair[0] in INTEGERS]), st.data())
-def test_every_pattern_of_bytes_is_an_integer_and_comes_back(pair: tuple[str, Order], data: st.DataObject) -> None:
+def test_any_bytes_decode_to_an_integer_that_encodes_to_them(pair: tuple[str, Order], data: st.DataObject) -> None:
     number = codec(*pair)
     wire = data.draw(st.binary(min_size=number.size, max_size=number.size))
     assert number.encode(number.decode(wire)) == wire
@@ -164,6 +164,6 @@ def test_every_pattern_of_bytes_is_an_integer_and_comes_back(pair: tuple[str, Or
 
 @modest
 @given(st.floats(width=32), st.sampled_from(ORDERS))
-def test_a_float_is_what_struct_says_it_is(value: float, order: Order) -> None:
+def test_floats_equal_struct(value: float, order: Order) -> None:
     number = codec("f32", order)
     assert struct.pack(">f", number.decode(number.encode(value))) == struct.pack(">f", value)

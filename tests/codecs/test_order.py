@@ -13,7 +13,7 @@ from tests.helpers import modest, refused
 
 @modest
 @given(st.binary(max_size=16).filter(lambda data: len(data) % 2 == 0), st.sampled_from(ORDERS))
-def test_each_order_undoes_itself(data: bytes, order: Order) -> None:
+def test_each_order_is_its_own_inverse(data: bytes, order: Order) -> None:
     assert reorder(reorder(data, order), order) == data
 
 
@@ -39,16 +39,16 @@ def test_an_unknown_order_is_refused() -> None:
 
 @modest
 @given(st.lists(st.integers(0, 0xFFFF), max_size=125))
-def test_registers_come_back(registers: list[int]) -> None:
+def test_registers_equal_the_encoded_registers(registers: list[int]) -> None:
     assert list(to_registers(from_registers(registers))) == registers
 
 
-def test_an_odd_byte_is_no_register() -> None:
+def test_an_odd_number_of_bytes_is_refused() -> None:
     with refused(EncodeError, "3 bytes do not fill registers of 2 bytes"):
         to_registers(b"ABC")
 
 
 @pytest.mark.parametrize("value", [-1, 0x10000, 1.5, "7", None])
-def test_a_value_that_is_no_register_is_named_with_its_place(value: object) -> None:
+def test_a_value_outside_a_register_is_refused_with_its_place(value: object) -> None:
     with refused(EncodeError, f"register 1 of 3: {value!r} is not a whole number in 0..65535"):
         from_registers([0, value, 0])  # type: ignore[list-item]

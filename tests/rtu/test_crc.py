@@ -21,12 +21,12 @@ FORMS: list[Form] = [crc16, crc16_bit_by_bit, crc16_table, crc16_folded]
 @pytest.mark.parametrize("form", FORMS)
 @modest
 @given(st.binary(max_size=256))
-def test_each_form_gives_what_the_referee_gives(form: Form, data: bytes) -> None:
+def test_each_form_equals_crcmod(form: Form, data: bytes) -> None:
     assert form(data) == referee(data)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_each_form_takes_every_byte_and_every_length(form: Form) -> None:
+def test_each_form_accepts_every_byte_and_every_length(form: Form) -> None:
     for byte in range(256):
         assert form(bytes([byte])) == referee(bytes([byte]))
     for length in range(601):
@@ -41,12 +41,12 @@ def test_each_form_takes_every_byte_and_every_length(form: Form) -> None:
         lambda length: st.randoms(use_true_random=False).map(lambda r: r.randbytes(length))
     )
 )
-def test_what_is_longer_than_any_frame_folds_to_the_same(data: bytes) -> None:
+def test_folding_equals_the_table_beyond_the_longest_frame(data: bytes) -> None:
     assert crc16(data) == crc16_folded(data) == crc16_bit_by_bit(data) == crc16_table(data) == referee(data)
 
 
 @pytest.mark.parametrize("length", [0xFFFF, 0x10000, 0x10001, 0x20003])
-def test_nothing_is_too_long(length: int) -> None:
+def test_folding_accepts_more_than_a_block(length: int) -> None:
     data = bytes(range(251)) * (length // 251 + 1)
     assert crc16_folded(data[:length]) == crc16_table(data[:length]) == referee(data[:length])
 
@@ -64,19 +64,19 @@ def test_nothing_is_too_long(length: int) -> None:
         ("", "FF FF"),
     ],
 )
-def test_frames_that_are_known(frame: str, crc: str) -> None:
+def test_published_frames_have_this_checksum(frame: str, crc: str) -> None:
     assert crc16(unhex(frame)).to_bytes(2, "little") == unhex(crc)
 
 
 @modest
 @given(st.binary(max_size=254))
-def test_a_frame_with_its_own_crc_leaves_nothing(data: bytes) -> None:
+def test_the_crc_of_a_frame_with_its_crc_is_zero(data: bytes) -> None:
     assert crc16(data + crc16(data).to_bytes(2, "little")) == 0
 
 
 @modest
 @given(st.binary(min_size=2, max_size=256), st.data())
-def test_one_wrong_bit_never_passes(body: bytes, data: st.DataObject) -> None:
+def test_every_single_bit_error_is_detected(body: bytes, data: st.DataObject) -> None:
     frame = bytearray(body + crc16(body).to_bytes(2, "little"))
     bit = data.draw(st.integers(0, 8 * len(frame) - 1))
     frame[bit // 8] ^= 1 << bit % 8

@@ -13,27 +13,27 @@ from tests.helpers import modest, readable, refused, unhex
 
 @modest
 @given(st.integers(0, 255), st.binary(min_size=1, max_size=253))
-def test_a_letter_comes_back(unit: int, pdu: bytes) -> None:
+def test_decode_returns_what_was_encoded(unit: int, pdu: bytes) -> None:
     assert decode(encode(unit, pdu)) == Adu(unit, pdu)
     assert len(encode(unit, pdu)) == len(pdu) + 3
 
 
 @modest
 @given(st.binary(max_size=300))
-def test_bytes_are_a_frame_or_a_decode_error(data: bytes) -> None:
+def test_any_bytes_decode_or_raise_decode_error(data: bytes) -> None:
     adu = readable(decode, data)
     if adu is not None:
         assert encode(adu.unit, adu.pdu) == data
 
 
 @pytest.mark.parametrize("unit", [-1, 256])
-def test_a_unit_is_one_byte(unit: int) -> None:
+def test_a_unit_outside_one_byte_is_refused(unit: int) -> None:
     with refused(EncodeError, f"unit {unit}: expected 0..255"):
         encode(unit, b"\x07")
 
 
 @pytest.mark.parametrize("length", [0, 254])
-def test_a_pdu_has_1_to_253_bytes(length: int) -> None:
+def test_a_pdu_of_other_than_1_to_253_bytes_is_refused(length: int) -> None:
     with refused(EncodeError, f"a PDU of {length} bytes: expected 1..253"):
         encode(1, bytes(length))
 
@@ -47,7 +47,7 @@ def test_a_pdu_has_1_to_253_bytes(length: int) -> None:
         (unhex("01 83 02 F1 C0"), "checksum", 3, "CRC is F1 C0, should be C0 F1"),
     ],
 )
-def test_what_is_no_frame_says_why(data: bytes, reason: str, at: int, text: str) -> None:
+def test_an_invalid_frame_is_refused_with_reason_and_place(data: bytes, reason: str, at: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         decode(data)
     assert isinstance(caught.value, DecodeError)

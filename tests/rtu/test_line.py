@@ -19,11 +19,11 @@ from barewire.rtu import RtuLine, Timing, crc16, decode, encode
 from barewire.rtu.shape import Role
 from tests.helpers import (
     Chunk,
+    accounts_for_every_byte,
     chunked,
     deliveries,
     feed_all,
     frames_of,
-    keeps_the_law,
     modest,
     noise_of,
     refused,
@@ -120,7 +120,7 @@ def test_noise_before_a_frame_does_not_hide_it(role: Role, frame: bytes, noise: 
 
 
 @pytest.mark.parametrize(("role", "frame"), HEARD)
-def test_noise_behind_a_frame_does_not_touch_it(role: Role, frame: bytes) -> None:
+def test_noise_behind_a_frame_does_not_change_the_frame(role: Role, frame: bytes) -> None:
     line = line_of(role)
     assert line.feed(frame + b"\xff\x00", 1.0) == [decode(frame)]
     assert silence(line) == [Noise(b"\xff\x00", "short", "2 bytes, then silence")]
@@ -136,15 +136,17 @@ ROLES: list[Role] = ["client", "server", "listener"]
 
 @modest
 @given(chunked(st.one_of(st.binary(max_size=40), TRAFFIC), 2 * PATIENCE), st.sampled_from(ROLES), st.booleans())
-def test_no_byte_vanishes(chunks: list[Chunk], role: Role, strict: bool) -> None:
-    keeps_the_law(line_of(role, strict=strict, units=(1,)), chunks, lambda adu: encode(*adu[:2]), bound=256)
+def test_every_byte_is_in_a_frame_in_noise_or_held(chunks: list[Chunk], role: Role, strict: bool) -> None:
+    accounts_for_every_byte(line_of(role, strict=strict, units=(1,)), chunks, lambda adu: encode(*adu[:2]), bound=256)
 
 
 @modest
 @given(st.binary(max_size=2000), st.sampled_from(ROLES), st.booleans())
-def test_a_babbling_line_is_heard_out_and_forgotten(data: bytes, role: Role, strict: bool) -> None:
+def test_endless_noise_is_reported_and_not_accumulated(data: bytes, role: Role, strict: bool) -> None:
     line = line_of(role, strict=strict)
-    keeps_the_law(line, spaced([data[at : at + 50] for at in range(0, len(data), 50)], 0.0001), encode_again, 256)
+    accounts_for_every_byte(
+        line, spaced([data[at : at + 50] for at in range(0, len(data), 50)], 0.0001), encode_again, 256
+    )
     silence(line)
     assert line.held == b""
 
@@ -163,14 +165,14 @@ REPLY = RESPONSES["registers"]
     [(PATIENCE - CHARACTER, [decode(REPLY)]), (PATIENCE, []), (PATIENCE + CHARACTER, [])],
     ids=["shorter", "as long", "longer"],
 )
-def test_a_pause_is_forgiven_up_to_the_patience(gap: float, heard: list[Adu]) -> None:
+def test_a_pause_inside_a_frame_is_accepted_up_to_the_patience(gap: float, heard: list[Adu]) -> None:
     line = line_of()
     events = line.feed(REPLY[:5], 1.0)
     events += line.feed(REPLY[5:], 1.0 + gap + EXACT.duration(len(REPLY) - 5))
     assert frames_of(events + silence(line)) == heard
 
 
-def test_a_long_reply_handed_over_in_two_batches_is_not_cut() -> None:
+def test_a_long_response_delivered_in_two_batches_is_one_frame() -> None:
     timing = Timing.of(115200)
     frame = RESPONSES["the longest"]
     line = RtuLine(timing)
@@ -184,7 +186,7 @@ def test_patience_is_never_less_than_the_silence_of_the_line() -> None:
 
 
 @pytest.mark.parametrize("patience", [-1.0, -0.001])
-def test_patience_is_not_negative(patience: float) -> None:
+def test_a_negative_patience_is_refused(patience: float) -> None:
     with refused(EncodeError, "expected seconds, 0 or more, or None to be strict"):
         RtuLine(EXACT, patience=patience)
 
@@ -205,20 +207,20 @@ def test_half_a_frame_ends_exactly_at_the_deadline() -> None:
 
 
 @pytest.mark.parametrize("data", [None, b""])
-def test_nothing_is_nothing(data: bytes | None) -> None:
+def test_feeding_no_bytes_gives_no_events(data: bytes | None) -> None:
     line = line_of()
     assert line.feed(data, 5.0) == []
     assert (line.held, line.deadline, line.quiet_at) == (b"", None, float("-inf"))
 
 
-def test_each_byte_puts_the_deadline_off() -> None:
+def test_each_byte_postpones_the_deadline() -> None:
     line = line_of()
     line.feed(REPLY[:1], 1.0)
     line.feed(REPLY[1:2], 1.0 + PATIENCE / 2)
     assert line.deadline == 1.0 + PATIENCE / 2 + PATIENCE
 
 
-def test_a_clock_that_is_late_does_not_shorten_the_silence() -> None:
+def test_a_time_before_the_last_byte_does_not_shorten_the_silence() -> None:
     line = line_of()
     line.feed(REPLY[:1], 2.0)
     line.feed(REPLY[1:2], 1.5)
@@ -232,7 +234,7 @@ def test_a_clock_that_is_late_does_not_shorten_the_silence() -> None:
     ("characters", "whole"),
     [(0.0, True), (1.0, True), (1.5, True), (2.0, False), (3.0, False)],
 )
-def test_a_gap_above_1_5_characters_spoils_a_frame(characters: float, whole: bool) -> None:
+def test_strict_a_gap_above_t15_makes_the_frame_noise(characters: float, whole: bool) -> None:
     line = line_of("server", strict=True)
     frame = REQUESTS["read registers"]
     assert line.feed(frame[:3], 1.0) == []
@@ -242,7 +244,7 @@ def test_a_gap_above_1_5_characters_spoils_a_frame(characters: float, whole: boo
 
 
 @pytest.mark.parametrize("characters", [3.5, 4.0, 100.0])
-def test_a_gap_of_3_5_characters_ends_a_frame_even_unasked(characters: float) -> None:
+def test_strict_a_gap_of_t35_ends_a_frame_without_feeding_none(characters: float) -> None:
     line = line_of("server", strict=True)
     frame = REQUESTS["read registers"]
     later = 1.0 + characters * CHARACTER + EXACT.duration(len(frame))
@@ -253,7 +255,7 @@ def test_a_gap_of_3_5_characters_ends_a_frame_even_unasked(characters: float) ->
 
 @pytest.mark.parametrize("baudrate", [1200, 9600, 19200, 38400, 115200])
 @pytest.mark.parametrize("start", [0.1, 1234.5678, 86400.1, 1e6 / 3])
-def test_equal_is_equal_at_every_baudrate_and_hour(baudrate: int, start: float) -> None:
+def test_gaps_of_exactly_t15_and_t35_count_as_such_at_every_baudrate_and_time(baudrate: int, start: float) -> None:
     """Exactly t1.5 is no gap and exactly t3.5 is one, whatever floating point makes of the sums."""
     timing = Timing.of(baudrate)
     line = RtuLine(timing, role="server", patience=None)
@@ -265,7 +267,7 @@ def test_equal_is_equal_at_every_baudrate_and_hour(baudrate: int, start: float) 
     assert events + silence(line) == [decode(frame)] * 2
 
 
-def test_a_spoiled_frame_does_not_spoil_the_next() -> None:
+def test_strict_an_invalid_frame_does_not_affect_the_next() -> None:
     line = line_of("server", strict=True)
     frame = REQUESTS["read registers"]
     line.feed(frame[:3], 1.0)
@@ -275,13 +277,13 @@ def test_a_spoiled_frame_does_not_spoil_the_next() -> None:
     assert silence(line) == [decode(frame)]
 
 
-def test_strict_does_not_slide_over_noise() -> None:
+def test_strict_does_not_search_behind_noise() -> None:
     line = line_of("server", strict=True)
     line.feed(b"\xff" + REQUESTS["read registers"], 1.0)
     assert [event.reason for event in noise_of(silence(line))] == ["checksum"]
 
 
-def test_strict_says_why_what_was_too_long_is_no_frame() -> None:
+def test_strict_reports_that_a_frame_was_too_long() -> None:
     line = line_of("server", strict=True)
     events = line.feed(bytes(300), 1.0) + silence(line)
     assert [(len(event.data), event.reason) for event in noise_of(events)] == [(44, "long"), (256, "long")]
@@ -291,7 +293,7 @@ def test_strict_says_why_what_was_too_long_is_no_frame() -> None:
 
 
 @pytest.mark.parametrize("strict", [True, False])
-def test_the_line_is_quiet_t35_after_whoever_spoke_last(strict: bool) -> None:
+def test_quiet_at_is_t35_after_the_last_byte_sent_or_received(strict: bool) -> None:
     line = line_of(strict=strict)
     line.sent(1.0)
     assert line.quiet_at == 1.0 + EXACT.t35
@@ -301,21 +303,21 @@ def test_the_line_is_quiet_t35_after_whoever_spoke_last(strict: bool) -> None:
     assert line.quiet_at == 2.0 + EXACT.t35
 
 
-def test_silence_does_not_put_the_quiet_off() -> None:
+def test_silence_does_not_postpone_quiet_at() -> None:
     line = line_of()
     line.feed(REPLY, 1.0)
     line.feed(None, 9.0)
     assert line.quiet_at == 1.0 + EXACT.t35
 
 
-def test_an_answer_comes_from_the_unit_that_was_asked() -> None:
+def test_answers_compares_the_unit_of_the_request() -> None:
     line = line_of()
     assert line.request(7, unhex("03 0000 0001")) == encode(7, unhex("03 0000 0001"))
     assert line.answers(Adu(7, b"\x03"))
     assert not line.answers(Adu(8, b"\x03"))
 
 
-def test_a_response_goes_back_under_the_units_own_address() -> None:
+def test_a_response_has_the_unit_of_its_request() -> None:
     assert line_of("server").response(Adu(7, b"\x03"), unhex("83 02")) == encode(7, unhex("83 02"))
 
 
@@ -325,20 +327,20 @@ CUSTOM = encode(1, unhex("41 01 02 03 04 05"))
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_a_function_that_nobody_knows_is_ended_by_silence(role: Role) -> None:
+def test_silence_ends_a_frame_with_an_unknown_function(role: Role) -> None:
     for parts in deliveries(CUSTOM):
         line = line_of(role)
         assert feed_all(line, spaced(parts, 0.002)) == []
         assert silence(line) == [decode(CUSTOM)]
 
 
-def test_an_unknown_mei_type_is_ended_by_silence() -> None:
+def test_silence_ends_a_frame_with_an_unknown_mei_type() -> None:
     line, frame = line_of("server"), encode(1, unhex("2B 0C 00 1F 1005 00 0000 0008"))
     assert feed_all(line, spaced([frame[:2], frame[2:]], 0.002)) == []
     assert silence(line) == [decode(frame)]
 
 
-def test_a_byte_count_that_lies_is_a_frame_all_the_same_when_the_crc_is_good() -> None:
+def test_a_frame_with_a_wrong_byte_count_and_a_good_crc_is_a_frame() -> None:
     """What is wrong with it is for the server to say (exception 03), not for the line."""
     for pdu in ("10 0001 0002 05 000A0102", "10 0001 0002 03 000A0102", "03 0001"):
         line = line_of("server", units=(1,))
@@ -348,7 +350,7 @@ def test_a_byte_count_that_lies_is_a_frame_all_the_same_when_the_crc_is_good() -
 
 @pytest.mark.parametrize("length", [0, 1, 2, 3, 250])
 @pytest.mark.parametrize("role", ROLES)
-def test_an_echo_of_any_length_arrives(role: Role, length: int) -> None:
+def test_query_data_of_any_length_is_received(role: Role, length: int) -> None:
     """Two bytes of query data are counted; any other number is ended by silence."""
     frame = encode(1, unhex("08 0000") + b"\xa5" * length)
     for parts in ([frame], [frame[:5], frame[5:]]):
@@ -356,7 +358,7 @@ def test_an_echo_of_any_length_arrives(role: Role, length: int) -> None:
         assert feed_all(line, spaced(parts, 0.002)) + silence(line) == [decode(frame)]
 
 
-def test_the_longest_frame_that_nobody_can_count() -> None:
+def test_the_longest_frame_of_an_unknown_function() -> None:
     line, frame = line_of("server"), encode(1, b"\x41" + bytes(range(252)))
     assert feed_all(line, spaced([frame[:128], frame[128:]], 0.002)) + silence(line) == [decode(frame)]
 
@@ -368,7 +370,7 @@ def damaged(frame: bytes) -> bytes:
     return frame[:-1] + bytes([frame[-1] ^ 1])
 
 
-def test_a_good_frame_right_behind_a_damaged_one_is_found_at_once() -> None:
+def test_a_good_frame_directly_behind_a_damaged_one_is_found_at_once() -> None:
     line = line_of()
     events = line.feed(damaged(REPLY) + RESPONSES["exception"], 1.0)
     assert events == [
@@ -377,7 +379,7 @@ def test_a_good_frame_right_behind_a_damaged_one_is_found_at_once() -> None:
     ]
 
 
-def test_a_damaged_frame_is_told_with_the_crc_it_should_have_had() -> None:
+def test_a_damaged_frame_is_reported_with_the_expected_crc() -> None:
     line = line_of()
     assert line.feed(damaged(REPLY), 1.0) == []
     right, wrong = (frame[-2:].hex(" ").upper() for frame in (REPLY, damaged(REPLY)))
@@ -395,7 +397,7 @@ def test_half_a_frame_and_then_a_whole_one(length: int) -> None:
 
 
 @pytest.mark.parametrize("noise", ["FF 41", "FF 03 FA", "01 10 00 00 00 7B F6"])
-def test_silence_brings_out_every_frame_behind_a_false_promise(noise: str) -> None:
+def test_silence_finds_every_frame_behind_a_wrong_count(noise: str) -> None:
     """The noise promises a long frame (or one without an end), so nothing is decided before the silence."""
     first, second, third = RESPONSES["registers"], RESPONSES["exception"], RESPONSES["coils"]
     line = line_of("listener")
@@ -404,7 +406,7 @@ def test_silence_brings_out_every_frame_behind_a_false_promise(noise: str) -> No
     assert [event.data for event in noise_of(events)] == [unhex(noise), b"\xff"]
 
 
-def test_behind_noise_and_a_good_frame_silence_still_ends_what_nobody_can_count() -> None:
+def test_behind_noise_and_a_good_frame_silence_ends_an_unknown_function() -> None:
     line = line_of("listener")
     events = line.feed(unhex("FF 41") + REPLY + CUSTOM, 1.0) + silence(line)
     assert frames_of(events) == [decode(REPLY), decode(CUSTOM)]
@@ -417,7 +419,7 @@ def test_a_frame_is_found_behind_more_noise_than_a_frame_is_long() -> None:
         assert frames_of(events) == [decode(REPLY)]
 
 
-def test_noise_without_end_is_let_go_in_parts() -> None:
+def test_endless_noise_is_reported_in_parts() -> None:
     line = line_of()
     events = [event for place in range(100) for event in line.feed(b"\x01\x41" * 8, 1.0 + place / 1000)]
     assert {event.reason for event in noise_of(events)} == {"long"}
@@ -455,7 +457,7 @@ def test_the_same_frames_whatever_the_chunks(parts: list[bytes], role: Role, dic
     assert heard[0] == heard[1] == heard[2]
 
 
-def test_noise_byte_by_byte_is_looked_at_a_few_times_and_not_all_of_it_with_every_byte(
+def test_noise_byte_by_byte_costs_linear_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With a full buffer too. What is looked at again is counted, not timed."""
@@ -492,14 +494,14 @@ TALK = [
 
 @pytest.mark.parametrize("step", [0.0, 0.002, 2 * PATIENCE], ids=["glued", "batches", "pauses"])
 @pytest.mark.parametrize("strangers", range(len(TALK) + 1))
-def test_a_server_follows_others_and_then_hears_its_own_request(strangers: int, step: float) -> None:
+def test_a_server_receives_its_request_after_traffic_of_other_units(strangers: int, step: float) -> None:
     line = line_of("server", units=(1,))
     heard = feed_all(line, spaced([*TALK[:strangers], OURS], step))
     assert heard == [decode(frame) for frame in [*TALK[:strangers], OURS]]
 
 
 @pytest.mark.parametrize("lost", range(1, 9))
-def test_a_server_that_missed_the_beginning_of_somebody_elses_reply_hears_its_own_request(lost: int) -> None:
+def test_a_server_receives_its_request_after_part_of_another_units_response(lost: int) -> None:
     line = line_of("server", units=(1,))
     events = feed_all(line, [(TALK[1][lost:], 1.0), (OURS, 1.004)]) + silence(line)
     assert frames_of(events) == [decode(OURS)]
@@ -515,7 +517,7 @@ def request_that_begins_like_a_response(unit: int) -> bytes:
     raise AssertionError("there is one among 65536")
 
 
-def test_a_long_request_of_ones_own_is_not_cut_short() -> None:
+def test_a_long_request_to_an_own_unit_is_one_frame() -> None:
     frame = request_that_begins_like_a_response(1)
     assert len(frame) == 255
     assert crc16(frame[:8]) == 0
@@ -524,7 +526,7 @@ def test_a_long_request_of_ones_own_is_not_cut_short() -> None:
         assert feed_all(line, spaced(parts, 0.002)) == [decode(frame)]
 
 
-def test_a_client_does_not_take_its_own_echo_for_more_than_a_frame() -> None:
+def test_an_echo_of_the_request_is_at_most_one_frame_for_a_client() -> None:
     """On a line that echoes, the request comes back in front of the answer."""
     line = line_of()
     request = line.request(1, unhex("03 006B 0003"))

@@ -64,7 +64,7 @@ def test_a_frame_that_lost_the_00_at_its_end_is_noise(role: Role, begin: str, st
         "a request where an answer is awaited",
     ],
 )
-def test_what_a_good_crc_and_silence_make_of_it(role: Role, pdu: str, is_whole: bool) -> None:
+def test_is_whole_with_a_good_crc(role: Role, pdu: str, is_whole: bool) -> None:
     assert Shape(role, (1,)).is_whole(encode(1, unhex(pdu))) is is_whole
 
 

@@ -39,13 +39,13 @@ def test_a_full_frame_takes_as_long_as_its_characters() -> None:
 
 
 @pytest.mark.parametrize("baudrate", [0, -9600])
-def test_a_line_needs_a_baudrate(baudrate: int) -> None:
+def test_a_baudrate_that_is_not_positive_is_refused(baudrate: int) -> None:
     with refused(EncodeError, f"baudrate {baudrate}: expected a positive number"):
         Timing.of(baudrate)
 
 
 @pytest.mark.parametrize("bits", [6, 13])
-def test_no_character_has_so_many_bits(bits: int) -> None:
+def test_other_than_7_to_12_bits_per_character_is_refused(bits: int) -> None:
     with refused(EncodeError, f"{bits} bits per character: expected 7..12"):
         Timing.of(9600, bits)
 

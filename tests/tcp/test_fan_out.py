@@ -14,7 +14,7 @@ from tests.helpers import modest
 
 @modest
 @given(seed=st.integers(0, 10_000), cut=st.integers(1, 40), datagrams=st.booleans())
-def test_each_answer_finds_its_line_in_whatever_order_and_pieces(seed: int, cut: int, datagrams: bool) -> None:
+def test_each_response_reaches_its_line_in_any_order_and_chunks(seed: int, cut: int, datagrams: bool) -> None:
     dice = random.Random(seed)
     fan = FanOut(16, datagrams=datagrams)
     for _ in range(3):
@@ -32,14 +32,14 @@ def test_each_answer_finds_its_line_in_whatever_order_and_pieces(seed: int, cut:
             assert adu.pdu[3] == place
 
 
-def test_what_nobody_asked_for_is_counted_and_dropped() -> None:
+def test_a_response_without_request_is_counted_and_dropped() -> None:
     fan = FanOut(2)
     fan.lines[0].request(1, b"\x07")
     assert fan.feed(encode(1, b"\x07\x00", 99)) == []
     assert fan.strays == 1
 
 
-def test_a_number_that_is_still_waited_for_is_not_given_away_again() -> None:
+def test_a_transaction_number_in_use_is_not_used_again() -> None:
     fan = FanOut(2)
     first = fan.lines[0].request(1, b"\x07")
     numbers = {fan.lines[1].request(1, b"\x07")[:2] for _ in range(0x10000)}
@@ -47,7 +47,7 @@ def test_a_number_that_is_still_waited_for_is_not_given_away_again() -> None:
     assert len(numbers) == 0xFFFF
 
 
-def test_a_header_that_cannot_be_right_goes_to_everybody() -> None:
+def test_an_invalid_header_goes_to_every_line() -> None:
     fan = FanOut(3)
     for line in fan.lines:
         line.request(1, b"\x07")
@@ -68,7 +68,7 @@ def test_a_header_that_cannot_be_right_goes_to_everybody() -> None:
         (TcpLine(any_transaction=True), Adu(2, b"\x07", 1), False),
     ],
 )
-def test_quirks_are_tolerated_when_said(line: TcpLine, adu: Adu, fits: bool) -> None:
+def test_other_units_and_transactions_are_accepted_on_request_only(line: TcpLine, adu: Adu, fits: bool) -> None:
     line.request(1, b"\x07")
     assert line.answers(adu) is fits
     assert line.numbered is not (line.answers(Adu(1, b"", 99)))

@@ -13,13 +13,13 @@ from tests.helpers import modest, readable, refused, unhex
 
 @modest
 @given(st.integers(0, 255), st.binary(min_size=1, max_size=253), st.integers(0, 0xFFFF))
-def test_a_letter_comes_back(unit: int, pdu: bytes, transaction: int) -> None:
+def test_decode_returns_what_was_encoded(unit: int, pdu: bytes, transaction: int) -> None:
     assert decode(encode(unit, pdu, transaction)) == Adu(unit, pdu, transaction)
 
 
 @modest
 @given(st.one_of(st.binary(max_size=300), st.binary(max_size=300).map(lambda rest: b"\0\1\0\0\0" + rest)))
-def test_bytes_are_a_frame_or_a_decode_error(data: bytes) -> None:
+def test_any_bytes_decode_or_raise_decode_error(data: bytes) -> None:
     adu = readable(decode, data)
     if adu is not None:
         assert encode(adu.unit, adu.pdu, adu.transaction or 0) == data
@@ -48,7 +48,7 @@ def test_what_does_not_fit_is_refused(unit: int, pdu: bytes, transaction: int) -
         ("0001 0000 00FF 01 07", "length", 4, "length is 00 FF (255): expected 2..254"),
     ],
 )
-def test_what_is_no_frame_says_why(data: str, reason: str, at: int, text: str) -> None:
+def test_an_invalid_frame_is_refused_with_reason_and_place(data: str, reason: str, at: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         decode(unhex(data))
     assert isinstance(caught.value, DecodeError)

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from barewire.modbus import Adu, Noise
 from barewire.tcp import TcpLine, decode, encode
-from tests.helpers import Chunk, chunked, deliveries, feed_all, keeps_the_law, modest, spaced, unhex
+from tests.helpers import Chunk, accounts_for_every_byte, chunked, deliveries, feed_all, modest, spaced, unhex
 
 SHORT = encode(1, b"\x07", 1)
 READ = encode(255, unhex("03 006B 0003"), 0xABCD)
@@ -30,7 +30,7 @@ def test_frames_glued_together_are_as_many(frame: bytes) -> None:
 
 
 @pytest.mark.parametrize("parts", range(1, len(READ)))
-def test_what_is_not_decided_is_held(parts: int) -> None:
+def test_an_unfinished_frame_is_held(parts: int) -> None:
     line = TcpLine()
     assert line.feed(READ[:parts], 1.0) == []
     assert line.feed(None, 1e9) == []
@@ -48,7 +48,7 @@ def test_what_is_not_decided_is_held(parts: int) -> None:
         ("47 45 54 20 2F 20 48 54", "protocol"),  # somebody talks HTTP
     ],
 )
-def test_a_header_that_cannot_be_breaks_the_line_for_good(noise: str, reason: str) -> None:
+def test_an_invalid_header_breaks_the_line_permanently(noise: str, reason: str) -> None:
     for parts in deliveries(unhex(noise)):
         line = TcpLine()
         events = feed_all(line, spaced([SHORT, *parts, READ], 0.0))
@@ -60,7 +60,7 @@ def test_a_header_that_cannot_be_breaks_the_line_for_good(noise: str, reason: st
         assert line.held == b""
 
 
-def test_what_broke_the_line_is_named() -> None:
+def test_the_invalid_header_is_reported() -> None:
     line = TcpLine()
     line.feed(unhex("0001 0001 0006 01 03"), 1.0)
     assert str(line.broken) == (
@@ -91,11 +91,11 @@ def test_an_answer_has_the_last_transaction_and_the_unit(adu: Adu, right: bool) 
     assert line.answers(adu) is right
 
 
-def test_a_response_takes_unit_and_transaction_back() -> None:
+def test_a_response_has_the_unit_and_transaction_of_its_request() -> None:
     assert TcpLine().response(Adu(7, b"\x07", 0xABCD), unhex("07 6D")) == encode(7, unhex("07 6D"), 0xABCD)
 
 
-def test_tcp_keeps_no_silence() -> None:
+def test_tcp_needs_no_silence_before_sending() -> None:
     line = TcpLine()
     line.sent(5.0)
     line.feed(READ, 6.0)
@@ -110,5 +110,5 @@ SEGMENTS = st.one_of(
 
 @modest
 @given(chunked(SEGMENTS, longest_pause=100.0))
-def test_no_byte_vanishes(chunks: list[Chunk]) -> None:
-    keeps_the_law(TcpLine(), chunks, lambda adu: encode(adu.unit, adu.pdu, adu.transaction or 0), bound=259)
+def test_every_byte_is_in_a_frame_in_noise_or_held(chunks: list[Chunk]) -> None:
+    accounts_for_every_byte(TcpLine(), chunks, lambda adu: encode(adu.unit, adu.pdu, adu.transaction or 0), bound=259)

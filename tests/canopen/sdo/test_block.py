@@ -22,7 +22,7 @@ from barewire.canopen.sdo import BlockAck, BlockEnded
 from barewire.canopen.sdo.aborts import ProtocolViolation
 from barewire.canopen.sdo.block_transfer import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
 from barewire.canopen.sdo.stream import Incoming, Outgoing
-from barewire.conversation import Conversation, Heard, Listen, last_words, play
+from barewire.conversation import Conversation, Heard, Listen, abort_frames, play
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, Store
 
@@ -208,7 +208,7 @@ def test_a_client_that_leaves_at_any_moment(block: bool, downloads: bool) -> Non
                     step = conversation.send(Heard(heard, now))
                 except StopIteration:
                     break
-        for frame in last_words(conversation):
+        for frame in abort_frames(conversation):
             assert frame.data.hex() == "8000210000000008"
             node.feed(frame, now)
         assert node.deadline is None or node.deadline > now

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from barewire.canopen import AZ3, AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, download, fit, upload
-from barewire.conversation import Conversation, Heard, Listen, Send, last_words, play
+from barewire.conversation import Conversation, Heard, Listen, Send, abort_frames, play
 from barewire.errors import EncodeError, NoAnswer
 
 Peer = Callable[[CanFrame, float], Iterable[tuple[float, CanFrame]]]
@@ -267,7 +267,7 @@ def test_abandoned_the_last_word_is_an_abort() -> None:
     next(conversation)
     assert isinstance(conversation.send(Heard(None, 0.0)), Send)
     conversation.send(Heard(None, 0.0))
-    assert [str(frame) for frame in last_words(conversation)] == ["605#8041600000000008"]
+    assert [str(frame) for frame in abort_frames(conversation)] == ["605#8041600000000008"]
     assert next(upload(channel, 0x6041)) == Listen(1.0)  # its answer may still come
 
 
@@ -276,7 +276,7 @@ def test_abandoned_before_anything_was_asked_there_is_nothing_to_abort() -> None
     channel.quiet_until = 1.0
     conversation = upload(channel, 0x6041)
     assert next(conversation) == Listen(1.0)
-    assert last_words(conversation) == []
+    assert abort_frames(conversation) == []
     assert not channel.busy
 
 

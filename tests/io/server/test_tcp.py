@@ -22,7 +22,7 @@ from barewire.io.server.open import Host
 from barewire.io.server.tcp import TcpHost, _Connection
 from barewire.modbus import Server, Table, Unit
 from barewire.tcp import TcpLine, encode as frame
-from tests.helpers import Broken, modest, refused
+from tests.helpers import FailingUnit, modest, refused
 from tests.io.peers import read_exactly
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def test_whatever_stumbles_over_one_client_leaves_the_others_alone() -> None:
 
 @pytest.mark.parametrize("error", [ValueError("no"), RecursionError(), MemoryError()])
 def test_a_unit_that_stumbles_is_exception_04_and_the_connection_stays(error: Exception) -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Broken(error)}) as host:
+    with open_host("tcp://127.0.0.1:0", units={1: FailingUnit(error)}) as host:
         assert asked(host, READ + READ) == frame(1, b"\x83\x04", 1) * 2
 
 

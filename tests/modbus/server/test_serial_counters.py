@@ -23,7 +23,7 @@ from barewire.modbus import (
 )
 from barewire.modbus.messages.registry import AnyRequest
 from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_frame
-from tests.helpers import Broken, unhex
+from tests.helpers import FailingUnit, unhex
 
 TIMING = Timing.of(19200)
 RESTART, CLEAR_LOG = "08 0001 0000", "08 0001 FF00"
@@ -201,7 +201,7 @@ def test_the_log_holds_64() -> None:
 
 @pytest.mark.parametrize(("code", "text"), [(4, "exception 4"), (6, "exception 5 or 6"), (7, "exception 7")])
 def test_exceptions_in_the_log(code: int, text: str) -> None:
-    bench = Bench({1: Broken(ModbusException(code))})
+    bench = Bench({1: FailingUnit(ModbusException(code))})
     bench.say(READ)
     assert event_text(bench.server.counters[1].events[0]) == f"sent: {text}"
 

@@ -25,7 +25,7 @@ from barewire.modbus.framing import Line
 from barewire.modbus.messages.base import Message
 from barewire.rtu import RtuLine, Timing, encode as rtu_frame
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
-from tests.helpers import Broken, Chunk, chunked, modest, unhex
+from tests.helpers import Chunk, FailingUnit, chunked, modest, unhex
 
 TIMING = Timing.of(19200)
 
@@ -230,14 +230,14 @@ def test_a_reply_on_rtu_waits_for_the_silence() -> None:
 
 
 def test_a_unit_that_stumbles_is_exception_04_and_its_error_is_kept() -> None:
-    server = tcp_server(Broken(ValueError("no sensor")))
+    server = tcp_server(FailingUnit(ValueError("no sensor")))
     assert answer(server, "03 0000 0001") == "8304"
     assert server.tally.failures == ["ValueError: no sensor"]
     assert server.tally.exceptions == 1
 
 
 def test_only_the_latest_failures_are_kept() -> None:
-    unit = Broken(ValueError())
+    unit = FailingUnit(ValueError())
     server = tcp_server(unit)
     for number in range(25):
         unit.error = ValueError(number)
@@ -250,21 +250,21 @@ def test_an_error_that_cannot_be_shown_is_one_all_the_same() -> None:
         def __str__(self) -> str:
             raise ValueError
 
-    server = tcp_server(Broken(Speechless()))
+    server = tcp_server(FailingUnit(Speechless()))
     assert answer(server, "03 0000 0001") == "8304"
     assert server.tally.failures == ["Speechless: (no text)"]
 
 
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 10, 11, 99])
 def test_a_unit_declines_with_the_code_it_wants(code: int) -> None:
-    server = tcp_server(Broken(ModbusException(code)))
+    server = tcp_server(FailingUnit(ModbusException(code)))
     assert answer(server, "03 0000 0001") == f"83{code:02X}"
     assert server.tally.failures == []
 
 
 @pytest.mark.parametrize("code", [-1, 256, 1000])
 def test_a_code_that_is_none_is_a_failure_of_the_unit(code: int) -> None:
-    server = tcp_server(Broken(ModbusException(code)))
+    server = tcp_server(FailingUnit(ModbusException(code)))
     assert answer(server, "03 0000 0001") == "8304"
     assert server.tally.failures == [f"EncodeError: exception_code = {code}: expected 0..255"]
     assert server.tally.exceptions == 1
@@ -337,7 +337,7 @@ def test_no_bytes_make_a_server_stumble(chunks: list[Chunk]) -> None:
         (TcpLine(), False),
     ]
     for line, serial in lines:
-        server = Server(line, {1: Table(100), 2: Broken(KeyError("x"))}, serial=serial)
+        server = Server(line, {1: Table(100), 2: FailingUnit(KeyError("x"))}, serial=serial)
         for data, now in chunks:
             server.feed(data, now)
             assert server.deadline is None or server.deadline >= now or data is None
@@ -472,5 +472,5 @@ def test_what_is_not_permitted_is_01() -> None:
 
 
 def test_an_object_dictionary_that_refuses_is_an_extended_exception() -> None:
-    server = tcp_server(Broken(SdoAborted(0x06020000)))
+    server = tcp_server(FailingUnit(SdoAborted(0x06020000)))
     assert answer(server, "2B 0D 00 1F 1005 00 0000 0008") == "ABFF00060DEC06020000"

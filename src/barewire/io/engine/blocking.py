@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from barewire.conversation import Conversation, Heard, Listen, last_words
+from barewire.conversation import Conversation, Heard, Listen, abort_frames
 from barewire.errors import BarewireError, PortError
 
 Item = TypeVar("Item")
@@ -75,7 +75,9 @@ def farewell(conversation: Conversation[Item, Result], gone: BaseException) -> l
     error is raised instead.
     """
     try:
-        return last_words(conversation, str(gone) if isinstance(gone, PortError) else "the conversation was abandoned")
+        return abort_frames(
+            conversation, str(gone) if isinstance(gone, PortError) else "the conversation was abandoned"
+        )
     except BarewireError as better:
         if isinstance(gone, PortError):
             raise better from gone
