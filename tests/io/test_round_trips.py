@@ -10,7 +10,7 @@ import time
 import pytest
 
 from barewire.devices import Device, Parameter, load
-from barewire.devices.sim import Addressed, simulator
+from barewire.devices.sim import MachineUnits, simulator
 from barewire.io import connect, open_host
 from tests.cli.test_command import free_port
 from tests.devices.sim.test_round_trips import MENU, PDO_RECORDS, PUSHED, in_range, same, wanted
@@ -50,7 +50,7 @@ def patient(url: str) -> str:
 def test_every_parameter_over_every_real_port(name: str, url: str) -> None:
     device, machine = load(name), simulator(name, time.monotonic())
     where = f"can://socketcand/127.0.0.1:{free_port()}/can0" if url == "can" else url
-    units = None if url == "can" else Addressed(machine, 255, 0)
+    units = None if url == "can" else MachineUnits(machine, 255, 0)
     wrong, done = [], 0
     with open_host(where, units=units, node=machine.canopen) as host, connect(patient(host.url)) as client:
         if name == "adxl":

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from barewire.cli.arguments import EndpointArgument, device_argument
-from barewire.devices.sim import Addressed, Simulator, simulator
+from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.errors import EncodeError
 from barewire.io import Host, open_host
 from barewire.io.endpoint import Endpoint
@@ -126,7 +126,7 @@ def _preset(device: str, machine: Simulator | None, values: tuple[str, ...], wor
     for text in world:
         if machine is None:
             raise EncodeError(f"--world {text!r}: there is nothing around a {device}")
-        machine.surround(text)
+        machine.set_environment(text)
     for text in values:
         name, equals, value = text.partition("=")
         if not equals:
@@ -150,7 +150,7 @@ def host_device(device: str, endpoint: str, machine: Simulator | None = None, ta
         if machine.canopen is None:
             raise EncodeError(f"{device} has no CANopen: it speaks Modbus")
         return open_host(endpoint, node=machine.canopen)
-    units = Addressed(machine, *((255, 0) if at.envelope == "tcp" else ()))
+    units = MachineUnits(machine, *((255, 0) if at.envelope == "tcp" else ()))
     _check_unit(at, machine.address)
     return open_host(endpoint, units=units)
 

@@ -133,7 +133,7 @@ def test_a_limit_switch_on_the_way_is_no_success(csd: Bench) -> None:
     """The drive stops there as if halted, and says "target reached" of the place where it stands."""
     drive = stepper(csd)
     drive.store["Input Config"] = 0b11011  # I2 is the positive limit switch, OFF above 10000
-    drive.world.inputs[2] = Span(-inf, 10_000)
+    drive.environment.inputs[2] = Span(-inf, 10_000)
     said = csd.stuck(csd.drive.move(50_000))
     assert "waiting for target reached: a limit of the drive is active, bit 11; the motor stands;" in said
     assert "; position " in said
@@ -167,7 +167,7 @@ def test_a_following_error_is_no_success(csd: Bench) -> None:
 def test_a_velocity_against_a_limit_switch_is_no_success(csd: Bench) -> None:
     drive = stepper(csd)
     drive.store["Input Config"] = 0b11011
-    drive.world.inputs[2] = Span(-inf, -1)  # OFF where the shaft stands
+    drive.environment.inputs[2] = Span(-inf, -1)  # OFF where the shaft stands
     said = csd.stuck(csd.drive.velocity(30_000, within=2.0))
     assert "after 2 s, waiting for target reached: a limit of the drive is active, bit 11; the motor stands;" in said
     assert csd.do(csd.drive.velocity(-30_000)).velocity == -30_000

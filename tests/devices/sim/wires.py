@@ -12,7 +12,7 @@ from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
 from barewire.devices.parameter import Parameter
-from barewire.devices.sim import Addressed, Simulator, simulator
+from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.modbus import Bus, Server
 from barewire.modbus.framing import Line
 from barewire.rtu import RtuLine, Timing
@@ -46,7 +46,7 @@ class ModbusWire(Wire):
     def __init__(self, device: str, client: Line, server: Line, *, serial: bool) -> None:
         super().__init__(device)
         self.bus = Bus(client)
-        self.server = Server(server, Addressed(self.machine), serial=serial)
+        self.server = Server(server, MachineUnits(self.machine), serial=serial)
         self.peer: Peer = serving(self.server, TIMING if serial else None)
 
     def has(self, parameter: Parameter) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from barewire.devices import load
-from barewire.devices.sim import Addressed, simulator
+from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, EncodeError, NoAnswer
 from barewire.io import connect, open_host
 from barewire.io.fault_injection.faults import Bytes, Faults
@@ -49,7 +49,7 @@ def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iter
         url = tls_url(files, "server", roles="any")
     elif scheme in ("rtu", "ascii"):
         url = f"{scheme}://pty"
-    with open_faulty(url, lambda one: open_host(one, units=Addressed(machine, 255, 0)), **how) as host:
+    with open_faulty(url, lambda one: open_host(one, units=MachineUnits(machine, 255, 0)), **how) as host:
         at = host.url.partition("?")[0]
         query = tls_url(files, "operator").partition("?")[2] + "&" if scheme == "tls" else ""
         yield f"{at}?{query}timeout={timeout:g}"

@@ -37,11 +37,10 @@ from barewire.devices.description.load import load
 from barewire.devices.device import Device
 from barewire.devices.sim.adxl.machine import Adxl
 from barewire.devices.sim.az3.machine import Az3
-from barewire.devices.sim.core.addressed import Addressed
-from barewire.devices.sim.core.simulator import Simulator
+from barewire.devices.sim.core.simulator import MachineUnits, Simulator
 from barewire.devices.sim.csd_mt.machine import CsdMt
 
-BEHAVING: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
+_SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
 """The machines that have been taught to move, by the name of their description."""
 
 
@@ -63,7 +62,11 @@ def simulator(
     """
     described = device if isinstance(device, Device) else load(device)
     # A description of somebody's own may have the name of one of ours; only ours has the parameters we move.
-    kind = BEHAVING[described.name] if described.name in BEHAVING and described is load(described.name) else Simulator
+    kind = (
+        _SIMULATORS[described.name]
+        if described.name in _SIMULATORS and described is load(described.name)
+        else Simulator
+    )
     side = described.canopen
     if side is not None:
         side = side._replace(node=node or side.node, bitrate=bitrate or side.bitrate)
@@ -74,4 +77,4 @@ def simulator(
     return machine
 
 
-__all__ = ["simulator", "Simulator", "Addressed", "Adxl", "Az3", "CsdMt", "BEHAVING"]
+__all__ = ["simulator", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt", "_SIMULATORS"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.devices.sim import Addressed, simulator
+from barewire.devices.sim import MachineUnits, simulator
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.registers import WriteSingleRegister
 from tests.devices.sim.adxl.adxl_bench import set_parameter, starter
@@ -130,8 +130,8 @@ def test_inputs_limits_and_remotes(bench: Bench) -> None:
 
 def test_a_new_node_address_counts_after_the_reboot(bench: Bench) -> None:
     set_parameter(bench, 8, 1, 17)
-    assert list(Addressed(bench.machine)) == [1]
+    assert list(MachineUnits(bench.machine)) == [1]
     bench.write("Save and reboot", 5)
-    assert list(Addressed(bench.machine)) == [17]
-    assert list(Addressed(bench.machine, 255, 0)) == [17, 255, 0]
-    assert list(Addressed(simulator("adxl", unit=4))) == [4]
+    assert list(MachineUnits(bench.machine)) == [17]
+    assert list(MachineUnits(bench.machine, 255, 0)) == [17, 255, 0]
+    assert list(MachineUnits(simulator("adxl", unit=4))) == [4]

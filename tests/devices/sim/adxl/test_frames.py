@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from barewire.ascii import AsciiLine, frame as ascii_frame
-from barewire.devices.sim import Addressed, simulator
+from barewire.devices.sim import MachineUnits, simulator
 from barewire.devices.sim.adxl.machine import REBOOT_TAKES
 from barewire.modbus.adu import Adu
 from barewire.modbus.messages.registers import (
@@ -60,7 +60,7 @@ ENVELOPES: dict[str, tuple[Any, Any, bool]] = {
 @pytest.mark.parametrize("envelope", ENVELOPES)
 def test_the_same_example_in_the_other_envelopes(bench: Bench, envelope: str) -> None:
     line, frame, serial = ENVELOPES[envelope]
-    server = Server(line(), Addressed(bench.machine), serial=serial)
+    server = Server(line(), MachineUnits(bench.machine), serial=serial)
     asked = [bytes.fromhex(rtu)[1:-2] for rtu, _ in STEPS]
     said = [b"".join(reply.data for reply in server.feed(frame(pdu), float(at))) for at, pdu in enumerate(asked)]
     assert said == [*map(frame, asked[:3]), b""]
@@ -76,7 +76,9 @@ def test_the_same_example_in_the_other_envelopes(bench: Bench, envelope: str) ->
 
 def test_the_procedure_for_reading_events_byte_for_byte(bench: Bench) -> None:
     """Table 4, steps 1 to 4, in the frames of RTU."""
-    server = Server(RtuLine(Timing.of(9600, bits=10), role="server", units={1}), Addressed(bench.machine), serial=True)
+    server = Server(
+        RtuLine(Timing.of(9600, bits=10), role="server", units={1}), MachineUnits(bench.machine), serial=True
+    )
     now = [1.0]
 
     def said(pdu: str) -> str:

@@ -145,7 +145,7 @@ def test_polarity_turns_both_round(bench: Bench) -> None:
     bench.write("TARGET VELOCITY", 300)
     bench.now = SETTLE
     assert bench.read("VELOCITY ACTUAL VALUE") == 300
-    assert drive(bench).axis.way.velocity(bench.now) < 0
+    assert drive(bench).axis.trajectory.velocity(bench.now) < 0
     assert int(bench.read("POSITION ACTUAL VALUE")) > 0
     assert int(bench.read("STATUS WORD")) & 0x0400
 
@@ -156,7 +156,7 @@ def test_the_velocity_factor_is_the_unit(bench: Bench) -> None:
     bench.write("TARGET VELOCITY", 10)
     bench.now = SETTLE
     assert bench.read("VELOCITY ACTUAL VALUE") == 10
-    assert drive(bench).axis.way.velocity(bench.now) == pytest.approx(10 * 8192)
+    assert drive(bench).axis.trajectory.velocity(bench.now) == pytest.approx(10 * 8192)
 
 
 def test_the_torque_limit(bench: Bench) -> None:

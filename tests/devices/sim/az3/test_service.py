@@ -6,7 +6,7 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.codecs import Value
-from barewire.devices.sim import Addressed, simulator
+from barewire.devices.sim import MachineUnits, simulator
 from tests.devices.sim.az3.az3_bench import az3_bench, drive
 from tests.devices.sim.bench import Bench
 from tests.devices.sim.wires import CanopenWire, ModbusWire, canopen, rtu
@@ -123,9 +123,9 @@ def test_a_new_bit_rate_counts_from_the_next_reset(bench: Bench) -> None:
 def test_how_it_is_delivered() -> None:
     machine = simulator("az3", node=5, bitrate=1_000_000, unit=3)
     assert [machine.store[name] for name in ("BOOT CAN NODE", "CAN BIT RATE", "MODBUS ADDRESS")] == [5, 9, 3]
-    assert list(Addressed(machine)) == [3]
+    assert list(MachineUnits(machine)) == [3]
     machine.power_cycle(1.0)
-    assert list(Addressed(machine)) == [3]
+    assert list(MachineUnits(machine)) == [3]
     assert machine.canopen is not None
     assert (machine.canopen.bitrate, machine.canopen.node.node) == (1_000_000, 5)
 

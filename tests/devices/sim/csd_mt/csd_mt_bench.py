@@ -56,7 +56,7 @@ class CsdBench(Bench):
     def settle(self) -> float:
         """Let the movement end that is under way; when it did."""
         self.drive.tick(self.now)
-        ends_at = self.drive.axis.way.ends_at
+        ends_at = self.drive.axis.trajectory.ends_at
         self.now = max(self.now, ends_at + 1e-6)
         return ends_at
 

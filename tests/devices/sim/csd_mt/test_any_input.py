@@ -39,7 +39,7 @@ STEPS = st.lists(st.tuples(WORDS | PAIRS | SLIPS, st.sampled_from([0.0, 0.01, 0.
 
 def enabled(inputs: list[Span | bool], walls: Span, pull_out: float, encoder: int) -> CsdBench:
     bench = CsdBench()
-    world = bench.drive.world
+    world = bench.drive.environment
     world.inputs, world.walls, world.pull_out, world.encoder = list(inputs), walls, pull_out, encoder
     bench.write("Homing Speed During Search for Zero", 3200)
     bench.enable()

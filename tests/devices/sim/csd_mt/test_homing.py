@@ -22,8 +22,8 @@ def bench() -> CsdBench:
 def ready(start: float, method: int = 0, **registers: int) -> CsdBench:
     """A drive that is enabled in homing mode, with its shaft at `start`."""
     bench = CsdBench()
-    bench.drive.world.inputs[0] = SWITCH
-    bench.drive.world.index = INDEX
+    bench.drive.environment.inputs[0] = SWITCH
+    bench.drive.environment.index = INDEX
     bench.drive.slip(start, 0.0)
     bench.put(Homing_Speed_During_Search_for_Switch=FAST, Homing_Speed_During_Search_for_Zero=SLOW)
     bench.put(Homing_Acceleration=RAMP, Homing_Method=method, Input_Config=0b11110, Homing_Offset=1000)
@@ -95,7 +95,7 @@ def test_on_the_spot() -> None:
 @pytest.mark.parametrize(("method", "wall", "back"), [(-1, -20_000.0, 1), (-2, 20_000.0, -1)])
 def test_against_a_mechanical_stop(method: int, wall: float, back: int) -> None:
     bench = ready(0.0, method, Auto_Sync_Enable=2, Hard_Stop_Homing_Disengaging_Steps=200)
-    bench.drive.world.walls = Span(-20_000.0, 20_000.0)
+    bench.drive.environment.walls = Span(-20_000.0, 20_000.0)
     bench.control(0x1F)
     assert bench.status(20.0) == "1637"
     assert bench.drive.shaft.position(20.0) == pytest.approx(wall + 200 * back, abs=0.01)
@@ -130,7 +130,7 @@ def test_no_index_without_encoder() -> None:
 
 
 def test_a_limit_switch_ends_the_search(bench: CsdBench) -> None:
-    bench.drive.world.inputs[2] = Span(-inf, 20_000.0)  # the positive limit is before the switch
+    bench.drive.environment.inputs[2] = Span(-inf, 20_000.0)  # the positive limit is before the switch
     bench.put(Homing_Method=19, Input_Config=0b11010)
     bench.control(0x1F)
     assert bench.status(10.0) == "0E37"

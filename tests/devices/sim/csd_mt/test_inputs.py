@@ -21,15 +21,15 @@ def bench() -> CsdBench:
 
 def with_limits(bench: CsdBench) -> None:
     """Limit switches at I1 and I2, ON between their places."""
-    bench.drive.world.inputs[1] = Span(LIMITS.low, inf)
-    bench.drive.world.inputs[2] = Span(-inf, LIMITS.high)
+    bench.drive.environment.inputs[1] = Span(LIMITS.low, inf)
+    bench.drive.environment.inputs[2] = Span(-inf, LIMITS.high)
     bench.put(Input_Config=0b11001, Profile_Acceleration=100_000, Profile_Deceleration=100_000)
 
 
 def press(bench: CsdBench, number: int, on: bool) -> None:
     """An input by hand."""
     bench.drive.tick(bench.now)
-    bench.drive.world.inputs[number] = on
+    bench.drive.environment.inputs[number] = on
 
 
 def test_digital_input(bench: CsdBench) -> None:
@@ -50,7 +50,7 @@ def test_a_switch_that_the_shaft_passes(bench: CsdBench) -> None:
     bench.enable()
     bench.now = 1.0
     bench.control(0x1F)
-    home = bench.drive.world.inputs[0]
+    home = bench.drive.environment.inputs[0]
     assert isinstance(home, Span)
     for place, on in ((home.low - 5, 0), (home.low + 5, 1), (home.high - 5, 1), (home.high + 5, 0)):
         bench.now = 1 + place / 10_000
@@ -188,7 +188,7 @@ def test_run_and_stop_by_an_input(bench: CsdBench) -> None:
 
 
 def probing(bench: CsdBench, function: int) -> None:
-    bench.drive.world.inputs[3] = Span(10_000.0, 11_000.0)
+    bench.drive.environment.inputs[3] = Span(10_000.0, 11_000.0)
     bench.put(Input_Config=0b10111, Touch_Probe_Function=function, Target_Position=40_000, Profile_Velocity=10_000)
     bench.enable()
     bench.now = 1.0
@@ -224,7 +224,7 @@ def test_touch_probe_on_the_negative_edge(bench: CsdBench) -> None:
 
 
 def test_touch_probe_on_the_index(bench: CsdBench) -> None:
-    bench.drive.world.index = 500.0
+    bench.drive.environment.index = 500.0
     probing(bench, 0x15)
     bench.now = 9.0
     assert probe(bench) == (0x43, 500, 0)

@@ -22,7 +22,7 @@ def bench() -> CsdBench:
 
 
 def test_against_a_wall(bench: CsdBench) -> None:
-    bench.drive.world.walls = Span(-inf, 30_000)
+    bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench)
     at_wall = 1 + 0.2 + (30_000 - 2000) / 20_000
     notices = at_wall + 192 / 20_000
@@ -38,7 +38,7 @@ def test_against_a_wall(bench: CsdBench) -> None:
 
 
 def test_a_wall_without_encoder_is_not_noticed(bench: CsdBench) -> None:
-    bench.drive.world.walls = Span(-inf, 30_000)
+    bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench, Following_Error_Reaction_Code=17)
     bench.settle()
     assert (bench.position(), bench.drive.shaft.position(bench.now)) == (100_000, 30_000)
@@ -49,7 +49,7 @@ def test_a_wall_without_encoder_is_not_noticed(bench: CsdBench) -> None:
 
 
 def test_too_fast_for_the_load(bench: CsdBench) -> None:
-    bench.drive.world.pull_out = 15_000
+    bench.drive.environment.pull_out = 15_000
     moving(bench, Following_Error_Reaction_Code=2)
     assert bench.status(1.14) == "1237"
     assert bench.status(1.2) == "0218"
@@ -61,7 +61,7 @@ def test_too_fast_for_the_load(bench: CsdBench) -> None:
 
 def test_auto_sync_recovers(bench: CsdBench) -> None:
     """Slower than the command while the load is too much, faster after that."""
-    bench.drive.world.pull_out = 15_000
+    bench.drive.environment.pull_out = 15_000
     moving(bench, Auto_Sync_Enable=2, Enable_SW_bit_14=1)
     bench.now = 3.0
     assert bench.velocity() == 15_000
@@ -77,7 +77,7 @@ def test_auto_sync_recovers(bench: CsdBench) -> None:
 
 
 def test_auto_sync_gives_up_at_its_window(bench: CsdBench) -> None:
-    bench.drive.world.walls = Span(-inf, 30_000)
+    bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench, Auto_Sync_Enable=1, Auto_Sync_Window=5000, Following_Error_Reaction_Code=2)
     at_wall = 1 + 0.2 + (30_000 - 2000) / 20_000
     assert bench.status(at_wall + 0.24) == "1237"
@@ -86,7 +86,7 @@ def test_auto_sync_gives_up_at_its_window(bench: CsdBench) -> None:
 
 
 def test_auto_sync_with_reaction_1_resets_itself(bench: CsdBench) -> None:
-    bench.drive.world.walls = Span(-inf, 30_000)
+    bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench, target=40_000, Auto_Sync_Enable=1, Auto_Sync_Window=5000, Following_Error_Reaction_Code=1)
     bench.settle()
     assert bench.status() == "3237"
@@ -112,7 +112,7 @@ def test_a_small_lag_is_left_alone(bench: CsdBench) -> None:
 
 
 def test_auto_sync_can_be_switched_on_the_way(bench: CsdBench) -> None:
-    bench.drive.world.pull_out = 15_000
+    bench.drive.environment.pull_out = 15_000
     moving(bench, Following_Error_Reaction_Code=1)
     assert bench.velocity(2.0) == 0
     bench.write("Auto Sync Enable", 1)
@@ -130,14 +130,14 @@ def test_reactivity_nothing_recovers_nothing(bench: CsdBench) -> None:
     bench.drive.slip(1000, 1.0)
     assert bench.position(100.0) == 1000
     bench.write("Position Error Reset", 1)  # with Auto Sync, it is no reset of the offset
-    assert bench.drive.axis.way.position(100.0) == 0
+    assert bench.drive.axis.trajectory.position(100.0) == 0
 
 
 # Without current
 
 
 def test_the_shaft_coasts(bench: CsdBench) -> None:
-    bench.drive.world.friction = 10_000
+    bench.drive.environment.friction = 10_000
     moving(bench)
     bench.now = 3.0
     bench.control(0x07)
@@ -152,7 +152,7 @@ def test_the_shaft_coasts(bench: CsdBench) -> None:
 
 def test_a_shaft_that_turns_too_fast_is_not_caught(bench: CsdBench) -> None:
     bench.put(Power_Up_Speed_Limit=1000)
-    bench.drive.world.friction = 1000
+    bench.drive.environment.friction = 1000
     bench.drive.turn(5000, 0.0)
     bench.now = 1.0
     assert bench.control(0x06, 0x0F) == "0218"
@@ -166,7 +166,7 @@ def test_a_shaft_that_turns_too_fast_is_not_caught(bench: CsdBench) -> None:
 
 
 def test_an_encoder_of_another_count(bench: CsdBench) -> None:
-    bench.drive.world.encoder = 4000
+    bench.drive.environment.encoder = 4000
     moving(bench)
     bench.now = 2.0
     assert bench.status() == "3637"  # it seems to run away
@@ -180,14 +180,14 @@ def test_an_encoder_of_another_count(bench: CsdBench) -> None:
 
 
 def test_no_encoder_at_all(bench: CsdBench) -> None:
-    bench.drive.world.encoder = 0
+    bench.drive.environment.encoder = 0
     moving(bench)
     assert bench.status(2.0) == "3637"
     assert bench.position() == 0
 
 
 def test_a_world_that_contradicts_itself_does_not_hang(bench: CsdBench) -> None:
-    bench.drive.world.walls = Span(100.0, -100.0)
-    bench.drive.world.pull_out = 0.0
+    bench.drive.environment.walls = Span(100.0, -100.0)
+    bench.drive.environment.pull_out = 0.0
     moving(bench)
     assert bench.status(2.0)[2:] == "37"

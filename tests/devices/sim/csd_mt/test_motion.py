@@ -139,7 +139,7 @@ def test_a_new_ramp_waits_for_the_next_movement(bench: CsdBench) -> None:
     bench.now = 2.5
     bench.put(Profile_Acceleration=1_000_000, Profile_Velocity=50_000)
     assert bench.velocity(3.002) == 50_000
-    ends_at = bench.drive.axis.way.ends_at
+    ends_at = bench.drive.axis.trajectory.ends_at
     assert bench.velocity(ends_at - 0.25) == pytest.approx(25_000, abs=100)
 
 
@@ -151,7 +151,7 @@ def test_slowing_down_below_the_start_stop_speed(bench: CsdBench) -> None:
     bench.now = 2.0
     bench.put(Profile_Velocity=10_000)
     assert bench.velocity(2.4) == pytest.approx(30_000, abs=50)  # with a ramp down
-    ends_at = bench.drive.axis.way.ends_at
+    ends_at = bench.drive.axis.trajectory.ends_at
     assert bench.velocity(ends_at - 0.001) == 10_000  # and none at the end
     bench.settle()
     assert bench.position() == 100_000
@@ -238,7 +238,7 @@ def test_the_ramp_bit(bench: CsdBench) -> None:
     bench.put(Enable_SW_bit_15=1, Target_Position=100_000)
     assert bench.control(0x1F) == "9237"
     assert bench.status(1.0) == "1237"
-    ends_at = bench.drive.axis.way.ends_at
+    ends_at = bench.drive.axis.trajectory.ends_at
     assert bench.status(ends_at - 0.001) == "9237"
 
 
@@ -256,7 +256,7 @@ def test_looking_often_changes_nothing() -> None:
 
     def run(often: bool) -> list[object]:
         bench = CsdBench()
-        bench.drive.world.walls = bench.drive.world.walls._replace(high=60_000)
+        bench.drive.environment.walls = bench.drive.environment.walls._replace(high=60_000)
         bench.enable()
         bench.put(Target_Position=90_000, Touch_Probe_Function=0x15, Following_Error_Reaction_Code=2)
         bench.control(0x1F)

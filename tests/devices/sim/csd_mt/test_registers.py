@@ -21,17 +21,17 @@ def test_temperature(bench: CsdBench) -> None:
     bench.enable()
     bench.write("Enable SW bit 7", 1)
     assert bench.refused(WriteSingleRegister(1107, 1)) == 3  # not both
-    bench.drive.world.ambient = 90.0
+    bench.drive.environment.ambient = 90.0
     assert bench.status(1000.0) == "06B7"
-    bench.drive.world.ambient = 110.0
+    bench.drive.environment.ambient = 110.0
     assert bench.status(3000.0) == "0298"
     assert bench.read("Error Code") == 0x4310
     assert int(bench.read("Drive Alarm Time 0")) < 2000  # when it was too hot, not when somebody looked
     assert bench.control(0x80) == "0298"
-    bench.drive.world.ambient = 90.0
+    bench.drive.environment.ambient = 90.0
     bench.status(6000.0)
     assert bench.control(0x00, 0x80) == "0298"  # below 98 °C again, but not below the warning
-    bench.drive.world.ambient = 20.0
+    bench.drive.environment.ambient = 20.0
     assert bench.status(9000.0) == "0218"
     assert bench.control(0x00, 0x80) == "0270"
     assert bench.read("Drive Temperature") == 22
@@ -40,7 +40,7 @@ def test_temperature(bench: CsdBench) -> None:
 
 
 def test_a_threshold_below_the_warning_does_not_hang(bench: CsdBench) -> None:
-    bench.drive.world.ambient = 60.0
+    bench.drive.environment.ambient = 60.0
     bench.write("Drive Fault Temperature", 50)
     assert bench.status(5000.0) == "0218"
     assert bench.read("Error Code") == 0x4310
@@ -206,7 +206,7 @@ def test_another_encoder_resets_the_position(bench: CsdBench) -> None:
     bench.drive.axis.rest_at(777.0, 0.0)
     bench.write("Encoder Count Per Revolution", 4000)
     assert bench.position() == 0
-    bench.drive.world.encoder = 4000
+    bench.drive.environment.encoder = 4000
     bench.enable()
     bench.put(Target_Position=500)
     bench.control(0x1F)

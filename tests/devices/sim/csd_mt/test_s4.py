@@ -6,7 +6,7 @@ from math import inf
 
 import pytest
 
-from barewire.devices.sim.csd_mt.environment import Span, World
+from barewire.devices.sim.csd_mt.environment import Environment, Span
 from barewire.errors import EncodeError
 from tests.devices.sim.csd_mt.csd_mt_bench import CsdBench
 
@@ -14,7 +14,7 @@ from tests.devices.sim.csd_mt.csd_mt_bench import CsdBench
 @pytest.fixture
 def bench() -> CsdBench:
     bench = CsdBench()
-    bench.drive.world.model = "S4"
+    bench.drive.environment.model = "S4"
     return bench
 
 
@@ -33,13 +33,13 @@ def bench() -> CsdBench:
     ],
 )
 def test_table_21(bench: CsdBench, config: int, first: str, second: str) -> None:
-    bench.drive.world.inputs = [True, True, True, True, True]
+    bench.drive.environment.inputs = [True, True, True, True, True]
     bench.put(Input_Config=config, Touch_Probe_Function=0x11)
     bits = {"negative limit": 1, "positive limit": 2, "proximity": 4}
     word = bits.get(first, 0) | bits.get(second, 0)
     assert bench.read("Digital Input") == 0b11 << 16 | word
     assert bool(int(bench.read("Touch Probe Status")) & 0x80) is (second == "touch probe")
-    bench.drive.world.inputs = [False, False, False, False, False]
+    bench.drive.environment.inputs = [False, False, False, False, False]
     limited = "limit" in first + second
     assert bench.status() == ("0A70" if limited else "0270")
 
@@ -55,16 +55,16 @@ def test_safe_torque_off(bench: CsdBench) -> None:
     bench.now = 1.0
     bench.control(0x1F)
     bench.status(2.0)
-    bench.drive.world.sto = (False, True)  # one is enough, the other lamp stays dark
+    bench.drive.environment.sto = (False, True)  # one is enough, the other lamp stays dark
     assert not bench.drive.edm
     assert bench.status(2.5) == "0270"
     assert bench.read("Digital Input") == 1 << 24
     assert not bench.drive.shaft.has_current
     bench.control(0x06, 0x0F)
     assert bench.status(4.0) == "0233"  # no current is allowed
-    bench.drive.world.sto = (False, False)
+    bench.drive.environment.sto = (False, False)
     assert bench.drive.edm
-    bench.drive.world.sto = (True, True)
+    bench.drive.environment.sto = (True, True)
     bench.control(0x07, 0x0F)
     assert bench.status(5.0) == "0637"
     assert bench.read("Digital Input") == 0
@@ -72,7 +72,7 @@ def test_safe_torque_off(bench: CsdBench) -> None:
 
 def test_safe_torque_off_is_for_the_s4() -> None:
     bench = CsdBench()
-    bench.drive.world.sto = (False, False)
+    bench.drive.environment.sto = (False, False)
     bench.enable()
     assert not bench.drive.edm
 
@@ -85,10 +85,10 @@ def test_lamps() -> None:
     assert bench.drive.service.lamps == {"FAU"}
     bench.drive.supply(True, 2.0)
     bench.control(0x80)
-    bench.drive.world.ambient = 150.0
+    bench.drive.environment.ambient = 150.0
     bench.status(1000.0)
     assert bench.drive.service.lamps == {"HV", "FAU", "TER"}
-    bench.drive.world.ambient = 20.0
+    bench.drive.environment.ambient = 20.0
     bench.status(5000.0)
     bench.control(0, 0x80)
     assert bench.drive.service.lamps == {"HV"}
@@ -97,7 +97,7 @@ def test_lamps() -> None:
 
 
 def test_the_world_as_text() -> None:
-    world = World()
+    world = Environment()
     for text in ("I1=-5000:", "i2=:9000", "I4=ON", "walls = -100:100", "encoder=4000", "friction=5", "index=1.5"):
         world.put(text)
     assert world.inputs[1:] == [Span(-5000.0, inf), Span(-inf, 9000.0), False, True]
@@ -119,10 +119,10 @@ def test_the_world_as_text() -> None:
 )
 def test_a_world_that_cannot_be_read(text: str, said: str) -> None:
     with pytest.raises(EncodeError, match=said):
-        World().put(text)
+        Environment().put(text)
 
 
 def test_no_high_voltage_by_the_world() -> None:
     bench = CsdBench()
-    bench.drive.world.put("volts=0")
+    bench.drive.environment.put("volts=0")
     assert bench.control(0x06, 0x07) == "0221"

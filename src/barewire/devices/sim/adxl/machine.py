@@ -33,7 +33,7 @@ from barewire.devices.sim.adxl.menus import ACCELERATION_TIME, FACTORY, NODE_ADD
 from barewire.devices.sim.adxl.modbus import AdxlModbusAdapter
 from barewire.devices.sim.adxl.motor import Motor, Phase
 from barewire.devices.sim.core.modbus import ModbusAdapter
-from barewire.devices.sim.core.simulator import Simulator, number_of
+from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.core.store import Declined
 
 REBOOT_TAKES = 3.0
@@ -152,11 +152,11 @@ class Adxl(Simulator):
         elif closes and place == 2:
             self._stop()
 
-    def surround(self, text: str) -> None:
+    def set_environment(self, text: str) -> None:
         """line=0, i1=1, limits=3, remotes=1, preheats=1, selects-motor=1, inhibited=1, start-delay=2 ..."""
         bits, flags = ("limits", "remotes"), ("preheats", "selects_motor", "inhibited")
         of_motor = ("start_delay", "kick_time", "torque_limit")
-        name, value = number_of(text, ("line", "i1", "i2", "i3", *bits, *flags, *of_motor))
+        name, value = parse_setting(text, ("line", "i1", "i2", "i3", *bits, *flags, *of_motor))
         if name == "line":
             self.supply(bool(value), self.now)
         elif name[0] == "i" and name[1:].isdigit():

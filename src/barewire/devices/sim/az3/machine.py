@@ -35,7 +35,7 @@ from barewire.devices.sim.az3.measurements import hang_values
 from barewire.devices.sim.az3.motion import Az3Axis, Az3Motion
 from barewire.devices.sim.az3.service import Az3Service
 from barewire.devices.sim.core.modbus import ModbusAdapter
-from barewire.devices.sim.core.simulator import Simulator, number_of
+from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.motion import cia402_axis as axis
 from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, FAULTED
 from barewire.devices.sim.motion.trajectory import Trajectory
@@ -172,9 +172,9 @@ class Az3(Simulator):
                 self.solve(self.now)
         self._look_at_supply()
 
-    def surround(self, text: str) -> None:
+    def set_environment(self, text: str) -> None:
         """volts=48."""
-        self.supply(number_of(text, ("volts",))[1], self.now)
+        self.supply(parse_setting(text, ("volts",))[1], self.now)
 
     def _look_at_supply(self) -> None:
         limit = self.store.number("V BUS MAX")
@@ -232,7 +232,7 @@ class Az3(Simulator):
     @property
     def speed(self) -> float:
         """VELOCITY ACTUAL VALUE."""
-        return self.motion.shown_velocity(self.axis.way.velocity(self.now))
+        return self.motion.shown_velocity(self.axis.trajectory.velocity(self.now))
 
     @property
     def torque_nm(self) -> float:
@@ -241,7 +241,7 @@ class Az3(Simulator):
             return 0.0
         asked = self.torque.position(self.now) / 1000 * self.rated_torque
         turn = 2 * pi / self.motion.increments
-        way = self.axis.way
+        way = self.axis.trajectory
         return asked + turn * (INERTIA * way.acceleration(self.now) + FRICTION * way.velocity(self.now))
 
     @property

@@ -57,7 +57,7 @@ def hang_values(drive: Az3) -> None:
     phases, brakes, states = (store.cell(f"COIL WORD {word}") for word in (0, 1, 5))
 
     def position(bits: int) -> int:
-        return wrapped(drive.motion.shown_position(drive.axis.way.position(drive.now)), bits)
+        return wrapped(drive.motion.shown_position(drive.axis.trajectory.position(drive.now)), bits)
 
     def status() -> int:
         return drive.axis.status(drive.now) | (INTERNAL_LIMIT if drive.motion.is_limited() else 0)

@@ -72,7 +72,7 @@ class Az3Axis(Axis):
                 self._set_point(self.word, opened)  # it came while the brake was opening
         super().tick(now)
         if was is State.QUICK_STOP_ACTIVE and self.state is not was:
-            self._closes_at = self.way.ends_at + self.motion.brake_time("BRAKE ENGAGE TIME")
+            self._closes_at = self.trajectory.ends_at + self.motion.brake_time("BRAKE ENGAGE TIME")
 
 
 class Az3Motion:

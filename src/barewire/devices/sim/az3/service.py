@@ -160,7 +160,7 @@ class Az3Service:
         self._phased_at = None
         # The increments at the six sectors of one electrical revolution, and at its end.
         pairs = drive.store.whole("MOTOR POLES PAIR") or 1
-        start = drive.axis.way.position(now)
+        start = drive.axis.trajectory.position(now)
         self.captures[:] = [
             wrapped(start + place * drive.motion.increments / pairs / 6, 16) for place in range(CAPTURES)
         ]

@@ -10,6 +10,7 @@ it keeps. The three machines of the catalogue are subclasses that override `tick
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.codecs import Value
@@ -70,12 +71,12 @@ class Simulator:
         """Every value as at power-on: defaults, and over them what was saved."""
         self.store.restore(self.saved)
 
-    def surround(self, text: str) -> None:
+    def set_environment(self, text: str) -> None:
         """Set one thing of the world around the machine, NAME=VALUE as at a command line. EncodeError for others."""
-        world = getattr(self, "world", None)
-        if world is None:
+        environment = getattr(self, "environment", None)
+        if environment is None:
             raise EncodeError(f"{text!r}: there is nothing to set around {self.device.name}")
-        world.put(text)
+        environment.put(text)
 
     def reset_communication(self) -> None:
         """NMT reset communication: the store has the values of 1000h to 1FFFh again. A place for machines."""
@@ -93,10 +94,47 @@ class Simulator:
             self.canopen.power_on(self.now)
 
 
-def number_of(text: str, names: tuple[str, ...]) -> tuple[str, float]:
+class MachineUnits(Mapping[int, ModbusAdapter]):
+    """The units of a server for one machine: its adapter under the unit address that the machine has at that moment.
+
+        MachineUnits(machine)             a serial line: {1: adapter}; after a new address took effect {7: adapter}
+        MachineUnits(machine, 255, 0)     TCP: a device that is connected directly is also unit 255 and 0 [MB-TCP 4.4.2]
+
+    >>> from barewire.devices.description.load import load
+    >>> machine = Simulator(load("adxl"))
+    >>> units = MachineUnits(machine)
+    >>> machine.address = 7
+    >>> list(units), 1 in units
+    ([7], False)
+    """
+
+    def __init__(self, machine: Simulator, *also: int) -> None:
+        if machine.modbus is None:
+            raise EncodeError(f"{machine.device.name} has no Modbus: no table [modbus] in its description")
+        self._machine, self._adapter, self._also = machine, machine.modbus, also
+
+    def _addresses(self) -> tuple[int, ...]:
+        return tuple(dict.fromkeys((self._machine.address, *self._also)))
+
+    def __getitem__(self, address: int) -> ModbusAdapter:
+        if address not in self:
+            raise KeyError(address)
+        return self._adapter
+
+    def __contains__(self, address: object) -> bool:
+        return address == self._machine.address or address in self._also
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._addresses())
+
+    def __len__(self) -> int:
+        return len(self._addresses())
+
+
+def parse_setting(text: str, names: tuple[str, ...]) -> tuple[str, float]:
     """NAME=NUMBER with one of these names, in which - may stand for _ ; EncodeError otherwise.
 
-    >>> number_of("kick-time=0.5", ("kick_time", "line"))
+    >>> parse_setting("kick-time=0.5", ("kick_time", "line"))
     ('kick_time', 0.5)
     """
     name, _, value = text.partition("=")

@@ -109,7 +109,7 @@ class StepperAxis(Axis):
         self.search = self._pending = None
         self.brake_at = self._current_at = self._done_at = inf
         stands_at = self.drive.shaft.current_off()
-        self.way.jump(now, self.way.position(now))
+        self.trajectory.jump(now, self.trajectory.position(now))
         self.drive.released()
         return stands_at
 
@@ -134,7 +134,7 @@ class StepperAxis(Axis):
     def _set_point(self, word: int, now: float) -> None:
         if not self.ready or self._settles(now):
             return
-        if not self.way.moves(now) and not self.drive.shaft.run_begins(relative=bool(word & RELATIVE)):
+        if not self.trajectory.moves(now) and not self.drive.shaft.run_begins(relative=bool(word & RELATIVE)):
             return
         super()._set_point(word, now)
 
@@ -144,7 +144,7 @@ class StepperAxis(Axis):
             super().replan(now)
 
     def _settles(self, now: float) -> bool:
-        return now < max(self._stops_until, self.way.turns_until)
+        return now < max(self._stops_until, self.trajectory.turns_until)
 
     def start(self, *, relative: bool) -> None:
         """An input says what bit 4 would (register 1067)."""
@@ -166,10 +166,12 @@ class StepperAxis(Axis):
         if not self.ready:
             return
         self.look_at_halt(now)
-        heading = self.way.velocity(now) or self.way.position(self.way.ends_at) - self.way.position(now)
+        heading = self.trajectory.velocity(now) or self.trajectory.position(
+            self.trajectory.ends_at
+        ) - self.trajectory.position(now)
         if self.mode == VELOCITY:
             wanted = self.settings.target_velocity()
-            if self.way.velocity(self.way.ends_at) != (wanted if self.may_go(wanted) else 0.0):
+            if self.trajectory.velocity(self.trajectory.ends_at) != (wanted if self.may_go(wanted) else 0.0):
                 self.follow(now)
         elif not self.may_go(heading):
             self._stop(now)  # "like it has received Halt command" (register 1008)
@@ -182,25 +184,25 @@ class StepperAxis(Axis):
     def _stop(self, now: float) -> None:
         self.search = None
         super()._stop(now)
-        self._stops_until = self.way.ends_at
+        self._stops_until = self.trajectory.ends_at
 
     def break_off(self) -> None:
         """A following error with reaction 0: with the ramp, or at once if the run has none (register 1085)."""
         now = self.drive.now
         if self.mode == POSITION and self.without_ramp(now):
             self.search, self._reached = None, True
-            self.way.jump(now, self.way.position(now))
+            self.trajectory.jump(now, self.trajectory.position(now))
         else:
             self._stop(now)
 
     def without_ramp(self, now: float) -> bool:
         """Whether the run that is under way is a start-stop one: slow, and not because it is on a ramp."""
-        return not self.way.acceleration(now) and self.settings.without_ramp(abs(self.way.velocity(now)))
+        return not self.trajectory.acceleration(now) and self.settings.without_ramp(abs(self.trajectory.velocity(now)))
 
     # Homing
 
     def _start_homing(self, now: float) -> None:
-        if not self.ready or self.way.moves(now) or self.search is not None:
+        if not self.ready or self.trajectory.moves(now) or self.search is not None:
             return
         self.homed = self._reached = False
         method = self.drive.store.whole("Homing Method")
@@ -232,6 +234,6 @@ class StepperAxis(Axis):
 
     def renumber(self, by: float) -> None:
         """The command counter gets other numbers, the movement goes on."""
-        self.way.renumber(self.drive.now, by)
+        self.trajectory.renumber(self.drive.now, by)
         self._goal += by
         self._overall_start += by

@@ -38,12 +38,12 @@ def nothing_wired() -> list[Span | bool]:
 
 
 @dataclass
-class World:
+class Environment:
     """The machine around the drive. A `Span` at an input is a switch that is ON while the shaft is inside.
 
-    >>> world = World()
-    >>> world.inputs[1] = Span(-50_000, inf)  # a negative limit switch: OFF, the motor has gone too far, below -50000
-    >>> world.inputs[3] = True  # a button that is pressed
+    >>> environment = Environment()
+    >>> environment.inputs[1] = Span(-50_000, inf)  # a negative limit switch: OFF below -50000
+    >>> environment.inputs[3] = True  # a button that is pressed
     """
 
     inputs: list[Span | bool] = field(default_factory=nothing_wired)
@@ -70,10 +70,10 @@ class World:
     def put(self, text: str) -> None:
         """Set one thing by its name, as somebody writes it at a command line.
 
-        >>> world = World()
+        >>> environment = Environment()
         >>> for text in ("I0=1000:1200", "I3=on", "walls=-50000:50000", "pull-out=20000", "volts=0", "model=S4"):
-        ...     world.put(text)
-        >>> world.inputs[0], world.inputs[3], world.pull_out
+        ...     environment.put(text)
+        >>> environment.inputs[0], environment.inputs[3], environment.pull_out
         (Span(low=1000.0, high=1200.0), True, 20000.0)
 
         EncodeError says what was expected.

@@ -94,13 +94,13 @@ class Search:
 
     def rests_at(self) -> float:
         """When the standstill comes that is waited for."""
-        return self.drive.axis.way.ends_at if self.waits_for == "rest" else inf
+        return self.drive.axis.trajectory.ends_at if self.waits_for == "rest" else inf
 
     # The steps. Each begins a movement and says what ends it.
 
     def _run(self, velocity: float, ramp: float = inf) -> None:
         if self.drive.axis.may_go(velocity):
-            self.drive.axis.way.run_at(self.drive.now, velocity, ramp, ramp)
+            self.drive.axis.trajectory.run_at(self.drive.now, velocity, ramp, ramp)
         else:
             self.drive.axis.give_up_search()
 
@@ -124,9 +124,11 @@ class Search:
         self._run(direction * self.fast, self.ramp)
         yield "impact"
         self.drive.shaft.command_follows_shaft()
-        here = self.drive.axis.way.position(self.drive.now)
+        here = self.drive.axis.trajectory.position(self.drive.now)
         back = self.drive.store.number("Hard Stop Homing Disengaging Steps")
-        self.drive.axis.way.jump(self.drive.now, here)
+        self.drive.axis.trajectory.jump(self.drive.now, here)
         self.drive.shaft.hold()
-        self.drive.axis.way.move(self.drive.now, here - direction * back, START_STOP, self.ramp, self.ramp, jerky=True)
+        self.drive.axis.trajectory.move(
+            self.drive.now, here - direction * back, START_STOP, self.ramp, self.ramp, jerky=True
+        )
         yield "rest"

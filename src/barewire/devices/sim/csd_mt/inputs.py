@@ -54,7 +54,7 @@ class Inputs:
 
     def __init__(self, drive: CsdMt) -> None:
         self.drive = drive
-        self.levels = [self._level(wire) for wire in drive.world.inputs]
+        self.levels = [self._level(wire) for wire in drive.environment.inputs]
         self._config = -1
         self._index: bool | None = None
         """The level of the index pulse while somebody waits for it."""
@@ -81,7 +81,7 @@ class Inputs:
     def _input(self, function: int) -> int | None:
         """The input that has a special function now."""
         config = self.drive.store.whole("Input Config")
-        if self.drive.world.model == "94":
+        if self.drive.environment.model == "94":
             return None if config >> function & 1 else function
         number, value = OF_AN_S4[function]
         return number if config >> 2 * number & 0b11 == value else None
@@ -116,7 +116,7 @@ class Inputs:
 
     def shown(self) -> int:
         """Digital Input (1008): limits and proximity where configured, I0 to I3, Auto Sync at work, STO."""
-        shown = self.levels[: 4 if self.drive.world.model == "94" else 2]
+        shown = self.levels[: 4 if self.drive.environment.model == "94" else 2]
         word = sum(level << 16 + number for number, level in enumerate(shown))
         word |= self._on(NEGATIVE) | self._on(POSITIVE) << 1 | self.proximity << 2
         tells = bool(self.drive.store.whole("Input Config") & SHOW_STO)
@@ -144,7 +144,7 @@ class Inputs:
         now = self.drive.now
         if self._config != self.drive.store.whole("Input Config"):
             yield now, self._configured
-        for number, (wire, on) in enumerate(zip(self.drive.world.inputs, self.levels)):
+        for number, (wire, on) in enumerate(zip(self.drive.environment.inputs, self.levels)):
             if isinstance(wire, Span):
                 yield self._passes(wire, on), partial(self._changes, number, not on)
             elif bool(wire) != on:
@@ -183,14 +183,14 @@ class Inputs:
 
     def _waits_for_index(self) -> bool:
         search = self.drive.axis.search
-        if not self.drive.shaft.has_encoder or not self.drive.world.encoder:
+        if not self.drive.shaft.has_encoder or not self.drive.environment.encoder:
             return False
         probes = self._function & (ACTIVE | ON_INDEX) == ACTIVE | ON_INDEX and not self._sampled
         return probes or (search is not None and search.waits_for == "index")
 
     def _pulse(self, ahead: int = 0) -> Span:
         """The index pulse at or before the shaft, or so many further on."""
-        index = self.drive.world.index
+        index = self.drive.environment.index
         turn = floor((self.drive.shaft.position(self.drive.now) + EDGE - index) / REVOLUTION) + ahead
         return Span(index + turn * REVOLUTION, index + turn * REVOLUTION + PULSE)
 

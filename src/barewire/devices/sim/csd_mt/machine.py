@@ -27,8 +27,8 @@ Not carried out, because the manual does not say what it does: 1068 and 1070 (po
 busy output (no value of 1089 connects it; `service.busy` says what it would), 1109 and 1117 to 1120 but for the speed
 of recovery and the current, and when new network registers act. A real drive follows a control word after up to 12 ms.
 
-`world.model` chooses between CSD MT 94 and CSD MT S4. What state an S4 is in after Safe Torque Off is not printed: here
-SWITCH ON DISABLED, without an error.
+`environment.model` chooses between CSD MT 94 and CSD MT S4. The manual does not print the state of an S4 after Safe
+Torque Off: here SWITCH ON DISABLED, without an error.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator
 from barewire.devices.sim.core.store import Declined
 from barewire.devices.sim.csd_mt.axis import Event, StepperAxis
-from barewire.devices.sim.csd_mt.environment import World
+from barewire.devices.sim.csd_mt.environment import Environment
 from barewire.devices.sim.csd_mt.inputs import Inputs
 from barewire.devices.sim.csd_mt.registers import Service
 from barewire.devices.sim.csd_mt.shaft import Shaft
@@ -97,7 +97,7 @@ class CsdMt(Simulator):
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
-        self.world = World()
+        self.environment = Environment()
         """What is around the drive. Change it at any time."""
         self.ever_enabled = False
         self.heard_at = now
@@ -165,12 +165,12 @@ class CsdMt(Simulator):
     def voltage(self, volts: float, now: float) -> None:
         """Supply the power section with so many volts: 24 to 48, ±10 %, are in range."""
         self.tick(now)
-        self.world.volts = volts
+        self.environment.volts = volts
         self.tick(now)
 
     @property
     def _in_range(self) -> bool:
-        return SUPPLY[0] <= self.world.volts <= SUPPLY[1]
+        return SUPPLY[0] <= self.environment.volts <= SUPPLY[1]
 
     def _supply_changed(self) -> None:
         if self._in_range:
@@ -185,12 +185,12 @@ class CsdMt(Simulator):
     @property
     def safe_torque_off(self) -> bool:
         """Whether the motor may have no current (CSD MT S4, ch. 13)."""
-        return self.world.model == "S4" and not all(self.world.sto)
+        return self.environment.model == "S4" and not all(self.environment.sto)
 
     @property
     def edm(self) -> bool:
         """The monitor output of the CSD MT S4: closed when STO1 and STO2 are both OFF (table 27)."""
-        return self.world.model == "S4" and not any(self.world.sto)
+        return self.environment.model == "S4" and not any(self.environment.sto)
 
     def slip(self, steps: float, now: float) -> None:
         """Turn the shaft by so many steps against the motor: the load was too much, and steps are lost."""
@@ -272,7 +272,7 @@ class CsdMt(Simulator):
 
     def _check_velocity(self, value: Value) -> None:
         # "While the motor runs, 0 is not accepted and the value before stays" (ch. 12, multi-set-point).
-        if not value and self.axis.way.moves(self.now):
+        if not value and self.axis.trajectory.moves(self.now):
             raise Declined("value", "Profile Velocity 0 while the motor runs")
 
     def status(self) -> int:
@@ -288,7 +288,7 @@ class CsdMt(Simulator):
             word |= WARNING
         if store.whole("Enable SW bit 14") and self.shaft.closed_loop:
             word |= CLOSED_LOOP
-        ramps = self.axis.mode in (axis.POSITION, axis.HOMING) and self.axis.way.acceleration(self.now) != 0
+        ramps = self.axis.mode in (axis.POSITION, axis.HOMING) and self.axis.trajectory.acceleration(self.now) != 0
         if store.whole("Enable SW bit 15") and ramps:
             word |= RAMPING
         return word

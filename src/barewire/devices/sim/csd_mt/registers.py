@@ -166,7 +166,7 @@ class Service:
     @property
     def busy(self) -> bool:
         """What the busy output would say, with its delay (1104). No value of 1089 connects it to O0."""
-        way, store = self.drive.axis.way, self.drive.store
+        way, store = self.drive.axis.trajectory, self.drive.store
         delay = store.number("Busy Delay") / 1000
         turns = way.velocity(self.drive.now) != 0
         return turns or way.moves(self.drive.now) or self.drive.now < way.ends_at + delay
@@ -174,7 +174,7 @@ class Service:
     def _outputs(self) -> int:
         """Register 1010: Set Output (1087), where Output Config (1089) gives no other meaning to an output."""
         outputs, config = self.drive.store.whole("Set Output"), self.drive.store.whole("Output Config")
-        if self.drive.world.model != "94":
+        if self.drive.environment.model != "94":
             outputs &= 0b111
         brake = int(self.has_brake and self.drive.now >= self.drive.axis.brake_at)
         if self.has_brake:

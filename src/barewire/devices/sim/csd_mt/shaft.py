@@ -83,7 +83,7 @@ class Shaft:
 
     def _ratio_set(self) -> float:
         counts = self.drive.store.number("Encoder Count Per Revolution") or 1.0
-        return self.direction * self.drive.world.encoder / counts
+        return self.direction * self.drive.environment.encoder / counts
 
     def encoder(self, now: float) -> float:
         """E, in steps of the drive."""
@@ -92,13 +92,13 @@ class Shaft:
     def shown(self) -> int:
         """Position Actual Value (1004)."""
         now = self.drive.now
-        return wrapped(self.encoder(now) if self.has_encoder else self.drive.axis.way.position(now))
+        return wrapped(self.encoder(now) if self.has_encoder else self.drive.axis.trajectory.position(now))
 
     def speed_shown(self) -> float:
         """Velocity Actual Value (1020): over so many milliseconds as 1113 says; the commanded one without encoder."""
         now = self.drive.now
         if not self.has_encoder:
-            return self.drive.axis.way.velocity(now)
+            return self.drive.axis.trajectory.velocity(now)
         time = self.drive.store.number("Velocity Total Sample") / 1000 or 0.001
         return self._ratio * (self.position(now) - self.position(now - time)) / time
 
@@ -112,7 +112,7 @@ class Shaft:
 
     def _lag(self) -> Trajectory:
         era = self.eras[-1]
-        return self.drive.axis.way.minus(era.way, self._sign * era.sign, -self._k, self.drive.now)
+        return self.drive.axis.trajectory.minus(era.trajectory, self._sign * era.sign, -self._k, self.drive.now)
 
     @property
     def recovering(self) -> bool:
@@ -125,19 +125,19 @@ class Shaft:
         return self.recovering and abs(self._lag().position(self.drive.now)) > self._allowed()
 
     def _allowed(self) -> float:
-        return FULL_STEP * (2 if self.drive.axis.way.moves(self.drive.now) else 1)
+        return FULL_STEP * (2 if self.drive.axis.trajectory.moves(self.drive.now) else 1)
 
     # What happens by itself
 
     def events(self) -> Iterator[Event]:
         """Walls; falling out of step and into it again; the following error."""
-        now, axis, walls = self.drive.now, self.drive.axis, self.drive.world.walls
+        now, axis, walls = self.drive.now, self.drive.axis, self.drive.environment.walls
         yield self.first(now, walls.high + EDGE, rising=True), partial(self._hit, walls.high, 1.0)
         yield self.first(now, walls.low - EDGE, rising=False), partial(self._hit, walls.low, -1.0)
         if not self.has_current:
             return
         if self.held:
-            yield axis.way.first_faster(now, max(self.drive.world.pull_out, 1.0)), self._fall_out
+            yield axis.trajectory.first_faster(now, max(self.drive.environment.pull_out, 1.0)), self._fall_out
         elif self.auto_sync:
             lag, towards = self._lag(), self._out_of_step_towards
             yield lag.first(now, -towards * EDGE, rising=towards < 0), self._recovered
@@ -145,10 +145,12 @@ class Shaft:
                 there = lag.first(now, towards * 2 * FULL_STEP, rising=towards > 0)
                 yield there, partial(axis.tell_search, "impact")
         else:
-            yield axis.way.first_at_rest(now, self._out_of_step_towards), self.hold
+            yield axis.trajectory.first_at_rest(now, self._out_of_step_towards), self.hold
         if self.has_encoder and not self.lost:
             era = self.eras[-1]
-            gap = axis.way.minus(era.way, self._ratio * era.sign, self._ratio * era.sign * era.offset + self.zero, now)
+            gap = axis.trajectory.minus(
+                era.trajectory, self._ratio * era.sign, self._ratio * era.sign * era.offset + self.zero, now
+            )
             window = self.window + EDGE
             yield gap.first(now, window, rising=True), self._following_error
             yield gap.first(now, -window, rising=False), self._following_error
@@ -162,12 +164,12 @@ class Shaft:
 
     def _hold_at(self, place: float) -> None:
         self._sign = self.direction
-        self._k = self._sign * place - self.drive.axis.way.position(self.drive.now)
-        self._begin(self.drive.axis.way, self._sign, self._k)
+        self._k = self._sign * place - self.drive.axis.trajectory.position(self.drive.now)
+        self._begin(self.drive.axis.trajectory, self._sign, self._k)
         self.held = True
 
     def _recovered(self) -> None:
-        self._begin(self.drive.axis.way, self._sign, self._k)
+        self._begin(self.drive.axis.trajectory, self._sign, self._k)
         self.held = True
         if self.drive.store.whole("Following Error Reaction Code") == 1:
             self.lost = False  # "bit 13 becomes equal to 0 when the synchronization is recovered"
@@ -180,13 +182,13 @@ class Shaft:
 
     def _fall_out(self) -> None:
         """Too fast for the load."""
-        velocity = self.drive.axis.way.velocity(self.drive.now)
+        velocity = self.drive.axis.trajectory.velocity(self.drive.now)
         self._run_after(1.0 if velocity >= 0 else -1.0)
 
     def _run_after(self, towards: float) -> None:
         """Auto Sync runs after the command; without it the shaft stands."""
         now, store = self.drive.now, self.drive.store
-        speed = min(self.drive.world.pull_out, RECOVERY * store.number("Auto Sync Kv")) if self.auto_sync else 0.0
+        speed = min(self.drive.environment.pull_out, RECOVERY * store.number("Auto Sync Kv")) if self.auto_sync else 0.0
         place = self.position(now)
         self._out_of_step_towards, self.held = towards, False
         self._begin(Trajectory.moving(now, place, self._sign * towards * speed), 1.0, 0.0)
@@ -214,11 +216,11 @@ class Shaft:
         """The shaft is caught where it is; False if it turns too fast for that (register 1116)."""
         now, store, axis = self.drive.now, self.drive.store, self.drive.axis
         limit = store.number("Power Up Speed Limit")
-        if limit and abs(self.eras[-1].way.velocity(now)) > limit:
+        if limit and abs(self.eras[-1].trajectory.velocity(now)) > limit:
             self.drive.protect(SPEED_TOO_HIGH)
             return False
         self.has_current, self.lost = True, False
-        axis.way.jump(now, self.encoder(now) if self.has_encoder else axis.way.position(now))
+        axis.trajectory.jump(now, self.encoder(now) if self.has_encoder else axis.trajectory.position(now))
         self.hold()
         return True
 
@@ -226,15 +228,15 @@ class Shaft:
         """The shaft coasts. Returns when it stands. Bit 13 goes with the current (register 1086)."""
         if self.has_current:
             era, now = self.eras[-1], self.drive.now
-            self.turn(era.sign * era.way.velocity(now))
+            self.turn(era.sign * era.trajectory.velocity(now))
         self.has_current = self.held = self.lost = False
-        return self.eras[-1].way.ends_at
+        return self.eras[-1].trajectory.ends_at
 
     def turn(self, velocity: float) -> None:
         """Without current: the shaft has this velocity, and friction slows it down."""
         now = self.drive.now
         way = Trajectory.moving(now, self.position(now), velocity)
-        way.stop(now, max(self.drive.world.friction, 1.0))
+        way.stop(now, max(self.drive.environment.friction, 1.0))
         self._begin(way, 1.0, 0.0)
 
     # Following errors and numbers
@@ -264,17 +266,17 @@ class Shaft:
     def command_follows_shaft(self) -> None:
         """The difference between encoder and command is forgotten; nothing moves."""
         now = self.drive.now
-        by = self.encoder(now) - self.drive.axis.way.position(now)
+        by = self.encoder(now) - self.drive.axis.trajectory.position(now)
         self.drive.axis.renumber(by)
         self._k -= by
         if self.held:
-            self._begin(self.drive.axis.way, self._sign, self._k)
+            self._begin(self.drive.axis.trajectory, self._sign, self._k)
 
     def encoder_follows_command(self) -> None:
         """Position Error Reset = 2: "loading the logic step counter into the encoder position"."""
         now = self.drive.now
         self.lost = False
-        self.zero += self.drive.axis.way.position(now) - self.encoder(now)
+        self.zero += self.drive.axis.trajectory.position(now) - self.encoder(now)
 
     def call(self, position: float, place: float) -> None:
         """The place of the shaft has another name, in both counters; the command stands at it already."""

@@ -35,7 +35,7 @@ class Heat:
 
     def __init__(self, drive: CsdMt) -> None:
         self.drive = drive
-        self.temperature = drive.world.ambient
+        self.temperature = drive.environment.ambient
         self._since = drive.now
         self._tripped = False
         drive.store.measure("Drive Temperature", lambda: max(LOWEST, min(HIGHEST, self.temperature)))
@@ -55,7 +55,7 @@ class Heat:
 
     def _is_reduced(self) -> bool:
         """At standstill. With Auto Sync, register 1108 says whether and when."""
-        drive, way = self.drive, self.drive.axis.way
+        drive, way = self.drive, self.drive.axis.trajectory
         if way.velocity(drive.now) or drive.now < way.ends_at + STANDS_AFTER:
             return False
         if not drive.shaft.auto_sync:
@@ -64,7 +64,7 @@ class Heat:
         return wanted == 3 or (wanted == 2 and not drive.shaft.closed_loop)
 
     def _ends_at(self) -> float:
-        return self.drive.world.ambient + RISE * self._ratio() ** 2
+        return self.drive.environment.ambient + RISE * self._ratio() ** 2
 
     def creep(self, to: float) -> None:
         """Time passes, and nothing else changes in it."""
@@ -93,7 +93,7 @@ class Heat:
             yield (drive.now if self.temperature <= cool else self._crosses(cool)), self._cools
         else:
             yield (drive.now if self.temperature > limit else self._crosses(limit)), self._overheats
-        reduced_at = drive.axis.way.ends_at + STANDS_AFTER
+        reduced_at = drive.axis.trajectory.ends_at + STANDS_AFTER
         if reduced_at > drive.now:
             yield reduced_at, lambda: None
 

@@ -60,7 +60,7 @@ class Axis:
         self.stays_in_quick_stop = stays_in_quick_stop
         """True: 12 only by command and 16 is allowed (option code 5). False: 12 by itself after the ramp."""
         self.state = State.SWITCH_ON_DISABLED
-        self.way = Trajectory()
+        self.trajectory = Trajectory()
         self.word = 0
         self.mode = 0
         self.powered_since: float | None = -inf
@@ -84,7 +84,7 @@ class Axis:
 
     def tick(self, now: float) -> None:
         """What happens by itself up to now: the end of a quick stop, of a fault reaction."""
-        end = self.way.ends_at
+        end = self.trajectory.ends_at
         if self.state is State.QUICK_STOP_ACTIVE and not self.stays_in_quick_stop and end <= now:
             self.state = State.SWITCH_ON_DISABLED  # 12
         if self.state is State.FAULT_REACTION_ACTIVE and self._faults_at <= now:
@@ -153,12 +153,12 @@ class Axis:
                 self.follow(now)
 
     def _set_point(self, word: int, now: float) -> None:
-        moving = self.way.moves(now)
+        moving = self.trajectory.moves(now)
         if moving and not word & IMMEDIATELY:
             return  # not before the target is reached (bit 5)
         self._acknowledged = True
         if not moving:
-            self._overall_start = self.way.position(now)
+            self._overall_start = self.trajectory.position(now)
             self._relative = bool(word & RELATIVE)
             self._rates = self.settings.acceleration(), self.settings.deceleration()
         # On the way "a relative movement has the overall starting point as a reference", a change of bit 6 is ignored,
@@ -167,7 +167,7 @@ class Axis:
             self._goal = self._overall_start + self.settings.target_position()
         else:
             # A counter that has gone round shows a position of the range: the way is from what it shows.
-            position = self.way.position(now)
+            position = self.trajectory.position(now)
             turns = round((position - wrapped(position)) / ROUND)
             self._goal = turns * ROUND + self.settings.target_position()
         self._plan(now)
@@ -175,16 +175,16 @@ class Axis:
     def _plan(self, now: float) -> None:
         velocity = self.settings.profile_velocity()
         self._reached = True
-        if not self.may_go(self._goal - self.way.position(now)):
+        if not self.may_go(self._goal - self.trajectory.position(now)):
             self._stop(now)
         elif velocity > 0:
-            self.way.move(now, self._goal, velocity, *self._rates, jerky=self.settings.without_ramp(velocity))
-        elif self._goal != self.way.position(now):
+            self.trajectory.move(now, self._goal, velocity, *self._rates, jerky=self.settings.without_ramp(velocity))
+        elif self._goal != self.trajectory.position(now):
             self._stop(now)
             self._reached = False  # at a profile velocity of 0 no target is ever reached
 
     def may_go(self, way: float) -> bool:
-        """A place for limit switches: whether the shaft may go up (a `way` above 0) or down."""
+        """A place for limit switches: whether the shaft may go up (a `trajectory` above 0) or down."""
         return True
 
     def _start_homing(self, now: float) -> None:
@@ -192,7 +192,7 @@ class Axis:
 
     def replan(self, now: float) -> None:
         """The profile velocity was changed: "immediately, independently of New Set Point", on a set-point move."""
-        if self.mode == POSITION and self.way.moves(now) and not self._halts:
+        if self.mode == POSITION and self.trajectory.moves(now) and not self._halts:
             self._plan(now)
 
     def follow(self, now: float) -> None:
@@ -200,7 +200,7 @@ class Axis:
         if self.state is State.OPERATION_ENABLED and self.mode == VELOCITY and not self._halts:
             wanted = self.settings.target_velocity()
             acceleration, deceleration = self.settings.acceleration(), self.settings.deceleration()
-            self.way.run_at(now, wanted if self.may_go(wanted) else 0.0, acceleration, deceleration)
+            self.trajectory.run_at(now, wanted if self.may_go(wanted) else 0.0, acceleration, deceleration)
 
     def change_mode(self, now: float) -> None:
         """The mode of operation was written. A movement of the old mode ends on its ramp."""
@@ -221,15 +221,15 @@ class Axis:
         """A place for a shaft that coasts. Current off: drawn as braking. Returns when the shaft stands."""
         self._acknowledged = False
         self._stop(now)
-        return self.way.ends_at
+        return self.trajectory.ends_at
 
     def _stop(self, now: float) -> None:
         self._reached = True
-        self.way.stop(now, max(self.settings.deceleration(), 1.0))
+        self.trajectory.stop(now, max(self.settings.deceleration(), 1.0))
 
     def rest_at(self, position: float, now: float) -> None:
         """The present place is called `position` from now on; a movement ends here."""
-        self.way.jump(now, position)
+        self.trajectory.jump(now, position)
 
     # Faults
 
@@ -258,7 +258,7 @@ class Axis:
             word |= REACHED
         if self.mode == VELOCITY and self.state is not State.FAULT_REACTION_ACTIVE:
             width, seconds = self.settings.zero_window()
-            since = self.way.inside_since(now, 0.0, width)
+            since = self.trajectory.inside_since(now, 0.0, width)
             word |= MODE_BIT if since is not None and now - since >= seconds else 0
         elif self.mode == HOMING:
             word |= MODE_BIT if self.homed else 0
@@ -271,6 +271,6 @@ class Axis:
             wanted = self.settings.target_velocity()
             wanted = wanted if self.may_go(wanted) and not self._halts else 0.0
             width, seconds = self.settings.velocity_window()
-            since = self.way.inside_since(now, wanted, width)
+            since = self.trajectory.inside_since(now, wanted, width)
             return since is not None and now - since >= seconds
-        return self._reached and not self.way.moves(now)
+        return self._reached and not self.trajectory.moves(now)

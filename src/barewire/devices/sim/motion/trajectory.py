@@ -255,17 +255,17 @@ class Era(NamedTuple):
     """What follows a trajectory under other numbers, from `since` on: sign * (way + offset)."""
 
     since: float
-    way: Trajectory
+    trajectory: Trajectory
     sign: float
     offset: float
 
     def position(self, now: float) -> float:
         """Where it is."""
-        return self.sign * (self.way.position(now) + self.offset)
+        return self.sign * (self.trajectory.position(now) + self.offset)
 
     def first(self, after: float, position: float, *, rising: bool) -> float:
         """When it is first there or beyond."""
-        return self.way.first(after, self.sign * position - self.offset, rising=rising is (self.sign > 0))
+        return self.trajectory.first(after, self.sign * position - self.offset, rising=rising is (self.sign > 0))
 
 
 def wrapped(position: float, bits: int = 32) -> int:
