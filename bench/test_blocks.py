@@ -12,9 +12,9 @@ from fractions import Fraction
 
 import pytest
 
+from barewire.devices.block_decoder import block_decoder
 from barewire.devices.parameter import ModbusAt, Parameter
-from barewire.devices.plan import Block, Member
-from barewire.devices.typed import typed
+from barewire.devices.plan import Member, PlannedRead
 from bench.race import Factory, Race, Work, entries
 
 
@@ -33,7 +33,7 @@ def _race(count: int) -> Race:
         return lambda: {name: number / 10 for name, number in zip(names, values.unpack(words.pack(*content)))}
 
     def barewire(_: ExitStack) -> Work:
-        decode = typed(Block("holding", 0, 2 * count, members, 3))
+        decode = block_decoder(PlannedRead("holding", 0, 2 * count, members, 3))
         return lambda: decode(content)
 
     def one_by_one(_: ExitStack) -> Work:

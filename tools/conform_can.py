@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from barewire.canopen import Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
-from barewire.canopen.conformance.battery import Subject, cases, survey
+from barewire.canopen.conformance.battery import Subject, cases, probe
 from barewire.conversation import play
 
 PAGE = Path(__file__).parent.parent / "docs" / "conform-canopen.md"
@@ -65,7 +65,7 @@ in a second:
 
 ```python
 from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
-from barewire.canopen.conformance.battery import carry_out, cases, prepare, survey
+from barewire.canopen.conformance.battery import cases, prepare, probe, run_case
 from barewire.conversation import play
 
 device = LocalNode(5, ObjectDictionary(standard_objects()))
@@ -76,11 +76,11 @@ def answer(frame, now):
     return [(now + 0.001, one) for one in device.feed(frame, now)]
 
 
-subject, now = play(survey(5), answer)
+subject, now = play(probe(5), answer)
 for case in cases(subject):
     if case.effect != "commands" and not case.lacks:
         booted, now = play(prepare(subject), answer, start=now)
-        outcome, now = play(carry_out(case), answer, start=now)
+        outcome, now = play(run_case(case), answer, start=now)
         assert outcome.failure is None, outcome.failure
 ```
 
@@ -115,7 +115,7 @@ def subject() -> Subject:
     pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
     device = LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(address))
     device.start(0.0)
-    found, _ = play(survey(NODE, large=(0x2100, 0)), lambda frame, now: [(now, one) for one in device.feed(frame, now)])
+    found, _ = play(probe(NODE, large=(0x2100, 0)), lambda frame, now: [(now, one) for one in device.feed(frame, now)])
     return found
 
 

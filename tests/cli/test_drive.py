@@ -13,7 +13,7 @@ import pytest
 
 from barewire.devices import load
 from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.report import Progress
+from barewire.devices.drive.report import DriveProgress
 from barewire.devices.sim import CsdMt, simulator
 from barewire.io import connect, open_host
 from tests.cli.test_command import COMMAND, failing, free_port, out, simulated
@@ -119,7 +119,7 @@ def test_what_is_no_drive_is_told_before_anything_is_sent() -> None:
 
 def test_a_client_has_a_drive() -> None:
     machine = simulator("csd-mt", time.monotonic())
-    told: list[Progress] = []
+    told: list[DriveProgress] = []
     assert machine.modbus is not None
     with open_host("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect(host.url) as client:
         drive = client.drive(load("csd-mt"), progress=told.append)

@@ -18,7 +18,7 @@ import pytest
 from barewire.cli.plot import check, draw
 from barewire.cli.polling import Poll, Source, due, polls
 from barewire.devices import Device, Reading, load
-from barewire.devices.raw import device_with
+from barewire.devices.raw_address import device_with
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io import open_host
 from barewire.modbus import ModbusException, Table

@@ -11,7 +11,7 @@ from barewire.canopen import AZ3, STANDARD, CanFrame, Channel, Entry, ObjectDict
 from barewire.canopen.sdo.dialect import DIALECTS
 from barewire.codecs import Value
 from barewire.conversation import play
-from barewire.devices import CanopenSide, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
+from barewire.devices import CanopenSettings, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from tests.helpers import refused
 
@@ -173,7 +173,7 @@ def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
 
 
 def test_eight_bytes_go_in_segments() -> None:
-    device = Device("d", "d", (Parameter("wide", "u64", object=ObjectAt(0x2000)),), canopen=CanopenSide())
+    device = Device("d", "d", (Parameter("wide", "u64", object=ObjectAt(0x2000)),), canopen=CanopenSettings())
     server = SdoServer(NODE, ObjectDictionary([Entry(0x2000, 0, "wide", "u64", "rw", 0)]))
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
@@ -189,7 +189,7 @@ def test_what_an_object_cannot_be() -> None:
         Parameter("text", "text", object=ObjectAt(0x2001)),
         Parameter("flag", "bool", access="wo", object=ObjectAt(0x2002, 0, 3)),
     )
-    device = Device("d", "d", rows, canopen=CanopenSide())
+    device = Device("d", "d", rows, canopen=CanopenSettings())
     with refused(EncodeError, "text is text, and a description does not say how long an object of text is"):
         write_canopen(NODE, device, {"text": "x"})
     with refused(EncodeError, "flag is one bit of an object that cannot be read"):

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.devices import Device, ModbusAt, ModbusSide, Parameter, load, plan_reads, plan_writes
+from barewire.devices import Device, ModbusAt, ModbusSettings, Parameter, load, plan_reads, plan_writes
 from barewire.devices.parameter import TableName
-from barewire.devices.plan import Block, Writing, known_addresses
+from barewire.devices.plan import PlannedRead, PlannedWrite, known_addresses
 from barewire.errors import EncodeError
 from tests.helpers import modest, refused
 
@@ -27,7 +27,7 @@ def device(*places: ModbusAt, access: Any = "rw", **side: Any) -> Device:
         )
         for number, at in enumerate(places)
     )
-    return Device("d", "d", tuple(rows), modbus=ModbusSide(**side))
+    return Device("d", "d", tuple(rows), modbus=ModbusSettings(**side))
 
 
 def holding(address: int, words: int = 1, **rest: Any) -> ModbusAt:
@@ -258,5 +258,5 @@ def test_property_of_writing(rows: list[ModbusAt], limit: int) -> None:
 
 
 def test_blocks_are_values() -> None:
-    assert Block("holding", 0, 1, (), 3) == Block("holding", 0, 1, (), 3)
-    assert Writing("holding", 0, 1, (), 6).keep is False
+    assert PlannedRead("holding", 0, 1, (), 3) == PlannedRead("holding", 0, 1, (), 3)
+    assert PlannedWrite("holding", 0, 1, (), 6).keep is False

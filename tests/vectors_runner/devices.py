@@ -5,7 +5,15 @@ from __future__ import annotations
 from fractions import Fraction
 
 from barewire.codecs import Value, codec, get_bit
-from barewire.devices.drive.cia402 import CONTROL, STATUS, TRANSITIONS, Command, State, command_of, state_of
+from barewire.devices.drive.cia402 import (
+    CONTROL_PATTERNS,
+    STATUS_PATTERNS,
+    TRANSITIONS,
+    DriveCommand,
+    State,
+    command_of,
+    state_of,
+)
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter
 from barewire.errors import DecodeError
 from tests.vectors_runner.common import Case, check, octets, whole_or_float, words
@@ -55,21 +63,21 @@ def drive_state(case: Case) -> None:
     """One state fits a status word, or none."""
     word, told = int(case["word"], 16), State(case["state"])
     assert [bit for bit in range(16) if get_bit(word, bit)] == case["bits"]
-    assert (int(case["mask"], 16), int(case["masked"], 16)) == STATUS[told]
+    assert (int(case["mask"], 16), int(case["masked"], 16)) == STATUS_PATTERNS[told]
     try:
         found: State | None = state_of(word)
     except DecodeError:
         found = None
     assert (found is told) == (case["result"] == "valid")
-    assert sum(word & mask == value for mask, value in STATUS.values()) == (found is not None)
+    assert sum(word & mask == value for mask, value in STATUS_PATTERNS.values()) == (found is not None)
 
 
 def drive_command(case: Case) -> None:
     """The bits of a command, whatever the others are. Disable operation is the word of switch on."""
     name: str = "switch on" if case["command"] == "disable operation" else case["command"]
-    told = Command[name.upper().replace(" ", "_")]
+    told = DriveCommand[name.upper().replace(" ", "_")]
     bits = (int(case["mask"], 16), int(case["masked"], 16))
-    assert bits == CONTROL.get(told, (Command.FAULT_RESET, Command.FAULT_RESET))
+    assert bits == CONTROL_PATTERNS.get(told, (DriveCommand.FAULT_RESET, DriveCommand.FAULT_RESET))
     assert (command_of(int(case["word"], 16)) is told) == (case["result"] == "valid")
     causes = {step.number for step in TRANSITIONS if step.command is told}
     assert set(case["transitions"]) <= causes

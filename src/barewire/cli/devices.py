@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from barewire.cli.arguments import json_option, print_json
-from barewire.devices import Device, Parameter, describe, load, names
+from barewire.devices import Device, Parameter, load, names
 from barewire.devices.parameter import show
 
 
@@ -23,7 +23,7 @@ def devices(name: str | None, as_json: bool) -> None:
         _list(as_json)
     elif as_json:
         for parameter in load(name).parameters:
-            print_json(describe(parameter))
+            print_json(parameter.as_dict())
     else:
         _show(load(name))
 

@@ -16,8 +16,8 @@ from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapse
 
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.devices import load
-from barewire.devices.drive.report import Look, Progress, bit_names
-from barewire.devices.drive.states import drive_side
+from barewire.devices.drive.report import DriveProgress, Look, bit_names
+from barewire.devices.drive.states import drive_roles
 from barewire.devices.parameter import show
 from barewire.errors import NoAnswer, PortError
 from barewire.io import connect
@@ -44,7 +44,7 @@ def drive(ctx: click.Context, endpoint: str, device: str) -> None:
     barewire drive "rtu:///dev/ttyUSB0?unit=1" az3 quick-stop
     """
     machine = load(device)
-    drive_side(machine)  # what is no drive is told before a port is opened
+    drive_roles(machine)  # what is no drive is told before a port is opened
     ctx.obj = (endpoint, machine)
 
 
@@ -130,7 +130,7 @@ def stop(conductor: DriveClient) -> None:
     """A quick stop, told as long as somebody can be told: the terminal may be gone, and the motor must not know."""
     tell = conductor.drive.progress
 
-    def try_to_tell(progress: Progress) -> None:
+    def try_to_tell(progress: DriveProgress) -> None:
         with suppress(OSError):
             if tell is not None:
                 tell(progress)
@@ -161,7 +161,7 @@ def _bits(look: Look) -> str:
 
 
 @contextmanager
-def followed(as_json: bool) -> Iterator[Callable[[Progress], None]]:
+def followed(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]:
     """Who is told of progress: JSON lines, a moving line on a terminal, or a line for each change."""
     began = time.monotonic()
     if as_json:
@@ -175,26 +175,26 @@ def followed(as_json: bool) -> Iterator[Callable[[Progress], None]]:
         yield _changes(began)
 
 
-def _fields(progress: Progress, began: float) -> dict[str, Any]:
+def _fields(progress: DriveProgress, began: float) -> dict[str, Any]:
     return progress.as_dict() | {"time": round(progress.look.now - began, 3)}
 
 
-def _line(progress: Progress) -> str:
+def _line(progress: DriveProgress) -> str:
     waiting = f", waiting for {progress.waiting_for}" if progress.waiting_for else ""
     return f"{progress.action}: {progress.look.state_name}{waiting}{_values(progress.look)}"
 
 
-def _short(progress: Progress) -> str:
+def _short(progress: DriveProgress) -> str:
     """The same for one line of a terminal, without what brackets explain."""
     doing = progress.waiting_for.partition(" (")[0] or progress.action
     return f"{doing} | {progress.look.state_name}{_values(progress.look)}"
 
 
-def _changes(began: float) -> Callable[[Progress], None]:
+def _changes(began: float) -> Callable[[DriveProgress], None]:
     """A line for each new state and each new thing that is waited for, with the seconds since the beginning."""
     last: list[tuple[str, str]] = []
 
-    def tell(progress: Progress) -> None:
+    def tell(progress: DriveProgress) -> None:
         step = (progress.look.state_name, progress.waiting_for)
         if progress.waiting_for and step not in last[-1:]:
             last.append(step)

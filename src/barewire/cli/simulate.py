@@ -14,6 +14,7 @@ import click
 
 from barewire.cli.arguments import EndpointArgument, device_argument
 from barewire.devices.sim import MachineUnits, Simulator, simulator
+from barewire.devices.value_text import parse_value
 from barewire.errors import EncodeError
 from barewire.io import Host, open_host
 from barewire.io.endpoint import Endpoint
@@ -136,7 +137,7 @@ def _preset(device: str, machine: Simulator | None, values: tuple[str, ...], wor
         cell = machine.store.cell(machine.device.find(name).name)
         if cell.measured is not None:
             raise EncodeError(f"--set {text!r}: this simulator moves {cell.name} by itself")
-        cell.set(cell.free.check(cell.parameter.parse(value)))
+        cell.set(cell.free.check(parse_value(cell.parameter, value)))
 
 
 def host_device(device: str, endpoint: str, machine: Simulator | None = None, table: Table | None = None) -> Host:

@@ -18,9 +18,10 @@ from barewire.cli.arguments import (
 )
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
-from barewire.devices.asked import to_write
 from barewire.devices.parameter import show
-from barewire.devices.raw import device_with
+from barewire.devices.raw_address import device_with
+from barewire.devices.request_checks import to_write
+from barewire.devices.value_text import parse_value
 from barewire.errors import BarewireError, NoAnswer
 from barewire.io import ModbusClient, connect
 from barewire.io.canopen.client import Client
@@ -118,7 +119,7 @@ def _assignment(machine: Device, text: str) -> tuple[str, Value]:
     if not equals:
         raise click.UsageError(f"{text!r}: expected NAME=VALUE")
     parameter = machine.find(name)
-    return parameter.name, parameter.parse(value)
+    return parameter.name, parse_value(parameter, value)
 
 
 def _remark(parameter: Parameter, value: Value) -> None:

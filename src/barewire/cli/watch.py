@@ -19,7 +19,7 @@ from barewire.cli.arguments import device_argument, endpoint_argument, print_jso
 from barewire.cli.polling import Poll, Source, polls
 from barewire.codecs import Value
 from barewire.devices.parameter import Parameter, show
-from barewire.devices.raw import device_with
+from barewire.devices.raw_address import device_with
 
 
 @click.command()

@@ -29,15 +29,14 @@ if TYPE_CHECKING:
         write_canopen as write_canopen,
         write_modbus as write_modbus,
     )
-    from barewire.devices.description.check import DescriptionError as DescriptionError
-    from barewire.devices.description.describe import describe as describe
     from barewire.devices.description.load import load as load, names as names
+    from barewire.devices.description.rules import DescriptionError as DescriptionError
     from barewire.devices.device import (
-        CanopenSide as CanopenSide,
+        CanopenSettings as CanopenSettings,
         Device as Device,
         DevicePdo as DevicePdo,
-        DriveSide as DriveSide,
-        ModbusSide as ModbusSide,
+        DriveRoles as DriveRoles,
+        ModbusSettings as ModbusSettings,
         UnknownName as UnknownName,
     )
     from barewire.devices.drive.access import CanopenAccess as CanopenAccess, ModbusAccess as ModbusAccess
@@ -60,12 +59,11 @@ __getattr__, __all__ = lazy(
     __name__,
     {
         "description.load": "load names",
-        "device": "Device ModbusSide CanopenSide DriveSide DevicePdo UnknownName",
+        "device": "Device ModbusSettings CanopenSettings DriveRoles DevicePdo UnknownName",
         "parameter": "Parameter ModbusAt ObjectAt Reading",
-        "description.check": "DescriptionError",
+        "description.rules": "DescriptionError",
         "access": "read_modbus write_modbus read_canopen write_canopen",
         "plan": "plan_reads plan_writes",
-        "description.describe": "describe",
         "drive.cia402": "State state_of next_control_word",
         "drive.drive": "Drive",
         "drive.report": "DriveStuck",

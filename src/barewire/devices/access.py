@@ -21,11 +21,11 @@ from collections.abc import Iterable, Sequence
 from barewire.canopen import STANDARD, CanFrame, Channel, Dialect, download, fit, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.asked import Name, Values, naming, reading, to_read, to_write, unanswered, writing
+from barewire.devices.block_decoder import block_decoder
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter, Reading
-from barewire.devices.plan import Block, Writing, plan_reads, plan_writes
-from barewire.devices.typed import typed
+from barewire.devices.plan import PlannedRead, PlannedWrite, plan_reads, plan_writes
+from barewire.devices.request_checks import Name, Values, naming, reading, to_read, to_write, unanswered, writing
 from barewire.errors import EncodeError
 from barewire.modbus import (
     Bus,
@@ -55,13 +55,13 @@ def read_modbus(
 
 
 def _read_modbus(
-    bus: Bus, unit: int, parameters: Sequence[Parameter], blocks: Sequence[Block], timeout: float
+    bus: Bus, unit: int, parameters: Sequence[Parameter], blocks: Sequence[PlannedRead], timeout: float
 ) -> Conversation[bytes, list[Reading]]:
     values: dict[str, Value] = {}
     for block in blocks:
         with reading(parameter for parameter, _ in block.members):
             content = yield from _read_entries(bus, unit, block.function, block.address, block.quantity, timeout)
-        values |= typed(block)(content)
+        values |= block_decoder(block)(content)
     return [Reading(parameter, values[parameter.name]) for parameter in parameters]
 
 
@@ -102,7 +102,7 @@ def _registers(parameter: Parameter, value: Value, old: Sequence[int]) -> tuple[
 def _write_modbus(
     bus: Bus,
     unit: int,
-    writes: Sequence[Writing],
+    writes: Sequence[PlannedWrite],
     pairs: Sequence[tuple[Parameter, Value]],
     timeout: float,
 ) -> Conversation[bytes, None]:

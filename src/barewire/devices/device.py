@@ -19,7 +19,7 @@ class UnknownName(BarewireError, LookupError):
     """No parameter or device has this name; the text tells the nearest ones."""
 
 
-class ModbusSide(NamedTuple):
+class ModbusSettings(NamedTuple):
     """What a device says of itself on Modbus."""
 
     unit: int = 1
@@ -40,7 +40,7 @@ class DevicePdo(NamedTuple):
     map: tuple[tuple[int, int, int], ...]
 
 
-class CanopenSide(NamedTuple):
+class CanopenSettings(NamedTuple):
     """What a device says of itself on CANopen."""
 
     node: int = 1
@@ -49,7 +49,7 @@ class CanopenSide(NamedTuple):
     pdos: tuple[DevicePdo, ...] = ()
 
 
-class DriveSide(NamedTuple):
+class DriveRoles(NamedTuple):
     """What a drive of CiA 402 says of itself: which parameter plays which part, and where it departs from the profile.
 
     Every part but the two words may be missing (""): what needs it is then refused, and nothing else.
@@ -83,9 +83,9 @@ class Device:
     title: str
     parameters: tuple[Parameter, ...]
     documents: tuple[str, ...] = ()
-    modbus: ModbusSide | None = None
-    canopen: CanopenSide | None = None
-    drive: DriveSide | None = None
+    modbus: ModbusSettings | None = None
+    canopen: CanopenSettings | None = None
+    drive: DriveRoles | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property

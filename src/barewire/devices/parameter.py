@@ -18,16 +18,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from barewire.codecs import Codec, Text, Value, codec, from_registers, to_registers
 from barewire.codecs.bits import Half, get_bit, get_half, set_bit, set_half
 from barewire.codecs.order import Order
-from barewire.devices.parse import parse
 from barewire.errors import DecodeError, EncodeError, shown
 
 TableName = Literal["holding", "input", "coil", "discrete"]
-Access = Literal["ro", "rw", "wo"]
+ParameterAccess = Literal["ro", "rw", "wo"]
 
 
 class ModbusAt(NamedTuple):
@@ -71,7 +70,7 @@ class Parameter:
     default: Value | None = None
     minimum: int | float | None = None
     maximum: int | float | None = None
-    access: Access = "rw"
+    access: ParameterAccess = "rw"
     values: Mapping[int, str] = field(default_factory=dict)
     bits: Mapping[int, str] = field(default_factory=dict)
     firmware: str = ""
@@ -123,10 +122,6 @@ class Parameter:
         """A limit of a 32-bit float that no such float is exactly: the nearest one may lie just beyond."""
         return limit + side * abs(limit) * 6e-8 if self.type == "f32" else limit
 
-    def parse(self, text: str) -> Value:
-        """What a person typed, as a value: a number (0x for hexadecimal), on/off, or the name of one of its values."""
-        return parse(self, text)
-
     def text(self, value: Value) -> str:
         """The value with its unit, and in words where its values or bits have names.
 
@@ -141,6 +136,35 @@ class Parameter:
                 names = [name for bit, name in sorted(self.bits.items()) if int(value) >> bit & 1]
                 return f"{told} ({', '.join(names) or 'no bit set'})"
         return told
+
+    def as_dict(self) -> dict[str, Any]:
+        """The parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
+
+        >>> Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)).as_dict()["object"]
+        {'index': 24641, 'sub': 0, 'bit': None}
+
+        Addresses are those on the wire, from 0.
+        """
+        scale, place = self.scale, self.object
+        return {
+            "name": self.name,
+            "type": self.type,
+            "unit": self.unit,
+            "scale": float(scale) if scale.denominator != 1 else int(scale),
+            "default": self.default,
+            "min": self.minimum,
+            "max": self.maximum,
+            "access": self.access,
+            "values": {str(number): text for number, text in self.values.items()},
+            "firmware": self.firmware,
+            "note": self.note,
+            "modbus": None if self.modbus is None else self.modbus._asdict(),
+            "object": None if place is None else {"index": place.index, "sub": place.sub, "bit": place.bit},
+            "bits": {str(number): text for number, text in self.bits.items()},
+            "storable": self.storable,
+            "answered": self.answered,
+            "printed": dict(self.printed),
+        }
 
     # Raw numbers, as the wire has them
 

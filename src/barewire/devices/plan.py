@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from barewire.devices.device import Device, ModbusSide
+from barewire.devices.device import Device, ModbusSettings
 from barewire.devices.parameter import ModbusAt, Parameter, TableName
 from barewire.errors import EncodeError
 
@@ -32,7 +32,7 @@ class Member(NamedTuple):
     offset: int
 
 
-class Block(NamedTuple):
+class PlannedRead(NamedTuple):
     """One read request: `quantity` registers or coils from `address`, with the function that reads that table."""
 
     table: TableName
@@ -42,7 +42,7 @@ class Block(NamedTuple):
     function: int
 
 
-class Writing(NamedTuple):
+class PlannedWrite(NamedTuple):
     """One write: whole entries from `address`, with function 05, 06, 0F or 10h.
 
     Function 06 with a quantity of 2 or more means one request for each register, the lowest first. `keep` means that
@@ -58,7 +58,7 @@ class Writing(NamedTuple):
     read_function: int = 0
 
 
-def modbus_place(device: Device, parameter: Parameter) -> tuple[ModbusAt, ModbusSide]:
+def modbus_place(device: Device, parameter: Parameter) -> tuple[ModbusAt, ModbusSettings]:
     """Where a parameter lives on Modbus; EncodeError that says where it lives instead."""
     if parameter.modbus is not None and device.modbus is not None:
         return parameter.modbus, device.modbus
@@ -77,7 +77,7 @@ def known_addresses(device: Device, table: TableName) -> frozenset[int]:
     )
 
 
-def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[Block]:
+def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedRead]:
     """The fewest requests that read these parameters, by table and address.
 
     >>> from barewire.devices import load
@@ -92,13 +92,13 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[Block]:
     for parameter in parameters:
         place, _ = modbus_place(device, parameter)
         by_table.setdefault(place.table, {})[parameter.name] = parameter
-    blocks: list[Block] = []
+    blocks: list[PlannedRead] = []
     for table in sorted(by_table):
         blocks += _plan_table(device, table, list(by_table[table].values()))
     return blocks
 
 
-def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -> list[Block]:
+def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -> list[PlannedRead]:
     placed = [(modbus_place(device, parameter)[0], parameter) for parameter in parameters]
     placed.sort(key=lambda pair: (pair[0].address, pair[0].words))
     side = modbus_place(device, parameters[0])[1]
@@ -123,11 +123,11 @@ def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -
         placed = [pair for pair in placed if pair[0].address + pair[0].words > reach]
         quantity = max(place.address + place.words for place, _ in inside) - first.address
         members = tuple(Member(parameter, place.address - first.address) for place, parameter in inside)
-        blocks.append(Block(table, first.address, quantity, members, function))
+        blocks.append(PlannedRead(table, first.address, quantity, members, function))
     return blocks
 
 
-def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Writing]:
+def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[PlannedWrite]:
     """The writes, in the order asked. Whole registers asked for as neighbours become one request where function 16 is.
 
     >>> from barewire.devices import load
@@ -138,7 +138,7 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Writing
     Raises EncodeError for a parameter without a place on Modbus, in a table that nothing writes, or wider than one
     request of the device can carry.
     """
-    writes: list[Writing] = []
+    writes: list[PlannedWrite] = []
     for parameter in parameters:
         write = _plan_one(device, parameter)
         side = modbus_place(device, parameter)[1]
@@ -150,7 +150,7 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Writing
     return writes
 
 
-def _plan_one(device: Device, parameter: Parameter) -> Writing:
+def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
     place, side = modbus_place(device, parameter)
     functions = side.write_functions.get(place.table, ())
     if not functions:
@@ -170,7 +170,7 @@ def _plan_one(device: Device, parameter: Parameter) -> Writing:
         function = single
     member = (Member(parameter, 0),)
     if not place.partial:
-        return Writing(place.table, place.address, place.words, member, function)
+        return PlannedWrite(place.table, place.address, place.words, member, function)
     read_function = side.read_functions.get(place.table)
     if read_function is None:
         raise EncodeError(
@@ -178,10 +178,10 @@ def _plan_one(device: Device, parameter: Parameter) -> Writing:
             f"cannot be kept",
             parameter.name,
         )
-    return Writing(place.table, place.address, 1, member, function, True, read_function)
+    return PlannedWrite(place.table, place.address, 1, member, function, True, read_function)
 
 
-def _join(last: Writing, write: Writing, side: ModbusSide) -> Writing | None:
+def _join(last: PlannedWrite, write: PlannedWrite, side: ModbusSettings) -> PlannedWrite | None:
     """Both as one, or None: parts of the same register, or neighbours that one function 16 can carry."""
     if last.table != "holding" or write.table != "holding" or last.keep != write.keep:
         return None
@@ -192,4 +192,4 @@ def _join(last: Writing, write: Writing, side: ModbusSide) -> Writing | None:
     if not neighbours or 16 not in side.write_functions["holding"] or quantity > side.write_limit:
         return None
     moved = tuple(Member(member.parameter, member.offset + last.quantity) for member in write.members)
-    return Writing("holding", last.address, quantity, last.members + moved, 16)
+    return PlannedWrite("holding", last.address, quantity, last.members + moved, 16)

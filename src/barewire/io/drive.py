@@ -21,7 +21,7 @@ from barewire.codecs import Value
 from barewire.conversation import Conversation, Listen
 from barewire.devices.device import Device
 from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import Look, Progress
+from barewire.devices.drive.report import DriveProgress, Look
 from barewire.devices.parameter import Reading
 from barewire.io.engine.blocking import run
 
@@ -77,7 +77,7 @@ class DriveClient:
         *,
         timeout: float = 3.0,
         period: float = 0.02,
-        progress: Callable[[Progress], None] | None = None,
+        progress: Callable[[DriveProgress], None] | None = None,
     ) -> None:
         access = ClientAccess(client, device)
         self.drive: Drive[Never] = Drive(access, device, timeout=timeout, period=period, progress=progress)

@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
-from barewire.canopen.conformance.battery import Case, Outcome, Subject, carry_out, cases, prepare, survey, wants_reset
+from barewire.canopen.conformance.battery import (
+    NodeCase,
+    NodeOutcome,
+    Subject,
+    cases,
+    prepare,
+    probe,
+    run_case,
+    wants_reset,
+)
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import Participant, VirtualBus
 
@@ -44,14 +53,14 @@ def bus_with(device: Participant) -> VirtualBus:
 
 def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = None) -> Subject:
     """What the survey finds of such a device."""
-    return bus_with(make()).run(survey(NODE, timeout=0.1, large=large))
+    return bus_with(make()).run(probe(NODE, timeout=0.1, large=large))
 
 
-def hold(bus: VirtualBus, subject: Subject, case: Case, before: Case | None = None) -> Outcome:
+def hold(bus: VirtualBus, subject: Subject, case: NodeCase, before: NodeCase | None = None) -> NodeOutcome:
     """One case, behind a reset where it wants one."""
     if wants_reset(case, before):
         bus.run(prepare(subject))
-    return bus.run(carry_out(case))
+    return bus.run(run_case(case))
 
 
 class Spoiled:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from barewire.canopen import CanFrame, LocalNode, NmtState
-from barewire.canopen.conformance.battery import FLOOD, Case, Subject, Turn, carry_out, cases, survey
+from barewire.canopen.conformance.battery import FLOOD, NodeCase, NodeStep, Subject, cases, probe, run_case
 from barewire.canopen.conformance.frames import Sdo
 from barewire.conversation import play
 from barewire.errors import NoAnswer
@@ -26,14 +26,14 @@ DEVIATIONS = {
 
 
 @pytest.mark.parametrize("case", [case for case in PLAIN if not case.lacks], ids=lambda case: case.name)
-def test_a_plain_device(case: Case) -> None:
+def test_a_plain_device(case: NodeCase) -> None:
     outcome = hold(bus_with(plain()), PLAIN_SUBJECT, case)
     assert outcome.failure is None
     assert len(outcome.heard) <= len(case.turns)
 
 
 @pytest.mark.parametrize("case", [case for case in AZ3 if not case.lacks], ids=lambda case: case.name)
-def test_the_simulated_drive(case: Case) -> None:
+def test_the_simulated_drive(case: NodeCase) -> None:
     outcome = hold(bus_with(az3()), AZ3_SUBJECT, case)
     assert (outcome.failure is not None) == (case.name in DEVIATIONS), outcome.failure
 
@@ -41,7 +41,7 @@ def test_the_simulated_drive(case: Case) -> None:
 def test_one_device_goes_through_all_of_it() -> None:
     device = plain()
     bus = bus_with(device)
-    subject = bus.run(survey(NODE, timeout=0.1, large=LARGE))
+    subject = bus.run(probe(NODE, timeout=0.1, large=LARGE))
     assert failures(bus, subject) == {}
     assert device.sdo.counters.timed_out == 0
 
@@ -82,7 +82,7 @@ def test_what_a_device_lacks_is_said_and_not_asked() -> None:
 
 def test_where_nobody_is() -> None:
     with pytest.raises(NoAnswer):
-        bus_with(plain()).run(survey(NODE + 1, timeout=0.1))
+        bus_with(plain()).run(probe(NODE + 1, timeout=0.1))
 
 
 # The battery finds what is wrong -----------------------------------------------------------------------------------
@@ -163,27 +163,29 @@ def test_a_device_that_is_wrong_is_found(spoil: Spoil, found: set[str]) -> None:
     bus.pass_time(0.01)
     for frame in device.start(bus.now):
         assert frame == CanFrame(0x700 + NODE, b"\0")
-    subject = bus.run(survey(NODE, timeout=0.1, large=LARGE)) if spoil is SILENT_LSS else PLAIN_SUBJECT
+    subject = bus.run(probe(NODE, timeout=0.1, large=LARGE)) if spoil is SILENT_LSS else PLAIN_SUBJECT
     wrong = failures(bus, subject, prefixes=tuple({name[:3] for name in found}) or ("",)).keys()
     assert found <= wrong if found else not wrong
 
 
 def test_a_difference_is_told_in_one_sentence() -> None:
-    case = replace_turns(Turn(("605#4000100000000000",), ("585#43......", "585#80")), Turn(("080#",), ("",)))
+    case = replace_turns(NodeStep(("605#4000100000000000",), ("585#43......", "585#80")), NodeStep(("080#",), ("",)))
     answers = {"605#4000100000000000": "585#80", "080#": "185#01"}
-    outcome, _ = play(carry_out(case), lambda frame, now: [(now + 0.1, CanFrame.parse(answers[str(frame)]))])
+    outcome, _ = play(run_case(case), lambda frame, now: [(now + 0.1, CanFrame.parse(answers[str(frame)]))])
     assert outcome.heard == (("585#80",), ("185#01",))
     assert outcome.failure == "after 080#: 185#01, expected silence"
 
 
 def test_a_flood_is_an_answer_that_is_too_long() -> None:
     """Frames without end, each of them one that the case listens for: it comes to an end, and so does the sentence."""
-    case = Case("X-1", "any", "CiA 301", "reads", ("585",), (Turn(("605#4000100000000000",), ("585#43......",)),))
+    case = NodeCase(
+        "X-1", "any", "CiA 301", "reads", ("585",), (NodeStep(("605#4000100000000000",), ("585#43......",)),)
+    )
 
     def flood(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
         return [(now + at / 1e6, CanFrame.parse(f"585#{at:016X}")) for at in range(30_000)]
 
-    outcome, _ = play(carry_out(case), flood)
+    outcome, _ = play(run_case(case), flood)
     assert outcome.failure is not None
     assert outcome.failure.startswith("after 605#4000100000000000: 585#0000000000000000, 585#00")
     assert f"{FLOOD} frames and more, expected 585#43" in outcome.failure
@@ -192,20 +194,22 @@ def test_a_flood_is_an_answer_that_is_too_long() -> None:
 
 
 def test_an_accepted_end_ends_the_case() -> None:
-    case = replace_turns(Turn(("605#A400100014000000",), ("585#C6",), ("585#80",)), Turn(("605#A3",), ("585#81",)))
-    outcome, _ = play(carry_out(case), lambda frame, now: [(now + 0.1, CanFrame.parse("585#80"))])
+    case = replace_turns(
+        NodeStep(("605#A400100014000000",), ("585#C6",), ("585#80",)), NodeStep(("605#A3",), ("585#81",))
+    )
+    outcome, _ = play(run_case(case), lambda frame, now: [(now + 0.1, CanFrame.parse("585#80"))])
     assert (outcome.heard, outcome.failure) == ((("585#80",),), None)
 
 
 def test_weather_is_passed_over() -> None:
-    case = replace_turns(Turn(("605#4000100000000000",), ("585#43",)))
+    case = replace_turns(NodeStep(("605#4000100000000000",), ("585#43",)))
     answers = ["705#7F", "181#0000", "00000585#80", "585#43"]
     coming = [(0.1 * place, CanFrame.parse(text)) for place, text in enumerate(answers)]
-    outcome, _ = play(carry_out(case), lambda frame, now: coming)
+    outcome, _ = play(run_case(case), lambda frame, now: coming)
     assert outcome.failure is None
 
 
-def replace_turns(*turns: Turn) -> Case:
+def replace_turns(*turns: NodeStep) -> NodeCase:
     return PLAIN[0]._replace(turns=turns, hears=("585#", "185#"))
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.devices import DescriptionError, load
-from barewire.devices.description.rows import RULES
+from barewire.devices.description.parameter_table import RULES
 from barewire.errors import BarewireError
 from tests.helpers import modest, refused
 

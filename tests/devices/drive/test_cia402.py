@@ -7,9 +7,9 @@ from itertools import product
 import pytest
 
 from barewire.devices.drive.cia402 import (
-    STATUS,
+    STATUS_PATTERNS,
     TRANSITIONS,
-    Command,
+    DriveCommand,
     State,
     after,
     command_of,
@@ -50,7 +50,7 @@ def test_state_of(word: int, state: State) -> None:
 
 def test_no_word_is_two_states_and_the_other_bits_do_not_matter() -> None:
     for low in range(0x80):
-        found = [state for state, (mask, value) in STATUS.items() if low & mask == value]
+        found = [state for state, (mask, value) in STATUS_PATTERNS.items() if low & mask == value]
         assert len(found) <= 1
         for state in found:
             assert state_of(low | 0xFF80) is state
@@ -66,26 +66,26 @@ def test_with_state_keeps_every_other_bit() -> None:
     for state, word in product(State, (0x0000, 0xFFFF, 0x1637)):
         shown = with_state(word, state)
         assert state_of(shown) is state
-        assert (shown ^ word) & ~STATUS[state][0] == 0
+        assert (shown ^ word) & ~STATUS_PATTERNS[state][0] == 0
 
 
 @pytest.mark.parametrize(
     ("word", "previous", "command"),
     [
-        (0x0006, 0, Command.SHUTDOWN),
-        (0x000E, 0, Command.SHUTDOWN),
-        (0x0007, 0, Command.SWITCH_ON),
-        (0x005F, 0, Command.ENABLE_OPERATION),
-        (0x0100, 0, Command.DISABLE_VOLTAGE),
-        (0x000D, 0, Command.DISABLE_VOLTAGE),
-        (0x000B, 0, Command.QUICK_STOP),
-        (0x0080, 0x0000, Command.FAULT_RESET),
-        (0x008F, 0x000F, Command.FAULT_RESET),
+        (0x0006, 0, DriveCommand.SHUTDOWN),
+        (0x000E, 0, DriveCommand.SHUTDOWN),
+        (0x0007, 0, DriveCommand.SWITCH_ON),
+        (0x005F, 0, DriveCommand.ENABLE_OPERATION),
+        (0x0100, 0, DriveCommand.DISABLE_VOLTAGE),
+        (0x000D, 0, DriveCommand.DISABLE_VOLTAGE),
+        (0x000B, 0, DriveCommand.QUICK_STOP),
+        (0x0080, 0x0000, DriveCommand.FAULT_RESET),
+        (0x008F, 0x000F, DriveCommand.FAULT_RESET),
         (0x0080, 0x0080, None),
         (0x008F, 0x0080, None),
     ],
 )
-def test_command_of(word: int, previous: int, command: Command | None) -> None:
+def test_command_of(word: int, previous: int, command: DriveCommand | None) -> None:
     assert command_of(word, previous) is command
 
 
@@ -93,11 +93,11 @@ def test_every_arrow_of_the_drawing() -> None:
     assert {row.number for row in TRANSITIONS} == {*range(1, 17)} - {13}
     for number, source, target, command in TRANSITIONS:
         if command is None:
-            assert all(after(source, word) is source for word in Command)
+            assert all(after(source, word) is source for word in DriveCommand)
         elif number == 16:
             assert after(source, command) is source
             assert after(source, command, stays_in_quick_stop=True) is target
-        elif (number, command) == (3, Command.ENABLE_OPERATION):
+        elif (number, command) == (3, DriveCommand.ENABLE_OPERATION):
             assert after(source, command) is State.OPERATION_ENABLED
         else:
             assert after(source, command) is target
@@ -105,7 +105,7 @@ def test_every_arrow_of_the_drawing() -> None:
 
 def test_what_no_arrow_leads_to_changes_nothing() -> None:
     arrows = {(row.source, row.command) for row in TRANSITIONS}
-    for state, command in product(State, Command):
+    for state, command in product(State, DriveCommand):
         if (state, command) not in arrows:
             assert after(state, command) is state
 

@@ -14,7 +14,7 @@ from barewire.devices import Device, load
 from barewire.devices.drive.access import CanopenAccess, ModbusAccess
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import DriveStuck, Look, Progress
+from barewire.devices.drive.report import DriveProgress, DriveStuck, Look
 from barewire.devices.sim import Az3, CsdMt, Simulator, simulator
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server
@@ -35,7 +35,7 @@ class Bench:
         if isinstance(self.machine, CsdMt):
             self.machine.store["Velocity Window"] = 10  # as delivered, 21300 step/s off still count as reached
             self.machine.store["Velocity Total Sample"] = 1  # as delivered, what is shown is the mean of 100 ms
-        self.told: list[Progress] = []
+        self.told: list[DriveProgress] = []
         self.now = 1.0
         self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.told.append, **how)
 
@@ -210,7 +210,7 @@ def test_a_fault_and_its_reset(bench: Bench) -> None:
 
 
 def test_a_fault_on_the_way_ends_the_move_at_once(csd: Bench) -> None:
-    def breaks(progress: Progress) -> None:
+    def breaks(progress: DriveProgress) -> None:
         if progress.look.position and stepper(csd).axis.cause == 0:
             stepper(csd).fault(0x8611, progress.look.now)
 
@@ -251,7 +251,7 @@ def test_a_set_point_that_is_not_taken(csd: Bench) -> None:
 
 
 def test_the_drive_is_disabled_by_somebody_else(csd: Bench) -> None:
-    def interferes(progress: Progress) -> None:
+    def interferes(progress: DriveProgress) -> None:
         if progress.look.position:
             stepper(csd).axis.control(0, progress.look.now)
 

@@ -12,7 +12,7 @@ import pytest
 from barewire.conversation import Conversation
 from barewire.devices import Reading
 from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import Progress
+from barewire.devices.drive.report import DriveProgress
 from barewire.devices.sim.csd_mt.environment import Span
 from barewire.errors import EncodeError
 from barewire.modbus import ModbusException
@@ -110,7 +110,7 @@ def test_a_target_that_is_not_ours_is_no_success(wire: str, wrote: dict[str, int
     names = {"MODES": parts.mode, "CONTROL WORD": parts.control_word, "TARGET POSITION": parts.target_position}
     done: list[bool] = []
 
-    def interferes(progress: Progress) -> None:
+    def interferes(progress: DriveProgress) -> None:
         if progress.waiting_for == "target reached" and progress.look.velocity and not done:
             done.append(True)
             for name, value in wrote.items():
@@ -155,7 +155,7 @@ def test_a_soft_limit_on_the_way_is_no_success(wire: str, relative: bool) -> Non
 def test_a_following_error_is_no_success(csd: Bench) -> None:
     """Reaction code 0 stops the motor and leaves it enabled: bit 13 and "target reached" at once."""
 
-    def slips(progress: Progress) -> None:
+    def slips(progress: DriveProgress) -> None:
         if progress.waiting_for == "target reached" and progress.look.velocity and not stepper(csd).shaft.lost:
             stepper(csd).slip(-3000, progress.look.now)
 

@@ -1,13 +1,13 @@
 """What every CANopen device must do, as data: what is said to it, and what may come back.   [CiA 301, CiA 305]
 
-    Subject   the device under test: its node-ID, and what it has, as `survey` read it
+    Subject   the device under test: its node-ID, and what it has, as `probe` read it
     Case      a name, the clause, why, and turns; or what the device lacks, and then it is not asked
     Turn      some frames said at once, and the ways in which that may be answered
     way       frames as text with a dot for any digit: "585#6017100...", a comma between two, a bar between two that are
               equally good, {2,5} behind one that may come so often, SILENCE for nothing
 
 The rows stand in `conform_sdo`, `conform_long`, `conform_network`, `conform_pdo` and `conform_lss`, and `cases` makes
-them for one device. `carry_out` is a conversation: it says the turns of a case, compares, and stops where the device
+them for one device. `run_case` is a conversation: it says the turns of a case, compares, and stops where the device
 left the accepted ways. Frames that a case does not listen for (heartbeats, the process data of others) are weather.
 
 Each case says what it does to a device (`effect`): "reads" changes nothing; "writes" needs objects to be written, which
@@ -49,7 +49,7 @@ FLOOD = 500
 _SHOWN = 8
 
 
-class Turn(NamedTuple):
+class NodeStep(NamedTuple):
     """One turn. It is over when a way is complete, at the latest after `wait` seconds (None: the patience of whoever
     asks); a `whole` one listens all that time. `ends` are ways that are accepted as well, and end the case."""
 
@@ -60,7 +60,7 @@ class Turn(NamedTuple):
     whole: bool = False
 
 
-class Case(NamedTuple):
+class NodeCase(NamedTuple):
     """One case. `hears` are beginnings of frames as text; `lacks` is what the device would need to have."""
 
     name: str
@@ -68,15 +68,15 @@ class Case(NamedTuple):
     clause: str
     effect: Effect
     hears: tuple[str, ...]
-    turns: tuple[Turn, ...]
+    turns: tuple[NodeStep, ...]
     why: str = ""
     lacks: str = ""
 
 
-class Outcome(NamedTuple):
+class NodeOutcome(NamedTuple):
     """How a case went: what came in each turn, and None or the difference as a sentence."""
 
-    case: Case
+    case: NodeCase
     heard: tuple[tuple[str, ...], ...]
     failure: str | None
 
@@ -140,7 +140,7 @@ _RECORDS = (0x1003, 0x1010, 0x1011, 0x1016, 0x1018, 0x1029, 0x1200)
 _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 
 
-def survey(
+def probe(
     node: int, *, timeout: float = PATIENCE, large: tuple[int, int] | None = None
 ) -> Conversation[CanFrame, Subject]:
     """Read which communication objects a device has, and whether it knows LSS. Raises NoAnswer where nobody is.
@@ -199,7 +199,7 @@ def is_there(node: int, index: int, sub: int, *, timeout: float = PATIENCE) -> C
     return False
 
 
-def cases(subject: Subject) -> tuple[Case, ...]:
+def cases(subject: Subject) -> tuple[NodeCase, ...]:
     """The whole battery for one device."""
     from barewire.canopen.conformance import (
         lss as conform_lss,
@@ -213,7 +213,7 @@ def cases(subject: Subject) -> tuple[Case, ...]:
     return tuple(case for room in rooms for case in room.rows(subject))
 
 
-def wants_reset(case: Case, before: Case | None) -> bool:
+def wants_reset(case: NodeCase, before: NodeCase | None) -> bool:
     """Whether the device is to be reset before this case: if it is going to be changed, or was."""
     return case.effect != "reads" or (before is not None and before.effect != "reads")
 
@@ -234,7 +234,7 @@ def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, b
     return False
 
 
-def carry_out(case: Case, *, patience: float = PATIENCE) -> Conversation[CanFrame, Outcome]:
+def run_case(case: NodeCase, *, patience: float = PATIENCE) -> Conversation[CanFrame, NodeOutcome]:
     """Say the turns of a case and compare what comes with the accepted ways."""
     told: list[tuple[str, ...]] = []
     for place, turn in enumerate(case.turns):
@@ -252,7 +252,7 @@ def carry_out(case: Case, *, patience: float = PATIENCE) -> Conversation[CanFram
                     break
                 until = min(until, heard.now + SETTLE)
             if len(came) >= FLOOD:
-                return Outcome(case, (*told, tuple(came)), _difference(turn, came))
+                return NodeOutcome(case, (*told, tuple(came)), _difference(turn, came))
             heard = yield Listen(until)
             if heard.item is not None and str(heard.item).startswith(case.hears):
                 came.append(str(heard.item))
@@ -260,11 +260,11 @@ def carry_out(case: Case, *, patience: float = PATIENCE) -> Conversation[CanFram
         if any(_matches(way, came) for way in turn.ends):
             break
         if not any(_matches(way, came) for way in turn.ways):
-            return Outcome(case, tuple(told), _difference(turn, came))
-    return Outcome(case, tuple(told), None)
+            return NodeOutcome(case, tuple(told), _difference(turn, came))
+    return NodeOutcome(case, tuple(told), None)
 
 
-def _fits(turn: Turn, came: list[str]) -> bool:
+def _fits(turn: NodeStep, came: list[str]) -> bool:
     return any(_matches(way, came) for way in (*turn.ways, *turn.ends))
 
 
@@ -288,7 +288,7 @@ def _pattern(frame: str) -> str:
     return f"(?:(?:{one.replace('.', '[0-9A-F]')}) ){brace}{often}"
 
 
-def _difference(turn: Turn, came: list[str]) -> str:
+def _difference(turn: NodeStep, came: list[str]) -> str:
     said = ", ".join(turn.says) or "a while"
     expected = " or ".join(way or "silence" for way in dict.fromkeys((*turn.ways, *turn.ends)))
     heard = ", ".join(came[:_SHOWN]) or "silence"

@@ -13,7 +13,7 @@ import re
 from binascii import crc_hqx
 from typing import NamedTuple
 
-from barewire.canopen.conformance.battery import GENERAL, Case, Effect, Subject, Turn
+from barewire.canopen.conformance.battery import GENERAL, Effect, NodeCase, NodeStep, Subject
 
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
@@ -56,10 +56,10 @@ class Sdo(NamedTuple):
         """An expedited answer with whatever value."""
         return self.told("4[2-9A-F]" + place(index, sub) + "........")
 
-    def unchanged(self, index: int, value: int = 5000) -> tuple[Turn, Turn]:
+    def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
         """The first and a later turn of a case in which an object of two bytes must keep its value."""
-        before = Turn((self.download(index, 0, value, 2),), (self.taken(index),))
-        return before, Turn((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
+        before = NodeStep((self.download(index, 0, value, 2),), (self.taken(index),))
+        return before, NodeStep((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
         """An abort with one of these codes, or without a reason."""
@@ -116,16 +116,16 @@ def row(
     name: str,
     title: str,
     clause: str,
-    turns: tuple[Turn, ...],
+    turns: tuple[NodeStep, ...],
     *,
     effect: Effect,
     hears: tuple[str, ...],
     needs: tuple[str, ...] = (),
     why: str = "",
-) -> Case:
+) -> NodeCase:
     """One case; what the subject lacks of `needs` is said in it."""
     missing = [one for one in needs if not _is_there(subject, one)]
-    return Case(name, title, clause, effect, hears, turns, why, ", ".join(missing))
+    return NodeCase(name, title, clause, effect, hears, turns, why, ", ".join(missing))
 
 
 def _is_there(subject: Subject, need: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import BOOT, SILENCE, Case, Effect, Subject, Turn
+from barewire.canopen.conformance.battery import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.emcy_sync_time import rows as emcy_rows
 from barewire.canopen.conformance.frames import Sdo, row
 
@@ -14,7 +14,7 @@ _GUARD = ("100Ch", "100Dh")
 START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
 
 
-def rows(subject: Subject) -> Iterator[Case]:
+def rows(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _nmt(subject)
     yield from _heartbeat(subject)
@@ -27,19 +27,19 @@ def tell(command: str, node: int) -> str:
     return f"000#{command}{node:02X}"
 
 
-def _nmt(subject: Subject) -> Iterator[Case]:
+def _nmt(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
     boot = f"{0x700 + node:03X}#00"
-    works = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
-    silent = Turn((s.upload(0x1000),), (SILENCE,), wait=0.1)
-    boots = Turn((tell(RESET, node),), (boot,), wait=BOOT)
-    boots_communication = Turn((tell(RESET_COMMUNICATION, node),), (boot,), wait=BOOT)
+    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
+    silent = NodeStep((s.upload(0x1000),), (SILENCE,), wait=0.1)
+    boots = NodeStep((tell(RESET, node),), (boot,), wait=BOOT)
+    boots_communication = NodeStep((tell(RESET_COMMUNICATION, node),), (boot,), wait=BOOT)
 
-    def do(command: str, at: int | None = None) -> Turn:
-        return Turn((tell(command, node if at is None else at),), (SILENCE,), wait=0.02)
+    def do(command: str, at: int | None = None) -> NodeStep:
+        return NodeStep((tell(command, node if at is None else at),), (SILENCE,), wait=0.02)
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = (), why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
         hears = (s.told("")[:4], boot)
         return row(subject, name, title, NMT, turns, effect="commands", hears=hears, needs=needs, why=why)
 
@@ -50,9 +50,9 @@ def _nmt(subject: Subject) -> Iterator[Case]:
     yield case("NMT-05", "start, then pre-operational: SDO works", do(START), do(PRE), works)
     yield case("NMT-06", "stop, for all", do(STOP, 0), silent, do(PRE, 0), works)
     yield case("NMT-07", "stop, for another node", do(STOP, subject.stranger), works)
-    hasty = Turn((tell(START, node), tell(STOP, node), tell(START, node)), (SILENCE,), wait=0.02)
+    hasty = NodeStep((tell(START, node), tell(STOP, node), tell(START, node)), (SILENCE,), wait=0.02)
     yield case("NMT-08", "start, stop, start without a pause", hasty, works)
-    once = Turn((), (SILENCE,), wait=0.2)
+    once = NodeStep((), (SILENCE,), wait=0.2)
     yield case("NMT-10", "reset node: one boot-up message", boots, once, works)
     yield case("NMT-11", "reset communication: one boot-up message", boots_communication, once, works)
     yield case("NMT-12", "reset node from STOPPED", do(STOP), silent, boots, works)
@@ -60,9 +60,9 @@ def _nmt(subject: Subject) -> Iterator[Case]:
     yield case("NMT-14", "reset node from OPERATIONAL", do(START), boots, works)
     yield case("NMT-15", "reset communication from OPERATIONAL", do(START), boots_communication, works)
     yield case("NMT-16", "reset communication, for another node",
-               Turn((tell(RESET_COMMUNICATION, subject.stranger),), (SILENCE,), wait=0.3), works)  # fmt: skip
-    write = Turn((s.download(0x1017, 0, 12_345, 2),), (s.taken(0x1017),))
-    default = Turn((s.upload(0x1017),), (s.value(0x1017, 0, subject.number(0x1017).to_bytes(2, "little")),))
+               NodeStep((tell(RESET_COMMUNICATION, subject.stranger),), (SILENCE,), wait=0.3), works)  # fmt: skip
+    write = NodeStep((s.download(0x1017, 0, 12_345, 2),), (s.taken(0x1017),))
+    default = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, subject.number(0x1017).to_bytes(2, "little")),))
     yield case("NMT-17", "reset communication brings the value of 1017h back", write, boots_communication, default,
                needs=_BEAT, why="1000h to 1FFFh are as at power-on")  # fmt: skip
     yield case("NMT-18", "reset node brings the value of 1017h back", write, boots, default, needs=_BEAT)
@@ -73,29 +73,29 @@ def _nmt(subject: Subject) -> Iterator[Case]:
         ("NMT-23", f"00000000#02{node:02X}", "a stop with 29 bits"),
         ("NMT-24", "000#R2", "a remote frame"),
     ):
-        yield case(name, f"{what} is passed over", Turn((text,), (SILENCE,), wait=0.02), works)
+        yield case(name, f"{what} is passed over", NodeStep((text,), (SILENCE,), wait=0.02), works)
 
 
-def _heartbeat(subject: Subject) -> Iterator[Case]:
+def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
     own = f"{0x700 + node:03X}#"
     effect: Effect = "commands"
     # A heartbeat of the period before may still come first, and one of the new period at once.
     taken = f"{own}7F{{0,3}}, {s.taken(0x1017)}, {own}7F{{0,1}}"
-    set_100, off = (Turn((s.download(0x1017, 0, period, 2),), (taken,)) for period in (100, 0))
+    set_100, off = (NodeStep((s.download(0x1017, 0, period, 2),), (taken,)) for period in (100, 0))
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = _BEAT, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
         hears = (own, s.told("")[:4])
         return row(subject, name, title, CONTROL, turns, effect=effect, hears=hears, needs=needs, why=why)
 
-    def window(state: str, fewest: int, most: int, seconds: float) -> Turn:
-        return Turn((), (f"{own}{state}{{{fewest},{most}}}",), wait=seconds, whole=True)
+    def window(state: str, fewest: int, most: int, seconds: float) -> NodeStep:
+        return NodeStep((), (f"{own}{state}{{{fewest},{most}}}",), wait=seconds, whole=True)
 
-    def change(command: str, state: str, before: str = "7F") -> Turn:
+    def change(command: str, state: str, before: str = "7F") -> NodeStep:
         # What is on its way may still tell the state before; some devices say the new one at once.
         ways = (f"{own}{before}{{0,1}}, {own}{state}{{1,2}}",)
-        return Turn((tell(command, node),), ways, wait=0.3)
+        return NodeStep((tell(command, node),), ways, wait=0.3)
 
     yield case("HB-01", "a period of 100 ms", set_100, window("7F", 4, 7, 0.55), why="4 to 7 in 550 ms")
     yield case("HB-02", "OPERATIONAL is 05", set_100, change(START, "05"), window("05", 1, 4, 0.25))
@@ -104,24 +104,24 @@ def _heartbeat(subject: Subject) -> Iterator[Case]:
     yield case("HB-04", "PRE-OPERATIONAL is 7F again", set_100, change(START, "05"), change(PRE, "7F", "05"),
                window("7F", 1, 4, 0.25))  # fmt: skip
     yield case("HB-05", "a period of 0 is none", set_100, window("7F", 1, 4, 0.25), off,
-               Turn((), (SILENCE,), wait=0.3))  # fmt: skip
-    faster = Turn((s.download(0x1017, 0, 50, 2),), (taken,))
+               NodeStep((), (SILENCE,), wait=0.3))  # fmt: skip
+    faster = NodeStep((s.download(0x1017, 0, 50, 2),), (taken,))
     yield case("HB-06", "another period works at once", set_100, faster, window("7F", 6, 13, 0.5), why="50 ms")
     yield case("HB-07", "an extended frame of the same number asks for nothing", off,
-               Turn((f"{0x700 + node:08X}#R1",), (SILENCE,), wait=0.1))  # fmt: skip
+               NodeStep((f"{0x700 + node:08X}#R1",), (SILENCE,), wait=0.1))  # fmt: skip
 
 
-def _guarding(subject: Subject) -> Iterator[Case]:
+def _guarding(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
     own = f"{0x700 + node:03X}#"
     taken = f"{own}7F{{0,3}}, {s.taken(0x1017)}"
-    off = Turn((s.download(0x1017, 0, 0, 2),), (taken,))
+    off = NodeStep((s.download(0x1017, 0, 0, 2),), (taken,))
 
-    def ask(answer: str, *more: str) -> Turn:
-        return Turn((f"{0x700 + node:03X}#R1",), (f"{own}{answer}" if answer else SILENCE, *more), wait=0.2)
+    def ask(answer: str, *more: str) -> NodeStep:
+        return NodeStep((f"{0x700 + node:03X}#R1",), (f"{own}{answer}" if answer else SILENCE, *more), wait=0.2)
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = _GUARD, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _GUARD, why: str = "") -> NodeCase:
         hears = (own, s.told("")[:4])
         first = (off,) if subject.has(0x1017) else ()
         return row(
@@ -129,21 +129,21 @@ def _guarding(subject: Subject) -> Iterator[Case]:
         )
 
     yield case("GRD-01", "the toggle bit: 0, 1, 0", ask("7F"), ask("FF"), ask("7F"))
-    yield case("GRD-02", "in OPERATIONAL and STOPPED", Turn((tell(START, node),), (SILENCE,), wait=0.02), ask("05"),
-               Turn((tell(STOP, node),), (SILENCE,), wait=0.02), ask("84"), ask("04"))  # fmt: skip
-    boots = Turn((tell(RESET_COMMUNICATION, node),), (f"{own}00",), wait=BOOT)
+    yield case("GRD-02", "in OPERATIONAL and STOPPED", NodeStep((tell(START, node),), (SILENCE,), wait=0.02), ask("05"),
+               NodeStep((tell(STOP, node),), (SILENCE,), wait=0.02), ask("84"), ask("04"))  # fmt: skip
+    boots = NodeStep((tell(RESET_COMMUNICATION, node),), (f"{own}00",), wait=BOOT)
     again = (off,) if subject.has(0x1017) else ()
     yield case("GRD-03", "the toggle bit is 0 again after a reset", ask("7F"), boots, *again, ask("7F"), ask("FF"))
-    slow = Turn((s.download(0x1017, 0, 30_000, 2),), (f"{taken}, {own}7F{{0,1}}",), wait=0.1, whole=True)
+    slow = NodeStep((s.download(0x1017, 0, 30_000, 2),), (f"{taken}, {own}7F{{0,1}}",), wait=0.1, whole=True)
     yield case("GRD-04", "with a heartbeat nobody is guarded", slow, ask(SILENCE), needs=(*_GUARD, "1017h"),
                why="not both at a time")  # fmt: skip
     yield case("GRD-05", "a heartbeat of 0 brings guarding back", slow, off, ask("7F"), needs=(*_GUARD, "1017h"))
     life = (
-        Turn((s.download(0x100C, 0, 50, 2),), (s.taken(0x100C),)),
-        Turn((s.download(0x100D, 0, 2, 1),), (s.taken(0x100D),)),
+        NodeStep((s.download(0x100C, 0, 50, 2),), (s.taken(0x100C),)),
+        NodeStep((s.download(0x100D, 0, 2, 1),), (s.taken(0x100D),)),
     )
     missed = f"{0x80 + node:03X}#3081"
-    heard = Turn((), (f"{missed}............",), wait=0.5)
+    heard = NodeStep((), (f"{missed}............",), wait=0.5)
     watched = row(
         subject,
         "GRD-06",
@@ -156,6 +156,6 @@ def _guarding(subject: Subject) -> Iterator[Case]:
         why="emergency 8130h after 100Ch times 100Dh",
     )
     yield watched
-    unasked = Turn((), (SILENCE,), wait=0.3)
+    unasked = NodeStep((), (SILENCE,), wait=0.3)
     yield watched._replace(name="GRD-07", title="life guarding begins with the first question", turns=(
         *((off,) if subject.has(0x1017) else ()), *life, unasked), why="")  # fmt: skip

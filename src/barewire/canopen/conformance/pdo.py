@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.conformance.battery import BOOT, SILENCE, Case, Effect, PdoSeen, Subject, Turn
+from barewire.canopen.conformance.battery import BOOT, SILENCE, Effect, NodeCase, NodeStep, PdoSeen, Subject
 from barewire.canopen.conformance.frames import Sdo, place, row
 
 CLAUSE = "CiA 301 7.2.2 PDO"
@@ -19,7 +19,7 @@ _NOT_MAPPABLE, _TOO_LONG = 0x0604_0041, 0x0604_0042
 _OFF = 0x8000_0000
 
 
-def rows(subject: Subject) -> Iterator[Case]:
+def rows(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     node = subject.node
     for what, short, tried, fallback in (
@@ -31,42 +31,43 @@ def rows(subject: Subject) -> Iterator[Case]:
     yield from _sent(subject, subject.pdo(0x1800, 0x1A00) or PdoSeen(0x1800, 0x1A00, CobEntry(0x180 + node), 2, 2))
 
 
-def _records(subject: Subject, what: str, short: str, pdo: PdoSeen) -> Iterator[Case]:
+def _records(subject: Subject, what: str, short: str, pdo: PdoSeen) -> Iterator[NodeCase]:
     """The two records, and what may be written to them when."""
     s = Sdo(subject.node)
     at, mapping, word = pdo.communication, pdo.mapping, pdo.cob.pack()
     elsewhere = (0x1FE if what == "TPDO" else 0x27E) | word & 0x4000_0000
 
     def case(
-        number: int, title: str, *turns: Turn, why: str = "", effect: Effect = "writes", needs: tuple[str, ...] = ()
-    ) -> Case:
+        number: int, title: str, *turns: NodeStep, why: str = "", effect: Effect = "writes", needs: tuple[str, ...] = ()
+    ) -> NodeCase:
         hears = (s.told("")[:4],)
         return row(subject, f"{short}-{number:02d}", f"{what}: {title}", CLAUSE, turns, effect=effect, hears=hears,
                    needs=(what, *needs), why=why)  # fmt: skip
 
-    def write(index: int, sub: int, value: int, size: int) -> Turn:
-        return Turn((s.download(index, sub, value, size),), (s.taken(index, sub),))
+    def write(index: int, sub: int, value: int, size: int) -> NodeStep:
+        return NodeStep((s.download(index, sub, value, size),), (s.taken(index, sub),))
 
-    def refuse(index: int, sub: int, value: int, size: int, *codes: int) -> Turn:
-        return Turn((s.download(index, sub, value, size),), (s.refused(index, sub, *codes),))
+    def refuse(index: int, sub: int, value: int, size: int, *codes: int) -> NodeStep:
+        return NodeStep((s.download(index, sub, value, size),), (s.refused(index, sub, *codes),))
 
     off, on = write(at, 1, word | _OFF, 4), write(at, 1, word, 4)
     # A mapping that cannot be changed refuses its count, and that is the end of such a case.
     fixed = s.refused(mapping, 0, _ACCESS, 0x0601_0002, _VALUE, 0x0800_0022)
     empty = write(mapping, 0, 0, 1)._replace(ends=(fixed,))
     first = subject.number(mapping, 1)
-    highest = Turn((s.upload(at),), (s.told(f"4F{place(at, 0)}0[2-6]"),))
+    highest = NodeStep((s.upload(at),), (s.told(f"4F{place(at, 0)}0[2-6]"),))
     yield case(1, "sub-index 0 of the communication record", highest, effect="reads", why="2 to 6")
     yield case(2, "type 245 is reserved", refuse(at, 2, 245, 1, _VALUE, _HIGH), why="06090030")
     if what == "RPDO":
         yield case(3, "nobody asks for an RPDO: type 253", refuse(at, 2, 253, 1, _VALUE, _HIGH), why="06090030")
     yield case(4, "type 1 and type 255 are taken", write(at, 2, 1, 1), write(at, 2, 255, 1),
-               Turn((s.upload(at, 2),), (s.value(at, 2, b"\xff"),)))  # fmt: skip
+               NodeStep((s.upload(at, 2),), (s.value(at, 2, b"\xff"),)))  # fmt: skip
     yield case(5, "another COB-ID while it is on", refuse(at, 1, elsewhere, 4, _VALUE), why="06090030")
-    yield case(6, "switched off and on again", off, Turn((s.upload(at, 1),), (s.value(at, 1, _four(word | _OFF)),)), on,
-               Turn((s.upload(at, 1),), (s.value(at, 1, _four(word)),)))  # fmt: skip
+    yield case(6, "switched off and on again", off,
+               NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word | _OFF)),)), on,
+               NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word)),)))  # fmt: skip
     yield case(7, "switched off, it takes another COB-ID", off, write(at, 1, elsewhere, 4),
-               Turn((s.upload(at, 1),), (s.value(at, 1, _four(elsewhere)),)))  # fmt: skip
+               NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(elsewhere)),)))  # fmt: skip
     yield case(8, "no COB-ID that is reserved", off, refuse(at, 1, 0x580 + subject.node, 4, _VALUE, _HIGH),
                why="06090030")  # fmt: skip
     yield case(9, "the inhibit time while it is on", refuse(at, 3, 100, 2, _VALUE, 0x0800_0022),
@@ -94,10 +95,10 @@ def _records(subject: Subject, what: str, short: str, pdo: PdoSeen) -> Iterator[
     yield case(18, "more than eight bytes", off, empty, *again,
                refuse(mapping, 0, times, 1, _TOO_LONG, _NOT_MAPPABLE, _ACCESS, _NO_OBJECT),
                needs=(f"{mapping:04X}h:{times:02X}",), why="06040042")  # fmt: skip
-    boots = Turn((f"000#82{subject.node:02X}",), (SILENCE,), wait=BOOT / 3, whole=True)
-    back = Turn((s.upload(mapping),), (s.value(mapping, 0, bytes([count])),))
+    boots = NodeStep((f"000#82{subject.node:02X}",), (SILENCE,), wait=BOOT / 3, whole=True)
+    back = NodeStep((s.upload(mapping),), (s.value(mapping, 0, bytes([count])),))
     yield case(19, "a reset of the communication brings the mapping back", off, empty, boots, back,
-               Turn((s.upload(at, 1),), (s.value(at, 1, _four(word)),)), effect="commands")  # fmt: skip
+               NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word)),)), effect="commands")  # fmt: skip
 
 
 def _four(word: int) -> bytes:
@@ -110,104 +111,108 @@ class _Motion:
     def __init__(self, subject: Subject, pdo: PdoSeen) -> None:
         self.s = Sdo(subject.node)
         self.name = f"{pdo.cob.identifier:03X}#"
-        self.start = Turn((f"000#01{subject.node:02X}",), (SILENCE, f"{self.name}{'.' * 2 * pdo.size}"), wait=0.05,
+        self.start = NodeStep((f"000#01{subject.node:02X}",), (SILENCE, f"{self.name}{'.' * 2 * pdo.size}"), wait=0.05,
                           whole=True)  # fmt: skip
-        self.stop = Turn((f"000#02{subject.node:02X}",), (SILENCE,), wait=0.02)
-        self.works = Turn((self.s.upload(0x1000),), (self.s.any_value(0x1000),))
+        self.stop = NodeStep((f"000#02{subject.node:02X}",), (SILENCE,), wait=0.02)
+        self.works = NodeStep((self.s.upload(0x1000),), (self.s.any_value(0x1000),))
 
-    def write(self, index: int, sub: int, value: int, size: int, *ends: str) -> Turn:
-        return Turn((self.s.download(index, sub, value, size),), (self.s.taken(index, sub),), ends)
+    def write(self, index: int, sub: int, value: int, size: int, *ends: str) -> NodeStep:
+        return NodeStep((self.s.download(index, sub, value, size),), (self.s.taken(index, sub),), ends)
 
 
-def _received(subject: Subject, pdo: PdoSeen) -> Iterator[Case]:
+def _received(subject: Subject, pdo: PdoSeen) -> Iterator[NodeCase]:
     motion = _Motion(subject, pdo)
     s, name = motion.s, motion.name
     alarm = f"{0x80 + subject.node:03X}#"
     whole, short = "00" * pdo.size, "00" * (pdo.size - 1)
 
-    def case(number: int, title: str, *turns: Turn, needs: tuple[str, ...] = ("RPDO", "1014h"), why: str = "") -> Case:
+    def case(
+        number: int, title: str, *turns: NodeStep, needs: tuple[str, ...] = ("RPDO", "1014h"), why: str = ""
+    ) -> NodeCase:
         hears = (alarm, s.told("")[:4])
         return row(subject, f"RPD-{number}", f"RPDO: {title}", CLAUSE, turns, effect="commands", hears=hears,
                    needs=needs, why=why)  # fmt: skip
 
     quiet = (SILENCE,)
-    good = Turn((f"{name}{whole}",), quiet, wait=0.1)
+    good = NodeStep((f"{name}{whole}",), quiet, wait=0.1)
     yield case(30, "of the mapped length", motion.start, good, motion.works)
-    yield case(31, "too short: emergency 8210h", motion.start, Turn((f"{name}{short}",), (f"{alarm}1082............",)))
-    twice = Turn((f"{name}{short}",), quiet, wait=0.2)
+    yield case(
+        31, "too short: emergency 8210h", motion.start, NodeStep((f"{name}{short}",), (f"{alarm}1082............",))
+    )
+    twice = NodeStep((f"{name}{short}",), quiet, wait=0.2)
     yield case(32, "too short twice: said once", motion.start,
-               Turn((f"{name}{short}",), (f"{alarm}1082............",)), twice)  # fmt: skip
+               NodeStep((f"{name}{short}",), (f"{alarm}1082............",)), twice)  # fmt: skip
     if pdo.size < 8:
         yield case(33, "too long: emergency 8220h, or the first bytes are used", motion.start,
-                   Turn((f"{name}{whole}00",), (f"{alarm}2082............", SILENCE), wait=0.2))  # fmt: skip
-    yield case(34, "passed over in PRE-OPERATIONAL", Turn((f"{name}{short}",), quiet, wait=0.2), motion.works)
-    stopped = Turn((f"{name}{short}",), quiet, wait=0.2)
+                   NodeStep((f"{name}{whole}00",), (f"{alarm}2082............", SILENCE), wait=0.2))  # fmt: skip
+    yield case(34, "passed over in PRE-OPERATIONAL", NodeStep((f"{name}{short}",), quiet, wait=0.2), motion.works)
+    stopped = NodeStep((f"{name}{short}",), quiet, wait=0.2)
     yield case(35, "passed over in STOPPED", motion.start, motion.stop, stopped)
-    yield case(36, "a remote frame is none", motion.start, Turn((f"{name}R{pdo.size}",), quiet, wait=0.2))
-    extended = Turn((f"{pdo.cob.identifier:08X}#{short}",), quiet, wait=0.2)
+    yield case(36, "a remote frame is none", motion.start, NodeStep((f"{name}R{pdo.size}",), quiet, wait=0.2))
+    extended = NodeStep((f"{pdo.cob.identifier:08X}#{short}",), quiet, wait=0.2)
     yield case(37, "the same number with 29 bits is another identifier", motion.start, extended)
     word = pdo.cob.pack()
     off = motion.write(pdo.communication, 1, word | _OFF, 4)
-    yield case(38, "switched off it is passed over", off, motion.start, Turn((f"{name}{short}",), quiet, wait=0.2))
+    yield case(38, "switched off it is passed over", off, motion.start, NodeStep((f"{name}{short}",), quiet, wait=0.2))
     moved = motion.write(pdo.communication, 1, 0x27E, 4)
-    alarmed = Turn((f"27E#{short}",), (f"{alarm}1082............",))
+    alarmed = NodeStep((f"27E#{short}",), (f"{alarm}1082............",))
     yield case(39, "on another COB-ID it is heard there, and only there", off, moved, motion.start,
-               Turn((f"{name}{short}",), quiet, wait=0.2), alarmed)  # fmt: skip
+               NodeStep((f"{name}{short}",), quiet, wait=0.2), alarmed)  # fmt: skip
     # Only from the first one on is the next one missed.
     timer = motion.write(pdo.communication, 5, 100, 2)
     at_once = motion.write(pdo.communication, 2, 255, 1)
-    missed = Turn((), (f"{alarm}5082............", SILENCE), wait=0.5)
+    missed = NodeStep((), (f"{alarm}5082............", SILENCE), wait=0.5)
     needs = ("RPDO", "1014h", f"{pdo.communication:04X}h:05")
     yield case(40, "the event timer: it is missed, emergency 8250h", at_once, timer, motion.start, good, missed,
                needs=needs, why="or the device has no such watch")  # fmt: skip
 
 
-def _sent(subject: Subject, pdo: PdoSeen) -> Iterator[Case]:
+def _sent(subject: Subject, pdo: PdoSeen) -> Iterator[NodeCase]:
     motion = _Motion(subject, pdo)
     s, name, at = motion.s, motion.name, pdo.communication
     data = f"{name}{'.' * 2 * pdo.size}"
     word = pdo.cob.pack()
     refused = s.refused(at, 2, _VALUE, _HIGH)
 
-    def case(number: int, title: str, *turns: Turn, needs: tuple[str, ...] = ("TPDO",), why: str = "") -> Case:
+    def case(number: int, title: str, *turns: NodeStep, needs: tuple[str, ...] = ("TPDO",), why: str = "") -> NodeCase:
         hears = (name, s.told("")[:4], "1FE#")
         return row(subject, f"TPD-{number}", f"TPDO: {title}", CLAUSE, turns, effect="commands", hears=hears,
                    needs=needs, why=why)  # fmt: skip
 
-    def kind(number: int) -> Turn:
+    def kind(number: int) -> NodeStep:
         return motion.write(at, 2, number, 1, refused)
 
-    sync = Turn(("080#",), (data,))
-    no = Turn(("080#",), (SILENCE,), wait=0.1)
+    sync = NodeStep(("080#",), (data,))
+    no = NodeStep(("080#",), (SILENCE,), wait=0.1)
     start = motion.start
     yield case(30, "type 1: one with every SYNC, of the mapped length", kind(1), start, sync, sync, sync)
     yield case(31, "type 2: one with every second SYNC", kind(2), start, no, sync, no, sync)
     yield case(32, "type 240: none with the first SYNC", kind(240), start, no)
     yield case(33, "none in PRE-OPERATIONAL", kind(1), no, no)
     yield case(34, "none in STOPPED", kind(1), start, sync, motion.stop, no)
-    back = Turn((f"000#80{subject.node:02X}",), (SILENCE,), wait=0.02)
+    back = NodeStep((f"000#80{subject.node:02X}",), (SILENCE,), wait=0.02)
     yield case(35, "none in PRE-OPERATIONAL again", kind(1), start, sync, back, no)
     off = motion.write(at, 1, word | _OFF, 4)
     yield case(36, "switched off there is none", kind(1), off, start._replace(ways=(SILENCE,)), no)
     elsewhere = motion.write(at, 1, 0x1FE | word & 0x4000_0000, 4)
-    moved = Turn(("080#",), (f"1FE#{'.' * 2 * pdo.size}",))
+    moved = NodeStep(("080#",), (f"1FE#{'.' * 2 * pdo.size}",))
     yield case(37, "on another COB-ID", kind(1), off, elsewhere, start._replace(ways=(SILENCE,)), moved)
     timer = motion.write(at, 5, 100, 2)
-    running = Turn((), (f"{data}{{3,7}}",), wait=0.5, whole=True)
+    running = NodeStep((), (f"{data}{{3,7}}",), wait=0.5, whole=True)
     yield case(38, "type 255 and an event timer of 100 ms", kind(255), timer, start, running,
                needs=("TPDO", f"{at:04X}h:05"), why="3 to 7 in 500 ms; more where values change")  # fmt: skip
     none = motion.write(at, 5, 0, 2)
-    still = Turn((), (SILENCE, f"{data}{{1,30}}"), wait=0.3, whole=True)
+    still = NodeStep((), (SILENCE, f"{data}{{1,30}}"), wait=0.3, whole=True)
     yield case(39, "the event timer off again, while it runs", kind(255), timer, start, running,
                none._replace(ways=(*none.ways, f"{data}, {none.ways[0]}")), still,
                needs=("TPDO", f"{at:04X}h:05"))  # fmt: skip
-    ask = Turn((f"{name}R{pdo.size}",), (data,))
+    ask = NodeStep((f"{name}R{pdo.size}",), (data,))
     if pdo.cob.bit30:
         yield case(40, "bit 30 set: a remote frame is not answered", kind(1), start,
-                   Turn((f"{name}R{pdo.size}",), (SILENCE,), wait=0.1))  # fmt: skip
+                   NodeStep((f"{name}R{pdo.size}",), (SILENCE,), wait=0.1))  # fmt: skip
     else:
         yield case(40, "type 253: a remote frame is answered, SYNC is not", kind(253), start, no, ask,
                    why="or the type is refused: 06090030")  # fmt: skip
     yield case(41, "SYNC with 29 bits is another identifier", kind(1), start,
-               Turn(("00000080#",), (SILENCE,), wait=0.1), sync)  # fmt: skip
+               NodeStep(("00000080#",), (SILENCE,), wait=0.1), sync)  # fmt: skip
     yield case(42, "start twice: one with every SYNC still", kind(1), start, start, sync, sync)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import SILENCE, Case, Effect, Subject, Turn
+from barewire.canopen.conformance.battery import SILENCE, Effect, NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.frames import Sdo, block_end, block_segment, little, parts, place, row
 from barewire.canopen.conformance.sdo_expedited import NOWHERE
 
@@ -20,7 +20,7 @@ _BEAT = ("1017h",)
 _LARGE = ("large object",)
 
 
-def rows(subject: Subject) -> Iterator[Case]:
+def rows(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _uploads(subject)
     yield from _downloads(subject)
@@ -33,27 +33,27 @@ class _Block:
     def __init__(self, subject: Subject) -> None:
         self.s = s = Sdo(subject.node)
         self.none = s.aborted(_COMMAND)
-        self.works = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
-        self.done = Turn((s.ask("A1"),), (SILENCE,), wait=0.02)
-        self.hung = Turn((s.abort,), (SILENCE,), wait=0.02)
+        self.works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
+        self.done = NodeStep((s.ask("A1"),), (SILENCE,), wait=0.02)
+        self.hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
 
-    def begin_up(self, index: int, size: int, blksize: int = 20, *, crc: bool = True, switch: int = 0) -> Turn:
+    def begin_up(self, index: int, size: int, blksize: int = 20, *, crc: bool = True, switch: int = 0) -> NodeStep:
         """Ask for an upload in blocks of so many segments."""
         at = place(index, 0)
         request = self.s.ask(f"{'A4' if crc else 'A0'}{at}{blksize:02X}{switch:02X}")
         told = self.s.told(f"C[26]{at}{little(size, 4)}")
-        return Turn((request,), (f"{told}|{self.s.told(f'C[04]{at}')}",), (self.none,))
+        return NodeStep((request,), (f"{told}|{self.s.told(f'C[04]{at}')}",), (self.none,))
 
-    def blocks(self, value: bytes, first: int, count: int, says: str) -> Turn:
+    def blocks(self, value: bytes, first: int, count: int, says: str) -> NodeStep:
         """Say something and get these segments, numbered from 1."""
         pieces = parts(value)
         ways = [
             self.s.told(block_segment(number + 1, pieces[first + number], first + number == len(pieces) - 1))
             for number in range(count)
         ]
-        return Turn((self.s.ask(says),), (", ".join(ways),))
+        return NodeStep((self.s.ask(says),), (", ".join(ways),))
 
-    def up(self, index: int, value: bytes, *, crc: bool = True, blksize: int = 20) -> list[Turn]:
+    def up(self, index: int, value: bytes, *, crc: bool = True, blksize: int = 20) -> list[NodeStep]:
         """A whole upload."""
         count, first, turns, says = len(parts(value)), 0, [self.begin_up(index, len(value), blksize, crc=crc)], "A3"
         while first < count:
@@ -62,24 +62,24 @@ class _Block:
             first, says = first + now, f"A2{now:02X}{blksize:02X}"
         ends = self.s.told(block_end(value, 0))
         ways = f"{self.s.told(block_end(value))}|{ends}" if crc else ends
-        return [*turns, Turn((self.s.ask(says),), (ways,)), self.done]
+        return [*turns, NodeStep((self.s.ask(says),), (ways,)), self.done]
 
-    def begin_down(self, index: int, sub: int, size: int | None, *, crc: bool = True, more: str = "") -> Turn:
+    def begin_down(self, index: int, sub: int, size: int | None, *, crc: bool = True, more: str = "") -> NodeStep:
         """Ask for a download in blocks; `more` is another accepted answer."""
         at = place(index, sub)
         request = f"{0xC0 | crc << 2 | (size is not None) << 1:02X}{at}{little(size or 0, 4)}"
         ways = (self.s.told(f"A[04]{at}"), *([more] if more else []))
-        return Turn((self.s.ask(request),), ways, (self.none,))
+        return NodeStep((self.s.ask(request),), ways, (self.none,))
 
 
-def _uploads(subject: Subject) -> Iterator[Case]:
+def _uploads(subject: Subject) -> Iterator[NodeCase]:
     block = _Block(subject)
     s, works = block.s, block.works
     index, text = subject.string
     count = len(parts(text))
     device_type = subject.number(0x1000).to_bytes(4, "little")
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = (), why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
         return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), needs=needs, why=why)
 
     yield case("BLK-01", "upload of four bytes without CRC", *block.up(0x1000, device_type, crc=False), works,
@@ -89,13 +89,13 @@ def _uploads(subject: Subject) -> Iterator[Case]:
     yield case("BLK-04", "upload in blocks of one segment", *block.up(index, text, blksize=1), works, needs=_TEXT)
     yield case("BLK-05", "upload in blocks of 127 segments", *block.up(index, text, blksize=127), works, needs=_TEXT)
     for name, blksize in (("BLK-06", 0), ("BLK-07", 128), ("BLK-08", 255)):
-        turn = Turn((s.ask(f"A4 0010 00 {blksize:02X}"),), (s.aborted(_SIZE, _COMMAND),))
+        turn = NodeStep((s.ask(f"A4 0010 00 {blksize:02X}"),), (s.aborted(_SIZE, _COMMAND),))
         yield case(name, f"upload in blocks of {blksize} segments", turn, works, why="05040002: 1 to 127")
     for name, at, sub, code, what in (
         ("BLK-09", NOWHERE, 0, 0x0602_0000, "an object that does not exist"),
         ("BLK-10", 0x1000, 1, 0x0609_0011, "a sub-index that does not exist"),
     ):
-        turn = Turn((s.ask(f"A4 {place(at, sub)} 14"),), (s.refused(at, sub, code), block.none))
+        turn = NodeStep((s.ask(f"A4 {place(at, sub)} 14"),), (s.refused(at, sub, code), block.none))
         yield case(name, f"upload of {what}", turn, works, why=f"{code:08X}")
     begin = block.begin_up(0x1000, 4, switch=4)
     yield case(
@@ -118,7 +118,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "BLK-15",
         "more acknowledged than was sent",
         *start,
-        Turn((s.ask(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)),
+        NodeStep((s.ask(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)),
         works,
         needs=_TEXT,
         why="05040003",
@@ -127,7 +127,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "BLK-16",
         "block size 0 with the acknowledgement",
         *start,
-        Turn((s.ask("A2 01 00"),), (s.aborted(_SIZE, _COMMAND),)),
+        NodeStep((s.ask("A2 01 00"),), (s.aborted(_SIZE, _COMMAND),)),
         works,
         needs=_TEXT,
         why="05040002",
@@ -136,53 +136,53 @@ def _uploads(subject: Subject) -> Iterator[Case]:
     yield case("BLK-18", "the client gives up instead of acknowledging", *start, block.hung, works, needs=_TEXT)
     whole = block.up(index, text)
     yield case("BLK-19", "the end is not confirmed, a new request comes", *whole[:-1],
-               Turn((s.upload(0x1000),), (s.any_value(0x1000), s.aborted(_COMMAND))), works, needs=_TEXT,
+               NodeStep((s.upload(0x1000),), (s.any_value(0x1000), s.aborted(_COMMAND))), works, needs=_TEXT,
                why="all has been said; devices serve it or abort once")  # fmt: skip
     yield case("BLK-20", "the next segment of a segmented upload in the middle", start[0],
-               Turn((s.ask("60"),), (s.aborted(_COMMAND),)), works, needs=_TEXT, why="05040001")  # fmt: skip
+               NodeStep((s.ask("60"),), (s.aborted(_COMMAND),)), works, needs=_TEXT, why="05040001")  # fmt: skip
 
 
-def _downloads(subject: Subject) -> Iterator[Case]:
+def _downloads(subject: Subject) -> Iterator[NodeCase]:
     block = _Block(subject)
     s, works = block.s, block.works
     value = b"\x10\x27"
-    read_back = Turn((s.upload(0x1017),), (s.value(0x1017, 0, value),))
-    send = Turn((s.ask("81 1027"),), (s.told("A201"),))
+    read_back = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, value),))
+    send = NodeStep((s.ask("81 1027"),), (s.told("A201"),))
     effect: Effect = "writes"
     before, kept = s.unchanged(0x1017)
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = _BEAT, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
         turns = (before, *turns) if kept in turns else turns
         return row(subject, name, title, CLAUSE, turns, effect=effect, hears=(s.told("")[:4],), needs=needs, why=why)
 
-    def end(data: bytes, crc: int | None = None) -> Turn:
-        return Turn((s.ask(block_end(data, crc)),), (s.told("A1"),))
+    def end(data: bytes, crc: int | None = None) -> NodeStep:
+        return NodeStep((s.ask(block_end(data, crc)),), (s.told("A1"),))
 
     begin = block.begin_down(0x1017, 0, 2)
     yield case("BLK-30", "download of two bytes with CRC", begin, send, end(value), read_back)
     plain = block.begin_down(0x1017, 0, 2, crc=False)
     yield case("BLK-31", "download without CRC", plain, send, end(value, 0), read_back)
     yield case("BLK-32", "download without a size", block.begin_down(0x1017, 0, None), send, end(value), read_back)
-    strict = Turn(begin.says, (s.told("A4171000"),), (block.none, s.told("A0171000")))
+    strict = NodeStep(begin.says, (s.told("A4171000"),), (block.none, s.told("A0171000")))
     yield case(
         "BLK-33",
         "a wrong CRC, if the device has one",
         strict,
         send,
-        Turn((s.ask(block_end(value, 0x1234)),), (s.refused(0x1017, 0, _CRC),)),
+        NodeStep((s.ask(block_end(value, 0x1234)),), (s.refused(0x1017, 0, _CRC),)),
         kept,
         why="05040004, and nothing is changed",
     )
     for name, number in (("BLK-34", "82"), ("BLK-35", "80")):
         what = "a block begins with segment 2" if number == "82" else "a segment 0 with the last bit is an abort"
         ways = (s.aborted(_SEQUENCE, _COMMAND), s.told("A200"), SILENCE) if number == "82" else (SILENCE,)
-        yield case(name, what, begin, Turn((s.ask(f"{number} 1027"),), ways), block.hung, kept,
+        yield case(name, what, begin, NodeStep((s.ask(f"{number} 1027"),), ways), block.hung, kept,
                    why="05040003, or acknowledged as 0" if number == "82" else "80h")  # fmt: skip
     yield case(
         "BLK-36",
         "a segment 0",
         begin,
-        Turn((s.ask("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)),
+        NodeStep((s.ask("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)),
         block.hung,
         kept,
         why="05040003, or passed over",
@@ -198,8 +198,8 @@ def _downloads(subject: Subject) -> Iterator[Case]:
             name,
             f"download to {what}",
             start._replace(ends=(*start.ends, refused)),
-            Turn((s.ask("81 01000000"),), (s.told("A201"),), (refused,)),
-            Turn((s.ask(block_end(b"\1\0\0\0")),), (refused,)),
+            NodeStep((s.ask("81 01000000"),), (s.told("A201"),), (refused,)),
+            NodeStep((s.ask(block_end(b"\1\0\0\0")),), (refused,)),
             needs=(),
             why="refused at the start or at the end",
         )
@@ -210,31 +210,31 @@ def _downloads(subject: Subject) -> Iterator[Case]:
             name,
             f"{len(data)} bytes to an object of two",
             start._replace(ends=(*start.ends, wrong)),
-            Turn((s.ask("81"),), (s.told("A201"),), (wrong,)),
-            Turn((s.ask(block_end(data)),), (wrong,)),
+            NodeStep((s.ask("81"),), (s.told("A201"),), (wrong,)),
+            NodeStep((s.ask(block_end(data)),), (wrong,)),
             kept,
             why="0607001x, and nothing is changed",
         )
     yield case("BLK-42", "the client gives up before the first segment", begin, block.hung, kept)
     yield case("BLK-43", "the client gives up before the end", begin, send, block.hung, kept, works)
-    again = Turn((s.ask("81 1027"),), (SILENCE, s.told("A201")), wait=0.05)
+    again = NodeStep((s.ask("81 1027"),), (SILENCE, s.told("A201")), wait=0.05)
     yield case("BLK-44", "the last segment again, then the end", begin, send, again, end(value), read_back,
                why="its acknowledgement may have been lost")  # fmt: skip
 
 
-def _large(subject: Subject) -> Iterator[Case]:
+def _large(subject: Subject) -> Iterator[NodeCase]:
     """Downloads of several segments, to the object that was named for it."""
     block = _Block(subject)
     s = block.s
     index, sub = subject.large or (0x2000, 0)
 
-    def case(name: str, title: str, *turns: Turn, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
         return row(subject, name, title, CLAUSE, turns, effect="writes", hears=(s.told("")[:4],), needs=_LARGE, why=why)
 
-    def say(value: bytes, first: int, last: int, ack: int, *more: str) -> Turn:
+    def say(value: bytes, first: int, last: int, ack: int, *more: str) -> NodeStep:
         pieces = parts(value)
         says = [s.ask(block_segment(n - first + 1, pieces[n], n == len(pieces) - 1)) for n in range(first, last)]
-        return Turn(tuple(says), (s.told(f"A2{ack:02X}"), *more))
+        return NodeStep(tuple(says), (s.told(f"A2{ack:02X}"), *more))
 
     for name, length in (("BLK-50", 7), ("BLK-51", 20), ("BLK-52", 100)):
         value = bytes(number % 251 + 1 for number in range(length))
@@ -244,25 +244,25 @@ def _large(subject: Subject) -> Iterator[Case]:
             f"{length} bytes there and back",
             block.begin_down(index, sub, length),
             say(value, 0, count, count),
-            Turn((s.ask(block_end(value)),), (s.told("A1"),)),
+            NodeStep((s.ask(block_end(value)),), (s.told("A1"),)),
             *block.up(index, value) if sub == 0 else (),
         )
     value = bytes(range(1, 21))
     pieces = parts(value)
     texts = [s.ask(block_segment(number + 1, piece, piece is pieces[-1])) for number, piece in enumerate(pieces)]
-    finish = Turn((s.ask(block_end(value)),), (s.told("A1"),))
+    finish = NodeStep((s.ask(block_end(value)),), (s.told("A1"),))
     begin = block.begin_down(index, sub, len(value))
     for name, kept, acked in (("BLK-53", (0, 2), 1), ("BLK-54", (1, 2), 0)):
         lost = "second" if acked else "first"
         # Acknowledged at the block's end, at the first gap, or when nothing more comes: all three are in use.
-        gap = Turn(tuple(texts[one] for one in kept), (s.told(f"A20{acked}"),), wait=2.5)
+        gap = NodeStep(tuple(texts[one] for one in kept), (s.told(f"A20{acked}"),), wait=2.5)
         yield case(name, f"the {lost} segment is lost: what is missing is asked for", begin, gap,
                    say(value, acked, 3, 3 - acked), finish, *block.up(index, value) if sub == 0 else (),
                    why="numbered from 1 again; how soon is not laid down")  # fmt: skip
-    wrong = Turn((s.ask(block_end(value, 0x1234)),), (s.refused(index, sub, _CRC),))
-    strict = Turn(begin.says, (s.told(f"A4{place(index, sub)}"),), (block.none, s.told(f"A0{place(index, sub)}")))
+    wrong = NodeStep((s.ask(block_end(value, 0x1234)),), (s.refused(index, sub, _CRC),))
+    strict = NodeStep(begin.says, (s.told(f"A4{place(index, sub)}"),), (block.none, s.told(f"A0{place(index, sub)}")))
     yield case("BLK-55", "a wrong CRC of several segments", strict, say(value, 0, 3, 3), wrong, block.works,
                why="05040004")  # fmt: skip
     yield case("BLK-56", "more bytes than told", block.begin_down(index, sub, 14), say(value, 0, 3, 3, s.any_abort),
-               Turn((s.ask(block_end(value)),), (s.aborted(*_LENGTHS, _COMMAND), SILENCE)), block.works,
+               NodeStep((s.ask(block_end(value)),), (s.aborted(*_LENGTHS, _COMMAND), SILENCE)), block.works,
                why="06070012, 06070010; some devices notice with the segments")  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import SILENCE, Case, Effect, Subject, Turn
+from barewire.canopen.conformance.battery import SILENCE, Effect, NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.frames import Sdo, little, place, row
 
 CLAUSE = "CiA 301 7.2.4 SDO"
@@ -18,17 +18,17 @@ _COMMAND = 0x0504_0001
 _VALUE = (0x0609_0030, 0x0609_0031)
 
 
-def rows(subject: Subject) -> Iterator[Case]:
+def rows(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _uploads(subject)
     yield from _nonsense(subject)
     yield from _downloads(subject)
 
 
-def _uploads(subject: Subject) -> Iterator[Case]:
+def _uploads(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = (), why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
         return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), needs=needs, why=why)
 
     for name, index, sub, size, what in (
@@ -39,28 +39,28 @@ def _uploads(subject: Subject) -> Iterator[Case]:
     ):
         data = bytes.fromhex(little(subject.number(index, sub), size))
         answer = s.told(f"4F{place(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
-        yield case(name, f"upload of {index:04X}h:{sub:02X}, {what}", Turn((s.upload(index, sub),), (answer,)),
+        yield case(name, f"upload of {index:04X}h:{sub:02X}, {what}", NodeStep((s.upload(index, sub),), (answer,)),
                    why="every device has it")  # fmt: skip
-    again = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
+    again = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     yield case("SDO-05", "the same object five times in a row", *[again] * 5)
     yield case(
         "SDO-06",
         "upload of an object that does not exist",
-        Turn((s.upload(NOWHERE),), (s.refused(NOWHERE, 0, _NO_OBJECT),)),
+        NodeStep((s.upload(NOWHERE),), (s.refused(NOWHERE, 0, _NO_OBJECT),)),
         again,
         why="06020000",
     )
     yield case(
         "SDO-07",
         "upload of a sub-index that a variable does not have",
-        Turn((s.upload(0x1000, 1),), (s.refused(0x1000, 1, _NO_SUB),)),
+        NodeStep((s.upload(0x1000, 1),), (s.refused(0x1000, 1, _NO_SUB),)),
         again,
         why="06090011",
     )
     yield case(
         "SDO-08",
         "upload of a sub-index that a record does not have",
-        Turn((s.upload(0x1018, 0xFE),), (s.refused(0x1018, 0xFE, _NO_SUB),)),
+        NodeStep((s.upload(0x1018, 0xFE),), (s.refused(0x1018, 0xFE, _NO_SUB),)),
         needs=("1018h",),
         why="06090011",
     )
@@ -69,30 +69,31 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         yield case(
             name,
             f"1200h:0{sub} tells the default COB-ID",
-            Turn((s.upload(0x1200, sub),), (s.value(0x1200, sub, value),)),
+            NodeStep((s.upload(0x1200, sub),), (s.value(0x1200, sub, value),)),
             needs=(f"1200h:0{sub}",),
         )
     for index in (0x1003, 0x1010, 0x1011, 0x1016, 0x1029):
         yield case(
             f"SDO-{11 + (0x1003, 0x1010, 0x1011, 0x1016, 0x1029).index(index)}",
             f"{index:04X}h:00 is one byte",
-            Turn((s.upload(index),), (s.told(f"4F{place(index, 0)}"),)),
+            NodeStep((s.upload(index),), (s.told(f"4F{place(index, 0)}"),)),
             needs=(f"{index:04X}h",),
             why="sub-index 0 of a record or an array is UNSIGNED8",
         )
 
 
-def _nonsense(subject: Subject) -> Iterator[Case]:
+def _nonsense(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
-    works = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
+    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     unknown = s.aborted(_COMMAND)
 
-    def case(name: str, title: str, *turns: Turn, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
         return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), why=why)
 
     for name, command in (("SDO-20", "E0"), ("SDO-21", "FF")):
-        yield case(name, f"command {command}h, which is none", Turn((s.ask(command + "0010 00"),), (unknown,)), works,
+        yield case(name, f"command {command}h, which is none",
+                   NodeStep((s.ask(command + "0010 00"),), (unknown,)), works,
                    why="05040001; devices differ in the object that they name")  # fmt: skip
     for name, command, what in (
         ("SDO-22", "60", "the next segment of an upload"),
@@ -101,81 +102,81 @@ def _nonsense(subject: Subject) -> Iterator[Case]:
         ("SDO-25", "C1", "the end of a block download"),
         ("SDO-26", "A3", "the start of a block upload"),
     ):
-        turn = Turn((s.ask(command),), (s.any_abort, SILENCE))
+        turn = NodeStep((s.ask(command),), (s.any_abort, SILENCE))
         yield case(name, f"{what} without a transfer", turn, works, why="an abort, or passed over")
     yield case(
         "SDO-27",
         "an abort without a transfer is not answered",
-        Turn((s.abort,), (SILENCE,)),
+        NodeStep((s.abort,), (SILENCE,)),
         works,
         why="an abort is never answered with an abort",
     )
     short = s.upload(0x1000)
     for name, bytes_ in (("SDO-28", 7), ("SDO-29", 4), ("SDO-30", 0)):
         ways = (SILENCE, s.any_abort, s.any_value(0x1000)) if bytes_ >= 4 else (SILENCE, s.any_abort)
-        cut = Turn((short[: 4 + 2 * bytes_],), ways)
+        cut = NodeStep((short[: 4 + 2 * bytes_],), ways)
         yield case(name, f"an upload request of {bytes_} bytes harms nothing", cut, works,
                    why="SDO frames have 8 bytes; devices pass shorter ones over, refuse or serve them")  # fmt: skip
-    yield case("SDO-31", "a remote frame is no request", Turn((f"{0x600 + node:03X}#R8",), (SILENCE,)), works)
+    yield case("SDO-31", "a remote frame is no request", NodeStep((f"{0x600 + node:03X}#R8",), (SILENCE,)), works)
     extended = f"{0x600 + node:08X}#{short[4:]}"
-    yield case("SDO-32", "the same number with 29 bits is another identifier", Turn((extended,), (SILENCE,)), works,
+    yield case("SDO-32", "the same number with 29 bits is another identifier", NodeStep((extended,), (SILENCE,)), works,
                why="a frame is known by its identifier and its format")  # fmt: skip
-    yield case("SDO-33", "an answer is no request", Turn((f"{0x580 + node:03X}#{short[4:]}",), (SILENCE,)), works)
+    yield case("SDO-33", "an answer is no request", NodeStep((f"{0x580 + node:03X}#{short[4:]}",), (SILENCE,)), works)
     yield case(
         "SDO-34",
         "reserved bits in the command 43h are read over",
-        Turn((s.ask("43 0010 00"),), (s.any_value(0x1000), s.refused(0x1000, 0, _COMMAND))),
+        NodeStep((s.ask("43 0010 00"),), (s.any_value(0x1000), s.refused(0x1000, 0, _COMMAND))),
         works,
         why="a guide of a drive prints this request; devices serve it or answer 05040001",
     )
     yield case(
         "SDO-35",
         "what stands in the reserved bytes of an upload request does not matter",
-        Turn((s.ask("40 0010 00 FF FF FF FF"),), (s.any_value(0x1000),)),
+        NodeStep((s.ask("40 0010 00 FF FF FF FF"),), (s.any_value(0x1000),)),
     )
 
 
-def _downloads(subject: Subject) -> Iterator[Case]:
+def _downloads(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
     before, kept = s.unchanged(0x1017)
 
     def case(
-        name: str, title: str, *turns: Turn, needs: tuple[str, ...] = (), why: str = "", effect: Effect = "writes"
-    ) -> Case:
+        name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "", effect: Effect = "writes"
+    ) -> NodeCase:
         turns = (before, *turns) if kept in turns else turns
         return row(subject, name, title, CLAUSE, turns, effect=effect, hears=(s.told("")[:4],), needs=needs, why=why)
 
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
         request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
         answer = s.refused(index, sub, *_READ_ONLY)
-        yield case(name, f"download to {index:04X}h:{sub:02X}, which can only be read", Turn((request,), (answer,)),
+        yield case(name, f"download to {index:04X}h:{sub:02X}, which can only be read", NodeStep((request,), (answer,)),
                    needs=() if index != 0x1018 else ("1018h:01",), why="06010002 or 06010000")  # fmt: skip
     yield case(
         "SDO-43",
         "download to an object that does not exist",
-        Turn((s.download(NOWHERE, 0, 0, 2),), (s.refused(NOWHERE, 0, _NO_OBJECT),)),
+        NodeStep((s.download(NOWHERE, 0, 0, 2),), (s.refused(NOWHERE, 0, _NO_OBJECT),)),
         why="06020000",
     )
     yield case(
         "SDO-44",
         "download to a sub-index that does not exist",
-        Turn((s.download(0x1017, 1, 0, 2),), (s.refused(0x1017, 1, _NO_SUB),)),
+        NodeStep((s.download(0x1017, 1, 0, 2),), (s.refused(0x1017, 1, _NO_SUB),)),
         needs=("1017h",),
         why="06090011",
     )
     beat = ("1017h",)
-    read_back = Turn((s.upload(0x1017),), (s.value(0x1017, 0, b"\x10\x27"),))
+    read_back = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, b"\x10\x27"),))
     yield case(
         "SDO-45",
         "download of two bytes to 1017h, and read back",
-        Turn((s.download(0x1017, 0, 10_000, 2),), (s.taken(0x1017),)),
+        NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.taken(0x1017),)),
         read_back,
         needs=beat,
     )
     yield case(
         "SDO-46",
         "download with 22h, size not told: the low bytes count",
-        Turn((s.ask("22 1710 00 1027"),), (s.taken(0x1017),)),
+        NodeStep((s.ask("22 1710 00 1027"),), (s.taken(0x1017),)),
         read_back,
         needs=beat,
         why="the bytes that the object needs are taken",
@@ -183,7 +184,7 @@ def _downloads(subject: Subject) -> Iterator[Case]:
     yield case(
         "SDO-47",
         "four bytes to an object of two",
-        Turn((s.download(0x1017, 0, 10_000, 4),), (s.refused(0x1017, 0, *_LONG),)),
+        NodeStep((s.download(0x1017, 0, 10_000, 4),), (s.refused(0x1017, 0, *_LONG),)),
         kept,
         needs=beat,
         why="06070012 or 06070010, and nothing is changed",
@@ -191,7 +192,7 @@ def _downloads(subject: Subject) -> Iterator[Case]:
     yield case(
         "SDO-48",
         "one byte to an object of two",
-        Turn((s.download(0x1017, 0, 16, 1),), (s.refused(0x1017, 0, *_SHORT),)),
+        NodeStep((s.download(0x1017, 0, 16, 1),), (s.refused(0x1017, 0, *_SHORT),)),
         kept,
         needs=beat,
         why="06070013 or 06070010, and nothing is changed",
@@ -199,29 +200,29 @@ def _downloads(subject: Subject) -> Iterator[Case]:
     yield case(
         "SDO-49",
         "a value out of range: 1019h may not be 1",
-        Turn((s.download(0x1019, 0, 1, 1),), (s.refused(0x1019, 0, *_VALUE),)),
+        NodeStep((s.download(0x1019, 0, 1, 1),), (s.refused(0x1019, 0, *_VALUE),)),
         needs=("1019h",),
         why="06090030 or 06090031",
     )
     yield case(
         "SDO-50",
         "two downloads, the second one counts",
-        Turn((s.download(0x1017, 0, 20_000, 2),), (s.taken(0x1017),)),
-        Turn((s.download(0x1017, 0, 10_000, 2),), (s.taken(0x1017),)),
+        NodeStep((s.download(0x1017, 0, 20_000, 2),), (s.taken(0x1017),)),
+        NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.taken(0x1017),)),
         read_back,
         needs=beat,
     )
     yield case(
         "SDO-51",
         "1010h:01 is not stored without its signature",
-        Turn((s.download(0x1010, 1, 0x1234_5678, 4),), (s.refused(0x1010, 1, 0x0800_0020, 0x0800_0022),)),
+        NodeStep((s.download(0x1010, 1, 0x1234_5678, 4),), (s.refused(0x1010, 1, 0x0800_0020, 0x0800_0022),)),
         needs=("1010h:01",),
         why="0800002x: only 'save' stores",
     )
     yield case(
         "SDO-52",
         "1011h:01 is not restored without its signature",
-        Turn((s.download(0x1011, 1, 0x1234_5678, 4),), (s.refused(0x1011, 1, 0x0800_0020, 0x0800_0022),)),
+        NodeStep((s.download(0x1011, 1, 0x1234_5678, 4),), (s.refused(0x1011, 1, 0x0800_0020, 0x0800_0022),)),
         needs=("1011h:01",),
         why="0800002x: only 'load' restores",
     )

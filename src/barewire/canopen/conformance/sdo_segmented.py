@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import SILENCE, Case, Subject, Turn
+from barewire.canopen.conformance.battery import SILENCE, NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.frames import Sdo, little, parts, place, row, segment
 from barewire.canopen.conformance.sdo_block import rows as block_rows
 from barewire.canopen.conformance.sdo_expedited import NOWHERE
@@ -21,7 +21,7 @@ _TEXT = ("text of 8 bytes",)
 _LARGE = ("large object",)
 
 
-def rows(subject: Subject) -> Iterator[Case]:
+def rows(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _uploads(subject)
     yield from _downloads(subject)
@@ -29,21 +29,21 @@ def rows(subject: Subject) -> Iterator[Case]:
     yield from block_rows(subject)
 
 
-def _uploads(subject: Subject) -> Iterator[Case]:
+def _uploads(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
     index, text = subject.string
     pieces = parts(text)
     size = little(len(text), 4)
-    begin = Turn((s.upload(index),), (s.told(f"41{place(index, 0)}{size}"), s.told(f"40{place(index, 0)}")))
+    begin = NodeStep((s.upload(index),), (s.told(f"41{place(index, 0)}{size}"), s.told(f"40{place(index, 0)}")))
     asks = [s.ask("60" if number % 2 == 0 else "70") for number in range(len(pieces))]
     fetch = [
-        Turn((ask,), (s.told(segment(number, piece, piece is pieces[-1])),))
+        NodeStep((ask,), (s.told(segment(number, piece, piece is pieces[-1])),))
         for number, (ask, piece) in enumerate(zip(asks, pieces))
     ]
-    works = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
-    hung = Turn((s.abort,), (SILENCE,), wait=0.02)
+    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
+    hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
 
-    def case(name: str, title: str, *turns: Turn, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
         return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), needs=_TEXT, why=why)
 
     yield case(
@@ -54,7 +54,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "SEG-03",
         "the first segment asked with toggle 1",
         begin,
-        Turn((s.ask("70"),), (s.refused(index, 0, _TOGGLE),)),
+        NodeStep((s.ask("70"),), (s.refused(index, 0, _TOGGLE),)),
         works,
         why="05030000",
     )
@@ -63,7 +63,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "the same toggle twice",
         begin,
         fetch[0],
-        Turn((s.ask("60"),), (s.refused(index, 0, _TOGGLE),)),
+        NodeStep((s.ask("60"),), (s.refused(index, 0, _TOGGLE),)),
         works,
         why="05030000",
     )
@@ -72,7 +72,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "another segment asked after the last",
         begin,
         *fetch,
-        Turn((s.ask("60" if len(pieces) % 2 == 0 else "70"),), (s.aborted(_COMMAND, _TOGGLE), SILENCE)),
+        NodeStep((s.ask("60" if len(pieces) % 2 == 0 else "70"),), (s.aborted(_COMMAND, _TOGGLE), SILENCE)),
         works,
         why="the transfer is over",
     )
@@ -82,7 +82,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "SEG-08",
         "a download segment in the middle of an upload",
         begin,
-        Turn((s.ask("00 AA"),), (s.aborted(_COMMAND),)),
+        NodeStep((s.ask("00 AA"),), (s.aborted(_COMMAND),)),
         works,
         why="05040001",
     )
@@ -90,7 +90,7 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "SEG-09",
         "a command that is none in the middle of an upload",
         begin,
-        Turn((s.ask("E0"),), (s.aborted(_COMMAND),)),
+        NodeStep((s.ask("E0"),), (s.aborted(_COMMAND),)),
         works,
         why="05040001",
     )
@@ -98,33 +98,33 @@ def _uploads(subject: Subject) -> Iterator[Case]:
         "SEG-10",
         "a new request in the middle of an upload",
         begin,
-        Turn((s.upload(0x1000),), (s.aborted(_COMMAND), s.any_value(0x1000))),
+        NodeStep((s.upload(0x1000),), (s.aborted(_COMMAND), s.any_value(0x1000))),
         works,
         why="05040001, or the new request is served; the next one is",
     )
 
 
-def _downloads(subject: Subject) -> Iterator[Case]:
+def _downloads(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
-    works = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
+    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     before, kept = s.unchanged(0x1017)
 
-    def case(name: str, title: str, *turns: Turn, needs: tuple[str, ...] = _BEAT, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
         turns = (before, *turns) if kept in turns else turns
         return row(subject, name, title, CLAUSE, turns, effect="writes", hears=(s.told("")[:4],), needs=needs, why=why)
 
-    begin = Turn((s.ask("21 1710 00 02"),), (s.taken(0x1017),))
-    send = Turn((s.ask("0B 1027"),), (s.told("20"),))
-    read_back = Turn((s.upload(0x1017),), (s.value(0x1017, 0, b"\x10\x27"),))
-    hung = Turn((s.abort,), (SILENCE,), wait=0.02)
+    begin = NodeStep((s.ask("21 1710 00 02"),), (s.taken(0x1017),))
+    send = NodeStep((s.ask("0B 1027"),), (s.told("20"),))
+    read_back = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, b"\x10\x27"),))
+    hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
     yield case("SEG-20", "download of two bytes in one segment", begin, send, read_back)
-    unsized = Turn((s.ask("20 1710 00"),), (s.taken(0x1017),))
+    unsized = NodeStep((s.ask("20 1710 00"),), (s.taken(0x1017),))
     yield case("SEG-21", "the same without a size", unsized, send, read_back, why="a size need not be told")
     yield case(
         "SEG-22",
         "the first segment with toggle 1",
         begin,
-        Turn((s.ask("1B 1027"),), (s.refused(0x1017, 0, _TOGGLE),)),
+        NodeStep((s.ask("1B 1027"),), (s.refused(0x1017, 0, _TOGGLE),)),
         kept,
         why="05030000, and nothing is changed",
     )
@@ -135,9 +135,9 @@ def _downloads(subject: Subject) -> Iterator[Case]:
         ("SEG-25", 2, "0D 10", "two bytes told and one sent"),
         ("SEG-26", 1, "0D 10", "one byte told and sent to an object of two"),
     ):
-        start = Turn((s.ask(f"21 1710 00 0{announced}"),), (s.taken(0x1017), wrong))
+        start = NodeStep((s.ask(f"21 1710 00 0{announced}"),), (s.taken(0x1017), wrong))
         # A device that refuses at once has no transfer left: the segment is then a stray.
-        sent = Turn((s.ask(data),), (wrong, s.aborted(_COMMAND), SILENCE))
+        sent = NodeStep((s.ask(data),), (wrong, s.aborted(_COMMAND), SILENCE))
         yield case(name, what, start, sent, kept, why="0607001x at the start or at the end, and nothing is changed")
     for name, index, sub, codes, what in (
         ("SEG-27", 0x1000, 0, _READ_ONLY, "an object that can only be read"),
@@ -145,15 +145,15 @@ def _downloads(subject: Subject) -> Iterator[Case]:
         ("SEG-29", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
         refused = s.refused(index, sub, *codes)
-        start = Turn((s.ask(f"21 {place(index, sub)} 04"),), (s.taken(index, sub),), (refused,))
-        yield case(name, f"download to {what}", start, Turn((s.ask("07 01000000"),), (refused,)), needs=(),
+        start = NodeStep((s.ask(f"21 {place(index, sub)} 04"),), (s.taken(index, sub),), (refused,))
+        yield case(name, f"download to {what}", start, NodeStep((s.ask("07 01000000"),), (refused,)), needs=(),
                    why="refused at the start or at the end")  # fmt: skip
     yield case("SEG-30", "the client gives up: nothing is changed", begin, hung, kept)
     yield case(
         "SEG-31",
         "the next segment of an upload in the middle of a download",
         begin,
-        Turn((s.ask("60"),), (s.aborted(_COMMAND),)),
+        NodeStep((s.ask("60"),), (s.aborted(_COMMAND),)),
         kept,
         why="05040001",
     )
@@ -161,38 +161,38 @@ def _downloads(subject: Subject) -> Iterator[Case]:
         "SEG-32",
         "a new request in the middle of a download",
         begin,
-        Turn((s.upload(0x1000),), (s.aborted(_COMMAND), s.any_value(0x1000))),
+        NodeStep((s.upload(0x1000),), (s.aborted(_COMMAND), s.any_value(0x1000))),
         works,
         why="05040001, or the new request is served; the next one is",
     )
-    after = Turn((s.ask("0B 1027"),), (s.aborted(_COMMAND), SILENCE))
+    after = NodeStep((s.ask("0B 1027"),), (s.aborted(_COMMAND), SILENCE))
     yield case("SEG-33", "a segment after the last", begin, send, after, works, why="the transfer is over")
 
 
-def _large(subject: Subject) -> Iterator[Case]:
+def _large(subject: Subject) -> Iterator[NodeCase]:
     """Downloads of several segments, to the object that was named for it."""
     s = Sdo(subject.node)
     index, sub = subject.large or (0x2000, 0)
     at = place(index, sub)
 
-    def case(name: str, title: str, *turns: Turn, why: str = "") -> Case:
+    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
         return row(subject, name, title, CLAUSE, turns, effect="writes", hears=(s.told("")[:4],), needs=_LARGE, why=why)
 
-    def down(value: bytes, told: int | None = None) -> list[Turn]:
+    def down(value: bytes, told: int | None = None) -> list[NodeStep]:
         pieces = parts(value)
         says = [segment(number, piece, piece is pieces[-1]) for number, piece in enumerate(pieces)]
         size = len(value) if told is None else told
         return [
-            Turn((s.ask(f"21 {at}{little(size, 4)}"),), (s.taken(index, sub),)),
-            *(Turn((s.ask(said),), (s.told("30" if number % 2 else "20"),)) for number, said in enumerate(says)),
+            NodeStep((s.ask(f"21 {at}{little(size, 4)}"),), (s.taken(index, sub),)),
+            *(NodeStep((s.ask(said),), (s.told("30" if number % 2 else "20"),)) for number, said in enumerate(says)),
         ]
 
-    def up(value: bytes) -> list[Turn]:
+    def up(value: bytes) -> list[NodeStep]:
         pieces = parts(value)
         return [
-            Turn((s.upload(index, sub),), (s.told(f"41{at}{little(len(value), 4)}"), s.told(f"40{at}"))),
+            NodeStep((s.upload(index, sub),), (s.told(f"41{at}{little(len(value), 4)}"), s.told(f"40{at}"))),
             *(
-                Turn((s.ask("70" if number % 2 else "60"),), (s.told(segment(number, piece, piece is pieces[-1])),))
+                NodeStep((s.ask("70" if number % 2 else "60"),), (s.told(segment(number, piece, piece is pieces[-1])),))
                 for number, piece in enumerate(pieces)
             ),
         ]
@@ -202,15 +202,15 @@ def _large(subject: Subject) -> Iterator[Case]:
         yield case(name, f"{length} bytes there and back", *down(value), *up(value))
     value = bytes(range(1, 21))
     begin, first, second, _ = down(value)
-    toggled = Turn((s.ask(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
-    works = Turn((s.upload(0x1000),), (s.any_value(0x1000),))
+    toggled = NodeStep((s.ask(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
+    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     yield case("SEG-44", "the same toggle twice", begin, first, toggled, works, why="05030000")
     short = s.refused(index, sub, *_LENGTHS)
     yield case(
         "SEG-45",
         "more bytes sent than told",
         *down(value, 14)[:3],
-        Turn((s.ask(segment(2, value[14:], True)),), (short,)),
+        NodeStep((s.ask(segment(2, value[14:], True)),), (short,)),
         works,
         why="06070012, 06070010",
     )
@@ -218,17 +218,17 @@ def _large(subject: Subject) -> Iterator[Case]:
         "SEG-46",
         "fewer bytes sent than told",
         *down(value, 21)[:3],
-        Turn((s.ask(segment(2, value[14:], True)),), (short,)),
+        NodeStep((s.ask(segment(2, value[14:], True)),), (short,)),
         works,
         why="06070013, 06070010",
     )
     yield case(
         "SEG-47",
         "a value without bytes",
-        Turn((s.ask(f"21 {at}"),), (s.taken(index, sub),), (s.any_abort,)),
-        Turn((s.ask("0F"),), (s.told("20"), s.any_abort)),
+        NodeStep((s.ask(f"21 {at}"),), (s.taken(index, sub),), (s.any_abort,)),
+        NodeStep((s.ask("0F"),), (s.told("20"), s.any_abort)),
         works,
         why="devices take it, or refuse it",
     )
     yield case("SEG-48", "the client gives up between two segments", begin, first, second,
-               Turn((s.abort,), (SILENCE,), wait=0.02), works, *down(value), *up(value))  # fmt: skip
+               NodeStep((s.abort,), (SILENCE,), wait=0.02), works, *down(value), *up(value))  # fmt: skip

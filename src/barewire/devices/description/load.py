@@ -21,10 +21,13 @@ from typing import Any, cast
 
 from barewire.codecs import ORDERS
 from barewire.codecs.order import Order
-from barewire.devices.description.check import (
-    Block,
+from barewire.devices.description.drive_table import read_drive_table
+from barewire.devices.description.line_numbers import KeyLines
+from barewire.devices.description.parameter_table import Counting, read_row
+from barewire.devices.description.rules import (
     DescriptionError,
     Rule,
+    TomlTable,
     Unfit,
     each_of,
     list_of,
@@ -34,10 +37,7 @@ from barewire.devices.description.check import (
     texts,
     whole,
 )
-from barewire.devices.description.lines import Lines
-from barewire.devices.description.rows import Counting, read_row
-from barewire.devices.device import CanopenSide, Device, DevicePdo, ModbusSide, UnknownName, fold, suggest
-from barewire.devices.drive_roles import read_drive
+from barewire.devices.device import CanopenSettings, Device, DevicePdo, ModbusSettings, UnknownName, fold, suggest
 from barewire.devices.parameter import Parameter
 from barewire.errors import shown
 
@@ -123,12 +123,12 @@ def read_directory(directory: Path) -> Device:
         documents=values.get("documents", ()),
         modbus=modbus,
         canopen=canopen,
-        drive=None if drive is None else read_drive(drive, parameters),
+        drive=None if drive is None else read_drive_table(drive, parameters),
         extra=MappingProxyType({key: value for key, value in head.items.items() if key not in own}),
     )
 
 
-def _read_file(path: Path) -> Block:
+def _read_file(path: Path) -> TomlTable:
     """One file as a block that is the whole file."""
     try:
         content = path.read_bytes().decode("utf-8")
@@ -147,14 +147,14 @@ def _read_file(path: Path) -> Block:
         place = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", said)
         line = int(place[1]) if place and place[1] else content.count("\n") + 1
         raise DescriptionError(f"{path}:{line}: no TOML: {said[: place.start()] if place else said}") from None
-    return Block(str(path), Lines(content), (), "", items)
+    return TomlTable(str(path), KeyLines(content), (), "", items)
 
 
 def _is_table(value: Any) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and value != [] and isinstance(value[0], dict))
 
 
-def _rows(file: Block, *, is_head: bool) -> list[Block]:
+def _rows(file: TomlTable, *, is_head: bool) -> list[TomlTable]:
     """The [[parameter]] tables of a file."""
     if not is_head:
         for key in file.items:
@@ -163,23 +163,23 @@ def _rows(file: Block, *, is_head: bool) -> list[Block]:
     return _tables(file, "parameter", "parameter")
 
 
-def _tables(file: Block, key: str, title: str) -> list[Block]:
+def _tables(file: TomlTable, key: str, title: str) -> list[TomlTable]:
     rows = file.items.get(key, [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise file.error(key, f"expected [[{key}]] tables")
     return [
-        Block(file.file, file.lines, (key, place), f"{title} {row.get('name', place + 1)!r}", row)
+        TomlTable(file.file, file.lines, (key, place), f"{title} {row.get('name', place + 1)!r}", row)
         for place, row in enumerate(rows)
     ]
 
 
-def _table(file: Block, key: str) -> Block | None:
+def _table(file: TomlTable, key: str) -> TomlTable | None:
     items = file.items.get(key)
     if items is None:
         return None
     if not isinstance(items, dict):
         raise file.error(key, f"expected a table [{key}]")
-    return Block(file.file, file.lines, (key,), f"[{key}]", items)
+    return TomlTable(file.file, file.lines, (key,), f"[{key}]", items)
 
 
 # The tables of device.toml
@@ -207,7 +207,7 @@ _MODBUS: dict[str, Rule] = {
 }
 
 
-def _modbus(file: Block) -> tuple[ModbusSide | None, Counting]:
+def _modbus(file: TomlTable) -> tuple[ModbusSettings | None, Counting]:
     block = _table(file, "modbus")
     if block is None:
         return None, Counting()
@@ -217,7 +217,7 @@ def _modbus(file: Block) -> tuple[ModbusSide | None, Counting]:
     for key in ("read_functions", "write_functions"):
         if key in values:
             values[key] = MappingProxyType(values[key])
-    return ModbusSide(**values), counting
+    return ModbusSettings(**values), counting
 
 
 def _dialect(value: Any) -> str:
@@ -244,7 +244,7 @@ _PDO: dict[str, Rule] = {
 }
 
 
-def _canopen(file: Block) -> CanopenSide | None:
+def _canopen(file: TomlTable) -> CanopenSettings | None:
     block = _table(file, "canopen")
     tables = _tables(file, "pdo", "pdo")
     if block is None:
@@ -261,4 +261,4 @@ def _canopen(file: Block) -> CanopenSide | None:
         if sum(bits for _, _, bits in pdo.map) > 64:
             raise table.error("map", f"{sum(bits for _, _, bits in pdo.map)} bits; a PDO has room for 64")
         pdos.append(pdo)
-    return CanopenSide(**values, pdos=tuple(pdos))
+    return CanopenSettings(**values, pdos=tuple(pdos))

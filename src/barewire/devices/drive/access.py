@@ -24,7 +24,7 @@ from barewire.modbus import Bus
 Item = TypeVar("Item")
 
 
-class Access(Protocol[Item]):
+class DriveAccess(Protocol[Item]):
     """What the drive code needs of a wire."""
 
     def read(self, names: Sequence[str]) -> Conversation[Item, list[Reading]]:

@@ -40,7 +40,7 @@ class State(Enum):
     FAULT = "fault"
 
 
-class Command(IntEnum):
+class DriveCommand(IntEnum):
     """What a control word asks for; its value is the plainest word that does. Switch on is also disable operation."""
 
     DISABLE_VOLTAGE = 0x0000
@@ -53,7 +53,7 @@ class Command(IntEnum):
 
 # The status word: under this mask it has this value in this state, and in no other.
 #   bit 6 switch on disabled, 5 quick stop (0: active), 3 fault, 2 operation enabled, 1 switched on, 0 ready
-STATUS: dict[State, tuple[int, int]] = {
+STATUS_PATTERNS: dict[State, tuple[int, int]] = {
     State.NOT_READY_TO_SWITCH_ON: (0x4F, 0x00),
     State.SWITCH_ON_DISABLED: (0x4F, 0x40),
     State.READY_TO_SWITCH_ON: (0x6F, 0x21),
@@ -65,12 +65,12 @@ STATUS: dict[State, tuple[int, int]] = {
 }
 
 # The control word: bits 7, 3, 2, 1, 0 count, the others belong to the mode. Fault reset is the rising edge of bit 7.
-CONTROL: dict[Command, tuple[int, int]] = {
-    Command.DISABLE_VOLTAGE: (0x82, 0x00),
-    Command.QUICK_STOP: (0x86, 0x02),
-    Command.SHUTDOWN: (0x87, 0x06),
-    Command.SWITCH_ON: (0x8F, 0x07),
-    Command.ENABLE_OPERATION: (0x8F, 0x0F),
+CONTROL_PATTERNS: dict[DriveCommand, tuple[int, int]] = {
+    DriveCommand.DISABLE_VOLTAGE: (0x82, 0x00),
+    DriveCommand.QUICK_STOP: (0x86, 0x02),
+    DriveCommand.SHUTDOWN: (0x87, 0x06),
+    DriveCommand.SWITCH_ON: (0x8F, 0x07),
+    DriveCommand.ENABLE_OPERATION: (0x8F, 0x0F),
 }
 
 
@@ -80,54 +80,54 @@ class Transition(NamedTuple):
     number: int
     source: State
     target: State
-    command: Command | None
+    command: DriveCommand | None
 
 
 _S = State
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(1, _S.NOT_READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, None),
-    Transition(2, _S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, Command.SHUTDOWN),
-    Transition(3, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, Command.SWITCH_ON),
-    Transition(3, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, Command.ENABLE_OPERATION),  # and 4 follows at once
-    Transition(4, _S.SWITCHED_ON, _S.OPERATION_ENABLED, Command.ENABLE_OPERATION),
-    Transition(5, _S.OPERATION_ENABLED, _S.SWITCHED_ON, Command.SWITCH_ON),
-    Transition(6, _S.SWITCHED_ON, _S.READY_TO_SWITCH_ON, Command.SHUTDOWN),
-    Transition(7, _S.READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
-    Transition(7, _S.READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, Command.QUICK_STOP),
-    Transition(8, _S.OPERATION_ENABLED, _S.READY_TO_SWITCH_ON, Command.SHUTDOWN),
-    Transition(9, _S.OPERATION_ENABLED, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
-    Transition(10, _S.SWITCHED_ON, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
-    Transition(10, _S.SWITCHED_ON, _S.SWITCH_ON_DISABLED, Command.QUICK_STOP),
-    Transition(11, _S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE, Command.QUICK_STOP),
-    Transition(12, _S.QUICK_STOP_ACTIVE, _S.SWITCH_ON_DISABLED, Command.DISABLE_VOLTAGE),
+    Transition(2, _S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, DriveCommand.SHUTDOWN),
+    Transition(3, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, DriveCommand.SWITCH_ON),
+    Transition(3, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, DriveCommand.ENABLE_OPERATION),  # and 4 follows at once
+    Transition(4, _S.SWITCHED_ON, _S.OPERATION_ENABLED, DriveCommand.ENABLE_OPERATION),
+    Transition(5, _S.OPERATION_ENABLED, _S.SWITCHED_ON, DriveCommand.SWITCH_ON),
+    Transition(6, _S.SWITCHED_ON, _S.READY_TO_SWITCH_ON, DriveCommand.SHUTDOWN),
+    Transition(7, _S.READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, DriveCommand.DISABLE_VOLTAGE),
+    Transition(7, _S.READY_TO_SWITCH_ON, _S.SWITCH_ON_DISABLED, DriveCommand.QUICK_STOP),
+    Transition(8, _S.OPERATION_ENABLED, _S.READY_TO_SWITCH_ON, DriveCommand.SHUTDOWN),
+    Transition(9, _S.OPERATION_ENABLED, _S.SWITCH_ON_DISABLED, DriveCommand.DISABLE_VOLTAGE),
+    Transition(10, _S.SWITCHED_ON, _S.SWITCH_ON_DISABLED, DriveCommand.DISABLE_VOLTAGE),
+    Transition(10, _S.SWITCHED_ON, _S.SWITCH_ON_DISABLED, DriveCommand.QUICK_STOP),
+    Transition(11, _S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE, DriveCommand.QUICK_STOP),
+    Transition(12, _S.QUICK_STOP_ACTIVE, _S.SWITCH_ON_DISABLED, DriveCommand.DISABLE_VOLTAGE),
     Transition(14, _S.FAULT_REACTION_ACTIVE, _S.FAULT, None),
-    Transition(15, _S.FAULT, _S.SWITCH_ON_DISABLED, Command.FAULT_RESET),
-    Transition(16, _S.QUICK_STOP_ACTIVE, _S.OPERATION_ENABLED, Command.ENABLE_OPERATION),
+    Transition(15, _S.FAULT, _S.SWITCH_ON_DISABLED, DriveCommand.FAULT_RESET),
+    Transition(16, _S.QUICK_STOP_ACTIVE, _S.OPERATION_ENABLED, DriveCommand.ENABLE_OPERATION),
 )
 
 # Where a command can lead on purpose, each with the command to give in every state on the way there.
-_STEPS: dict[State, dict[State, Command]] = {
+_STEPS: dict[State, dict[State, DriveCommand]] = {
     _S.SWITCH_ON_DISABLED: {
-        _S.READY_TO_SWITCH_ON: Command.DISABLE_VOLTAGE,
-        _S.SWITCHED_ON: Command.DISABLE_VOLTAGE,
-        _S.OPERATION_ENABLED: Command.DISABLE_VOLTAGE,
+        _S.READY_TO_SWITCH_ON: DriveCommand.DISABLE_VOLTAGE,
+        _S.SWITCHED_ON: DriveCommand.DISABLE_VOLTAGE,
+        _S.OPERATION_ENABLED: DriveCommand.DISABLE_VOLTAGE,
     },
     _S.READY_TO_SWITCH_ON: {
-        _S.SWITCH_ON_DISABLED: Command.SHUTDOWN,
-        _S.SWITCHED_ON: Command.SHUTDOWN,
-        _S.OPERATION_ENABLED: Command.SHUTDOWN,
+        _S.SWITCH_ON_DISABLED: DriveCommand.SHUTDOWN,
+        _S.SWITCHED_ON: DriveCommand.SHUTDOWN,
+        _S.OPERATION_ENABLED: DriveCommand.SHUTDOWN,
     },
     _S.SWITCHED_ON: {
-        _S.SWITCH_ON_DISABLED: Command.SHUTDOWN,
-        _S.READY_TO_SWITCH_ON: Command.SWITCH_ON,
-        _S.OPERATION_ENABLED: Command.SWITCH_ON,
+        _S.SWITCH_ON_DISABLED: DriveCommand.SHUTDOWN,
+        _S.READY_TO_SWITCH_ON: DriveCommand.SWITCH_ON,
+        _S.OPERATION_ENABLED: DriveCommand.SWITCH_ON,
     },
     _S.OPERATION_ENABLED: {
-        _S.SWITCH_ON_DISABLED: Command.SHUTDOWN,
-        _S.READY_TO_SWITCH_ON: Command.SWITCH_ON,
-        _S.SWITCHED_ON: Command.ENABLE_OPERATION,
+        _S.SWITCH_ON_DISABLED: DriveCommand.SHUTDOWN,
+        _S.READY_TO_SWITCH_ON: DriveCommand.SWITCH_ON,
+        _S.SWITCHED_ON: DriveCommand.ENABLE_OPERATION,
     },
-    _S.QUICK_STOP_ACTIVE: {_S.OPERATION_ENABLED: Command.QUICK_STOP},
+    _S.QUICK_STOP_ACTIVE: {_S.OPERATION_ENABLED: DriveCommand.QUICK_STOP},
 }
 
 
@@ -139,7 +139,7 @@ def state_of(status_word: int) -> State:
 
     DecodeError for a word that is none of the eight, which a drive shows only while it changes.
     """
-    for state, (mask, value) in STATUS.items():
+    for state, (mask, value) in STATUS_PATTERNS.items():
         if status_word & mask == value and 0 <= status_word <= 0xFFFF:
             return state
     data = (status_word & 0xFFFF).to_bytes(2, "big")
@@ -152,19 +152,19 @@ def with_state(status_word: int, state: State) -> int:
     >>> hex(with_state(0x0600, State.OPERATION_ENABLED))
     '0x627'
     """
-    mask, value = STATUS[state]
+    mask, value = STATUS_PATTERNS[state]
     return status_word & ~mask | value
 
 
-def command_of(control_word: int, previous: int = 0) -> Command | None:
+def command_of(control_word: int, previous: int = 0) -> DriveCommand | None:
     """What a control word asks for, after the previous one: fault reset is an edge. None while bit 7 only stays.
 
     >>> command_of(0x001F), command_of(0x0080), command_of(0x0080, previous=0x0080)
     (<Command.ENABLE_OPERATION: 15>, <Command.FAULT_RESET: 128>, None)
     """
-    if control_word & ~previous & Command.FAULT_RESET:
-        return Command.FAULT_RESET
-    for command, (mask, value) in CONTROL.items():
+    if control_word & ~previous & DriveCommand.FAULT_RESET:
+        return DriveCommand.FAULT_RESET
+    for command, (mask, value) in CONTROL_PATTERNS.items():
         if control_word & mask == value:
             return command
     return None
@@ -206,8 +206,8 @@ def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = 
     if goal is State.QUICK_STOP_ACTIVE and state not in steps:
         raise EncodeError(f"a quick stop is for a drive that runs, not for one that is {state.value!r}", "goal")
     if state is State.FAULT:
-        return int(Command.FAULT_RESET)
+        return int(DriveCommand.FAULT_RESET)
     if state is State.QUICK_STOP_ACTIVE:
         resumes = stays_in_quick_stop and goal is State.OPERATION_ENABLED
-        return int(Command.ENABLE_OPERATION if resumes else Command.DISABLE_VOLTAGE)
+        return int(DriveCommand.ENABLE_OPERATION if resumes else DriveCommand.DISABLE_VOLTAGE)
     return int(steps[state])

@@ -29,16 +29,16 @@ from typing import TypeVar
 
 from barewire.codecs import Value
 from barewire.conversation import Conversation
-from barewire.devices.asked import sendable
-from barewire.devices.drive.cia402 import Command, State
+from barewire.devices.drive.cia402 import DriveCommand, State
 from barewire.devices.drive.report import LIMITED, MODE_BIT, MODE_ERROR, REACHED, Look
 from barewire.devices.drive.states import DriveStates, seconds
 from barewire.devices.parameter import Parameter, show
+from barewire.devices.request_checks import sendable
 from barewire.errors import EncodeError, Refused
 
 Item = TypeVar("Item")
 
-ENABLED = int(Command.ENABLE_OPERATION)
+ENABLED = int(DriveCommand.ENABLE_OPERATION)
 NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
 DEFINED = 0x01FF
 """The bits of the control word that CiA 402 gives a meaning in these modes."""

@@ -65,7 +65,7 @@ class Look(NamedTuple):
         return bool(self.status_word >> bit & 1)
 
 
-class Progress(NamedTuple):
+class DriveProgress(NamedTuple):
     """Told after every look at the drive: what is being done, what is waited for, and what the drive says."""
 
     action: str

@@ -15,16 +15,16 @@ from contextlib import suppress
 from typing import Generic, TypeVar
 
 from barewire.conversation import Conversation
-from barewire.devices.device import Device, DriveSide
-from barewire.devices.drive.access import Access
-from barewire.devices.drive.cia402 import Command, State, next_control_word
+from barewire.devices.device import Device, DriveRoles
+from barewire.devices.drive.access import DriveAccess
+from barewire.devices.drive.cia402 import DriveCommand, State, next_control_word
 from barewire.devices.drive.report import (
     FAULTED,
     REACHED,
     SWITCHED_OFF,
+    DriveProgress,
     DriveStuck,
     Look,
-    Progress,
     stuck,
 )
 from barewire.devices.parameter import Reading
@@ -50,7 +50,7 @@ def seconds(name: str, value: float) -> float:
     return value
 
 
-def drive_side(device: Device) -> DriveSide:
+def drive_roles(device: Device) -> DriveRoles:
     """The parts that a device has as a drive. EncodeError for one that is none."""
     if device.drive is None:
         raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
@@ -62,16 +62,16 @@ class DriveStates(Generic[Item]):
 
     def __init__(
         self,
-        access: Access[Item],
+        access: DriveAccess[Item],
         device: Device,
         *,
         timeout: float = 3.0,
         period: float = 0.02,
-        progress: Callable[[Progress], None] | None = None,
+        progress: Callable[[DriveProgress], None] | None = None,
     ) -> None:
         self.access = access
         self.device = device
-        self.parts = drive_side(device)
+        self.parts = drive_roles(device)
         self.timeout = seconds("timeout", timeout)
         self.period = seconds("period", period)
         self.progress = progress
@@ -88,7 +88,7 @@ class DriveStates(Generic[Item]):
         said = dict(zip(self._watched, (reading.value for reading in readings)))
         look = Look(now, int(said["status_word"]), said.get("mode_display"), said.get("position"), said.get("velocity"))
         if self.progress is not None:
-            self.progress(Progress(action, waiting_for, look))
+            self.progress(DriveProgress(action, waiting_for, look))
         return look
 
     def _until(
@@ -174,7 +174,7 @@ class DriveStates(Generic[Item]):
     def quick_stop(self, *, within: float = 30.0) -> Conversation[Item, Look]:
         """Brake on the quick stop ramp, and wait until the shaft stands or the current is off."""
         seconds("within", within)
-        yield from self._command(int(Command.QUICK_STOP))
+        yield from self._command(int(DriveCommand.QUICK_STOP))
 
         def stands(look: Look) -> bool:
             if look.state is State.QUICK_STOP_ACTIVE:
@@ -195,11 +195,11 @@ class DriveStates(Generic[Item]):
             if look.now >= began + self.timeout:
                 raise (yield from self._stuck("reset", SWITCHED_OFF, self.timeout, look))
             if look.state is State.FAULT:
-                yield from self._command(int(Command.DISABLE_VOLTAGE))
-                yield from self._command(int(Command.FAULT_RESET))
+                yield from self._command(int(DriveCommand.DISABLE_VOLTAGE))
+                yield from self._command(int(DriveCommand.FAULT_RESET))
             look = yield from self.look("reset", SWITCHED_OFF)
             if not off(look):
                 yield from self.access.rest(min(look.now + self.period, began + self.timeout))
-        if self.control == Command.FAULT_RESET:
-            yield from self._command(int(Command.DISABLE_VOLTAGE))
+        if self.control == DriveCommand.FAULT_RESET:
+            yield from self._command(int(DriveCommand.DISABLE_VOLTAGE))
         return look

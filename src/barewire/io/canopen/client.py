@@ -40,7 +40,7 @@ from barewire.io.ports.trace import Watch
 
 if TYPE_CHECKING:
     from barewire.devices.device import Device
-    from barewire.devices.drive.report import Progress
+    from barewire.devices.drive.report import DriveProgress
     from barewire.io.drive import DriveClient
     from barewire.io.modbus.client import ModbusClient
 
@@ -126,7 +126,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
                     self._everything.clear()  # a bus that is opened anew has a new tap for us
                 raise
 
-    def drive(self, device: Device, *, progress: Callable[[Progress], None] | None = None) -> DriveClient:
+    def drive(self, device: Device, *, progress: Callable[[DriveProgress], None] | None = None) -> DriveClient:
         """The device as a drive of CiA 402: enable it, move it. `progress` is called after every look at it."""
         from barewire.io.drive import DriveClient
 

@@ -16,13 +16,13 @@ from typing import NamedTuple
 from barewire.canopen.conformance.battery import (
     BOOT,
     PATIENCE,
-    Case,
-    Outcome,
-    carry_out,
+    NodeCase,
+    NodeOutcome,
     cases,
     is_there,
     prepare,
-    survey,
+    probe,
+    run_case,
     wants_reset,
 )
 from barewire.canopen.frame import CanFrame
@@ -36,8 +36,8 @@ from barewire.io.modbus.conformance import Unfinished
 class Result(NamedTuple):
     """How a case went. `outcome` is None where it was left out, and `left_out` says why."""
 
-    case: Case
-    outcome: Outcome | None
+    case: NodeCase
+    outcome: NodeOutcome | None
     left_out: str = ""
 
     @property
@@ -63,14 +63,14 @@ def conform_can(
     port: Port[CanFrame] = CanPort(endpoint)
     try:
         boot = BOOT
-        subject = run(survey(node, timeout=patience, large=large), port)
+        subject = run(probe(node, timeout=patience, large=large), port)
         if large is not None and not run(is_there(node, *large, timeout=patience), port):
             raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
         chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
         if not gentle and any(case.effect != "reads" for case in chosen):
             # Somebody may have set it up otherwise: what it has after a reset is what it has in the cases.
             boot = boot if run(prepare(subject), port) else patience
-            subject = run(survey(node, timeout=patience, large=large), port)
+            subject = run(probe(node, timeout=patience, large=large), port)
         wanted = [case for case in cases(subject) if case.name.startswith(only)]
         before, remote = None, not endpoint.place.startswith("socketcand/")
         for place, case in enumerate(wanted):
@@ -83,7 +83,7 @@ def conform_can(
                     # A device that says no boot-up message (NMT-11 tells so) is not waited for any more.
                     boot = patience
                     _hear_it(node, patience, port, not_run, before)
-                outcome = run(carry_out(case, patience=patience), port)
+                outcome = run(run_case(case, patience=patience), port)
             except PortError as error:
                 raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
             yield Result(case, outcome)
@@ -96,7 +96,7 @@ def conform_can(
         port.close()
 
 
-def _hear_it(node: int, patience: float, port: Port[CanFrame], not_run: int, before: Case | None) -> None:
+def _hear_it(node: int, patience: float, port: Port[CanFrame], not_run: int, before: NodeCase | None) -> None:
     """Make sure that the device is still there, or there again in a while. Raises Unfinished where it is not."""
     until = time.monotonic() + BOOT
     while True:
@@ -120,7 +120,7 @@ def _speaks(node: int, patience: float) -> Conversation[CanFrame, None]:
     raise NoAnswer(f"node {node} does not answer")
 
 
-def _left_out(case: Case, gentle: bool, remote: bool) -> str:
+def _left_out(case: NodeCase, gentle: bool, remote: bool) -> str:
     """Why a case is not held against this device; empty if it is."""
     if case.lacks:
         return f"needs {case.lacks}"

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from barewire.codecs import Value
     from barewire.conversation import Conversation
     from barewire.devices.device import Device
-    from barewire.devices.drive.report import Progress
+    from barewire.devices.drive.report import DriveProgress
     from barewire.devices.parameter import Reading
     from barewire.io.drive import DriveClient
     from barewire.io.endpoint import Turn
@@ -252,7 +252,7 @@ class ModbusClient(Verbs):
         at = self._unit(unit, device)
         self.run(write_modbus(self.bus, at, device, values, timeout=self.timeout, force=force), unit=at)
 
-    def drive(self, device: Device, *, progress: Callable[[Progress], None] | None = None) -> DriveClient:
+    def drive(self, device: Device, *, progress: Callable[[DriveProgress], None] | None = None) -> DriveClient:
         """The device as a drive of CiA 402: enable it, move it. `progress` is called after every look at it."""
         from barewire.io.drive import DriveClient
 

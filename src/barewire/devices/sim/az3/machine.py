@@ -30,7 +30,7 @@ from typing import Any
 
 from barewire.codecs import Value
 from barewire.devices.device import Device
-from barewire.devices.drive.cia402 import Command, State
+from barewire.devices.drive.cia402 import DriveCommand, State
 from barewire.devices.sim.az3.measurements import hang_values
 from barewire.devices.sim.az3.motion import Az3Axis, Az3Motion
 from barewire.devices.sim.az3.service import Az3Service
@@ -203,9 +203,9 @@ class Az3(Simulator):
 
     def reset_error(self) -> None:
         """The coil does what the edge of control bit 7 does."""
-        self.axis.word &= ~Command.FAULT_RESET
-        self._control(self.axis.word | Command.FAULT_RESET)
-        self.axis.word &= ~Command.FAULT_RESET
+        self.axis.word &= ~DriveCommand.FAULT_RESET
+        self._control(self.axis.word | DriveCommand.FAULT_RESET)
+        self.axis.word &= ~DriveCommand.FAULT_RESET
 
     def _control(self, value: Value) -> None:
         was_fault = self.axis.state in FAULTED

@@ -28,7 +28,7 @@ from barewire.canopen.pdo.config import Pdo
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
 from barewire.codecs import Value, get_bit, set_bit
-from barewire.devices.device import CanopenSide, DevicePdo
+from barewire.devices.device import CanopenSettings, DevicePdo
 from barewire.devices.sim.core.store import Cell, Declined, Why
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ SERVO_402 = 0x0002_0192  # device profile 402, servo drive
 class CanopenAdapter:
     """A machine: CAN frames and time in, CAN frames out. `start`, or else the first `feed`, says the boot-up."""
 
-    def __init__(self, machine: Simulator, side: CanopenSide) -> None:
+    def __init__(self, machine: Simulator, side: CanopenSettings) -> None:
         self.machine = machine
         entries = [*_entries(machine), Entry(DEVICE_TYPE, 0, "device type", "u32", "const", SERVO_402)]
         entries.append(Entry(ERROR_REGISTER, 0, "error register", "u8", "ro"))

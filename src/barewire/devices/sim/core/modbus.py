@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from barewire.devices.device import ModbusSide
+from barewire.devices.device import ModbusSettings
 from barewire.devices.sim.core.register_image import Image
 from barewire.devices.sim.core.store import Cell, Declined, Why
 from barewire.modbus.exceptions import (
@@ -41,7 +41,7 @@ class ModbusAdapter:
 
     diagnostics = False  # a machine without function 08 says so, also on a serial line
 
-    def __init__(self, machine: Simulator, side: ModbusSide) -> None:
+    def __init__(self, machine: Simulator, side: ModbusSettings) -> None:
         self.machine = machine
         self.side = side
         self.reads: dict[int, Image] = {}

@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import inf
 from typing import Protocol
 
-from barewire.devices.drive.cia402 import TRANSITIONS, Command, State, Transition, command_of, with_state
+from barewire.devices.drive.cia402 import TRANSITIONS, DriveCommand, State, Transition, command_of, with_state
 from barewire.devices.sim.motion.trajectory import Trajectory, wrapped
 
 POSITION, VELOCITY, TORQUE, HOMING = 1, 3, 4, 6
@@ -102,7 +102,7 @@ class Axis:
             # In the order of the list one word can take two steps: 3, and 4 at once.
             if command is not None and transition.source is self.state and transition.command is command:
                 self._take(transition, now)
-        if command is Command.ENABLE_OPERATION and self.state is State.OPERATION_ENABLED:
+        if command is DriveCommand.ENABLE_OPERATION and self.state is State.OPERATION_ENABLED:
             self._move(word, before, now)
 
     def _take(self, transition: Transition, now: float) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeAlias
 
-from barewire.devices.description.lines import Lines, Path
+from barewire.devices.description.line_numbers import KeyLines, Path
 from barewire.devices.device import suggest
 from barewire.errors import BarewireError, shown
 
@@ -30,11 +30,11 @@ class Unfit(Exception):
 Rule: TypeAlias = Callable[[Any], Any]
 
 
-class Block(NamedTuple):
+class TomlTable(NamedTuple):
     """One table: in which file and where, what to call it, and what it holds."""
 
     file: str
-    lines: Lines
+    lines: KeyLines
     path: Path
     title: str
     items: Mapping[str, Any]

@@ -1,9 +1,9 @@
-"""Write down where every parameter of the catalogue is: tests/devices/places.txt, a line each.
+"""Write down where every parameter of the catalogue is: tests/devices/addresses.txt, a line each.
 
 Descriptions were held against the pages of the manuals once, row by row. This list keeps them there: a changed address,
 type, scale or unit shows as a changed line, and somebody has to mean it.
 
-    python tools/places.py          after a change that is meant
+    python tools/addresses.py          after a change that is meant
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pathlib import Path
 
 from barewire.devices import Parameter, load, names
 
-FILE = Path(__file__).parents[1] / "tests" / "devices" / "places.txt"
+FILE = Path(__file__).parents[1] / "tests" / "devices" / "addresses.txt"
 
 
-def place(device: str, parameter: Parameter) -> str:
+def line(device: str, parameter: Parameter) -> str:
     """One line: device, name, type, scale, unit, access, place on Modbus, place in the object dictionary."""
     at, item = parameter.modbus, parameter.object
     modbus = (
@@ -28,10 +28,10 @@ def place(device: str, parameter: Parameter) -> str:
     return f"{device} | {parameter.name} | {kind} | {modbus} | {index}"
 
 
-def places() -> str:
+def addresses() -> str:
     """The whole list."""
-    return "".join(f"{place(device, parameter)}\n" for device in names() for parameter in load(device).parameters)
+    return "".join(f"{line(device, parameter)}\n" for device in names() for parameter in load(device).parameters)
 
 
 if __name__ == "__main__":
-    FILE.write_text(places(), encoding="utf-8")
+    FILE.write_text(addresses(), encoding="utf-8")

@@ -7,7 +7,8 @@ import pytest
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
-from barewire.devices.raw import RAW, device_with, place
+from barewire.devices.raw_address import RAW, device_with, raw_parameter
+from barewire.devices.value_text import parse_value
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server, Table
 from barewire.tcp import TcpLine
@@ -29,15 +30,15 @@ from tests.helpers import refused, serving
     ],
 )
 def test_places_on_modbus(text: str, type: str, at: ModbusAt) -> None:
-    found = place(text)
+    found = raw_parameter(text)
     assert (found.name, found.type, found.modbus) == (text, type, at)
     assert found.writable is (at.table in ("holding", "coil"))
 
 
 def test_objects_are_hexadecimal_in_any_form() -> None:
     for text in ("object:6041h:u16", "object:0x6041:u16", "object:6041:u16"):
-        assert place(text).object == ObjectAt(0x6041)
-    assert place("object:1018h.10h:u32").object == ObjectAt(0x1018, 0x10)
+        assert raw_parameter(text).object == ObjectAt(0x6041)
+    assert raw_parameter("object:1018h.10h:u32").object == ObjectAt(0x1018, 0x10)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def test_what_is_none(text: str, said: str) -> None:
     ],
 )
 def test_values_as_people_type_them(name: str, text: str, value: Value) -> None:
-    found = place(name).parse(text)
+    found = parse_value(raw_parameter(name), text)
     assert (found, type(found)) == (value, type(value))
 
 
@@ -99,7 +100,7 @@ def test_values_as_people_type_them(name: str, text: str, value: Value) -> None:
 )
 def test_values_that_are_none(name: str, text: str, said: str) -> None:
     with refused(EncodeError, said):
-        place(name).parse(text)
+        parse_value(raw_parameter(name), text)
 
 
 def test_a_place_beside_the_names_of_a_device_has_its_word_order() -> None:

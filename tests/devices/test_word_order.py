@@ -6,7 +6,7 @@ import pytest
 
 from barewire.conversation import play
 from barewire.devices import UnknownName, load, read_modbus, write_modbus
-from barewire.devices.raw import device_with
+from barewire.devices.raw_address import device_with
 from barewire.devices.sim import simulator
 from barewire.modbus import Bus, Server
 from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadHoldingRegistersResponse

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.description.lines import Lines, Path
+from barewire.devices.description.line_numbers import KeyLines, Path
 from barewire.devices.description.load import CATALOG
 
 TEXT = '''\
@@ -67,7 +67,7 @@ key = 6
     ],
 )
 def test_lines(path: Path, line: int) -> None:
-    assert Lines(TEXT).of(path) == line
+    assert KeyLines(TEXT).of(path) == line
 
 
 def test_the_text_above_is_toml() -> None:
@@ -77,7 +77,7 @@ def test_the_text_above_is_toml() -> None:
 @pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")
 def test_every_key_of_the_catalogue_has_its_line(file: Any) -> None:
     text = file.read_text(encoding="utf-8")
-    lines, written = Lines(text), text.splitlines()
+    lines, written = KeyLines(text), text.splitlines()
     for place, row in enumerate(tomllib.loads(text).get("parameter", [])):
         assert written[lines.of(("parameter", place)) - 1] == "[[parameter]]"
         for key in row:

@@ -7,11 +7,11 @@ import random
 import pytest
 
 from barewire.devices import load
-from barewire.devices.plan import Block, plan_reads
-from barewire.devices.typed import typed
+from barewire.devices.block_decoder import block_decoder
+from barewire.devices.plan import PlannedRead, plan_reads
 
 
-def one_by_one(block: Block, content: list[int]) -> dict[str, object]:
+def one_by_one(block: PlannedRead, content: list[int]) -> dict[str, object]:
     found: dict[str, object] = {}
     for parameter, offset in block.members:
         if block.table in ("coil", "discrete"):
@@ -33,7 +33,7 @@ def test_all_at_once_is_one_by_one(name: str) -> None:
         for _ in range(5):
             top = 1 if block.table in ("coil", "discrete") else 0xFFFF
             content = [dice.randint(0, top) for _ in range(block.quantity)]
-            found, expected = typed(block)(content), one_by_one(block, content)
+            found, expected = block_decoder(block)(content), one_by_one(block, content)
             assert found.keys() == expected.keys()
             for key, value in expected.items():
                 same = found[key] == value or (value != value and found[key] != found[key])  # not-a-number

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple, cast
 
 from barewire.codecs import ORDERS, codec
 from barewire.codecs.order import Order
-from barewire.devices.description.check import (
+from barewire.devices.description.rules import (
     PRINTED_MAX,
-    Block,
     Rule,
+    TomlTable,
     Unfit,
     any_text,
     fraction,
@@ -32,7 +32,7 @@ from barewire.devices.description.check import (
     truth,
     whole,
 )
-from barewire.devices.device import ModbusSide
+from barewire.devices.device import ModbusSettings
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, TableName, show
 from barewire.errors import shown
 
@@ -90,7 +90,7 @@ class Counting(NamedTuple):
     order: Order = "ABCD"
 
 
-def read_row(block: Block, modbus: ModbusSide | None, counting: Counting, has_canopen: bool) -> Parameter:
+def read_row(block: TomlTable, modbus: ModbusSettings | None, counting: Counting, has_canopen: bool) -> Parameter:
     """The row as a Parameter, or a DescriptionError."""
     row = block.read(RULES, REQUIRED)
     parameter = Parameter(
@@ -119,7 +119,9 @@ def read_row(block: Block, modbus: ModbusSide | None, counting: Counting, has_ca
     return parameter
 
 
-def _modbus_place(block: Block, row: dict[str, Any], side: ModbusSide | None, counting: Counting) -> ModbusAt | None:
+def _modbus_place(
+    block: TomlTable, row: dict[str, Any], side: ModbusSettings | None, counting: Counting
+) -> ModbusAt | None:
     given = [table for table in TABLES if table in row]
     kind = row["type"]
     if len(given) > 1:
@@ -145,7 +147,7 @@ def _modbus_place(block: Block, row: dict[str, Any], side: ModbusSide | None, co
     return ModbusAt(table, address, words, row.get("half"), row.get("bit"), row.get("order", counting.order))
 
 
-def _words(block: Block, row: dict[str, Any], table: TableName) -> int:
+def _words(block: TomlTable, row: dict[str, Any], table: TableName) -> int:
     """How many entries of the table the value takes, after a look at whether it can lie there at all."""
     kind = row["type"]
     if table in ("coil", "discrete"):
@@ -169,7 +171,7 @@ def _words(block: Block, row: dict[str, Any], table: TableName) -> int:
     return 1 if kind == "bool" else max(1, codec(kind).size // 2)
 
 
-def _object_place(block: Block, row: dict[str, Any], has_canopen: bool) -> ObjectAt | None:
+def _object_place(block: TomlTable, row: dict[str, Any], has_canopen: bool) -> ObjectAt | None:
     if "object" not in row:
         for key in ("sub", "object_bit"):
             if key in row:
@@ -182,7 +184,7 @@ def _object_place(block: Block, row: dict[str, Any], has_canopen: bool) -> Objec
     return ObjectAt(row["object"], row.get("sub", 0), row.get("object_bit"))
 
 
-def _check_numbers(block: Block, parameter: Parameter) -> None:
+def _check_numbers(block: TomlTable, parameter: Parameter) -> None:
     """Scale, range and default: of the right kind, within the type, and within each other."""
     kind, low, high, default = parameter.type, parameter.minimum, parameter.maximum, parameter.default
     if kind in ("bool", "text"):
@@ -204,7 +206,7 @@ def _check_numbers(block: Block, parameter: Parameter) -> None:
         raise block.error("default", f"{show(default or 0)} is outside min..max; expected it inside, or a note why not")
 
 
-def _check_fits(block: Block, parameter: Parameter, key: str, value: int | float) -> None:
+def _check_fits(block: TomlTable, parameter: Parameter, key: str, value: int | float) -> None:
     limits = codec(parameter.type)
     raw = Fraction(value) / parameter.scale
     # A binary 655.35 is not quite 65535 hundredths: within a thousandth of a step it is meant to be.
@@ -216,7 +218,7 @@ def _check_fits(block: Block, parameter: Parameter, key: str, value: int | float
         raise block.error(key, f"{show(value)} falls between two steps of {show(float(parameter.scale))}")
 
 
-def _check_names(block: Block, parameter: Parameter) -> None:
+def _check_names(block: TomlTable, parameter: Parameter) -> None:
     """values and bits: only numbers that the type has."""
     kind = parameter.type
     for key, names in (("values", parameter.values), ("bits", parameter.bits)):

@@ -12,32 +12,28 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING
 
 from barewire.codecs import Value
+from barewire.devices.parameter import Parameter
 from barewire.errors import EncodeError, shown
-
-if TYPE_CHECKING:
-    from barewire.devices.parameter import Parameter
 
 _SUFFIXED = re.compile(r"[+-]?(?:[0-9][0-9A-Fa-f]*[hH]|[0-9A-F]+h)")
 SWITCHED = {"on": True, "true": True, "off": False, "false": False}
 
 
-def parse(parameter: Parameter, text: str) -> Value:
+def parse_value(parameter: Parameter, text: str) -> Value:
     """The value that the text stands for; EncodeError says what was expected.
 
-    >>> from barewire.devices.parameter import Parameter
     >>> relay = Parameter("Relay", "bool")
-    >>> parse(relay, "on"), parse(relay, "0")
+    >>> parse_value(relay, "on"), parse_value(relay, "0")
     (True, False)
-    >>> parse(Parameter("Tariff", "u8"), "02")  # digits are decimal, whatever zeros stand before them
+    >>> parse_value(Parameter("Tariff", "u8"), "02")  # digits are decimal, whatever zeros stand before them
     2
-    >>> parse(relay, "open")
+    >>> parse_value(relay, "open")
     Traceback (most recent call last):
       ...
     barewire.errors.EncodeError: Relay = 'open': expected on or off
-    >>> parse(Parameter("Limit", "u16"), "64h")
+    >>> parse_value(Parameter("Limit", "u16"), "64h")
     100
     """
     plain = text.strip()

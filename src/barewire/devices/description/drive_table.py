@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from barewire.devices.description.check import Block, Rule, Unfit, number, table_of, text, truth, whole
-from barewire.devices.device import DriveSide, fold, suggest
+from barewire.devices.description.rules import Rule, TomlTable, Unfit, number, table_of, text, truth, whole
+from barewire.devices.device import DriveRoles, fold, suggest
 from barewire.devices.parameter import Parameter
 
 WATCHED = ("status_word", "mode_display", "error_code", "position", "velocity")
@@ -40,7 +40,7 @@ RULES: dict[str, Rule] = {
 REQUIRED = ("status_word", "control_word")
 
 
-def read_drive(block: Block, parameters: Mapping[str, Parameter]) -> DriveSide:
+def read_drive_table(block: TomlTable, parameters: Mapping[str, Parameter]) -> DriveRoles:
     """The table as a DriveSide; `parameters` by their folded names. DescriptionError with file, line and key."""
     values = block.read(RULES, REQUIRED)
     for key in (*WATCHED, *COMMANDED):
@@ -48,10 +48,10 @@ def read_drive(block: Block, parameters: Mapping[str, Parameter]) -> DriveSide:
             values[key] = _part(block, key, values[key], parameters)
     if values.get("modes") and "mode" not in values:
         raise block.error("modes", "nothing to write them to; expected mode in the same table")
-    return DriveSide(**values)
+    return DriveRoles(**values)
 
 
-def _part(block: Block, key: str, name: str, parameters: Mapping[str, Parameter]) -> str:
+def _part(block: TomlTable, key: str, name: str, parameters: Mapping[str, Parameter]) -> str:
     """The name as the parameter has it, after a look at whether it can play this part."""
     found = parameters.get(fold(name))
     if found is None:

@@ -1,4 +1,4 @@
-"""Every parameter of the catalogue is where the manuals have it: `places.txt` keeps what was held against the pages."""
+"""Every parameter of the catalogue is where the manuals have it: `addresses.txt` keeps what was held against the pages."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 HOME = Path(__file__).parents[2]
-WRITTEN = (HOME / "tests" / "devices" / "places.txt").read_text(encoding="utf-8").splitlines()
-NOW = runpy.run_path(str(HOME / "tools" / "places.py"))["places"]().splitlines()
+WRITTEN = (HOME / "tests" / "devices" / "addresses.txt").read_text(encoding="utf-8").splitlines()
+NOW = runpy.run_path(str(HOME / "tools" / "addresses.py"))["addresses"]().splitlines()
 
 
 @pytest.mark.parametrize("device", ["az3", "adxl", "csd-mt"])
 def test_no_parameter_has_moved(device: str) -> None:
     now = [line for line in NOW if line.startswith(f"{device} |")]
     written = [line for line in WRITTEN if line.startswith(f"{device} |")]
-    assert now == written, "if this is meant: python tools/places.py"
+    assert now == written, "if this is meant: python tools/addresses.py"
 
 
 def test_there_is_no_other_device() -> None:

@@ -18,7 +18,7 @@ from functools import lru_cache
 
 from barewire.codecs import Value
 from barewire.devices.parameter import ModbusAt, Parameter
-from barewire.devices.plan import Block, Member
+from barewire.devices.plan import Member, PlannedRead
 
 Decode = Callable[[Sequence[int]], dict[str, Value]]
 
@@ -28,14 +28,14 @@ _KINDS |= {"f32": "f", "f64": "d", "bool": "H"}
 
 
 @lru_cache(maxsize=256)
-def typed(block: Block) -> Decode:
+def block_decoder(block: PlannedRead) -> Decode:
     """What turns the content of this block, as a response has it, into values by name.
 
     >>> from barewire.devices import load
     >>> from barewire.devices.plan import plan_reads
     >>> adxl = load("adxl")
     >>> (block,) = plan_reads(adxl, [adxl.find("L1 current"), adxl.find("L3 current")])
-    >>> block.quantity, typed(block)(range(block.quantity))
+    >>> block.quantity, block_decoder(block)(range(block.quantity))
     (6, {'L1 current': 0.0001, 'L3 current': 26.2149})
     """
     if block.table in ("coil", "discrete"):

@@ -21,11 +21,11 @@ from typing import cast, get_args
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.load import load
-from barewire.devices.device import CanopenSide, Device, ModbusSide, fold
-from barewire.devices.parameter import Access, ModbusAt, ObjectAt, Parameter, TableName
+from barewire.devices.device import CanopenSettings, Device, ModbusSettings, fold
+from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, ParameterAccess, TableName
 from barewire.errors import EncodeError
 
-RAW = Device("raw", "whatever answers", (), modbus=ModbusSide(), canopen=CanopenSide())
+RAW = Device("raw", "whatever answers", (), modbus=ModbusSettings(), canopen=CanopenSettings())
 
 TABLES = get_args(TableName)
 TYPES = ("u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64", "bool")
@@ -48,16 +48,16 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     order = next(wide, ORDERS[0])
     known = {fold(parameter.name) for parameter in device.parameters}
     unknown = [text for text in dict.fromkeys(wanted) if fold(text) not in known]
-    places = [place(text, order) for text in unknown if is_place(text) or device is RAW]
+    places = [raw_parameter(text, order) for text in unknown if is_raw_address(text) or device is RAW]
     return replace(device, parameters=(*device.parameters, *places)) if places else device
 
 
-def is_place(text: str) -> bool:
+def is_raw_address(text: str) -> bool:
     """Whether this is meant as a place: no parameter of a catalogue begins like that."""
     return text.partition(":")[0].strip() in (*TABLES, "object") and ":" in text
 
 
-def place(text: str, order: Order = "ABCD") -> Parameter:
+def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     """The parameter that a place is."""
     table, _, rest = text.strip().partition(":")
     parts = rest.split(":")
@@ -84,7 +84,7 @@ def place(text: str, order: Order = "ABCD") -> Parameter:
         size = 1 if _type(text, kind) == "bool" else max(1, codec(kind).size // 2)
     if address + size > 0x10000:
         raise EncodeError(f"{text!r}: there are no {size} registers from address {address} on")
-    access: Access = "ro" if table in ("input", "discrete") else "rw"
+    access: ParameterAccess = "ro" if table in ("input", "discrete") else "rw"
     return Parameter(text, kind, access=access, modbus=ModbusAt(cast(TableName, table), address, size, order=letters))
 
 

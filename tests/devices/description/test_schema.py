@@ -11,9 +11,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from barewire.canopen import AZ3, STANDARD
-from barewire.devices import DescriptionError, describe, drive_roles as parts, load, names
+from barewire.devices import DescriptionError, load, names
+from barewire.devices.description import drive_table
 from barewire.devices.description.load import CATALOG
-from barewire.devices.description.rows import REQUIRED, RULES
+from barewire.devices.description.parameter_table import REQUIRED, RULES
 from tests.devices.description.test_descriptions import HEAD, HEAD_MISTAKES, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
@@ -26,23 +27,23 @@ VALIDATOR = Draft202012Validator(SCHEMA)
 @pytest.mark.parametrize("name", names())
 def test_every_parameter_is_json_with_the_same_keys(name: str) -> None:
     for parameter in load(name).parameters:
-        told = describe(parameter)
+        told = parameter.as_dict()
         assert list(told) == KEYS
         assert json.loads(json.dumps(told, allow_nan=False)) == told
 
 
 def test_places_scale_and_names() -> None:
-    told = describe(load("az3").find("START PHASING"))
+    told = load("az3").find("START PHASING").as_dict()
     assert told["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
     assert told["object"] == {"index": 0x2018, "sub": 0, "bit": 1}
     assert told["default"] is False
-    told = describe(load("adxl").find("Frequency"))
+    told = load("adxl").find("Frequency").as_dict()
     assert (told["scale"], told["unit"], told["object"], told["min"]) == (0.001, "Hz", None, None)
-    told = describe(load("adxl").find("C02 Thermal status reset"))
+    told = load("adxl").find("C02 Thermal status reset").as_dict()
     assert (told["scale"], told["values"]) == (1, {"1": "execute"})
-    half = describe(load("adxl").find("Events counter"))["modbus"]
+    half = load("adxl").find("Events counter").as_dict()["modbus"]
     assert half == {"table": "input", "address": 0x502F, "words": 1, "half": "H", "bit": None, "order": "ABCD"}
-    assert describe(load("az3").find("IQRMSX10"))["modbus"] is None
+    assert load("az3").find("IQRMSX10").as_dict()["modbus"] is None
 
 
 @pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")
@@ -58,8 +59,8 @@ def test_the_schema_is_a_schema_of_the_same_keys_and_words() -> None:
     canopen = definitions["device"]["properties"]["canopen"]["properties"]
     assert canopen["dialect"]["enum"] == [STANDARD.name, AZ3.name]
     drive = definitions["device"]["properties"]["drive"]
-    assert list(drive["properties"]) == list(parts.RULES)
-    assert drive["required"] == list(parts.REQUIRED)
+    assert list(drive["properties"]) == list(drive_table.RULES)
+    assert drive["required"] == list(drive_table.REQUIRED)
 
 
 @pytest.mark.parametrize(

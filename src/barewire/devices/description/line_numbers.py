@@ -28,7 +28,7 @@ _TOKEN = re.compile(
 )
 
 
-class Lines:
+class KeyLines:
     """The lines of every header and key of one TOML text."""
 
     def __init__(self, text: str) -> None:
