@@ -8,7 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from barewire.canopen import Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
-from barewire.canopen.conformance.battery import Subject, cases, probe
+from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.model import Subject
+from barewire.canopen.conformance.probe import probe
 from barewire.conversation import play
 
 PAGE = Path(__file__).parent.parent / "docs" / "conform-canopen.md"
@@ -65,7 +67,9 @@ in a second:
 
 ```python
 from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
-from barewire.canopen.conformance.battery import cases, prepare, probe, run_case
+from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.probe import probe
+from barewire.canopen.conformance.runner import prepare, run_case
 from barewire.conversation import play
 
 device = LocalNode(5, ObjectDictionary(standard_objects()))

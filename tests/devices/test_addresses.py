@@ -1,4 +1,4 @@
-"""Every parameter of the catalogue is where the manuals have it: `addresses.txt` keeps what was held against the pages."""
+"""Every parameter of the catalogue has the address that `addresses.txt` lists, as compared with the manuals."""
 
 from __future__ import annotations
 

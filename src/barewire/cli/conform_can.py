@@ -57,6 +57,6 @@ def _as_dict(result: Result) -> dict[str, object]:
         "effect": case.effect,
         "ok": None if result.outcome is None else result.failure is None,
         "left_out": result.left_out or None,
-        "heard": [] if result.outcome is None else [list(turn) for turn in result.outcome.heard],
+        "heard": [] if result.outcome is None else [list(turn) for turn in result.outcome.received],
         "failure": result.failure,
     }

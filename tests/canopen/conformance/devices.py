@@ -5,16 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
-from barewire.canopen.conformance.battery import (
-    NodeCase,
-    NodeOutcome,
-    Subject,
-    cases,
-    prepare,
-    probe,
-    run_case,
-    wants_reset,
-)
+from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.model import NodeCase, NodeOutcome, Subject
+from barewire.canopen.conformance.probe import probe
+from barewire.canopen.conformance.runner import prepare, run_case, wants_reset
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import Participant, VirtualBus
 

@@ -8,8 +8,11 @@ from collections.abc import Callable
 import pytest
 
 from barewire.canopen import CanFrame, LocalNode, NmtState
-from barewire.canopen.conformance.battery import FLOOD, NodeCase, NodeStep, Subject, cases, probe, run_case
+from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.frames import Sdo
+from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.probe import probe
+from barewire.canopen.conformance.runner import FLOOD, run_case
 from barewire.conversation import play
 from barewire.errors import NoAnswer
 from tests.canopen.conformance.devices import LARGE, NODE, Spoiled, az3, bus_with, failures, hold, plain, subject_of
@@ -29,7 +32,7 @@ DEVIATIONS = {
 def test_a_plain_device(case: NodeCase) -> None:
     outcome = hold(bus_with(plain()), PLAIN_SUBJECT, case)
     assert outcome.failure is None
-    assert len(outcome.heard) <= len(case.turns)
+    assert len(outcome.received) <= len(case.steps)
 
 
 @pytest.mark.parametrize("case", [case for case in AZ3 if not case.lacks], ids=lambda case: case.name)
@@ -58,15 +61,15 @@ def test_names_are_told_once_and_every_frame_can_be_said() -> None:
     for case in PLAIN:
         assert case.title
         assert case.clause.startswith(("CiA 301 7.2.", "CiA 305"))
-        for turn in case.turns:
-            assert turn.ways
-            assert [str(CanFrame.parse(text)) for text in turn.says] == list(turn.says), case.name
+        for step in case.steps:
+            assert step.accepts
+            assert [str(CanFrame.parse(text)) for text in step.sends] == list(step.sends), case.name
 
 
 def test_what_reads_only_says_nothing_that_changes_a_device() -> None:
     for case in PLAIN:
         if case.effect == "reads":
-            said = [CanFrame.parse(text) for turn in case.turns for text in turn.says]
+            said = [CanFrame.parse(text) for step in case.steps for text in step.sends]
             assert not any(frame.id in (0x000, 0x080) for frame in said), case.name
             sdo = [frame.data[0] for frame in said if frame.key == (0x600 + NODE, False) and frame.data]
             assert not any(command & 0xE0 == 0x20 or command & 0xE1 == 0xC0 for command in sdo), case.name
@@ -172,7 +175,7 @@ def test_a_difference_is_told_in_one_sentence() -> None:
     case = replace_turns(NodeStep(("605#4000100000000000",), ("585#43......", "585#80")), NodeStep(("080#",), ("",)))
     answers = {"605#4000100000000000": "585#80", "080#": "185#01"}
     outcome, _ = play(run_case(case), lambda frame, now: [(now + 0.1, CanFrame.parse(answers[str(frame)]))])
-    assert outcome.heard == (("585#80",), ("185#01",))
+    assert outcome.received == (("585#80",), ("185#01",))
     assert outcome.failure == "after 080#: 185#01, expected silence"
 
 
@@ -190,7 +193,7 @@ def test_a_flood_is_an_answer_that_is_too_long() -> None:
     assert outcome.failure.startswith("after 605#4000100000000000: 585#0000000000000000, 585#00")
     assert f"{FLOOD} frames and more, expected 585#43" in outcome.failure
     assert len(outcome.failure) < 400
-    assert sum(map(len, outcome.heard)) == FLOOD
+    assert sum(map(len, outcome.received)) == FLOOD
 
 
 def test_an_accepted_end_ends_the_case() -> None:
@@ -198,23 +201,23 @@ def test_an_accepted_end_ends_the_case() -> None:
         NodeStep(("605#A400100014000000",), ("585#C6",), ("585#80",)), NodeStep(("605#A3",), ("585#81",))
     )
     outcome, _ = play(run_case(case), lambda frame, now: [(now + 0.1, CanFrame.parse("585#80"))])
-    assert (outcome.heard, outcome.failure) == ((("585#80",),), None)
+    assert (outcome.received, outcome.failure) == ((("585#80",),), None)
 
 
 def test_weather_is_passed_over() -> None:
     case = replace_turns(NodeStep(("605#4000100000000000",), ("585#43",)))
     answers = ["705#7F", "181#0000", "00000585#80", "585#43"]
-    coming = [(0.1 * place, CanFrame.parse(text)) for place, text in enumerate(answers)]
+    coming = [(0.1 * multiplexer, CanFrame.parse(text)) for multiplexer, text in enumerate(answers)]
     outcome, _ = play(run_case(case), lambda frame, now: coming)
     assert outcome.failure is None
 
 
-def replace_turns(*turns: NodeStep) -> NodeCase:
-    return PLAIN[0]._replace(turns=turns, hears=("585#", "185#"))
+def replace_turns(*steps: NodeStep) -> NodeCase:
+    return PLAIN[0]._replace(steps=steps, listens=("585#", "185#"))
 
 
 def test_an_answer_is_padded_and_classes_count_as_one_digit() -> None:
-    assert Sdo(5).told("A[04]171000") == "585#A[04]171000........"
+    assert Sdo(5).answer("A[04]171000") == "585#A[04]171000........"
     assert Sdo(5).value(0x1001, 0, b"\x11") == "585#4F01100011......|585#4201100011......"
 
 

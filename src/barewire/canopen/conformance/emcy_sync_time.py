@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject
-from barewire.canopen.conformance.frames import Sdo, little, row
+from barewire.canopen.conformance.frames import Sdo, little, make_case
+from barewire.canopen.conformance.model import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject
 
 CONSUMER = "CiA 301 7.2.8 heartbeat consumer"
 EMCY, SYNC, TIME = "CiA 301 7.2.7 EMCY", "CiA 301 7.2.5 SYNC", "CiA 301 7.2.6 TIME"
@@ -13,7 +13,7 @@ _VALUE, _STATE = 0x0609_0030, 0x0800_0022
 _WATCH = ("1016h:01",)
 
 
-def rows(subject: Subject) -> Iterator[NodeCase]:
+def emcy_sync_time_cases(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _consumer(subject)
     yield from _emcy(subject)
@@ -22,21 +22,23 @@ def rows(subject: Subject) -> Iterator[NodeCase]:
 
 
 def _consumer(subject: Subject) -> Iterator[NodeCase]:
-    node, other = subject.node, subject.stranger
+    node, other = subject.node, subject.other_node
     s = Sdo(node)
     alarm = f"{0x80 + node:03X}#"
     beat = f"{0x700 + other:03X}#05"
     entry = other << 16 | 100
-    watch = NodeStep((s.download(0x1016, 1, entry, 4),), (s.taken(0x1016, 1),))
+    watch = NodeStep((s.download(0x1016, 1, entry, 4),), (s.accepted(0x1016, 1),))
     heard = NodeStep((beat,), (SILENCE,), wait=0.05)
     lost = NodeStep((), (f"{alarm}3081............",), wait=0.5)
     quiet = NodeStep((), (SILENCE,), wait=0.3)
 
     def case(
-        name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (*_WATCH, "1014h"), why: str = ""
+        name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = (*_WATCH, "1014h"), why: str = ""
     ) -> NodeCase:
-        hears = (alarm, s.told("")[:4])
-        return row(subject, name, title, CONSUMER, turns, effect="commands", hears=hears, needs=needs, why=why)
+        listens = (alarm, s.answer("")[:4])
+        return make_case(
+            subject, name, title, CONSUMER, steps, effect="commands", listens=listens, needs=needs, why=why
+        )
 
     yield case("HBC-01", "a watched node falls silent: emergency 8130h, once", watch, heard, lost, quiet)
     again = NodeStep((beat,), (f"{alarm}0000............", SILENCE), wait=0.1)
@@ -46,7 +48,7 @@ def _consumer(subject: Subject) -> Iterator[NodeCase]:
     yield case("HBC-04", "a boot-up message starts no watch", watch, boot_up, why="the first heartbeat does")
     steady = [NodeStep((beat,), (SILENCE,), wait=0.04)] * 6
     yield case("HBC-05", "a node that keeps talking is not missed", watch, *steady)
-    off = NodeStep((s.download(0x1016, 1, 0, 4),), (s.taken(0x1016, 1),))
+    off = NodeStep((s.download(0x1016, 1, 0, 4),), (s.accepted(0x1016, 1),))
     yield case("HBC-06", "an entry of 0 watches nobody", watch, heard, off, quiet)
     yield case(
         "HBC-07",
@@ -57,7 +59,7 @@ def _consumer(subject: Subject) -> Iterator[NodeCase]:
         why="06040043",
     )
     yield case("HBC-08", "two entries of 0 are no such thing", off,
-               NodeStep((s.download(0x1016, 2, 0, 4),), (s.taken(0x1016, 2),)), needs=("1016h:02",))  # fmt: skip
+               NodeStep((s.download(0x1016, 2, 0, 4),), (s.accepted(0x1016, 2),)), needs=("1016h:02",))  # fmt: skip
     start = NodeStep((f"000#01{node:02X}",), (SILENCE,), wait=0.02)
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     stopped = NodeStep((s.upload(0x1000),), (SILENCE,), wait=0.1)
@@ -65,7 +67,7 @@ def _consumer(subject: Subject) -> Iterator[NodeCase]:
         ("HBC-09", 1, "no change of state", works),
         ("HBC-10", 2, "STOPPED", stopped),
     ):
-        behave = NodeStep((s.download(0x1029, 1, behaviour, 1),), (s.taken(0x1029, 1),))
+        behave = NodeStep((s.download(0x1029, 1, behaviour, 1),), (s.accepted(0x1029, 1),))
         yield case(name, f"1029h:01 is {behaviour}: {what} when a node is missed in OPERATIONAL", behave, watch, start,
                    heard, lost, after, needs=(*_WATCH, "1014h", "1029h:01"))  # fmt: skip
 
@@ -82,22 +84,22 @@ def _emcy(subject: Subject) -> Iterator[NodeCase]:
     both = ("RPDO", "1014h")
 
     def case(
-        name: str, title: str, *turns: NodeStep, needs: tuple[str, ...], why: str = "", effect: Effect = "commands"
+        name: str, title: str, *steps: NodeStep, needs: tuple[str, ...], why: str = "", effect: Effect = "commands"
     ) -> NodeCase:
-        hears = (alarm, s.told("")[:4])
-        return row(subject, name, title, EMCY, turns, effect=effect, hears=hears, needs=needs, why=why)
+        listens = (alarm, s.answer("")[:4])
+        return make_case(subject, name, title, EMCY, steps, effect=effect, listens=listens, needs=needs, why=why)
 
     told = s.value(0x1014, 0, (0x80 + node).to_bytes(4, "little"))
     yield case("EMC-01", "1014h tells 80h and the node-ID", NodeStep((s.upload(0x1014),), (told,)), needs=("1014h",),
                effect="reads")  # fmt: skip
     yield case("EMC-02", "an RPDO that is too short: emergency 8210h", start, short, needs=both)
-    register = NodeStep((s.upload(0x1001),), (s.told("4F011000[13579BDF][13579BDF]"),))
+    register = NodeStep((s.upload(0x1001),), (s.answer("4F011000[13579BDF][13579BDF]"),))
     yield case("EMC-03", "then 1001h shows a communication error", start, short, register, needs=both,
                why="bit 4, and bit 0 with every error")  # fmt: skip
     yield case("EMC-04", "a good one takes it away", start, short, right, needs=both, why="emergency 0000h, or none")
-    clear = NodeStep((s.download(0x1003, 0, 0, 1),), (s.taken(0x1003),))
+    clear = NodeStep((s.download(0x1003, 0, 0, 1),), (s.accepted(0x1003),))
     one = NodeStep((s.upload(0x1003),), (s.value(0x1003, 0, b"\1"),))
-    newest = NodeStep((s.upload(0x1003, 1),), (s.told("430310011082"),))
+    newest = NodeStep((s.upload(0x1003, 1),), (s.answer("430310011082"),))
     history = (*both, "1003h")
     yield case("EMC-05", "1003h holds the error, and its number", clear, start, short, one, newest, needs=history)
     none = NodeStep((s.upload(0x1003),), (s.value(0x1003, 0, b"\0"),))
@@ -109,11 +111,11 @@ def _emcy(subject: Subject) -> Iterator[NodeCase]:
                                           s.value(0x1003, 1, bytes(4))))  # fmt: skip
     yield case("EMC-08", "an entry of an empty history", clear, empty, needs=("1003h",), effect="writes",
                why="08000024 or 06090011; some devices tell 0")  # fmt: skip
-    moved = NodeStep((s.download(0x1014, 0, 0x80 + subject.stranger, 4),), (s.refused(0x1014, 0, _VALUE),))
+    moved = NodeStep((s.download(0x1014, 0, 0x80 + subject.other_node, 4),), (s.refused(0x1014, 0, _VALUE),))
     yield case("EMC-09", "1014h keeps its identifier while it is valid", moved, needs=("1014h",), effect="writes",
                why="06090030")  # fmt: skip
-    off = NodeStep((s.download(0x1014, 0, 0x8000_0080 + node, 4),), (s.taken(0x1014),))
-    unsaid = short._replace(ways=(SILENCE,), wait=0.2)
+    off = NodeStep((s.download(0x1014, 0, 0x8000_0080 + node, 4),), (s.accepted(0x1014),))
+    unsaid = short._replace(accepts=(SILENCE,), wait=0.2)
     yield case("EMC-10", "1014h not valid: nothing is said", off, start, unsaid, needs=both, why="bit 31")
     stop = NodeStep((f"000#02{node:02X}",), (SILENCE,), wait=0.02)
     yield case("EMC-11", "no emergency in STOPPED", stop, unsaid, needs=both)
@@ -125,25 +127,25 @@ def _sync(subject: Subject) -> Iterator[NodeCase]:
     effect: Effect = "commands"
     makes = ("1005h", "1006h")
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...], why: str = "") -> NodeCase:
-        hears = ("080#", s.told("")[:4], f"{0x80 + node:03X}#", f"{0x700 + node:03X}#00")
-        return row(subject, name, title, SYNC, turns, effect=effect, hears=hears, needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...], why: str = "") -> NodeCase:
+        listens = ("080#", s.answer("")[:4], f"{0x80 + node:03X}#", f"{0x700 + node:03X}#00")
+        return make_case(subject, name, title, SYNC, steps, effect=effect, listens=listens, needs=needs, why=why)
 
     def write(index: int, value: int, size: int) -> NodeStep:
-        return NodeStep((s.download(index, 0, value, size),), (s.taken(index),))
+        return NodeStep((s.download(index, 0, value, size),), (s.accepted(index),))
 
     def refuse(index: int, value: int, size: int, *codes: int) -> NodeStep:
         return NodeStep((s.download(index, 0, value, size),), (s.refused(index, 0, *codes),))
 
     on = write(0x1005, 0x4000_0080, 4)
     period = write(0x1006, 100_000, 4)
-    beats = NodeStep((), ("080#{2,5}",), wait=0.35, whole=True)
-    # A device that only hears SYNC refuses to produce it, and has passed.
+    beats = NodeStep((), ("080#{2,5}",), wait=0.35, full_wait=True)
+    # A device that only listens SYNC refuses to produce it, and has passed.
     may = on._replace(ends=(s.refused(0x1005, 0, _VALUE, 0x0609_0031),))
     yield case("SYN-01", "1005h bit 30: SYNC every 100 ms", period, may, beats, needs=makes)
     quiet = NodeStep((), (SILENCE,), wait=0.3)
     yield case("SYN-02", "1005h bit 30 cleared: no SYNC", period, may, beats,
-               NodeStep((s.download(0x1005, 0, 0x80, 4),), (s.taken(0x1005), f"080#, {s.taken(0x1005)}")), quiet,
+               NodeStep((s.download(0x1005, 0, 0x80, 4),), (s.accepted(0x1005), f"080#, {s.accepted(0x1005)}")), quiet,
                needs=makes)  # fmt: skip
     yield case("SYN-03", "no period: no SYNC", may, quiet, needs=makes, why="1006h is 0")
     counted = NodeStep((), ("080#01, 080#02, 080#03, 080#01",), wait=1.0)
@@ -173,19 +175,19 @@ def _sync(subject: Subject) -> Iterator[NodeCase]:
 
 def _time(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
-    hears = (s.told("")[:4], f"{0x80 + subject.node:03X}#")
+    listens = (s.answer("")[:4], f"{0x80 + subject.node:03X}#")
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
 
-    def case(name: str, title: str, *turns: NodeStep, effect: Effect, why: str = "") -> NodeCase:
-        return row(subject, name, title, TIME, turns, effect=effect, hears=hears, needs=("1012h",), why=why)
+    def case(name: str, title: str, *steps: NodeStep, effect: Effect, why: str = "") -> NodeCase:
+        return make_case(subject, name, title, TIME, steps, effect=effect, listens=listens, needs=("1012h",), why=why)
 
     yield case("TIM-01", "1012h tells 100h and its flags",
-               NodeStep((s.upload(0x1012),), (s.told("43121000000100"),)),
+               NodeStep((s.upload(0x1012),), (s.answer("43121000000100"),)),
                effect="reads")  # fmt: skip
     yield case("TIM-02", "TIME of six bytes harms nothing",
                NodeStep(("100#FF5B26059F3C",), (SILENCE,), wait=0.05), works, effect="commands")  # fmt: skip
     yield case("TIM-03", "TIME of two bytes harms nothing", NodeStep(("100#FF5B",), (SILENCE,), wait=0.05), works,
                effect="commands")  # fmt: skip
-    consumes = NodeStep((s.download(0x1012, 0, 0x8000_0100, 4),), (s.taken(0x1012),))
-    told = NodeStep((s.upload(0x1012),), (s.told(f"43121000{little(0x8000_0100, 4)}"),))
+    consumes = NodeStep((s.download(0x1012, 0, 0x8000_0100, 4),), (s.accepted(0x1012),))
+    told = NodeStep((s.upload(0x1012),), (s.answer(f"43121000{little(0x8000_0100, 4)}"),))
     yield case("TIM-04", "1012h bit 31: it consumes", consumes, told, effect="writes")

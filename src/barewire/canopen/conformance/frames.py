@@ -13,7 +13,12 @@ import re
 from binascii import crc_hqx
 from typing import NamedTuple
 
-from barewire.canopen.conformance.battery import GENERAL, Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject
+
+NOWHERE = 0x0FFF
+"""An index in the reserved range: no device can have it."""
+_GENERAL = 0x0800_0000
+"""An abort with the general error is always accepted as a refusal."""
 
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
@@ -25,62 +30,62 @@ class Sdo(NamedTuple):
 
     node: int
 
-    def ask(self, text: str) -> str:
+    def request(self, text: str) -> str:
         """A request of these bytes, filled up with 00."""
         return f"{0x600 + self.node:03X}#{text.replace(' ', '').ljust(16, '0')}"
 
-    def told(self, text: str) -> str:
+    def answer(self, text: str) -> str:
         """An answer that begins with these digits; [26] is one of the two."""
         digits = re.sub(r"\[[^]]*\]", ".", text.replace(" ", ""))
         return f"{0x580 + self.node:03X}#{text.replace(' ', '')}{'.' * (16 - len(digits))}"
 
     def upload(self, index: int, sub: int = 0) -> str:
         """Ask for an object."""
-        return self.ask("40" + place(index, sub))
+        return self.request("40" + multiplexer(index, sub))
 
     def download(self, index: int, sub: int, value: int, size: int) -> str:
         """Write a number."""
-        return self.ask(f"{_DOWNLOADS[size]:02X}{place(index, sub)}{little(value, size)}")
+        return self.request(f"{_DOWNLOADS[size]:02X}{multiplexer(index, sub)}{little(value, size)}")
 
-    def taken(self, index: int, sub: int = 0) -> str:
+    def accepted(self, index: int, sub: int = 0) -> str:
         """A download was taken, or may go on."""
-        return self.told("60" + place(index, sub))
+        return self.answer("60" + multiplexer(index, sub))
 
     def value(self, index: int, sub: int, data: bytes) -> str:
         """An expedited answer with just this value; 42h, of no indicated size, is as good."""
-        return f"{self.told(_UPLOADS[len(data)] + place(index, sub) + data.hex().upper())}|" + self.told(
-            "42" + place(index, sub) + data.hex().upper()
+        return f"{self.answer(_UPLOADS[len(data)] + multiplexer(index, sub) + data.hex().upper())}|" + self.answer(
+            "42" + multiplexer(index, sub) + data.hex().upper()
         )
 
     def any_value(self, index: int, sub: int = 0) -> str:
         """An expedited answer with whatever value."""
-        return self.told("4[2-9A-F]" + place(index, sub) + "........")
+        return self.answer("4[2-9A-F]" + multiplexer(index, sub) + "........")
 
     def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
-        """The first and a later turn of a case in which an object of two bytes must keep its value."""
-        before = NodeStep((self.download(index, 0, value, 2),), (self.taken(index),))
+        """The first and a later step of a case in which an object of two bytes must keep its value."""
+        before = NodeStep((self.download(index, 0, value, 2),), (self.accepted(index),))
         return before, NodeStep((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
         """An abort with one of these codes, or without a reason."""
-        return "|".join(self.told(f"80{place(index, sub)}{little(code, 4)}") for code in (*codes, GENERAL))
+        return "|".join(self.answer(f"80{multiplexer(index, sub)}{little(code, 4)}") for code in (*codes, _GENERAL))
 
     def aborted(self, *codes: int) -> str:
         """The same with any multiplexer: where nothing names an object, devices differ."""
-        return "|".join(self.told(f"80......{little(code, 4)}") for code in (*codes, GENERAL))
+        return "|".join(self.answer(f"80......{little(code, 4)}") for code in (*codes, _GENERAL))
 
     @property
     def any_abort(self) -> str:
         """An abort for whatever reason."""
-        return self.told("80")
+        return self.answer("80")
 
     @property
     def abort(self) -> str:
         """The client gives up."""
-        return self.ask("80 0010 00 0000 0008")
+        return self.request("80 0010 00 0000 0008")
 
 
-def place(index: int, sub: int) -> str:
+def multiplexer(index: int, sub: int) -> str:
     """The multiplexer as it stands in a frame."""
     return f"{index & 0xFF:02X}{index >> 8:02X}{sub:02X}"
 
@@ -111,21 +116,21 @@ def block_end(value: bytes, crc: int | None = None) -> str:
     return f"{0xC1 | unused << 2:02X}{little(crc_hqx(value, 0) if crc is None else crc, 2)}"
 
 
-def row(
+def make_case(
     subject: Subject,
     name: str,
     title: str,
     clause: str,
-    turns: tuple[NodeStep, ...],
+    steps: tuple[NodeStep, ...],
     *,
     effect: Effect,
-    hears: tuple[str, ...],
+    listens: tuple[str, ...],
     needs: tuple[str, ...] = (),
     why: str = "",
 ) -> NodeCase:
     """One case; what the subject lacks of `needs` is said in it."""
     missing = [one for one in needs if not _is_there(subject, one)]
-    return NodeCase(name, title, clause, effect, hears, turns, why, ", ".join(missing))
+    return NodeCase(name, title, clause, effect, listens, steps, why, ", ".join(missing))
 
 
 def _is_there(subject: Subject, need: str) -> bool:
@@ -133,7 +138,7 @@ def _is_there(subject: Subject, need: str) -> bool:
     if need == "large object":
         return subject.large is not None
     if need == "text of 8 bytes":
-        return len(subject.string[1]) > _SEGMENT and subject.has(subject.string[0])
+        return len(subject.text_object[1]) > _SEGMENT and subject.has(subject.text_object[0])
     if need == "TPDO":
         return subject.pdo(0x1800, 0x1A00) is not None
     if need == "RPDO":

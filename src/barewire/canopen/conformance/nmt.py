@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject
-from barewire.canopen.conformance.emcy_sync_time import rows as emcy_rows
-from barewire.canopen.conformance.frames import Sdo, row
+from barewire.canopen.conformance.frames import Sdo, make_case
+from barewire.canopen.conformance.model import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject
 
 NMT, CONTROL = "CiA 301 7.2.8 NMT", "CiA 301 7.2.8 error control"
 _BEAT = ("1017h",)
@@ -14,15 +13,14 @@ _GUARD = ("100Ch", "100Dh")
 START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
 
 
-def rows(subject: Subject) -> Iterator[NodeCase]:
+def nmt_cases(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _nmt(subject)
     yield from _heartbeat(subject)
     yield from _guarding(subject)
-    yield from emcy_rows(subject)
 
 
-def tell(command: str, node: int) -> str:
+def nmt_command(command: str, node: int) -> str:
     """An NMT command."""
     return f"000#{command}{node:02X}"
 
@@ -33,15 +31,15 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     boot = f"{0x700 + node:03X}#00"
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     silent = NodeStep((s.upload(0x1000),), (SILENCE,), wait=0.1)
-    boots = NodeStep((tell(RESET, node),), (boot,), wait=BOOT)
-    boots_communication = NodeStep((tell(RESET_COMMUNICATION, node),), (boot,), wait=BOOT)
+    boots = NodeStep((nmt_command(RESET, node),), (boot,), wait=BOOT)
+    boots_communication = NodeStep((nmt_command(RESET_COMMUNICATION, node),), (boot,), wait=BOOT)
 
     def do(command: str, at: int | None = None) -> NodeStep:
-        return NodeStep((tell(command, node if at is None else at),), (SILENCE,), wait=0.02)
+        return NodeStep((nmt_command(command, node if at is None else at),), (SILENCE,), wait=0.02)
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
-        hears = (s.told("")[:4], boot)
-        return row(subject, name, title, NMT, turns, effect="commands", hears=hears, needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
+        listens = (s.answer("")[:4], boot)
+        return make_case(subject, name, title, NMT, steps, effect="commands", listens=listens, needs=needs, why=why)
 
     yield case("NMT-01", "start: SDO works", do(START), works)
     yield case("NMT-02", "stop: SDO is silent", do(STOP), silent, why="no SDO in STOPPED")
@@ -49,8 +47,10 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     yield case("NMT-04", "stop, then start: SDO works", do(STOP), silent, do(START), works)
     yield case("NMT-05", "start, then pre-operational: SDO works", do(START), do(PRE), works)
     yield case("NMT-06", "stop, for all", do(STOP, 0), silent, do(PRE, 0), works)
-    yield case("NMT-07", "stop, for another node", do(STOP, subject.stranger), works)
-    hasty = NodeStep((tell(START, node), tell(STOP, node), tell(START, node)), (SILENCE,), wait=0.02)
+    yield case("NMT-07", "stop, for another node", do(STOP, subject.other_node), works)
+    hasty = NodeStep(
+        (nmt_command(START, node), nmt_command(STOP, node), nmt_command(START, node)), (SILENCE,), wait=0.02
+    )
     yield case("NMT-08", "start, stop, start without a pause", hasty, works)
     once = NodeStep((), (SILENCE,), wait=0.2)
     yield case("NMT-10", "reset node: one boot-up message", boots, once, works)
@@ -59,9 +59,9 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     yield case("NMT-13", "reset communication from STOPPED", do(STOP), silent, boots_communication, works)
     yield case("NMT-14", "reset node from OPERATIONAL", do(START), boots, works)
     yield case("NMT-15", "reset communication from OPERATIONAL", do(START), boots_communication, works)
-    yield case("NMT-16", "reset communication, for another node",
-               NodeStep((tell(RESET_COMMUNICATION, subject.stranger),), (SILENCE,), wait=0.3), works)  # fmt: skip
-    write = NodeStep((s.download(0x1017, 0, 12_345, 2),), (s.taken(0x1017),))
+    elsewhere = NodeStep((nmt_command(RESET_COMMUNICATION, subject.other_node),), (SILENCE,), wait=0.3)
+    yield case("NMT-16", "reset communication, for another node", elsewhere, works)
+    write = NodeStep((s.download(0x1017, 0, 12_345, 2),), (s.accepted(0x1017),))
     default = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, subject.number(0x1017).to_bytes(2, "little")),))
     yield case("NMT-17", "reset communication brings the value of 1017h back", write, boots_communication, default,
                needs=_BEAT, why="1000h to 1FFFh are as at power-on")  # fmt: skip
@@ -82,20 +82,20 @@ def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
     own = f"{0x700 + node:03X}#"
     effect: Effect = "commands"
     # A heartbeat of the period before may still come first, and one of the new period at once.
-    taken = f"{own}7F{{0,3}}, {s.taken(0x1017)}, {own}7F{{0,1}}"
+    taken = f"{own}7F{{0,3}}, {s.accepted(0x1017)}, {own}7F{{0,1}}"
     set_100, off = (NodeStep((s.download(0x1017, 0, period, 2),), (taken,)) for period in (100, 0))
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
-        hears = (own, s.told("")[:4])
-        return row(subject, name, title, CONTROL, turns, effect=effect, hears=hears, needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
+        listens = (own, s.answer("")[:4])
+        return make_case(subject, name, title, CONTROL, steps, effect=effect, listens=listens, needs=needs, why=why)
 
     def window(state: str, fewest: int, most: int, seconds: float) -> NodeStep:
-        return NodeStep((), (f"{own}{state}{{{fewest},{most}}}",), wait=seconds, whole=True)
+        return NodeStep((), (f"{own}{state}{{{fewest},{most}}}",), wait=seconds, full_wait=True)
 
     def change(command: str, state: str, before: str = "7F") -> NodeStep:
         # What is on its way may still tell the state before; some devices say the new one at once.
         ways = (f"{own}{before}{{0,1}}, {own}{state}{{1,2}}",)
-        return NodeStep((tell(command, node),), ways, wait=0.3)
+        return NodeStep((nmt_command(command, node),), ways, wait=0.3)
 
     yield case("HB-01", "a period of 100 ms", set_100, window("7F", 4, 7, 0.55), why="4 to 7 in 550 ms")
     yield case("HB-02", "OPERATIONAL is 05", set_100, change(START, "05"), window("05", 1, 4, 0.25))
@@ -115,47 +115,47 @@ def _guarding(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
     own = f"{0x700 + node:03X}#"
-    taken = f"{own}7F{{0,3}}, {s.taken(0x1017)}"
+    taken = f"{own}7F{{0,3}}, {s.accepted(0x1017)}"
     off = NodeStep((s.download(0x1017, 0, 0, 2),), (taken,))
 
     def ask(answer: str, *more: str) -> NodeStep:
         return NodeStep((f"{0x700 + node:03X}#R1",), (f"{own}{answer}" if answer else SILENCE, *more), wait=0.2)
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _GUARD, why: str = "") -> NodeCase:
-        hears = (own, s.told("")[:4])
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = _GUARD, why: str = "") -> NodeCase:
+        listens = (own, s.answer("")[:4])
         first = (off,) if subject.has(0x1017) else ()
-        return row(
-            subject, name, title, CONTROL, (*first, *turns), effect="commands", hears=hears, needs=needs, why=why
+        return make_case(
+            subject, name, title, CONTROL, (*first, *steps), effect="commands", listens=listens, needs=needs, why=why
         )
 
     yield case("GRD-01", "the toggle bit: 0, 1, 0", ask("7F"), ask("FF"), ask("7F"))
-    yield case("GRD-02", "in OPERATIONAL and STOPPED", NodeStep((tell(START, node),), (SILENCE,), wait=0.02), ask("05"),
-               NodeStep((tell(STOP, node),), (SILENCE,), wait=0.02), ask("84"), ask("04"))  # fmt: skip
-    boots = NodeStep((tell(RESET_COMMUNICATION, node),), (f"{own}00",), wait=BOOT)
+    start, stop = (NodeStep((nmt_command(name, node),), (SILENCE,), wait=0.02) for name in (START, STOP))
+    yield case("GRD-02", "in OPERATIONAL and STOPPED", start, ask("05"), stop, ask("84"), ask("04"))
+    boots = NodeStep((nmt_command(RESET_COMMUNICATION, node),), (f"{own}00",), wait=BOOT)
     again = (off,) if subject.has(0x1017) else ()
     yield case("GRD-03", "the toggle bit is 0 again after a reset", ask("7F"), boots, *again, ask("7F"), ask("FF"))
-    slow = NodeStep((s.download(0x1017, 0, 30_000, 2),), (f"{taken}, {own}7F{{0,1}}",), wait=0.1, whole=True)
+    slow = NodeStep((s.download(0x1017, 0, 30_000, 2),), (f"{taken}, {own}7F{{0,1}}",), wait=0.1, full_wait=True)
     yield case("GRD-04", "with a heartbeat nobody is guarded", slow, ask(SILENCE), needs=(*_GUARD, "1017h"),
                why="not both at a time")  # fmt: skip
     yield case("GRD-05", "a heartbeat of 0 brings guarding back", slow, off, ask("7F"), needs=(*_GUARD, "1017h"))
     life = (
-        NodeStep((s.download(0x100C, 0, 50, 2),), (s.taken(0x100C),)),
-        NodeStep((s.download(0x100D, 0, 2, 1),), (s.taken(0x100D),)),
+        NodeStep((s.download(0x100C, 0, 50, 2),), (s.accepted(0x100C),)),
+        NodeStep((s.download(0x100D, 0, 2, 1),), (s.accepted(0x100D),)),
     )
     missed = f"{0x80 + node:03X}#3081"
     heard = NodeStep((), (f"{missed}............",), wait=0.5)
-    watched = row(
+    watched = make_case(
         subject,
         "GRD-06",
         "life guarding: the master falls silent, and is missed",
         CONTROL,
         (*((off,) if subject.has(0x1017) else ()), *life, ask("7F"), heard),
         effect="commands",
-        hears=(own, s.told("")[:4], missed[:4]),
+        listens=(own, s.answer("")[:4], missed[:4]),
         needs=(*_GUARD, "1014h"),
         why="emergency 8130h after 100Ch times 100Dh",
     )
     yield watched
     unasked = NodeStep((), (SILENCE,), wait=0.3)
-    yield watched._replace(name="GRD-07", title="life guarding begins with the first question", turns=(
+    yield watched._replace(name="GRD-07", title="life guarding begins with the first question", steps=(
         *((off,) if subject.has(0x1017) else ()), *life, unasked), why="")  # fmt: skip

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.conformance.battery import BOOT, SILENCE, Effect, NodeCase, NodeStep, PdoSeen, Subject
-from barewire.canopen.conformance.frames import Sdo, place, row
+from barewire.canopen.conformance.frames import Sdo, make_case, multiplexer
+from barewire.canopen.conformance.model import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject, SubjectPdo
 
-CLAUSE = "CiA 301 7.2.2 PDO"
+_CLAUSE = "CiA 301 7.2.2 PDO"
 _VALUE, _ACCESS = 0x0609_0030, 0x0601_0000
 _HIGH = 0x0609_0031
 _NO_OBJECT, _NO_SUB = 0x0602_0000, 0x0609_0011
@@ -19,33 +19,36 @@ _NOT_MAPPABLE, _TOO_LONG = 0x0604_0041, 0x0604_0042
 _OFF = 0x8000_0000
 
 
-def rows(subject: Subject) -> Iterator[NodeCase]:
+def pdo_cases(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     node = subject.node
     for what, short, tried, fallback in (
-        ("RPDO", "RPD", subject.pdo(0x1400, 0x1600), PdoSeen(0x1400, 0x1600, CobEntry(0x200 + node), 2, 2)),
-        ("TPDO", "TPD", subject.pdo(0x1800, 0x1A00), PdoSeen(0x1800, 0x1A00, CobEntry(0x180 + node), 2, 2)),
+        ("RPDO", "RPD", subject.pdo(0x1400, 0x1600), SubjectPdo(0x1400, 0x1600, CobEntry(0x200 + node), 2, 2)),
+        ("TPDO", "TPD", subject.pdo(0x1800, 0x1A00), SubjectPdo(0x1800, 0x1A00, CobEntry(0x180 + node), 2, 2)),
     ):
         yield from _records(subject, what, short, tried or fallback)
-    yield from _received(subject, subject.pdo(0x1400, 0x1600) or PdoSeen(0x1400, 0x1600, CobEntry(0x200 + node), 2, 2))
-    yield from _sent(subject, subject.pdo(0x1800, 0x1A00) or PdoSeen(0x1800, 0x1A00, CobEntry(0x180 + node), 2, 2))
+    yield from _received(
+        subject, subject.pdo(0x1400, 0x1600) or SubjectPdo(0x1400, 0x1600, CobEntry(0x200 + node), 2, 2)
+    )
+    yield from _sent(subject, subject.pdo(0x1800, 0x1A00) or SubjectPdo(0x1800, 0x1A00, CobEntry(0x180 + node), 2, 2))
 
 
-def _records(subject: Subject, what: str, short: str, pdo: PdoSeen) -> Iterator[NodeCase]:
+def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterator[NodeCase]:
     """The two records, and what may be written to them when."""
     s = Sdo(subject.node)
     at, mapping, word = pdo.communication, pdo.mapping, pdo.cob.pack()
     elsewhere = (0x1FE if what == "TPDO" else 0x27E) | word & 0x4000_0000
 
     def case(
-        number: int, title: str, *turns: NodeStep, why: str = "", effect: Effect = "writes", needs: tuple[str, ...] = ()
+        number: int, title: str, *steps: NodeStep, why: str = "", effect: Effect = "writes", needs: tuple[str, ...] = ()
     ) -> NodeCase:
-        hears = (s.told("")[:4],)
-        return row(subject, f"{short}-{number:02d}", f"{what}: {title}", CLAUSE, turns, effect=effect, hears=hears,
-                   needs=(what, *needs), why=why)  # fmt: skip
+        listens = (s.answer("")[:4],)
+        name, title = f"{short}-{number:02d}", f"{what}: {title}"
+        needs = (what, *needs)
+        return make_case(subject, name, title, _CLAUSE, steps, effect=effect, listens=listens, needs=needs, why=why)
 
     def write(index: int, sub: int, value: int, size: int) -> NodeStep:
-        return NodeStep((s.download(index, sub, value, size),), (s.taken(index, sub),))
+        return NodeStep((s.download(index, sub, value, size),), (s.accepted(index, sub),))
 
     def refuse(index: int, sub: int, value: int, size: int, *codes: int) -> NodeStep:
         return NodeStep((s.download(index, sub, value, size),), (s.refused(index, sub, *codes),))
@@ -55,7 +58,7 @@ def _records(subject: Subject, what: str, short: str, pdo: PdoSeen) -> Iterator[
     fixed = s.refused(mapping, 0, _ACCESS, 0x0601_0002, _VALUE, 0x0800_0022)
     empty = write(mapping, 0, 0, 1)._replace(ends=(fixed,))
     first = subject.number(mapping, 1)
-    highest = NodeStep((s.upload(at),), (s.told(f"4F{place(at, 0)}0[2-6]"),))
+    highest = NodeStep((s.upload(at),), (s.answer(f"4F{multiplexer(at, 0)}0[2-6]"),))
     yield case(1, "sub-index 0 of the communication record", highest, effect="reads", why="2 to 6")
     yield case(2, "type 245 is reserved", refuse(at, 2, 245, 1, _VALUE, _HIGH), why="06090030")
     if what == "RPDO":
@@ -95,7 +98,7 @@ def _records(subject: Subject, what: str, short: str, pdo: PdoSeen) -> Iterator[
     yield case(18, "more than eight bytes", off, empty, *again,
                refuse(mapping, 0, times, 1, _TOO_LONG, _NOT_MAPPABLE, _ACCESS, _NO_OBJECT),
                needs=(f"{mapping:04X}h:{times:02X}",), why="06040042")  # fmt: skip
-    boots = NodeStep((f"000#82{subject.node:02X}",), (SILENCE,), wait=BOOT / 3, whole=True)
+    boots = NodeStep((f"000#82{subject.node:02X}",), (SILENCE,), wait=BOOT / 3, full_wait=True)
     back = NodeStep((s.upload(mapping),), (s.value(mapping, 0, bytes([count])),))
     yield case(19, "a reset of the communication brings the mapping back", off, empty, boots, back,
                NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word)),)), effect="commands")  # fmt: skip
@@ -106,31 +109,31 @@ def _four(word: int) -> bytes:
 
 
 class _Motion:
-    """The turns of process data."""
+    """The steps of process data."""
 
-    def __init__(self, subject: Subject, pdo: PdoSeen) -> None:
+    def __init__(self, subject: Subject, pdo: SubjectPdo) -> None:
         self.s = Sdo(subject.node)
         self.name = f"{pdo.cob.identifier:03X}#"
         self.start = NodeStep((f"000#01{subject.node:02X}",), (SILENCE, f"{self.name}{'.' * 2 * pdo.size}"), wait=0.05,
-                          whole=True)  # fmt: skip
+                          full_wait=True)  # fmt: skip
         self.stop = NodeStep((f"000#02{subject.node:02X}",), (SILENCE,), wait=0.02)
         self.works = NodeStep((self.s.upload(0x1000),), (self.s.any_value(0x1000),))
 
     def write(self, index: int, sub: int, value: int, size: int, *ends: str) -> NodeStep:
-        return NodeStep((self.s.download(index, sub, value, size),), (self.s.taken(index, sub),), ends)
+        return NodeStep((self.s.download(index, sub, value, size),), (self.s.accepted(index, sub),), ends)
 
 
-def _received(subject: Subject, pdo: PdoSeen) -> Iterator[NodeCase]:
+def _received(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
     motion = _Motion(subject, pdo)
     s, name = motion.s, motion.name
     alarm = f"{0x80 + subject.node:03X}#"
     whole, short = "00" * pdo.size, "00" * (pdo.size - 1)
 
     def case(
-        number: int, title: str, *turns: NodeStep, needs: tuple[str, ...] = ("RPDO", "1014h"), why: str = ""
+        number: int, title: str, *steps: NodeStep, needs: tuple[str, ...] = ("RPDO", "1014h"), why: str = ""
     ) -> NodeCase:
-        hears = (alarm, s.told("")[:4])
-        return row(subject, f"RPD-{number}", f"RPDO: {title}", CLAUSE, turns, effect="commands", hears=hears,
+        listens = (alarm, s.answer("")[:4])
+        return make_case(subject, f"RPD-{number}", f"RPDO: {title}", _CLAUSE, steps, effect="commands", listens=listens,
                    needs=needs, why=why)  # fmt: skip
 
     quiet = (SILENCE,)
@@ -167,16 +170,16 @@ def _received(subject: Subject, pdo: PdoSeen) -> Iterator[NodeCase]:
                needs=needs, why="or the device has no such watch")  # fmt: skip
 
 
-def _sent(subject: Subject, pdo: PdoSeen) -> Iterator[NodeCase]:
+def _sent(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
     motion = _Motion(subject, pdo)
     s, name, at = motion.s, motion.name, pdo.communication
     data = f"{name}{'.' * 2 * pdo.size}"
     word = pdo.cob.pack()
     refused = s.refused(at, 2, _VALUE, _HIGH)
 
-    def case(number: int, title: str, *turns: NodeStep, needs: tuple[str, ...] = ("TPDO",), why: str = "") -> NodeCase:
-        hears = (name, s.told("")[:4], "1FE#")
-        return row(subject, f"TPD-{number}", f"TPDO: {title}", CLAUSE, turns, effect="commands", hears=hears,
+    def case(number: int, title: str, *steps: NodeStep, needs: tuple[str, ...] = ("TPDO",), why: str = "") -> NodeCase:
+        listens = (name, s.answer("")[:4], "1FE#")
+        return make_case(subject, f"TPD-{number}", f"TPDO: {title}", _CLAUSE, steps, effect="commands", listens=listens,
                    needs=needs, why=why)  # fmt: skip
 
     def kind(number: int) -> NodeStep:
@@ -193,18 +196,18 @@ def _sent(subject: Subject, pdo: PdoSeen) -> Iterator[NodeCase]:
     back = NodeStep((f"000#80{subject.node:02X}",), (SILENCE,), wait=0.02)
     yield case(35, "none in PRE-OPERATIONAL again", kind(1), start, sync, back, no)
     off = motion.write(at, 1, word | _OFF, 4)
-    yield case(36, "switched off there is none", kind(1), off, start._replace(ways=(SILENCE,)), no)
+    yield case(36, "switched off there is none", kind(1), off, start._replace(accepts=(SILENCE,)), no)
     elsewhere = motion.write(at, 1, 0x1FE | word & 0x4000_0000, 4)
     moved = NodeStep(("080#",), (f"1FE#{'.' * 2 * pdo.size}",))
-    yield case(37, "on another COB-ID", kind(1), off, elsewhere, start._replace(ways=(SILENCE,)), moved)
+    yield case(37, "on another COB-ID", kind(1), off, elsewhere, start._replace(accepts=(SILENCE,)), moved)
     timer = motion.write(at, 5, 100, 2)
-    running = NodeStep((), (f"{data}{{3,7}}",), wait=0.5, whole=True)
+    running = NodeStep((), (f"{data}{{3,7}}",), wait=0.5, full_wait=True)
     yield case(38, "type 255 and an event timer of 100 ms", kind(255), timer, start, running,
                needs=("TPDO", f"{at:04X}h:05"), why="3 to 7 in 500 ms; more where values change")  # fmt: skip
     none = motion.write(at, 5, 0, 2)
-    still = NodeStep((), (SILENCE, f"{data}{{1,30}}"), wait=0.3, whole=True)
+    still = NodeStep((), (SILENCE, f"{data}{{1,30}}"), wait=0.3, full_wait=True)
     yield case(39, "the event timer off again, while it runs", kind(255), timer, start, running,
-               none._replace(ways=(*none.ways, f"{data}, {none.ways[0]}")), still,
+               none._replace(accepts=(*none.accepts, f"{data}, {none.accepts[0]}")), still,
                needs=("TPDO", f"{at:04X}h:05"))  # fmt: skip
     ask = NodeStep((f"{name}R{pdo.size}",), (data,))
     if pdo.cob.bit30:

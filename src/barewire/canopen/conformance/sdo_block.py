@@ -7,11 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import SILENCE, Effect, NodeCase, NodeStep, Subject
-from barewire.canopen.conformance.frames import Sdo, block_end, block_segment, little, parts, place, row
-from barewire.canopen.conformance.sdo_expedited import NOWHERE
+from barewire.canopen.conformance.frames import (
+    NOWHERE,
+    Sdo,
+    block_end,
+    block_segment,
+    little,
+    make_case,
+    multiplexer,
+    parts,
+)
+from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 
-CLAUSE = "CiA 301 7.2.4 SDO block"
+_CLAUSE = "CiA 301 7.2.4 SDO block"
 _COMMAND, _SIZE, _SEQUENCE, _CRC = 0x0504_0001, 0x0504_0002, 0x0504_0003, 0x0504_0004
 _LENGTHS = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 _READ_ONLY = (0x0601_0000, 0x0601_0002)
@@ -20,7 +28,7 @@ _BEAT = ("1017h",)
 _LARGE = ("large object",)
 
 
-def rows(subject: Subject) -> Iterator[NodeCase]:
+def block_cases(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _uploads(subject)
     yield from _downloads(subject)
@@ -28,59 +36,61 @@ def rows(subject: Subject) -> Iterator[NodeCase]:
 
 
 class _Block:
-    """The turns of block transfers with one device."""
+    """The steps of block transfers with one device."""
 
     def __init__(self, subject: Subject) -> None:
         self.s = s = Sdo(subject.node)
         self.none = s.aborted(_COMMAND)
         self.works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
-        self.done = NodeStep((s.ask("A1"),), (SILENCE,), wait=0.02)
+        self.done = NodeStep((s.request("A1"),), (SILENCE,), wait=0.02)
         self.hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
 
     def begin_up(self, index: int, size: int, blksize: int = 20, *, crc: bool = True, switch: int = 0) -> NodeStep:
         """Ask for an upload in blocks of so many segments."""
-        at = place(index, 0)
-        request = self.s.ask(f"{'A4' if crc else 'A0'}{at}{blksize:02X}{switch:02X}")
-        told = self.s.told(f"C[26]{at}{little(size, 4)}")
-        return NodeStep((request,), (f"{told}|{self.s.told(f'C[04]{at}')}",), (self.none,))
+        at = multiplexer(index, 0)
+        request = self.s.request(f"{'A4' if crc else 'A0'}{at}{blksize:02X}{switch:02X}")
+        told = self.s.answer(f"C[26]{at}{little(size, 4)}")
+        return NodeStep((request,), (f"{told}|{self.s.answer(f'C[04]{at}')}",), (self.none,))
 
     def blocks(self, value: bytes, first: int, count: int, says: str) -> NodeStep:
         """Say something and get these segments, numbered from 1."""
         pieces = parts(value)
         ways = [
-            self.s.told(block_segment(number + 1, pieces[first + number], first + number == len(pieces) - 1))
+            self.s.answer(block_segment(number + 1, pieces[first + number], first + number == len(pieces) - 1))
             for number in range(count)
         ]
-        return NodeStep((self.s.ask(says),), (", ".join(ways),))
+        return NodeStep((self.s.request(says),), (", ".join(ways),))
 
     def up(self, index: int, value: bytes, *, crc: bool = True, blksize: int = 20) -> list[NodeStep]:
         """A whole upload."""
-        count, first, turns, says = len(parts(value)), 0, [self.begin_up(index, len(value), blksize, crc=crc)], "A3"
+        count, first, steps, says = len(parts(value)), 0, [self.begin_up(index, len(value), blksize, crc=crc)], "A3"
         while first < count:
             now = min(blksize, count - first)
-            turns.append(self.blocks(value, first, now, says))
+            steps.append(self.blocks(value, first, now, says))
             first, says = first + now, f"A2{now:02X}{blksize:02X}"
-        ends = self.s.told(block_end(value, 0))
-        ways = f"{self.s.told(block_end(value))}|{ends}" if crc else ends
-        return [*turns, NodeStep((self.s.ask(says),), (ways,)), self.done]
+        ends = self.s.answer(block_end(value, 0))
+        ways = f"{self.s.answer(block_end(value))}|{ends}" if crc else ends
+        return [*steps, NodeStep((self.s.request(says),), (ways,)), self.done]
 
     def begin_down(self, index: int, sub: int, size: int | None, *, crc: bool = True, more: str = "") -> NodeStep:
         """Ask for a download in blocks; `more` is another accepted answer."""
-        at = place(index, sub)
+        at = multiplexer(index, sub)
         request = f"{0xC0 | crc << 2 | (size is not None) << 1:02X}{at}{little(size or 0, 4)}"
-        ways = (self.s.told(f"A[04]{at}"), *([more] if more else []))
-        return NodeStep((self.s.ask(request),), ways, (self.none,))
+        ways = (self.s.answer(f"A[04]{at}"), *([more] if more else []))
+        return NodeStep((self.s.request(request),), ways, (self.none,))
 
 
 def _uploads(subject: Subject) -> Iterator[NodeCase]:
     block = _Block(subject)
     s, works = block.s, block.works
-    index, text = subject.string
+    index, text = subject.text_object
     count = len(parts(text))
     device_type = subject.number(0x1000).to_bytes(4, "little")
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
-        return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect="reads", listens=(s.answer("")[:4],), needs=needs, why=why
+        )
 
     yield case("BLK-01", "upload of four bytes without CRC", *block.up(0x1000, device_type, crc=False), works,
                why="the CRC is 0 if one side has none")  # fmt: skip
@@ -89,19 +99,19 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     yield case("BLK-04", "upload in blocks of one segment", *block.up(index, text, blksize=1), works, needs=_TEXT)
     yield case("BLK-05", "upload in blocks of 127 segments", *block.up(index, text, blksize=127), works, needs=_TEXT)
     for name, blksize in (("BLK-06", 0), ("BLK-07", 128), ("BLK-08", 255)):
-        turn = NodeStep((s.ask(f"A4 0010 00 {blksize:02X}"),), (s.aborted(_SIZE, _COMMAND),))
-        yield case(name, f"upload in blocks of {blksize} segments", turn, works, why="05040002: 1 to 127")
+        step = NodeStep((s.request(f"A4 0010 00 {blksize:02X}"),), (s.aborted(_SIZE, _COMMAND),))
+        yield case(name, f"upload in blocks of {blksize} segments", step, works, why="05040002: 1 to 127")
     for name, at, sub, code, what in (
         ("BLK-09", NOWHERE, 0, 0x0602_0000, "an object that does not exist"),
         ("BLK-10", 0x1000, 1, 0x0609_0011, "a sub-index that does not exist"),
     ):
-        turn = NodeStep((s.ask(f"A4 {place(at, sub)} 14"),), (s.refused(at, sub, code), block.none))
-        yield case(name, f"upload of {what}", turn, works, why=f"{code:08X}")
+        step = NodeStep((s.request(f"A4 {multiplexer(at, sub)} 14"),), (s.refused(at, sub, code), block.none))
+        yield case(name, f"upload of {what}", step, works, why=f"{code:08X}")
     begin = block.begin_up(0x1000, 4, switch=4)
     yield case(
         "BLK-11",
         "upload with a switch to segments from four bytes down",
-        begin._replace(ways=(*begin.ways, s.any_value(0x1000))),
+        begin._replace(accepts=(*begin.accepts, s.any_value(0x1000))),
         block.hung,
         works,
         why="the device may answer as to 40h, or go on in blocks",
@@ -118,7 +128,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "BLK-15",
         "more acknowledged than was sent",
         *start,
-        NodeStep((s.ask(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)),
+        NodeStep((s.request(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)),
         works,
         needs=_TEXT,
         why="05040003",
@@ -127,7 +137,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "BLK-16",
         "block size 0 with the acknowledgement",
         *start,
-        NodeStep((s.ask("A2 01 00"),), (s.aborted(_SIZE, _COMMAND),)),
+        NodeStep((s.request("A2 01 00"),), (s.aborted(_SIZE, _COMMAND),)),
         works,
         needs=_TEXT,
         why="05040002",
@@ -139,7 +149,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
                NodeStep((s.upload(0x1000),), (s.any_value(0x1000), s.aborted(_COMMAND))), works, needs=_TEXT,
                why="all has been said; devices serve it or abort once")  # fmt: skip
     yield case("BLK-20", "the next segment of a segmented upload in the middle", start[0],
-               NodeStep((s.ask("60"),), (s.aborted(_COMMAND),)), works, needs=_TEXT, why="05040001")  # fmt: skip
+               NodeStep((s.request("60"),), (s.aborted(_COMMAND),)), works, needs=_TEXT, why="05040001")  # fmt: skip
 
 
 def _downloads(subject: Subject) -> Iterator[NodeCase]:
@@ -147,42 +157,44 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     s, works = block.s, block.works
     value = b"\x10\x27"
     read_back = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, value),))
-    send = NodeStep((s.ask("81 1027"),), (s.told("A201"),))
+    send = NodeStep((s.request("81 1027"),), (s.answer("A201"),))
     effect: Effect = "writes"
     before, kept = s.unchanged(0x1017)
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
-        turns = (before, *turns) if kept in turns else turns
-        return row(subject, name, title, CLAUSE, turns, effect=effect, hears=(s.told("")[:4],), needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
+        steps = (before, *steps) if kept in steps else steps
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect=effect, listens=(s.answer("")[:4],), needs=needs, why=why
+        )
 
     def end(data: bytes, crc: int | None = None) -> NodeStep:
-        return NodeStep((s.ask(block_end(data, crc)),), (s.told("A1"),))
+        return NodeStep((s.request(block_end(data, crc)),), (s.answer("A1"),))
 
     begin = block.begin_down(0x1017, 0, 2)
     yield case("BLK-30", "download of two bytes with CRC", begin, send, end(value), read_back)
     plain = block.begin_down(0x1017, 0, 2, crc=False)
     yield case("BLK-31", "download without CRC", plain, send, end(value, 0), read_back)
     yield case("BLK-32", "download without a size", block.begin_down(0x1017, 0, None), send, end(value), read_back)
-    strict = NodeStep(begin.says, (s.told("A4171000"),), (block.none, s.told("A0171000")))
+    strict = NodeStep(begin.sends, (s.answer("A4171000"),), (block.none, s.answer("A0171000")))
     yield case(
         "BLK-33",
         "a wrong CRC, if the device has one",
         strict,
         send,
-        NodeStep((s.ask(block_end(value, 0x1234)),), (s.refused(0x1017, 0, _CRC),)),
+        NodeStep((s.request(block_end(value, 0x1234)),), (s.refused(0x1017, 0, _CRC),)),
         kept,
         why="05040004, and nothing is changed",
     )
     for name, number in (("BLK-34", "82"), ("BLK-35", "80")):
         what = "a block begins with segment 2" if number == "82" else "a segment 0 with the last bit is an abort"
-        ways = (s.aborted(_SEQUENCE, _COMMAND), s.told("A200"), SILENCE) if number == "82" else (SILENCE,)
-        yield case(name, what, begin, NodeStep((s.ask(f"{number} 1027"),), ways), block.hung, kept,
+        ways = (s.aborted(_SEQUENCE, _COMMAND), s.answer("A200"), SILENCE) if number == "82" else (SILENCE,)
+        yield case(name, what, begin, NodeStep((s.request(f"{number} 1027"),), ways), block.hung, kept,
                    why="05040003, or acknowledged as 0" if number == "82" else "80h")  # fmt: skip
     yield case(
         "BLK-36",
         "a segment 0",
         begin,
-        NodeStep((s.ask("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)),
+        NodeStep((s.request("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)),
         block.hung,
         kept,
         why="05040003, or passed over",
@@ -198,8 +210,8 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
             name,
             f"download to {what}",
             start._replace(ends=(*start.ends, refused)),
-            NodeStep((s.ask("81 01000000"),), (s.told("A201"),), (refused,)),
-            NodeStep((s.ask(block_end(b"\1\0\0\0")),), (refused,)),
+            NodeStep((s.request("81 01000000"),), (s.answer("A201"),), (refused,)),
+            NodeStep((s.request(block_end(b"\1\0\0\0")),), (refused,)),
             needs=(),
             why="refused at the start or at the end",
         )
@@ -210,14 +222,14 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
             name,
             f"{len(data)} bytes to an object of two",
             start._replace(ends=(*start.ends, wrong)),
-            NodeStep((s.ask("81"),), (s.told("A201"),), (wrong,)),
-            NodeStep((s.ask(block_end(data)),), (wrong,)),
+            NodeStep((s.request("81"),), (s.answer("A201"),), (wrong,)),
+            NodeStep((s.request(block_end(data)),), (wrong,)),
             kept,
             why="0607001x, and nothing is changed",
         )
     yield case("BLK-42", "the client gives up before the first segment", begin, block.hung, kept)
     yield case("BLK-43", "the client gives up before the end", begin, send, block.hung, kept, works)
-    again = NodeStep((s.ask("81 1027"),), (SILENCE, s.told("A201")), wait=0.05)
+    again = NodeStep((s.request("81 1027"),), (SILENCE, s.answer("A201")), wait=0.05)
     yield case("BLK-44", "the last segment again, then the end", begin, send, again, end(value), read_back,
                why="its acknowledgement may have been lost")  # fmt: skip
 
@@ -228,13 +240,15 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     s = block.s
     index, sub = subject.large or (0x2000, 0)
 
-    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
-        return row(subject, name, title, CLAUSE, turns, effect="writes", hears=(s.told("")[:4],), needs=_LARGE, why=why)
+    def case(name: str, title: str, *steps: NodeStep, why: str = "") -> NodeCase:
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect="writes", listens=(s.answer("")[:4],), needs=_LARGE, why=why
+        )
 
     def say(value: bytes, first: int, last: int, ack: int, *more: str) -> NodeStep:
         pieces = parts(value)
-        says = [s.ask(block_segment(n - first + 1, pieces[n], n == len(pieces) - 1)) for n in range(first, last)]
-        return NodeStep(tuple(says), (s.told(f"A2{ack:02X}"), *more))
+        says = [s.request(block_segment(n - first + 1, pieces[n], n == len(pieces) - 1)) for n in range(first, last)]
+        return NodeStep(tuple(says), (s.answer(f"A2{ack:02X}"), *more))
 
     for name, length in (("BLK-50", 7), ("BLK-51", 20), ("BLK-52", 100)):
         value = bytes(number % 251 + 1 for number in range(length))
@@ -244,25 +258,27 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
             f"{length} bytes there and back",
             block.begin_down(index, sub, length),
             say(value, 0, count, count),
-            NodeStep((s.ask(block_end(value)),), (s.told("A1"),)),
+            NodeStep((s.request(block_end(value)),), (s.answer("A1"),)),
             *block.up(index, value) if sub == 0 else (),
         )
     value = bytes(range(1, 21))
     pieces = parts(value)
-    texts = [s.ask(block_segment(number + 1, piece, piece is pieces[-1])) for number, piece in enumerate(pieces)]
-    finish = NodeStep((s.ask(block_end(value)),), (s.told("A1"),))
+    texts = [s.request(block_segment(number + 1, piece, piece is pieces[-1])) for number, piece in enumerate(pieces)]
+    finish = NodeStep((s.request(block_end(value)),), (s.answer("A1"),))
     begin = block.begin_down(index, sub, len(value))
     for name, kept, acked in (("BLK-53", (0, 2), 1), ("BLK-54", (1, 2), 0)):
         lost = "second" if acked else "first"
         # Acknowledged at the block's end, at the first gap, or when nothing more comes: all three are in use.
-        gap = NodeStep(tuple(texts[one] for one in kept), (s.told(f"A20{acked}"),), wait=2.5)
+        gap = NodeStep(tuple(texts[one] for one in kept), (s.answer(f"A20{acked}"),), wait=2.5)
         yield case(name, f"the {lost} segment is lost: what is missing is asked for", begin, gap,
                    say(value, acked, 3, 3 - acked), finish, *block.up(index, value) if sub == 0 else (),
                    why="numbered from 1 again; how soon is not laid down")  # fmt: skip
-    wrong = NodeStep((s.ask(block_end(value, 0x1234)),), (s.refused(index, sub, _CRC),))
-    strict = NodeStep(begin.says, (s.told(f"A4{place(index, sub)}"),), (block.none, s.told(f"A0{place(index, sub)}")))
+    wrong = NodeStep((s.request(block_end(value, 0x1234)),), (s.refused(index, sub, _CRC),))
+    strict = NodeStep(
+        begin.sends, (s.answer(f"A4{multiplexer(index, sub)}"),), (block.none, s.answer(f"A0{multiplexer(index, sub)}"))
+    )
     yield case("BLK-55", "a wrong CRC of several segments", strict, say(value, 0, 3, 3), wrong, block.works,
                why="05040004")  # fmt: skip
     yield case("BLK-56", "more bytes than told", block.begin_down(index, sub, 14), say(value, 0, 3, 3, s.any_abort),
-               NodeStep((s.ask(block_end(value)),), (s.aborted(*_LENGTHS, _COMMAND), SILENCE)), block.works,
+               NodeStep((s.request(block_end(value)),), (s.aborted(*_LENGTHS, _COMMAND), SILENCE)), block.works,
                why="06070012, 06070010; some devices notice with the segments")  # fmt: skip

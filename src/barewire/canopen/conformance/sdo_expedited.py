@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import SILENCE, Effect, NodeCase, NodeStep, Subject
-from barewire.canopen.conformance.frames import Sdo, little, place, row
+from barewire.canopen.conformance.frames import NOWHERE, Sdo, little, make_case, multiplexer
+from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 
-CLAUSE = "CiA 301 7.2.4 SDO"
-NOWHERE = 0x0FFF
-"""An index in the reserved range: no device can have it."""
+_CLAUSE = "CiA 301 7.2.4 SDO"
 _NO_OBJECT, _NO_SUB = 0x0602_0000, 0x0609_0011
 _READ_ONLY = (0x0601_0000, 0x0601_0002)
 _LONG = (0x0607_0010, 0x0607_0012)
@@ -18,7 +16,7 @@ _COMMAND = 0x0504_0001
 _VALUE = (0x0609_0030, 0x0609_0031)
 
 
-def rows(subject: Subject) -> Iterator[NodeCase]:
+def expedited_cases(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _uploads(subject)
     yield from _nonsense(subject)
@@ -28,8 +26,10 @@ def rows(subject: Subject) -> Iterator[NodeCase]:
 def _uploads(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
-        return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = (), why: str = "") -> NodeCase:
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect="reads", listens=(s.answer("")[:4],), needs=needs, why=why
+        )
 
     for name, index, sub, size, what in (
         ("SDO-01", 0x1000, 0, 4, "device type"),
@@ -38,7 +38,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         ("SDO-04", 0x1018, 1, 4, "vendor-ID"),
     ):
         data = bytes.fromhex(little(subject.number(index, sub), size))
-        answer = s.told(f"4F{place(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
+        answer = s.answer(f"4F{multiplexer(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
         yield case(name, f"upload of {index:04X}h:{sub:02X}, {what}", NodeStep((s.upload(index, sub),), (answer,)),
                    why="every device has it")  # fmt: skip
     again = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
@@ -76,7 +76,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         yield case(
             f"SDO-{11 + (0x1003, 0x1010, 0x1011, 0x1016, 0x1029).index(index)}",
             f"{index:04X}h:00 is one byte",
-            NodeStep((s.upload(index),), (s.told(f"4F{place(index, 0)}"),)),
+            NodeStep((s.upload(index),), (s.answer(f"4F{multiplexer(index, 0)}"),)),
             needs=(f"{index:04X}h",),
             why="sub-index 0 of a record or an array is UNSIGNED8",
         )
@@ -88,12 +88,12 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     unknown = s.aborted(_COMMAND)
 
-    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
-        return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), why=why)
+    def case(name: str, title: str, *steps: NodeStep, why: str = "") -> NodeCase:
+        return make_case(subject, name, title, _CLAUSE, steps, effect="reads", listens=(s.answer("")[:4],), why=why)
 
     for name, command in (("SDO-20", "E0"), ("SDO-21", "FF")):
         yield case(name, f"command {command}h, which is none",
-                   NodeStep((s.ask(command + "0010 00"),), (unknown,)), works,
+                   NodeStep((s.request(command + "0010 00"),), (unknown,)), works,
                    why="05040001; devices differ in the object that they name")  # fmt: skip
     for name, command, what in (
         ("SDO-22", "60", "the next segment of an upload"),
@@ -102,8 +102,8 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
         ("SDO-25", "C1", "the end of a block download"),
         ("SDO-26", "A3", "the start of a block upload"),
     ):
-        turn = NodeStep((s.ask(command),), (s.any_abort, SILENCE))
-        yield case(name, f"{what} without a transfer", turn, works, why="an abort, or passed over")
+        step = NodeStep((s.request(command),), (s.any_abort, SILENCE))
+        yield case(name, f"{what} without a transfer", step, works, why="an abort, or passed over")
     yield case(
         "SDO-27",
         "an abort without a transfer is not answered",
@@ -125,14 +125,14 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
     yield case(
         "SDO-34",
         "reserved bits in the command 43h are read over",
-        NodeStep((s.ask("43 0010 00"),), (s.any_value(0x1000), s.refused(0x1000, 0, _COMMAND))),
+        NodeStep((s.request("43 0010 00"),), (s.any_value(0x1000), s.refused(0x1000, 0, _COMMAND))),
         works,
         why="a guide of a drive prints this request; devices serve it or answer 05040001",
     )
     yield case(
         "SDO-35",
         "what stands in the reserved bytes of an upload request does not matter",
-        NodeStep((s.ask("40 0010 00 FF FF FF FF"),), (s.any_value(0x1000),)),
+        NodeStep((s.request("40 0010 00 FF FF FF FF"),), (s.any_value(0x1000),)),
     )
 
 
@@ -141,10 +141,12 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     before, kept = s.unchanged(0x1017)
 
     def case(
-        name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = (), why: str = "", effect: Effect = "writes"
+        name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = (), why: str = "", effect: Effect = "writes"
     ) -> NodeCase:
-        turns = (before, *turns) if kept in turns else turns
-        return row(subject, name, title, CLAUSE, turns, effect=effect, hears=(s.told("")[:4],), needs=needs, why=why)
+        steps = (before, *steps) if kept in steps else steps
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect=effect, listens=(s.answer("")[:4],), needs=needs, why=why
+        )
 
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
         request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
@@ -169,14 +171,14 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     yield case(
         "SDO-45",
         "download of two bytes to 1017h, and read back",
-        NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.taken(0x1017),)),
+        NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.accepted(0x1017),)),
         read_back,
         needs=beat,
     )
     yield case(
         "SDO-46",
         "download with 22h, size not told: the low bytes count",
-        NodeStep((s.ask("22 1710 00 1027"),), (s.taken(0x1017),)),
+        NodeStep((s.request("22 1710 00 1027"),), (s.accepted(0x1017),)),
         read_back,
         needs=beat,
         why="the bytes that the object needs are taken",
@@ -207,8 +209,8 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     yield case(
         "SDO-50",
         "two downloads, the second one counts",
-        NodeStep((s.download(0x1017, 0, 20_000, 2),), (s.taken(0x1017),)),
-        NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.taken(0x1017),)),
+        NodeStep((s.download(0x1017, 0, 20_000, 2),), (s.accepted(0x1017),)),
+        NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.accepted(0x1017),)),
         read_back,
         needs=beat,
     )

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.battery import SILENCE, NodeCase, NodeStep, Subject
-from barewire.canopen.conformance.frames import Sdo, little, parts, place, row, segment
-from barewire.canopen.conformance.sdo_block import rows as block_rows
-from barewire.canopen.conformance.sdo_expedited import NOWHERE
+from barewire.canopen.conformance.frames import NOWHERE, Sdo, little, make_case, multiplexer, parts, segment
+from barewire.canopen.conformance.model import SILENCE, NodeCase, NodeStep, Subject
 
-CLAUSE = "CiA 301 7.2.4 SDO segments"
+_CLAUSE = "CiA 301 7.2.4 SDO segments"
 _TOGGLE, _COMMAND = 0x0503_0000, 0x0504_0001
 _LENGTHS = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 _READ_ONLY = (0x0601_0000, 0x0601_0002)
@@ -21,30 +19,33 @@ _TEXT = ("text of 8 bytes",)
 _LARGE = ("large object",)
 
 
-def rows(subject: Subject) -> Iterator[NodeCase]:
+def segmented_cases(subject: Subject) -> Iterator[NodeCase]:
     """The cases for this device."""
     yield from _uploads(subject)
     yield from _downloads(subject)
     yield from _large(subject)
-    yield from block_rows(subject)
 
 
 def _uploads(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
-    index, text = subject.string
+    index, text = subject.text_object
     pieces = parts(text)
     size = little(len(text), 4)
-    begin = NodeStep((s.upload(index),), (s.told(f"41{place(index, 0)}{size}"), s.told(f"40{place(index, 0)}")))
-    asks = [s.ask("60" if number % 2 == 0 else "70") for number in range(len(pieces))]
+    begin = NodeStep(
+        (s.upload(index),), (s.answer(f"41{multiplexer(index, 0)}{size}"), s.answer(f"40{multiplexer(index, 0)}"))
+    )
+    asks = [s.request("60" if number % 2 == 0 else "70") for number in range(len(pieces))]
     fetch = [
-        NodeStep((ask,), (s.told(segment(number, piece, piece is pieces[-1])),))
+        NodeStep((ask,), (s.answer(segment(number, piece, piece is pieces[-1])),))
         for number, (ask, piece) in enumerate(zip(asks, pieces))
     ]
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
 
-    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
-        return row(subject, name, title, CLAUSE, turns, effect="reads", hears=(s.told("")[:4],), needs=_TEXT, why=why)
+    def case(name: str, title: str, *steps: NodeStep, why: str = "") -> NodeCase:
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect="reads", listens=(s.answer("")[:4],), needs=_TEXT, why=why
+        )
 
     yield case(
         "SEG-01", "upload of a text, toggle 0 first", begin, *fetch, why="every segment has the toggle asked for"
@@ -54,7 +55,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "SEG-03",
         "the first segment asked with toggle 1",
         begin,
-        NodeStep((s.ask("70"),), (s.refused(index, 0, _TOGGLE),)),
+        NodeStep((s.request("70"),), (s.refused(index, 0, _TOGGLE),)),
         works,
         why="05030000",
     )
@@ -63,7 +64,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "the same toggle twice",
         begin,
         fetch[0],
-        NodeStep((s.ask("60"),), (s.refused(index, 0, _TOGGLE),)),
+        NodeStep((s.request("60"),), (s.refused(index, 0, _TOGGLE),)),
         works,
         why="05030000",
     )
@@ -72,7 +73,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "another segment asked after the last",
         begin,
         *fetch,
-        NodeStep((s.ask("60" if len(pieces) % 2 == 0 else "70"),), (s.aborted(_COMMAND, _TOGGLE), SILENCE)),
+        NodeStep((s.request("60" if len(pieces) % 2 == 0 else "70"),), (s.aborted(_COMMAND, _TOGGLE), SILENCE)),
         works,
         why="the transfer is over",
     )
@@ -82,7 +83,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "SEG-08",
         "a download segment in the middle of an upload",
         begin,
-        NodeStep((s.ask("00 AA"),), (s.aborted(_COMMAND),)),
+        NodeStep((s.request("00 AA"),), (s.aborted(_COMMAND),)),
         works,
         why="05040001",
     )
@@ -90,7 +91,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         "SEG-09",
         "a command that is none in the middle of an upload",
         begin,
-        NodeStep((s.ask("E0"),), (s.aborted(_COMMAND),)),
+        NodeStep((s.request("E0"),), (s.aborted(_COMMAND),)),
         works,
         why="05040001",
     )
@@ -109,22 +110,24 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     before, kept = s.unchanged(0x1017)
 
-    def case(name: str, title: str, *turns: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
-        turns = (before, *turns) if kept in turns else turns
-        return row(subject, name, title, CLAUSE, turns, effect="writes", hears=(s.told("")[:4],), needs=needs, why=why)
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
+        steps = (before, *steps) if kept in steps else steps
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect="writes", listens=(s.answer("")[:4],), needs=needs, why=why
+        )
 
-    begin = NodeStep((s.ask("21 1710 00 02"),), (s.taken(0x1017),))
-    send = NodeStep((s.ask("0B 1027"),), (s.told("20"),))
+    begin = NodeStep((s.request("21 1710 00 02"),), (s.accepted(0x1017),))
+    send = NodeStep((s.request("0B 1027"),), (s.answer("20"),))
     read_back = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, b"\x10\x27"),))
     hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
     yield case("SEG-20", "download of two bytes in one segment", begin, send, read_back)
-    unsized = NodeStep((s.ask("20 1710 00"),), (s.taken(0x1017),))
+    unsized = NodeStep((s.request("20 1710 00"),), (s.accepted(0x1017),))
     yield case("SEG-21", "the same without a size", unsized, send, read_back, why="a size need not be told")
     yield case(
         "SEG-22",
         "the first segment with toggle 1",
         begin,
-        NodeStep((s.ask("1B 1027"),), (s.refused(0x1017, 0, _TOGGLE),)),
+        NodeStep((s.request("1B 1027"),), (s.refused(0x1017, 0, _TOGGLE),)),
         kept,
         why="05030000, and nothing is changed",
     )
@@ -135,9 +138,9 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         ("SEG-25", 2, "0D 10", "two bytes told and one sent"),
         ("SEG-26", 1, "0D 10", "one byte told and sent to an object of two"),
     ):
-        start = NodeStep((s.ask(f"21 1710 00 0{announced}"),), (s.taken(0x1017), wrong))
+        start = NodeStep((s.request(f"21 1710 00 0{announced}"),), (s.accepted(0x1017), wrong))
         # A device that refuses at once has no transfer left: the segment is then a stray.
-        sent = NodeStep((s.ask(data),), (wrong, s.aborted(_COMMAND), SILENCE))
+        sent = NodeStep((s.request(data),), (wrong, s.aborted(_COMMAND), SILENCE))
         yield case(name, what, start, sent, kept, why="0607001x at the start or at the end, and nothing is changed")
     for name, index, sub, codes, what in (
         ("SEG-27", 0x1000, 0, _READ_ONLY, "an object that can only be read"),
@@ -145,15 +148,15 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         ("SEG-29", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
         refused = s.refused(index, sub, *codes)
-        start = NodeStep((s.ask(f"21 {place(index, sub)} 04"),), (s.taken(index, sub),), (refused,))
-        yield case(name, f"download to {what}", start, NodeStep((s.ask("07 01000000"),), (refused,)), needs=(),
+        start = NodeStep((s.request(f"21 {multiplexer(index, sub)} 04"),), (s.accepted(index, sub),), (refused,))
+        yield case(name, f"download to {what}", start, NodeStep((s.request("07 01000000"),), (refused,)), needs=(),
                    why="refused at the start or at the end")  # fmt: skip
     yield case("SEG-30", "the client gives up: nothing is changed", begin, hung, kept)
     yield case(
         "SEG-31",
         "the next segment of an upload in the middle of a download",
         begin,
-        NodeStep((s.ask("60"),), (s.aborted(_COMMAND),)),
+        NodeStep((s.request("60"),), (s.aborted(_COMMAND),)),
         kept,
         why="05040001",
     )
@@ -165,7 +168,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         works,
         why="05040001, or the new request is served; the next one is",
     )
-    after = NodeStep((s.ask("0B 1027"),), (s.aborted(_COMMAND), SILENCE))
+    after = NodeStep((s.request("0B 1027"),), (s.aborted(_COMMAND), SILENCE))
     yield case("SEG-33", "a segment after the last", begin, send, after, works, why="the transfer is over")
 
 
@@ -173,26 +176,33 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     """Downloads of several segments, to the object that was named for it."""
     s = Sdo(subject.node)
     index, sub = subject.large or (0x2000, 0)
-    at = place(index, sub)
+    at = multiplexer(index, sub)
 
-    def case(name: str, title: str, *turns: NodeStep, why: str = "") -> NodeCase:
-        return row(subject, name, title, CLAUSE, turns, effect="writes", hears=(s.told("")[:4],), needs=_LARGE, why=why)
+    def case(name: str, title: str, *steps: NodeStep, why: str = "") -> NodeCase:
+        return make_case(
+            subject, name, title, _CLAUSE, steps, effect="writes", listens=(s.answer("")[:4],), needs=_LARGE, why=why
+        )
 
     def down(value: bytes, told: int | None = None) -> list[NodeStep]:
         pieces = parts(value)
         says = [segment(number, piece, piece is pieces[-1]) for number, piece in enumerate(pieces)]
         size = len(value) if told is None else told
         return [
-            NodeStep((s.ask(f"21 {at}{little(size, 4)}"),), (s.taken(index, sub),)),
-            *(NodeStep((s.ask(said),), (s.told("30" if number % 2 else "20"),)) for number, said in enumerate(says)),
+            NodeStep((s.request(f"21 {at}{little(size, 4)}"),), (s.accepted(index, sub),)),
+            *(
+                NodeStep((s.request(said),), (s.answer("30" if number % 2 else "20"),))
+                for number, said in enumerate(says)
+            ),
         ]
 
     def up(value: bytes) -> list[NodeStep]:
         pieces = parts(value)
         return [
-            NodeStep((s.upload(index, sub),), (s.told(f"41{at}{little(len(value), 4)}"), s.told(f"40{at}"))),
+            NodeStep((s.upload(index, sub),), (s.answer(f"41{at}{little(len(value), 4)}"), s.answer(f"40{at}"))),
             *(
-                NodeStep((s.ask("70" if number % 2 else "60"),), (s.told(segment(number, piece, piece is pieces[-1])),))
+                NodeStep(
+                    (s.request("70" if number % 2 else "60"),), (s.answer(segment(number, piece, piece is pieces[-1])),)
+                )
                 for number, piece in enumerate(pieces)
             ),
         ]
@@ -202,7 +212,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
         yield case(name, f"{length} bytes there and back", *down(value), *up(value))
     value = bytes(range(1, 21))
     begin, first, second, _ = down(value)
-    toggled = NodeStep((s.ask(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
+    toggled = NodeStep((s.request(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     yield case("SEG-44", "the same toggle twice", begin, first, toggled, works, why="05030000")
     short = s.refused(index, sub, *_LENGTHS)
@@ -210,7 +220,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
         "SEG-45",
         "more bytes sent than told",
         *down(value, 14)[:3],
-        NodeStep((s.ask(segment(2, value[14:], True)),), (short,)),
+        NodeStep((s.request(segment(2, value[14:], True)),), (short,)),
         works,
         why="06070012, 06070010",
     )
@@ -218,15 +228,15 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
         "SEG-46",
         "fewer bytes sent than told",
         *down(value, 21)[:3],
-        NodeStep((s.ask(segment(2, value[14:], True)),), (short,)),
+        NodeStep((s.request(segment(2, value[14:], True)),), (short,)),
         works,
         why="06070013, 06070010",
     )
     yield case(
         "SEG-47",
         "a value without bytes",
-        NodeStep((s.ask(f"21 {at}"),), (s.taken(index, sub),), (s.any_abort,)),
-        NodeStep((s.ask("0F"),), (s.told("20"), s.any_abort)),
+        NodeStep((s.request(f"21 {at}"),), (s.accepted(index, sub),), (s.any_abort,)),
+        NodeStep((s.request("0F"),), (s.answer("20"), s.any_abort)),
         works,
         why="devices take it, or refuse it",
     )

@@ -13,18 +13,10 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from barewire.canopen.conformance.battery import (
-    BOOT,
-    PATIENCE,
-    NodeCase,
-    NodeOutcome,
-    cases,
-    is_there,
-    prepare,
-    probe,
-    run_case,
-    wants_reset,
-)
+from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.model import BOOT, PATIENCE, NodeCase, NodeOutcome
+from barewire.canopen.conformance.probe import is_there, probe
+from barewire.canopen.conformance.runner import prepare, run_case, wants_reset
 from barewire.canopen.frame import CanFrame
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import EncodeError, NoAnswer, PortError
@@ -88,7 +80,7 @@ def conform_can(
                 raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
             yield Result(case, outcome)
             before = case
-            if outcome.failure is not None and not outcome.heard[-1] and case.effect == "reads":
+            if outcome.failure is not None and not outcome.received[-1] and case.effect == "reads":
                 _hear_it(node, patience, port, not_run - 1, case)
         if before is not None and wants_reset(before, before):
             run(prepare(subject, boot=boot), port)
@@ -126,5 +118,5 @@ def _left_out(case: NodeCase, gentle: bool, remote: bool) -> str:
         return f"needs {case.lacks}"
     if gentle and case.effect != "reads":
         return case.effect
-    asks = any("#R" in text for turn in case.turns for text in turn.says)
+    asks = any("#R" in text for step in case.steps for text in step.sends)
     return "" if remote or not asks else "needs remote frames, which socketcand does not carry"

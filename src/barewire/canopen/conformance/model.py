@@ -1,0 +1,113 @@
+"""Values of the conformance battery: the device under test, a case, its steps, and how it went.
+
+    Subject     the device under test: its node-ID and what it has, as `probe` read it
+    NodeCase    a name, the clause, the reason, and steps; or what the device lacks, and then the case is not run
+    NodeStep    frames that are sent at once, and the accepted ways of answering them
+    way         frames as text with a dot for any digit: "585#6017100...", a comma between two, a bar between two that
+                are equally good, {2,5} behind a frame that may come so often, SILENCE for no frame
+
+Depends on: COB-IDs and LSS addresses.  Used by: every file of this room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+from barewire.canopen.cob_ids import CobEntry
+from barewire.canopen.lss.messages import LssAddress
+
+Effect = Literal["reads", "writes", "commands"]
+"""What a case does to the device: "reads" changes nothing; "writes" writes objects, which a reset restores; "commands"
+starts, stops and resets it, sends process data, and sends in the name of another node."""
+
+SILENCE = ""
+PATIENCE = 0.5
+"""Seconds without an answer after which none is expected any more."""
+BOOT = 3.0
+"""Seconds that a reset may take."""
+
+
+class NodeStep(NamedTuple):
+    """One step. It is over when a way is complete, at the latest after `wait` seconds (None: the patience of whoever
+    asks); a `whole` one listens all that time. `ends` are ways that are accepted as well, and end the case."""
+
+    sends: tuple[str, ...]
+    accepts: tuple[str, ...]
+    ends: tuple[str, ...] = ()
+    wait: float | None = None
+    full_wait: bool = False
+
+
+class NodeCase(NamedTuple):
+    """One case. `listens` are beginnings of frames as text; `lacks` is what the device would need to have."""
+
+    name: str
+    title: str
+    clause: str
+    effect: Effect
+    listens: tuple[str, ...]
+    steps: tuple[NodeStep, ...]
+    why: str = ""
+    lacks: str = ""
+
+
+class NodeOutcome(NamedTuple):
+    """How a case went: what came in each step, and None or the difference as a sentence."""
+
+    case: NodeCase
+    received: tuple[tuple[str, ...], ...]
+    failure: str | None
+
+
+class SubjectPdo(NamedTuple):
+    """A PDO that is switched on: its records, its COB-ID and how many bytes it maps."""
+
+    communication: int
+    mapping: int
+    cob: CobEntry
+    size: int
+    slots: int
+
+
+class Subject(NamedTuple):
+    """The device under test and what it has. `large` is an object that takes any bytes, if somebody named one."""
+
+    node: int
+    values: Mapping[tuple[int, int], bytes]
+    large: tuple[int, int] | None = None
+    lss: LssAddress | None = None
+
+    def has(self, index: int, sub: int = 0) -> bool:
+        """Whether the object could be read."""
+        return (index, sub) in self.values
+
+    def number(self, index: int, sub: int = 0) -> int:
+        """Its value, 0 if it has none."""
+        return int.from_bytes(self.values.get((index, sub), b""), "little")
+
+    @property
+    def text_object(self) -> tuple[int, bytes]:
+        """A text of at least two segments that can be read, and its index: 1008h, 1009h or 100Ah."""
+        for index in (0x1008, 0x1009, 0x100A):
+            if len(value := self.values.get((index, 0), b"")) > 7:
+                return index, value
+        return 0x1008, bytes(14)
+
+    @property
+    def other_node(self) -> int:
+        """Another node-ID, in whose name something is said."""
+        return 126 if self.node != 126 else 125
+
+    def pdo(self, communication: int, mapping: int) -> SubjectPdo | None:
+        """The first PDO from these records on that is switched on and maps something, on a base identifier."""
+        for number in range(4):
+            word = self.number(communication + number, 1)
+            count = self.number(mapping + number)
+            cob = CobEntry.unpack(word)
+            if not word or cob.bit31 or cob.extended or not 1 <= count <= 64:
+                continue
+            bits = sum(self.number(mapping + number, sub) & 0xFF for sub in range(1, count + 1))
+            slots = max(sub for index, sub in self.values if index == mapping + number)
+            return SubjectPdo(communication + number, mapping + number, cob, (bits + 7) // 8, slots)
+        return None

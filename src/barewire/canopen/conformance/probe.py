@@ -1,0 +1,80 @@
+"""Reads which objects a device has, so that the battery holds only cases that can be run against it.
+
+Depends on: SDO uploads, LSS identification.  Used by: `io.canopen.conformance`, before the first case.
+"""
+
+from __future__ import annotations
+
+from barewire.canopen.cob_ids import check_node
+from barewire.canopen.conformance.model import PATIENCE, Subject
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.lss.master import identify_slaves
+from barewire.canopen.lss.messages import LssAddress
+from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
+from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.client.upload import upload
+from barewire.conversation import Conversation, Listen, Send
+
+_SINGLES = (0x1000, 0x1001, 0x1002, 0x1005, 0x1006, 0x1007, 0x1008, 0x1009, 0x100A, 0x100C, 0x100D, 0x1012, 0x1014,
+            0x1015, 0x1017, 0x1019)  # fmt: skip
+_RECORDS = (0x1003, 0x1010, 0x1011, 0x1016, 0x1018, 0x1029, 0x1200)
+_PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
+
+
+def probe(
+    node: int, *, timeout: float = PATIENCE, large: tuple[int, int] | None = None
+) -> Conversation[CanFrame, Subject]:
+    """Read which communication objects a device has, and whether it knows LSS. Raises NoAnswer where nobody is.
+
+    What is refused counts as not there. Nothing is changed.
+    """
+    channel = Channel(check_node(node))
+    values: dict[tuple[int, int], bytes] = {}
+    for index in _SINGLES:
+        yield from _look(channel, index, 0, values, timeout)
+    for index in (*_RECORDS, *(first + number for first in _PDOS for number in range(4))):
+        yield from _look(channel, index, 0, values, timeout)
+        highest = 6 if index & 0xFC00 == 0x1400 or 0x1800 <= index < 0x1A00 else 8
+        if 0x1600 <= index < 0x1800 or index >= 0x1A00:
+            highest = 8  # how many are mapped now says nothing about how many could be
+        elif index == 0x1003:
+            highest = 0  # what is in the history changes
+        elif (index, 0) in values:
+            highest = min(highest, values[index, 0][0])
+        for sub in range(1, highest + 1 if (index, 0) in values else 1):
+            yield from _look(channel, index, sub, values, timeout)
+    subject = Subject(node, values, large)
+    if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
+        return subject
+    address = LssAddress(*(subject.number(0x1018, sub) for sub in (1, 2, 3, 4)))
+    found = yield from identify_slaves(
+        address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
+    )
+    return subject._replace(lss=address if found else None)
+
+
+def _look(
+    channel: Channel, index: int, sub: int, values: dict[tuple[int, int], bytes], timeout: float
+) -> Conversation[CanFrame, None]:
+    try:
+        values[index, sub] = yield from upload(channel, index, sub, timeout=timeout)
+    except SdoAbort:
+        return
+
+
+def is_there(node: int, index: int, sub: int, *, timeout: float = PATIENCE) -> Conversation[CanFrame, bool]:
+    """Whether a device has an object: it is asked for, and given up at once, for it may be long."""
+    place = bytes((index & 0xFF, index >> 8, sub))
+    heard = yield Send(CanFrame(0x600 + check_node(node), b"\x40" + place + bytes(4)))
+    until = heard.now + timeout
+    while heard.now < until:
+        heard = yield Listen(until)
+        frame = heard.item
+        if frame is None or frame.key != (0x580 + node, False) or frame.data[1:4] != place:
+            continue
+        if frame.data[0] == 0x80:
+            return int.from_bytes(frame.data[4:], "little") not in (AbortCode.NO_OBJECT, AbortCode.NO_SUB)
+        if not frame.data[0] & 2:
+            yield Send(CanFrame(0x600 + node, b"\x80" + place + AbortCode.GENERAL.to_bytes(4, "little")))
+        return True
+    return False

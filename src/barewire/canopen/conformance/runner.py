@@ -1,0 +1,107 @@
+"""Carries out one case: sends its steps, compares what is received with the accepted ways, and stops at a difference.
+
+Frames that a case does not listen for (heartbeats, process data of other nodes) are passed over. `prepare` resets the
+communication of the device before a case that changes it, and after one.
+
+Depends on: the model.  Used by: `io.canopen.conformance`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from barewire.canopen.conformance.model import BOOT, PATIENCE, NodeCase, NodeOutcome, NodeStep, Subject
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt.messages import NmtCommand
+from barewire.conversation import Conversation, Listen, Send
+
+_SETTLE = 0.01
+"""Seconds of silence behind the last answer of a case: no answer is repeated."""
+FLOOD = 500
+"""This many frames in one step end it: the longest accepted answer, a block, has 128."""
+_SHOWN = 8
+
+
+def wants_reset(case: NodeCase, before: NodeCase | None) -> bool:
+    """Whether the device is to be reset before this case: if it is going to be changed, or was."""
+    return case.effect != "reads" or (before is not None and before.effect != "reads")
+
+
+def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, bool]:
+    """Reset the communication of the device and wait for its boot-up message; whether it came.
+
+    A device that says none is told to be pre-operational, so that it can be asked on.
+    """
+    heard = yield Send(CanFrame(0, bytes([NmtCommand.RESET_COMMUNICATION, subject.node])))
+    until = heard.now + boot
+    while heard.now < until:
+        heard = yield Listen(until)
+        frame = heard.item
+        if frame is not None and frame.key == (0x700 + subject.node, False) and frame.data == b"\0":
+            return True
+    yield Send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, subject.node])))
+    return False
+
+
+def run_case(case: NodeCase, *, patience: float = PATIENCE) -> Conversation[CanFrame, NodeOutcome]:
+    """Say the steps of a case and compare what comes with the accepted ways."""
+    told: list[tuple[str, ...]] = []
+    for number, step in enumerate(case.steps):
+        heard = None
+        for text in step.sends:
+            heard = yield Send(CanFrame.parse(text))
+        heard = heard or (yield Listen(float("-inf")))
+        came: list[str] = []
+        if heard.item is not None and str(heard.item).startswith(case.listens):
+            came.append(str(heard.item))
+        until = heard.now + (patience if step.wait is None else step.wait)
+        while heard.now < until:
+            if came and not step.full_wait and _fits(step, came):
+                if number + 1 < len(case.steps):
+                    break
+                until = min(until, heard.now + _SETTLE)
+            if len(came) >= FLOOD:
+                return NodeOutcome(case, (*told, tuple(came)), _difference(step, came))
+            heard = yield Listen(until)
+            if heard.item is not None and str(heard.item).startswith(case.listens):
+                came.append(str(heard.item))
+        told.append(tuple(came))
+        if any(_matches(way, came) for way in step.ends):
+            break
+        if not any(_matches(way, came) for way in step.accepts):
+            return NodeOutcome(case, tuple(told), _difference(step, came))
+    return NodeOutcome(case, tuple(told), None)
+
+
+def _fits(step: NodeStep, came: list[str]) -> bool:
+    return any(_matches(way, came) for way in (*step.accepts, *step.ends))
+
+
+def _matches(way: str, came: list[str]) -> bool:
+    """Whether what came is this way.
+
+    >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
+    False
+    >>> _matches("705#7F{1,3}, 585#43....|585#60....", ["705#7F", "585#600017"])
+    True
+    """
+    return re.fullmatch("".join(map(_pattern, _frames(way))), "".join(f"{one} " for one in came)) is not None
+
+
+def _frames(way: str) -> Iterator[str]:
+    return (one.strip() for one in re.split(r",(?![0-9]+\})", way) if one.strip())
+
+
+def _pattern(frame: str) -> str:
+    one, brace, often = frame.partition("{")
+    return f"(?:(?:{one.replace('.', '[0-9A-F]')}) ){brace}{often}"
+
+
+def _difference(step: NodeStep, came: list[str]) -> str:
+    said = ", ".join(step.sends) or "a while"
+    expected = " or ".join(way or "silence" for way in dict.fromkeys((*step.accepts, *step.ends)))
+    heard = ", ".join(came[:_SHOWN]) or "silence"
+    if len(came) > _SHOWN:
+        heard += f" ... {len(came)} frames{' and more' if len(came) >= FLOOD else ''}"
+    return f"after {said}: {heard}, expected {expected}"
