@@ -7,7 +7,6 @@ from contextlib import suppress
 from hypothesis import given, settings, strategies as st
 
 from barewire.canopen import (
-    AZ3,
     CanFrame,
     Channel,
     Emergency,
@@ -23,8 +22,9 @@ from barewire.canopen import (
     Sync,
     upload,
 )
-from barewire.canopen.sdo import decode_answer, decode_request
+from barewire.canopen.sdo import decode_sdo_request, decode_sdo_response
 from barewire.conversation import Heard, Listen
+from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError, NoAnswer
 
 # Mostly identifiers that somebody listens to, so that the noise reaches the inner rooms.
@@ -85,7 +85,7 @@ def test_decoders_say_decode_error_and_nothing_else(frame: CanFrame) -> None:
     for decode in (NmtMessage.decode, NodeState.decode, Sync.decode, Emergency.decode):
         with suppress(DecodeError):
             decode(frame)
-    for read in (decode_request, decode_answer):
+    for read in (decode_sdo_request, decode_sdo_response):
         with suppress(DecodeError):
             read(frame.data)
 

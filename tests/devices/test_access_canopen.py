@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen import AZ3, STANDARD, CanFrame, Channel, Entry, ObjectDictionary, SdoAbort, SdoServer
-from barewire.canopen.sdo.dialect import DIALECTS
+from barewire.canopen import STANDARD, CanFrame, Channel, Entry, ObjectDictionary, SdoAbort, SdoServer
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import CanopenSettings, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
+from barewire.devices.sdo_dialects import AZ3, DIALECTS
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from tests.helpers import refused
 
@@ -132,7 +132,7 @@ def test_one_bit_of_an_object_is_changed_and_the_others_kept(dialect: Any) -> No
 def test_a_channel_is_used_as_it_is(machine: Machine) -> None:
     channel = Channel(NODE, STANDARD)
     play(read_canopen(channel, DRIVE, ["STATUS WORD"]), machine)
-    assert channel.heard.answers == 1
+    assert channel.counters.answers == 1
     with refused(EncodeError, "the channel to node 5 speaks standard, not az3"):
         read_canopen(channel, DRIVE, ["STATUS WORD"], dialect=AZ3)
 

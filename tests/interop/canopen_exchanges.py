@@ -106,7 +106,7 @@ def _they_move_long_values(bench: Bench, block: bool) -> None:
         assert device.objects.read(0x2100, 0) == value
         with node.sdo.open(0x2100, 0, "rb", block_transfer=block) as stream:
             assert stream.read() == value
-    assert device.sdo.counters.aborts_said == 0
+    assert device.sdo.counters.aborts_sent == 0
 
 
 @exchange("device", "SDO segmented upload", "SDO segmented download")

@@ -64,7 +64,7 @@ def test_they_find_objects_by_name(tmp_path: Path) -> None:
 
 @THEY_READ
 def test_they_find_a_value_that_is_the_node_id(tmp_path: Path) -> None:
-    item = eds.Item(0, "Node ID", "u8", default=eds.Formula(0))
+    item = eds.EdsItem(0, "Node ID", "u8", default=eds.Formula(0))
     file = tmp_path / "node.eds"
     file.write_bytes(eds.compose([eds.EdsObject(0x2000, "Node ID", 7, (item,))]).encode())
     assert canopen.import_od(str(file), NODE)[0x2000].default == NODE

@@ -146,7 +146,7 @@ def sdo(case: Case) -> None:
     def decode() -> Any:
         frame = frame_of(case)
         assert frame.id == identifier
-        message = messages.decode_request(frame.data) if request else messages.decode_answer(frame.data)
+        message = messages.decode_sdo_request(frame.data) if request else messages.decode_sdo_response(frame.data)
         if isinstance(message, messages.InitiateUpload):  # how it was asked is told by the bytes, not by the message
             return messages.InitiateUpload(message.index, message.sub)
         return message

@@ -130,13 +130,12 @@ if TYPE_CHECKING:
         write_pdo as write_pdo,
     )
     from barewire.canopen.sdo import (
-        AZ3 as AZ3,
         STANDARD as STANDARD,
         AbortCode as AbortCode,
         BlockSettings as BlockSettings,
         Channel as Channel,
-        Dialect as Dialect,
         SdoAbort as SdoAbort,
+        SdoDialect as SdoDialect,
         SdoServer as SdoServer,
         abort_text as abort_text,
         download as download,
@@ -165,7 +164,7 @@ __getattr__, __all__ = lazy(
         "frame": "CanFrame FdFrame ErrorFrame",
         "cob_ids": "cob_id classify check_node is_restricted Service CobEntry",
         "sdo": (
-            "upload upload_to download BlockSettings Channel Dialect STANDARD AZ3 fit SdoAbort AbortCode "
+            "upload upload_to download BlockSettings Channel SdoDialect STANDARD fit SdoAbort AbortCode "
             "abort_text SdoServer"
         ),
         "object_dictionary": "Entry ObjectDictionary",

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from barewire.canopen import STANDARD, CanFrame, Channel, Dialect, download, fit, upload
+from barewire.canopen import STANDARD, CanFrame, Channel, SdoDialect, download, fit, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation
 from barewire.devices.block_decoder import block_decoder
@@ -147,7 +147,7 @@ def read_canopen(
     names: Iterable[Name],
     *,
     timeout: float = 1.0,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
 ) -> Conversation[CanFrame, list[Reading]]:
     """Read parameters of `node`, which is a `device`: one Reading for each name, in the order asked.
 
@@ -182,7 +182,7 @@ def write_canopen(
     values: Values,
     *,
     timeout: float = 1.0,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
     force: bool = False,
 ) -> Conversation[CanFrame, None]:
     """Write parameters of `node`, which is a `device`, one after the other in the order of `values`.
@@ -236,7 +236,7 @@ def _object(device: Device, parameter: Parameter) -> ObjectAt:
     return parameter.object
 
 
-def _channel(node: int | Channel, dialect: Dialect | None) -> Channel:
+def _channel(node: int | Channel, dialect: SdoDialect | None) -> Channel:
     if isinstance(node, Channel):
         if dialect is not None and dialect != node.dialect:
             raise EncodeError(f"the channel to node {node.node} speaks {node.dialect.name}, not {dialect.name}")

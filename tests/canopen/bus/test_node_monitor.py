@@ -58,7 +58,7 @@ def test_a_foreign_protocol_does_not_fill_the_memory() -> None:
 def test_a_channel_explains_with_what_the_bus_knows() -> None:
     presence = heard((-3.0, "705#7F"))
     with pytest.raises(NoAnswer) as caught:
-        play(upload(Channel(5, presence=presence), 0x6041), lambda frame, now: [])
+        play(upload(Channel(5, node_monitor=presence), 0x6041), lambda frame, now: [])
     assert str(caught.value) == (
         "node 5 did not answer the upload of 6041h:00 within 1 s: node 5 last heard 4 s ago, pre-operational, "
         "0 frames on 585h, nothing at all on the bus meanwhile"

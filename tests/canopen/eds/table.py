@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from barewire.canopen import eds
-from barewire.canopen.eds.diagnostics import LINT_RULES, RULES
+from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES
 from tests.canopen.eds.field_files import FIELD, LINTED
 from tests.canopen.eds.oddities import MADE
 from tests.canopen.eds.test_lint import FAULTS, FINE
@@ -60,7 +60,7 @@ def table(rules: dict[str, str]) -> str:
 
 def page(text: str) -> str:
     """The page with both tables as they should be."""
-    for heading, rules in (("## Rules of reading", RULES), ("## Rules of lint", LINT_RULES)):
+    for heading, rules in (("## Rules of reading", PARSE_RULES), ("## Rules of lint", LINT_RULES)):
         pattern = re.compile(rf"({re.escape(heading)}\n.*?\n)\| rule \|.*?(?=\n\n)", re.DOTALL)
         text = pattern.sub(lambda match, rules=rules: match[1] + table(rules), text, count=1)  # type: ignore[misc]
     return text

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, strategies as st
 
 from barewire.canopen import CanFrame, LocalNode, Pdo, eds
-from barewire.canopen.eds.diagnostics import LINT_RULES, RULES
+from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import EncodeError
 from tests.canopen.eds import table as eds_table
@@ -59,14 +59,14 @@ def test_there_are_enough_and_every_rule_has_one() -> None:
     assert all(oddity.seen for oddity in [*FIELD, *LINTED])
     assert sum(1 for oddity in [*ODDITIES, *LINTED] if oddity.seen and oddity.says) >= 100
     seen = {line.split()[1] for oddity in ODDITIES for line in oddity.says}
-    assert seen == set(RULES)
-    assert not set(RULES) & set(LINT_RULES)
+    assert seen == set(PARSE_RULES)
+    assert not set(PARSE_RULES) & set(LINT_RULES)
 
 
 def test_the_page_has_every_rule() -> None:
     text = eds_table.PAGE.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z0-9-]+)` \| (.*) \| (.*) \|$", text, re.MULTILINE)
-    assert {rule: says for rule, says, _ in rows} == RULES | LINT_RULES
+    assert {rule: says for rule, says, _ in rows} == PARSE_RULES | LINT_RULES
     assert [rule for rule, _, line in rows if not line] == ["missing-section", "missing-object"]
     assert eds_table.page(text) == text, "python -m tests.canopen.eds.table"
 
@@ -88,7 +88,7 @@ def test_what_is_read() -> None:
     document = eds.parse(RECORD.encode())
     ramps = document.objects[0x2000]
     assert (ramps.name, ramps.is_record, ramps.line) == ("Ramps", True, 4)
-    assert ramps.item(1) == eds.Item(1, "Up", "u16", "rw", 7, code=6)
+    assert ramps.item(1) == eds.EdsItem(1, "Up", "u16", "rw", 7, code=6)
     with pytest.raises(Exception, match="no sub-index 05h"):
         ramps.item(5)
     entry = document.dictionary().find("ramps.UP")
@@ -178,7 +178,7 @@ def nothing_raises(data: bytes) -> None:
     assert document.encode() == data
     assert document.copy().encode() == data
     eds.lint(document)
-    assert all(RULES[one.rule] and 0 <= one.line <= max(1, len(document.lines)) for one in document.diagnostics)
+    assert all(PARSE_RULES[one.rule] and 0 <= one.line <= max(1, len(document.lines)) for one in document.diagnostics)
     objects = document.dictionary(5)
     for entry in objects:
         entry.codec.encode(objects.get(entry.index, entry.sub))

@@ -205,17 +205,17 @@ def test_a_file_of_our_own_is_without_fault() -> None:
         "Ramps",
         RECORD_TYPE,
         (
-            eds.Item(0, "Highest sub-index", "u8", "const", 2),
-            eds.Item(1, "Up", "u16", "rw", 7, low=1, high=1000, pdo=True, flags=1),
-            eds.Item(2, "Name", "string", "ro", "ramp", value="up", denotation="left"),
+            eds.EdsItem(0, "Highest sub-index", "u8", "const", 2),
+            eds.EdsItem(1, "Up", "u16", "rw", 7, low=1, high=1000, pdo=True, flags=1),
+            eds.EdsItem(2, "Name", "string", "ro", "ramp", value="up", denotation="left"),
         ),
     )
     basic = [
-        eds.EdsObject(0x1000, "Device type", 7, (eds.Item(0, "Device type", "u32", "ro", 0),)),
-        eds.EdsObject(0x1001, "Error register", 7, (eds.Item(0, "Error register", "u8", "ro", 0),)),
-        eds.EdsObject(0x1014, "COB-ID EMCY", 7, (eds.Item(0, "COB-ID EMCY", "u32", "rw", eds.Formula(0x80)),)),
+        eds.EdsObject(0x1000, "Device type", 7, (eds.EdsItem(0, "Device type", "u32", "ro", 0),)),
+        eds.EdsObject(0x1001, "Error register", 7, (eds.EdsItem(0, "Error register", "u8", "ro", 0),)),
+        eds.EdsObject(0x1014, "COB-ID EMCY", 7, (eds.EdsItem(0, "COB-ID EMCY", "u32", "rw", eds.Formula(0x80)),)),
         eds.EdsObject(
-            0x1018, "Identity", 9, (eds.Item(0, "n", "u8", "ro", 1), eds.Item(1, "Vendor-ID", "u32", "ro", 0))
+            0x1018, "Identity", 9, (eds.EdsItem(0, "n", "u8", "ro", 1), eds.EdsItem(1, "Vendor-ID", "u32", "ro", 0))
         ),
     ]
     times = {"CreationTime": "09:30AM", "CreationDate": "01-31-2026"}
@@ -236,7 +236,7 @@ def test_a_file_of_our_own_is_without_fault() -> None:
 
 
 def test_names_that_a_file_cannot_have() -> None:
-    bad = eds.EdsObject(0x2000, "x", 7, (eds.Item(0, "a ; b", "u8"),))
+    bad = eds.EdsObject(0x2000, "x", 7, (eds.EdsItem(0, "a ; b", "u8"),))
     with pytest.raises(EncodeError, match="would not be read back"):
         eds.compose([bad])
     with pytest.raises(EncodeError, match="'Ü' cannot be written in ascii"):

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
-from barewire.canopen.gateway import GatewayError, Session
-from barewire.canopen.gateway.commands import parse
-from barewire.canopen.gateway.values import TYPES, from_text, to_text
+from barewire.canopen.gateway import GatewayError, GatewaySession
+from barewire.canopen.gateway.commands import parse_line
+from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text
 from barewire.canopen.gateway.words import split_line
 from barewire.codecs import Value
 from barewire.conversation import play
@@ -61,7 +61,7 @@ def bus() -> VirtualBus:
     return made
 
 
-def ask(bus: VirtualBus, session: Session, line: str) -> str:
+def ask(bus: VirtualBus, session: GatewaySession, line: str) -> str:
     """The one line of an answer."""
     (said,) = bus.run(session.answer(line))
     return said
@@ -73,14 +73,14 @@ def ask(bus: VirtualBus, session: Session, line: str) -> str:
 @pytest.mark.parametrize("block", [0, 1])
 @pytest.mark.parametrize("type", VALUES)
 def test_every_type_is_written_and_read(bus: VirtualBus, type: str, block: int) -> None:
-    session, sub, (word, value) = Session(), list(VALUES).index(type) + 1, VALUES[type]
+    session, sub, (word, value) = GatewaySession(), list(VALUES).index(type) + 1, VALUES[type]
     assert ask(bus, session, f"[1] set sdo_block {block}") == "[1] OK"
     assert ask(bus, session, f"[2] 1 5 w 0x2000 {sub} {word} {value}  # both forms") == "[2] OK"
     assert ask(bus, session, f"[3] 5 READ 0x2000 {sub} {word}") == f"[3] {value}"
 
 
 def test_without_a_type_it_tells_bytes_and_x_is_hexadecimal(bus: VirtualBus) -> None:
-    session = Session()
+    session = GatewaySession()
     assert ask(bus, session, "[1] 5 r 0x6041 0") == "[1] 37 06"
     assert ask(bus, session, "[2] 5 r 24641 0 u16") == "[2] 1591"
     assert ask(bus, session, "[3] 5 r 0x6041 0 x16") == "[3] 0x0637"
@@ -89,7 +89,7 @@ def test_without_a_type_it_tells_bytes_and_x_is_hexadecimal(bus: VirtualBus) -> 
 
 
 def test_defaults_hold_until_they_are_taken_back(bus: VirtualBus) -> None:
-    session = Session()
+    session = GatewaySession()
     assert ask(bus, session, "[1] r 0x6041 0 u16").startswith("[1] ERROR:105 #")
     assert ask(bus, session, "[2] set node 5") == "[2] OK"
     assert ask(bus, session, "[3] r 0x6041 0 u16") == "[3] 1591"
@@ -106,7 +106,7 @@ def test_defaults_hold_until_they_are_taken_back(bus: VirtualBus) -> None:
 
 
 def test_what_the_node_refuses_has_its_abort_code(bus: VirtualBus) -> None:
-    session = Session()
+    session = GatewaySession()
     assert ask(bus, session, "[1] 5 r 0x6999 0").startswith("[1] ERROR:0x06020000 #")
     assert ask(bus, session, "[2] 5 w 0x6041 0 u16 1").startswith("[2] ERROR:0x06010002 #")
     assert ask(bus, session, "[3] 5 r 0x6041 0 u32").startswith("[3] ERROR:0x06070010 #")
@@ -120,7 +120,7 @@ def test_what_the_node_refuses_has_its_abort_code(bus: VirtualBus) -> None:
 
 
 def test_nmt(bus: VirtualBus) -> None:
-    session = Session()
+    session = GatewaySession()
     for sequence, (words, frame) in enumerate(
         {
             "5 start": "000#0105",
@@ -136,19 +136,19 @@ def test_nmt(bus: VirtualBus) -> None:
         assert bus.log[-1][1] == frame or bus.log[-2][1] == frame
 
 
-def tell(session: Session, text: str | None, now: float) -> tuple[list[str], list[str]]:
+def tell(session: GatewaySession, text: str | None, now: float) -> tuple[list[str], list[str]]:
     frames, lines = session.notices.feed(None if text is None else CanFrame.parse(text), now)
     return [str(frame) for frame in frames], lines
 
 
-def said(session: Session, line: str, now: float = 0.0) -> str:
+def said(session: GatewaySession, line: str, now: float = 0.0) -> str:
     """The answer of a line that needs no device."""
     (answer,) = play(session.answer(line), lambda frame, at: [], start=now)[0]
     return answer
 
 
 def test_boot_up_and_emergencies_are_told() -> None:
-    session = Session(net=3)
+    session = GatewaySession(net=3)
     assert tell(session, "705#00", 0.0)[1] == ["3 5 BOOT_UP"]
     assert tell(session, "085#3081110102030405", 0.1)[1] == ["3 5 EMCY 8130 11 1 2 3 4 5"]
     assert said(session, "[1] boot_up_indication Disable") == "[1] OK"
@@ -156,7 +156,7 @@ def test_boot_up_and_emergencies_are_told() -> None:
 
 
 def test_a_heartbeat_is_missed() -> None:
-    session = Session()
+    session = GatewaySession()
     assert tell(session, "705#05", 0.0)[1] == []
     assert said(session, "[1] 5 enable heartbeat 500") == "[1] OK"
     assert tell(session, "705#05", 1.0)[1] == ["1 5 ERROR 202 #heartbeat started"]
@@ -169,7 +169,7 @@ def test_a_heartbeat_is_missed() -> None:
 
 
 def test_a_node_is_guarded() -> None:
-    session = Session()
+    session = GatewaySession()
     assert said(session, "[1] 5 enable guarding 100 3", now=10.0) == "[1] OK"
     assert tell(session, None, 10.0) == (["705#R1"], [])
     assert tell(session, "705#05", 10.01)[1] == []
@@ -181,7 +181,7 @@ def test_a_node_is_guarded() -> None:
 
 
 def test_a_received_pdo_is_told_and_kept() -> None:
-    session = Session()
+    session = GatewaySession()
     assert said(session, "[1] set rpdo 1 0x185 event 3 0x6041 0 u16 0x2005 0 i16 0x2006 0 b") == "[1] OK"
     assert said(session, "[2] read pdo 1") == "[2] 1 pdo 1 3 0x0000 0x0000 0"
     assert tell(session, "185#3706FEFF01", 0.0) == ([], ["1 pdo 1 3 0x0637 0xFFFE 1"])
@@ -195,7 +195,7 @@ def test_a_received_pdo_is_told_and_kept() -> None:
 
 
 def test_a_pdo_is_sent_when_its_type_says_so() -> None:
-    def sends(session: Session, line: str) -> list[str]:
+    def sends(session: GatewaySession, line: str) -> list[str]:
         out: list[str] = []
 
         def nobody(frame: CanFrame, at: float) -> list[tuple[float, CanFrame]]:
@@ -205,23 +205,23 @@ def test_a_pdo_is_sent_when_its_type_says_so() -> None:
         assert play(session.answer(line), nobody)[0] == [line[: line.index("]") + 1] + " OK"]
         return out
 
-    event = Session()
+    event = GatewaySession()
     assert sends(event, "[1] set tpdo 1 0x205 event 1 0x6040 0 u16") == []
     assert tell(event, None, 1.0) == ([], [])
     assert sends(event, "[2] write pdo 1 1 0x000F") == ["205#0F00"]
     assert sends(event, "[3] write pdo 1 1 15") == ["205#0F00"]
-    synced = Session()
+    synced = GatewaySession()
     assert sends(synced, "[1] set tpdo 1 0x205 sync2 1 0x6040 0 u16") == []
     assert sends(synced, "[2] write pdo 1 1 15") == []
     assert [tell(synced, "080#", now)[0] for now in (0.0, 0.1, 0.2, 0.3)] == [[], ["205#0F00"], [], ["205#0F00"]]
-    asked = Session()
+    asked = GatewaySession()
     assert sends(asked, "[1] set tpdox 1 0x205 rtr 0 0 0 1 0x6040 0 u16") == []
     assert sends(asked, "[2] write pdo 1 1 15") == []
     assert tell(asked, "205#R2", 0.0)[0] == ["205#0F00"]
 
 
 def test_with_a_real_device_a_pdo_makes_the_round(bus: VirtualBus) -> None:
-    session = Session()
+    session = GatewaySession()
     for line in ("set rpdo 1 0x185 event 1 0x6041 0 u16", "set tpdo 1 0x205 event 1 0x6040 0 u16", "5 start"):
         assert ask(bus, session, f"[1] {line}") == "[1] OK"
     assert ask(bus, session, "[2] w p 1 1 7") == "[2] OK"
@@ -247,7 +247,7 @@ FOUND = "0x00000360 0x00010203 0x00020001 0xDEADBEEF"
 
 
 def test_lss_step_by_step(unconfigured: VirtualBus) -> None:
-    bus, session = unconfigured, Session()
+    bus, session = unconfigured, GatewaySession()
     assert ask(bus, session, "[1] lss_ident_nonconf") == "[1] OK"
     assert ask(bus, session, "[2] lss_identity 0x360 0x10203 0 0xFFFFFFFF 0 0xFFFFFFFF") == "[2] OK"
     assert ask(bus, session, "[3] lss_identity 0x361 0x10203 0 0xFFFFFFFF 0 0xFFFFFFFF").startswith("[3] ERROR:103 #")
@@ -268,7 +268,7 @@ def test_lss_step_by_step(unconfigured: VirtualBus) -> None:
 
 
 def test_lss_scans(unconfigured: VirtualBus) -> None:
-    bus, session = unconfigured, Session()
+    bus, session = unconfigured, GatewaySession()
     assert ask(bus, session, "[1] _lss_fastscan") == f"[1] {FOUND}"
     assert ask(bus, session, "[2] lss_switch_glob 0") == "[2] OK"
     assert ask(bus, session, "[3] lss_allnodes 100 9 0") == f"[3] OK #1 found: node 9: {FOUND}"
@@ -280,7 +280,7 @@ def test_lss_scans(unconfigured: VirtualBus) -> None:
 
 @pytest.mark.parametrize("line", ["", "   ", "# a comment", "  # another"])
 def test_empty_lines_are_not_answered(line: str) -> None:
-    assert play(Session().answer(line), lambda frame, at: [])[0] == []
+    assert play(GatewaySession().answer(line), lambda frame, at: [])[0] == []
 
 
 @pytest.mark.parametrize(
@@ -334,31 +334,31 @@ def test_empty_lines_are_not_answered(line: str) -> None:
     ],
 )
 def test_what_is_no_command(line: str, code: str) -> None:
-    answer = said(Session(), line)
+    answer = said(GatewaySession(), line)
     assert answer.startswith(f"{code} #"), answer
 
 
 def test_a_line_without_end_is_refused() -> None:
-    assert said(Session(), f"[1] 5 w 0x2000 0 d {'A' * 70_000}").startswith("[0] ERROR:600 #")
+    assert said(GatewaySession(), f"[1] 5 w 0x2000 0 d {'A' * 70_000}").startswith("[0] ERROR:600 #")
 
 
 def test_help_and_version() -> None:
-    lines = play(Session().answer("[1] help lss"), lambda frame, at: [])[0]
+    lines = play(GatewaySession().answer("[1] help lss"), lambda frame, at: [])[0]
     assert lines[-1] == "[1] OK"
     assert any("_lss_fastscan" in line for line in lines)
-    assert said(Session(version="barewire 1.2"), "[2] info version") == "[2] barewire 1.2"
+    assert said(GatewaySession(version="barewire 1.2"), "[2] info version") == "[2] barewire 1.2"
 
 
 @given(st.text(max_size=60) | st.from_regex(r"\[1\] ([0-9x]{1,3} ){0,2}(r|w|set|lss_\w+|enable) [ -~]{0,30}"))
 def test_any_line_is_answered(line: str) -> None:
-    answers = play(Session().answer(line), lambda frame, at: [])[0]
+    answers = play(GatewaySession().answer(line), lambda frame, at: [])[0]
     assert all(answer.isprintable() for answer in answers), answers
 
 
 @given(st.text(max_size=40))
 def test_any_words_are_commands_or_not(line: str) -> None:
     try:
-        sequence = parse(f"[1] {line}").sequence
+        sequence = parse_line(f"[1] {line}").sequence
     except GatewayError as refused:
         sequence = 1 if refused.code in (100, 101, 401) else 0
     assert sequence == 1
@@ -370,7 +370,7 @@ def test_quotes_hold_any_word_together(words: list[str]) -> None:
     assert split_line(line) == words
 
 
-@pytest.mark.parametrize("type", TYPES)
+@pytest.mark.parametrize("type", TYPE_NAMES)
 def test_text_and_bytes_are_each_others(type: str) -> None:
     if type in ("vs", "os", "us", "d", "hex"):
         data = b"ab"

@@ -138,7 +138,7 @@ def test_a_sink_that_fails_ends_the_transfer(block: bool) -> None:
     with pytest.raises(OSError, match="disk full"):
         bus.run(upload_to(channel, 0x2100, 0, full, block=block))
     bus.rest(0.001)
-    assert (server.deadline, server.counters.aborts_heard) == (None, 1)
+    assert (server.deadline, server.counters.aborts_received) == (None, 1)
     assert bus.run(upload(channel, 0x2101)) == b"other"
 
 

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from barewire.canopen import AZ3, AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, download, fit, upload
+from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, download, fit, upload
 from barewire.conversation import Conversation, Heard, Listen, Send, abort_frames, play
+from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import EncodeError, NoAnswer
 
 Peer = Callable[[CanFrame, float], Iterable[tuple[float, CanFrame]]]
@@ -89,7 +90,7 @@ def test_a_value_of_unknown_size_is_cut_to_the_size_that_the_caller_knows() -> N
     channel = Channel(5)
     script = Script(("605#4041600000000000", "585#4241600037060BAD"))
     assert play(upload(channel, 0x6041, size=2), script)[0] == bytes.fromhex("3706")
-    assert channel.heard.unsized == 1
+    assert channel.counters.unsized == 1
 
 
 def test_a_size_that_was_told_is_not_overruled() -> None:
@@ -135,7 +136,7 @@ def test_foreign_frames_and_late_answers_are_passed_over_and_counted() -> None:
         )
     )
     assert play(upload(channel, 0x6041), script)[0] == bytes.fromhex("3706")
-    heard = channel.heard
+    heard = channel.counters
     assert (heard.frames, heard.late, heard.garbled, heard.short, heard.extended) == (12, 4, 2, 1, 1)
     assert heard.state is not None
     assert heard.state.name == "operational"
@@ -224,7 +225,7 @@ def test_after_a_time_out_the_channel_waits_for_late_answers() -> None:
     with pytest.raises(StopIteration) as done:
         conversation.send(Heard(CanFrame.parse("585#4B41600037060000"), 2.1))
     assert done.value.value == bytes.fromhex("3706")
-    assert channel.heard.late == 1
+    assert channel.counters.late == 1
     assert channel.quiet_until is None
 
 
@@ -251,14 +252,14 @@ def test_what_waited_to_be_heard_is_no_answer() -> None:
     with pytest.raises(StopIteration) as done:
         conversation.send(Heard(CanFrame.parse("585#4B41600002000000"), 9.1))
     assert done.value.value == b"\2\0"
-    assert channel.heard.late == 1
+    assert channel.counters.late == 1
 
 
 def test_counts_are_summed_up_over_transfers() -> None:
     channel = Channel(5)
     for _ in range(3):
         play(upload(channel, 0x6041), lambda frame, now: [(now, CanFrame.parse("585#4B4160003706"))])
-    assert (channel.total.short, channel.heard.short) == (2, 1)
+    assert (channel.total.short, channel.counters.short) == (2, 1)
 
 
 def test_abandoned_the_last_word_is_an_abort() -> None:

@@ -188,7 +188,7 @@ def test_our_client_and_our_server(name: str) -> None:
     assert bus.run(conversation) == result
     bus.rest(5.0)
     assert bus.log == lines(text)
-    assert (server.deadline, server.counters.aborts_said) == (None, 0)
+    assert (server.deadline, server.counters.aborts_sent) == (None, 0)
 
 
 def say(server: SdoServer | LocalNode, *texts: str, now: float = 0.0) -> list[str]:
@@ -410,7 +410,7 @@ def test_segments_of_an_unknown_size_and_answers_that_come_twice() -> None:
         ("70", "1D 08"),
     )
     assert scripted(upload(channel, 0x1008), *turns)[0] == bytes(range(1, 9))
-    assert channel.heard.late == 1
+    assert channel.counters.late == 1
 
 
 def test_a_server_that_leaves_zeros_out() -> None:
@@ -422,7 +422,7 @@ def test_a_server_that_leaves_zeros_out() -> None:
         ("605#A100000000000000",),
     )
     assert play(upload(channel, 0x2100, block=BlockSettings(20)), script)[0] == data
-    assert (channel.heard.short, channel.heard.garbled) == (2, 1)
+    assert (channel.counters.short, channel.counters.garbled) == (2, 1)
 
 
 def test_a_server_that_acknowledges_at_the_first_gap() -> None:

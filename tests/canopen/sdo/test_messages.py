@@ -6,7 +6,6 @@ import pytest
 
 from barewire.canopen import AbortCode, SdoAbort, abort_text, fit
 from barewire.canopen.sdo import (
-    AZ3,
     STANDARD,
     Abort,
     BlockAck,
@@ -23,14 +22,15 @@ from barewire.canopen.sdo import (
     InitiateDownload,
     InitiateUpload,
     NextSegment,
-    Segment,
+    SdoSegment,
     SegmentTaken,
     StartBlockUpload,
     UploadInitiated,
-    decode_answer,
-    decode_request,
+    decode_sdo_request,
+    decode_sdo_response,
 )
-from barewire.canopen.sdo.messages.codec import SdoMessage, read
+from barewire.canopen.sdo.messages.codec import SdoMessage, decode_one_of
+from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError, EncodeError, Refused
 
 
@@ -66,21 +66,21 @@ ANSWERS = [
 @pytest.mark.parametrize(("text", "message"), REQUESTS)
 def test_requests_both_ways(text: str, message: InitiateUpload) -> None:
     assert message.encode() == raw(text)
-    assert decode_request(raw(text)) == message
+    assert decode_sdo_request(raw(text)) == message
 
 
 @pytest.mark.parametrize(("text", "message"), ANSWERS)
 def test_answers_both_ways(text: str, message: ExpeditedUpload) -> None:
     assert message.encode() == raw(text)
-    assert decode_answer(raw(text)) == message
+    assert decode_sdo_response(raw(text)) == message
 
 
 SEGMENTS = [
-    ("00 43 41 4E 6F 70 65 6E", Segment(0, b"CANopen")),
-    ("10 44 65 6D 6F 50 49 43", Segment(1, b"DemoPIC")),
-    ("0B 33 32 00 00 00 00 00", Segment(0, b"32", last=True)),
-    ("0F 00 00 00 00 00 00 00", Segment(0, b"", last=True)),
-    ("1D 33 00 00 00 00 00 00", Segment(1, b"3", last=True)),
+    ("00 43 41 4E 6F 70 65 6E", SdoSegment(0, b"CANopen")),
+    ("10 44 65 6D 6F 50 49 43", SdoSegment(1, b"DemoPIC")),
+    ("0B 33 32 00 00 00 00 00", SdoSegment(0, b"32", last=True)),
+    ("0F 00 00 00 00 00 00 00", SdoSegment(0, b"", last=True)),
+    ("1D 33 00 00 00 00 00 00", SdoSegment(1, b"3", last=True)),
     ("60 00 00 00 00 00 00 00", NextSegment(0)),
     ("70 00 00 00 00 00 00 00", NextSegment(1)),
     ("20 00 00 00 00 00 00 00", SegmentTaken(0)),
@@ -112,21 +112,21 @@ BLOCKS = [
 @pytest.mark.parametrize(("text", "message"), SEGMENTS + BLOCKS)
 def test_what_is_between_beginning_and_end_both_ways(text: str, message: SdoMessage) -> None:
     assert message.encode() == raw(text)
-    assert read(raw(text), (type(message),)) == message
+    assert decode_one_of(raw(text), (type(message),)) == message
 
 
 def test_the_state_of_the_transfer_says_what_a_byte_means() -> None:
     data = raw("C1 F3 43 00 00 00 00 00")
-    assert read(data, (BlockEnd,)) == BlockEnd(0, 0x43F3)
-    assert read(data, (BlockSegment,)) == BlockSegment(0x41, data[1:], last=True)
+    assert decode_one_of(data, (BlockEnd,)) == BlockEnd(0, 0x43F3)
+    assert decode_one_of(data, (BlockSegment,)) == BlockSegment(0x41, data[1:], last=True)
     with pytest.raises(DecodeError, match="nothing that belongs here"):
-        decode_request(data)
+        decode_sdo_request(data)
 
 
 @pytest.mark.parametrize(
     ("kind", "text"),
     [
-        (Segment, "09 33 32"),
+        (SdoSegment, "09 33 32"),
         (InitiateBlockUpload, "A4 08 10 00 14"),
         (BlockDownloadInitiated, "A4 08 10 00"),
         (BlockUploadInitiated, "C6 08 10 00 10"),
@@ -137,7 +137,7 @@ def test_the_state_of_the_transfer_says_what_a_byte_means() -> None:
 )
 def test_bytes_that_are_missing(kind: type[SdoMessage], text: str) -> None:
     with pytest.raises(DecodeError) as caught:
-        read(raw(text), (kind,))
+        decode_one_of(raw(text), (kind,))
     assert caught.value.reason == "short"
 
 
@@ -150,8 +150,8 @@ def test_there_is_no_segment_0(text: str) -> None:
 @pytest.mark.parametrize(
     "message",
     [
-        Segment(2, b""),
-        Segment(0, bytes(8)),
+        SdoSegment(2, b""),
+        SdoSegment(0, bytes(8)),
         NextSegment(2),
         BlockSegment(0, bytes(7)),
         BlockSegment(128, bytes(7)),
@@ -172,29 +172,29 @@ def test_segments_and_blocks_that_cannot_be_said(message: SdoMessage) -> None:
 
 @pytest.mark.parametrize("command", ["43", "4B", "4F", "5F", "41"])
 def test_reserved_bits_of_an_upload_request_are_read_over(command: str) -> None:
-    assert decode_request(raw(f"{command} 40 60 00 00 00 00 00")) == InitiateUpload(0x6040, 0, int(command, 16))
+    assert decode_sdo_request(raw(f"{command} 40 60 00 00 00 00 00")) == InitiateUpload(0x6040, 0, int(command, 16))
 
 
 @pytest.mark.parametrize("command", ["00", "60", "81", "A1", "A3", "C1", "E0", "FF"])
 def test_commands_that_start_nothing_known(command: str) -> None:
     with pytest.raises(DecodeError) as caught:
-        decode_request(raw(f"{command} 40 60 00 00 00 00 00"))
+        decode_sdo_request(raw(f"{command} 40 60 00 00 00 00 00"))
     assert (caught.value.reason, caught.value.at) == ("function", 0)
 
 
 @pytest.mark.parametrize("command", ["00", "20", "81", "A1", "A2", "C1", "E0"])
 def test_commands_that_answer_nothing_known(command: str) -> None:
     with pytest.raises(DecodeError) as caught:
-        decode_answer(raw(f"{command} 40 60 00 00 00 00 00"))
+        decode_sdo_response(raw(f"{command} 40 60 00 00 00 00 00"))
     assert caught.value.reason == "function"
 
 
 def test_trimmed_answers_are_read_as_far_as_they_need_to_go() -> None:
-    assert decode_answer(raw("60 17 10 00")) == DownloadInitiated(0x1017, 0)
-    assert decode_answer(raw("4B 41 60 00 37 06")) == ExpeditedUpload(0x6041, 0, raw("3706"))
+    assert decode_sdo_response(raw("60 17 10 00")) == DownloadInitiated(0x1017, 0)
+    assert decode_sdo_response(raw("4B 41 60 00 37 06")) == ExpeditedUpload(0x6041, 0, raw("3706"))
     for text in ("", "4B", "4B 41 60", "4B 41 60 00 37", "42 41 60 00 37 06 00", "80 41 60 00 00 00 02", "41 08 10 00"):
         with pytest.raises(DecodeError) as caught:
-            decode_answer(raw(text))
+            decode_sdo_response(raw(text))
         assert caught.value.reason == "short"
 
 
@@ -216,7 +216,7 @@ def test_there_are_31_abort_codes_and_each_survives_the_wire() -> None:
     assert len(AbortCode) == 31
     assert len({code.text for code in AbortCode}) == 31
     for code in AbortCode:
-        said = decode_answer(Abort(0x6041, 2, code).encode())
+        said = decode_sdo_response(Abort(0x6041, 2, code).encode())
         assert said == Abort(0x6041, 2, code)
         refusal = SdoAbort(code, 0x6041, 2)
         assert isinstance(refusal, Refused)
@@ -226,7 +226,7 @@ def test_there_are_31_abort_codes_and_each_survives_the_wire() -> None:
 def test_an_unknown_code_keeps_its_number() -> None:
     assert abort_text(0xDEADBEEF) == "DEAD BEEFh unknown abort code"
     assert SdoAbort(0xDEADBEEF, 0x1000, 0).code == 0xDEADBEEF
-    assert decode_answer(Abort(0x1000, 0, 0xDEADBEEF).encode()) == Abort(0x1000, 0, 0xDEADBEEF)
+    assert decode_sdo_response(Abort(0x1000, 0, 0xDEADBEEF).encode()) == Abort(0x1000, 0, 0xDEADBEEF)
 
 
 def test_an_abort_about_another_object_says_so() -> None:

@@ -5,20 +5,20 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import (
-    AZ3,
     STANDARD,
     AbortCode,
     CanFrame,
-    Dialect,
     Entry,
     ObjectDictionary,
     SdoAbort,
+    SdoDialect,
     SdoServer,
     download,
     upload,
 )
 from barewire.codecs import Value
 from barewire.conversation import play
+from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import EncodeError
 
 
@@ -136,7 +136,7 @@ def test_counters() -> None:
         dialogue(server, request)
     counters = server.counters
     assert (counters.requests, counters.wrong_length, counters.unknown_command) == (4, 1, 1)
-    assert (counters.reserved_bits, counters.aborts_heard, counters.aborts_said) == (1, 1, 2)
+    assert (counters.reserved_bits, counters.aborts_received, counters.aborts_sent) == (1, 1, 2)
     server.reset()
     assert server.counters.requests == 0
     assert server.deadline is None
@@ -161,7 +161,7 @@ def test_dialogues_in_four(request_: str, answer: str) -> None:
 
 
 @pytest.mark.parametrize("dialect", [STANDARD, AZ3])
-def test_client_and_server_understand_each_other(dialect: Dialect) -> None:
+def test_client_and_server_understand_each_other(dialect: SdoDialect) -> None:
     server = SdoServer(5, objects(), dialect)
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:

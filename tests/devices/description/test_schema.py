@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from barewire.canopen import AZ3, STANDARD
+from barewire.canopen import STANDARD
 from barewire.devices import DescriptionError, load, names
 from barewire.devices.description import drive_table
 from barewire.devices.description.load import CATALOG
 from barewire.devices.description.parameter_table import REQUIRED, RULES
+from barewire.devices.sdo_dialects import AZ3
 from tests.devices.description.test_descriptions import HEAD, HEAD_MISTAKES, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 
 from barewire.ascii import AsciiLine
 from barewire.canopen import CanFrame, Channel
-from barewire.canopen.sdo.dialect import DIALECTS
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
 from barewire.devices.parameter import Parameter
+from barewire.devices.sdo_dialects import DIALECTS
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.modbus import Bus, Server
 from barewire.modbus.framing import Line

@@ -6,7 +6,6 @@ from functools import cache
 from typing import Any
 
 from barewire.canopen import (
-    AZ3,
     BlockSettings,
     CanFrame,
     Channel,
@@ -33,6 +32,7 @@ from barewire.canopen import (
 )
 from barewire.canopen.sdo import SdoAbort
 from barewire.conversation import Conversation
+from barewire.devices.sdo_dialects import AZ3
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import VirtualBus
 

@@ -69,7 +69,7 @@ def test_every_value_is_right() -> None:
         assert client.channel().total.late > 0
         assert slow.lost > 0
         assert any(isinstance(slow.get(0.0), FramesLost) for _ in range(2000))
-        assert node.sdo.counters.aborts_said == 0
+        assert node.sdo.counters.aborts_sent == 0
 
 
 def test_with_tasks() -> None:

@@ -22,7 +22,7 @@ from barewire.canopen.cob_ids import NODE_MAX, NODE_MIN, check_node, classify, c
 from barewire.canopen.emcy.message import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_answer
+from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_sdo_response
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError
 
@@ -150,7 +150,7 @@ def _note(survey: Survey, frame: CanFrame, asked: dict[int, float], now: float) 
 
 
 def _note_answer(survey: Survey, node: int, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
-    answer = decode_answer(frame.data)
+    answer = decode_sdo_response(frame.data)
     found = _at(survey, node)
     ours = node in asked and (getattr(answer, "index", None), getattr(answer, "sub", None)) == (DEVICE_TYPE, 0)
     if not ours:

@@ -45,7 +45,7 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtSlave, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import Pdo
 from barewire.canopen.pdo.engine import PdoEngine
-from barewire.canopen.sdo.dialect import STANDARD, Dialect
+from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 
@@ -82,7 +82,7 @@ class LocalNode:
         objects: ObjectDictionary,
         pdos: Iterable[Pdo] = (),
         *,
-        dialect: Dialect = STANDARD,
+        dialect: SdoDialect = STANDARD,
         on_reset: Callable[[NmtCommand], None] | None = None,
         lss: LssSlave | None = None,
     ) -> None:

@@ -27,7 +27,7 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.find_channel import SERVER_1, SERVERS_MAX
-from barewire.canopen.sdo.dialect import STANDARD, Dialect
+from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
 from barewire.errors import EncodeError
 
@@ -62,7 +62,11 @@ def _pair(objects: ObjectDictionary, index: int) -> Pair | None:
 
 
 def client_channel(
-    objects: ObjectDictionary, client: int = 1, dialect: Dialect = STANDARD, *, presence: NodeMonitor | None = None
+    objects: ObjectDictionary,
+    client: int = 1,
+    dialect: SdoDialect = STANDARD,
+    *,
+    node_monitor: NodeMonitor | None = None,
 ) -> Channel:
     """The channel of SDO client number `client` of a dictionary: for a device that asks others.
 
@@ -81,7 +85,7 @@ def client_channel(
     pair = _pair(objects, index)
     if pair is None:
         raise EncodeError(f"SDO client {client} is not in use: {index:04X}h is missing or has bit 31 set")
-    return Channel(number(objects, index, NODE), dialect, cob_ids=pair, presence=presence)
+    return Channel(number(objects, index, NODE), dialect, cob_ids=pair, node_monitor=node_monitor)
 
 
 class FurtherServers:
@@ -100,7 +104,7 @@ class FurtherServers:
 
     __slots__ = ("_indices", "_keys", "_told", "dialect", "node", "objects", "servers")
 
-    def __init__(self, node: int, objects: ObjectDictionary, dialect: Dialect = STANDARD) -> None:
+    def __init__(self, node: int, objects: ObjectDictionary, dialect: SdoDialect = STANDARD) -> None:
         self.node = node
         self.objects = objects
         self.dialect = dialect

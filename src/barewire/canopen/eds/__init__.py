@@ -1,7 +1,7 @@
 """EDS and DCF: a device's object dictionary as a text file, read and written without loss.   [CiA 306]
 
         [1017]                             "what the file says"        document.get, put      text of a key
-        ParameterName=Heartbeat time       "what it means"             document.objects       EdsObject, Item
+        ParameterName=Heartbeat time       "what it means"             document.objects       EdsObject, EdsItem
         DataType=0x0006                    "what a device has of it"   document.dictionary(5) ObjectDictionary
         DefaultValue=1000 ; ms             "what is odd about it"      document.diagnostics, lint(document)
 
@@ -17,10 +17,10 @@ unless it is told to be strict. What nobody changed is written byte for byte as 
 I know: the text of CiA 306.  I never know: files on a disk, buses.
 """
 
-from barewire.canopen.eds.diagnostics import LINT_RULES, RULES, Diagnostic, EdsError
+from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES, Diagnostic, EdsError
 from barewire.canopen.eds.document import Document, parse
 from barewire.canopen.eds.lint import lint
-from barewire.canopen.eds.model import EdsObject, Item
+from barewire.canopen.eds.model import EdsItem, EdsObject
 from barewire.canopen.eds.value_syntax import Formula
 from barewire.canopen.eds.writer import add_object, compose, to_dcf
 
@@ -32,10 +32,10 @@ __all__ = [
     "to_dcf",
     "add_object",
     "EdsObject",
-    "Item",
+    "EdsItem",
     "Formula",
     "Diagnostic",
     "EdsError",
-    "RULES",
+    "PARSE_RULES",
     "LINT_RULES",
 ]

@@ -20,8 +20,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from barewire.canopen.eds.model import RECORD, VAR, EdsObject, Item
-from barewire.canopen.eds.section_names import number_of
+from barewire.canopen.eds.model import RECORD, VAR, EdsItem, EdsObject
+from barewire.canopen.eds.section_names import entry_number
 from barewire.canopen.eds.value_syntax import Expression, Formula
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from barewire.canopen.eds.reader import Reader
 
 PDOS = 512
-SWITCHED_OFF = 0x8000_0000
+_NOT_USED = 0x8000_0000
 _KINDS = (("RPDO", "nrofrxpdo", 0x1400, 0x200), ("TPDO", "nroftxpdo", 0x1800, 0x180))
 _COMMUNICATION = (
     ("COB-ID", "u32", 0x07),
@@ -41,13 +41,13 @@ _COMMUNICATION = (
 )
 
 
-def compact_items(reader: Reader, section: Section, highest: int) -> Iterator[Item]:
+def compact_items(reader: Reader, section: Section, highest: int) -> Iterator[EdsItem]:
     """The sub-indices that CompactSubObj makes: all alike but for name, value and denotation."""
     like = reader.item(1, section)
     names = _told(reader, section, "name", highest)
     values = _told(reader, section, "value", highest)
     denotations = _told(reader, section, "denotation", highest)
-    yield Item(0, "NrOfObjects", "u8", "ro", highest, code=0x05)
+    yield EdsItem(0, "NrOfObjects", "u8", "ro", highest, code=0x05)
     for sub in range(1, highest + 1):
         key = str(sub)
         value: Expression | None = like.value
@@ -65,7 +65,7 @@ def _told(reader: Reader, section: Section, part: str, highest: int) -> dict[str
     reader.number(found, "nrofentries")
     told = {}
     for key in found.keys:
-        sub = number_of(key)
+        sub = entry_number(key)
         if sub is not None and not 1 <= sub <= highest:
             reader.say(found, key, "compact-entry")
         elif sub is not None:
@@ -85,7 +85,7 @@ def implied_pdos(reader: Reader, objects: dict[int, EdsObject]) -> Iterator[EdsO
         free = [number for number in range(PDOS) if number not in told][: max(wanted - len(told), 0)]
         for number in sorted([*told, *free]):
             if first + number not in objects:
-                default = Formula(cob_id + 0x100 * number) if number < 4 else SWITCHED_OFF
+                default = Formula(cob_id + 0x100 * number) if number < 4 else _NOT_USED
                 yield communication(first + number, name, mask, default)
             if first + 0x200 + number not in objects:
                 yield mapping(first + 0x200 + number, name)
@@ -93,15 +93,15 @@ def implied_pdos(reader: Reader, objects: dict[int, EdsObject]) -> Iterator[EdsO
 
 def communication(index: int, name: str, mask: int, cob_id: Expression) -> EdsObject:
     """The communication record with the sub-indices whose bit is set in the mask."""
-    items = [Item(0, "Highest sub-index supported", "u8", "const", mask.bit_length(), code=0x05)]
+    items = [EdsItem(0, "Highest sub-index supported", "u8", "const", mask.bit_length(), code=0x05)]
     for bit, (what, type, code) in enumerate(_COMMUNICATION):
         if mask >> bit & 1:
-            items.append(Item(bit + 1, what, type, "rw", cob_id if bit == 0 else None, code=code))
+            items.append(EdsItem(bit + 1, what, type, "rw", cob_id if bit == 0 else None, code=code))
     return EdsObject(index, f"{name} communication parameter", RECORD, tuple(items))
 
 
 def mapping(index: int, name: str, entries: int = 64) -> EdsObject:
     """The mapping record with room for `entries`."""
-    items = [Item(0, "Number of mapped objects", "u8", "rw", 0, code=0x05)]
-    items += [Item(sub, f"Application object {sub}", "u32", "rw", 0, code=0x07) for sub in range(1, entries + 1)]
+    items = [EdsItem(0, "Number of mapped objects", "u8", "rw", 0, code=0x05)]
+    items += [EdsItem(sub, f"Application object {sub}", "u32", "rw", 0, code=0x07) for sub in range(1, entries + 1)]
     return EdsObject(index, f"{name} mapping parameter", RECORD, tuple(items))

@@ -6,9 +6,9 @@
     |   rule
     line of the file, from 1; 0 is the file as a whole
 
-`RULES` are found by reading: each departs from CiA 306 (or, as an octal number, from what was probably meant), and each
-has an answer to "what is meant then?", so that the file can be used. Only `strict=True` makes them an error.
-`LINT_RULES` are found by `lint`: the file can be read without doubt, but keys are missing, or two places contradict
+`PARSE_RULES` are checked by `parse`. Each is a departure from CiA 306 (or, as an octal number, from what was probably
+meant) with a defined reading, so that the file can be used; only `strict=True` makes it an error.
+`LINT_RULES` are checked by `lint`: the file can be read without doubt, but keys are missing, or two places contradict
 each other.
 """
 
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from barewire.errors import BarewireError
 
-RULES: dict[str, str] = {
+PARSE_RULES: dict[str, str] = {
     # The text
     "byte-order-mark": "the file begins with a byte order mark",
     "not-ascii": "characters beyond ASCII",
@@ -129,7 +129,7 @@ def diagnostic(line: int, rule: str, what: str) -> Diagnostic:
     >>> print(diagnostic(3, "blanks", "1 = 0x1003"))
     3: blanks: 1 = 0x1003: blanks before or inside a name, or before the equals sign; read over
     """
-    says = RULES.get(rule) or LINT_RULES[rule]
+    says = PARSE_RULES.get(rule) or LINT_RULES[rule]
     shown = what if len(what) <= 80 else what[:77] + "..."
     return Diagnostic(line, rule, f"{shown}: {says}")
 

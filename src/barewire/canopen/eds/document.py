@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 from barewire.canopen.eds.diagnostics import Diagnostic, EdsError, diagnostic
-from barewire.canopen.eds.lexer import Line, Text, decode, oddities, split
+from barewire.canopen.eds.lexer import EdsLine, EdsText, decode_text, split_lines, text_diagnostics
 from barewire.canopen.eds.section_names import KeyName, SectionName, key_name, section_name
 from barewire.canopen.eds.value_syntax import read_integer
 from barewire.errors import EncodeError
@@ -48,9 +48,9 @@ class Document:
 
     __slots__ = ("_lines", "_objects", "_odd_names", "_odd_objects", "_sections", "_text")
 
-    def __init__(self, text: Text) -> None:
+    def __init__(self, text: EdsText) -> None:
         self._text = text
-        self._lines: list[Line] = split(text.text)
+        self._lines: list[EdsLine] = split_lines(text.text)
         self._forget()
 
     def _forget(self) -> None:
@@ -76,7 +76,7 @@ class Document:
         return self._text.encoding
 
     @property
-    def lines(self) -> tuple[Line, ...]:
+    def lines(self) -> tuple[EdsLine, ...]:
         """All lines, the first one of the file at 0."""
         return tuple(self._lines)
 
@@ -89,7 +89,7 @@ class Document:
         """Everything odd, in the order of lines."""
         self._read_objects()
         text = self._text._replace(text="".join(line.text for line in self._lines))
-        return tuple(sorted({*oddities(text, self._lines), *self._odd_names, *self._odd_objects}))
+        return tuple(sorted({*text_diagnostics(text, self._lines), *self._odd_names, *self._odd_objects}))
 
     @property
     def sections(self) -> Mapping[str, Section]:
@@ -153,10 +153,10 @@ class Document:
             self._lines[at] = self._checked(old._replace(value=value, after=after))
         else:
             end = self._line_end()
-            new = self._checked(Line("pair", "", wanted.proper, "=", value, "", end))
+            new = self._checked(EdsLine("pair", "", wanted.proper, "=", value, "", end))
             if found is None:
-                head = self._checked(Line("section", "[", name.proper, after="]", end=end))
-                gap = [Line("blank", end=end)] if self._lines else []
+                head = self._checked(EdsLine("section", "[", name.proper, after="]", end=end))
+                gap = [EdsLine("blank", end=end)] if self._lines else []
                 self._insert(len(self._lines), [*gap, head, new])
             else:
                 self._insert(max([found.line, *(place + 1 for place in found.keys.values())]), [new])
@@ -176,24 +176,24 @@ class Document:
     def append(self, lines: Iterable[str]) -> None:
         """Lines at the end of the file, with the line end that it has."""
         end = self._line_end()
-        self._insert(len(self._lines), [self._checked(line) for text in lines for line in split(text + end)])
+        self._insert(len(self._lines), [self._checked(line) for text in lines for line in split_lines(text + end)])
         self._forget()
 
     def _line_end(self) -> str:
         return next((line.end for line in self._lines if line.end), "\r\n")
 
-    def _insert(self, at: int, new: list[Line]) -> None:
+    def _insert(self, at: int, new: list[EdsLine]) -> None:
         """New lines before the one at `at`; the last line of a file may have no end, and gets one then."""
         if at and not self._lines[at - 1].end:
             self._lines[at - 1] = self._lines[at - 1]._replace(end=self._line_end())
         self._lines[at:at] = new
 
-    def _checked(self, line: Line) -> Line:
+    def _checked(self, line: EdsLine) -> EdsLine:
         try:
             line.text.encode(self._text.encoding)
         except UnicodeEncodeError:
             raise EncodeError(f"{line.value!r} cannot be written in {self._text.encoding}, as the file is") from None
-        again = split(line.text)
+        again = split_lines(line.text)
         if len(again) != 1 or again[0][:5] != line[:5]:
             raise EncodeError(
                 f"{line.key}={line.value!r} would not be read back: no line ends, no ' ;', no outer blanks"
@@ -229,7 +229,7 @@ class Document:
                     self._key(current, at, line)
         return iter(found.values())
 
-    def _key(self, section: Section, at: int, line: Line) -> None:
+    def _key(self, section: Section, at: int, line: EdsLine) -> None:
         name = key_name(section.name, line.key)
         if name.rule:
             self._say(at, name.rule, f"[{section.name.proper}] {line.key}")
@@ -245,7 +245,7 @@ class Document:
 
 def parse(data: bytes, *, strict: bool = False) -> Document:
     """The document that the bytes are. Never raises, unless `strict`: then EdsError for the first oddity."""
-    document = Document(decode(data))
+    document = Document(decode_text(data))
     if strict and document.diagnostics:
         raise EdsError(document.diagnostics)
     return document

@@ -31,7 +31,7 @@ _CONFLICT = re.compile(r"(?:<{7}|={7}|>{7}|\|{7})(?: .*)?")
 _FREE = re.compile(r"line[0-9]+", re.IGNORECASE)  # lines of [Comments]: nothing in them is a comment of the file
 
 
-class Text(NamedTuple):
+class EdsText(NamedTuple):
     """A file as text: its byte order mark, its encoding, and the text behind the mark."""
 
     mark: bytes
@@ -39,10 +39,10 @@ class Text(NamedTuple):
     text: str
 
 
-def decode(data: bytes) -> Text:
+def decode_text(data: bytes) -> EdsText:
     """The bytes as text. Never fails; `encode` gives the same bytes back.
 
-    >>> decode(b"[1000]"), decode(b"\\xdcberlast").encoding
+    >>> decode_text(b"[1000]"), decode_text(b"\\xdcberlast").encoding
     (Text(mark=b'', encoding='ascii', text='[1000]'), 'cp1252')
     """
     mark, first = next(((mark, name) for mark, name in _MARKS if data.startswith(mark)), (b"", "ascii"))
@@ -51,13 +51,13 @@ def decode(data: bytes) -> Text:
         try:
             text = rest.decode(encoding)
             if text.encode(encoding) == rest:
-                return Text(mark, encoding, text)
+                return EdsText(mark, encoding, text)
         except UnicodeError:
             continue
     raise AssertionError("latin-1 has every byte")
 
 
-class Line(NamedTuple):
+class EdsLine(NamedTuple):
     """One line in pieces. Of a section, `key` is its name; of what is no pair, everything else is in `after`."""
 
     kind: Kind
@@ -79,47 +79,47 @@ class Line(NamedTuple):
         return self.text.strip()
 
 
-def split(text: str) -> list[Line]:
+def split_lines(text: str) -> list[EdsLine]:
     """All lines of a text.
 
-    >>> [line.kind for line in split("; hello\\n\\n[1000]\\nParameterName=Device type\\n?")]
+    >>> [line.kind for line in split_lines("; hello\\n\\n[1000]\\nParameterName=Device type\\n?")]
     ['comment', 'blank', 'section', 'pair', 'junk']
     """
-    return [read(piece) for piece in _LINE.findall(text)]
+    return [_parse_line(piece) for piece in _LINE.findall(text)]
 
 
-def read(piece: str) -> Line:
+def _parse_line(piece: str) -> EdsLine:
     """One line with its end, taken to pieces."""
     body = piece.rstrip("\r\n")
     end = piece[len(body) :]
     bare = body.strip()
     if not bare:
-        return Line("blank", after=body, end=end)
+        return EdsLine("blank", after=body, end=end)
     if _CONFLICT.fullmatch(bare):
-        return Line("junk", after=body, end=end)
+        return EdsLine("junk", after=body, end=end)
     if bare.startswith((";", "#", "//")):
-        return Line("comment", after=body, end=end)
+        return EdsLine("comment", after=body, end=end)
     if bare.startswith("["):
         return _section(body, end)
     sign = "=" if "=" in body else ":"
     left, equals, right = body.partition(sign)
     if not equals or (sign == ":" and not left.strip().isalnum()):
-        return Line("junk", after=body, end=end)
+        return EdsLine("junk", after=body, end=end)
     key, rest = left.strip(), right.lstrip()
     value = rest[: _comment(key, rest)].rstrip()
     start = left.index(key) if key else len(left)
     between = left[start + len(key) :] + equals + right[: len(right) - len(rest)]
-    return Line("pair", left[:start], key, between, value, rest[len(value) :], end)
+    return EdsLine("pair", left[:start], key, between, value, rest[len(value) :], end)
 
 
-def _section(body: str, end: str) -> Line:
+def _section(body: str, end: str) -> EdsLine:
     opened = body.index("[") + 1
     closed = body.find("]", opened)
     if closed < 0:
         closed = opened + _comment("", body[opened:])
     name = body[opened:closed].strip()
     start = body.index(name, opened)
-    return Line("section", body[:start], name, after=body[start + len(name) :], end=end)
+    return EdsLine("section", body[:start], name, after=body[start + len(name) :], end=end)
 
 
 def _comment(key: str, rest: str) -> int:
@@ -136,7 +136,7 @@ def _comment(key: str, rest: str) -> int:
     return len(rest) if at < 0 else at
 
 
-def oddities(read_as: Text, lines: list[Line]) -> list[Diagnostic]:
+def text_diagnostics(read_as: EdsText, lines: list[EdsLine]) -> list[Diagnostic]:
     """What is odd about the text and about each line by itself."""
     found = []
     if read_as.mark:
@@ -154,7 +154,7 @@ def oddities(read_as: Text, lines: list[Line]) -> list[Diagnostic]:
     return found
 
 
-def _rules(line: Line) -> list[str]:
+def _rules(line: EdsLine) -> list[str]:
     broken = []
     if _CONTROL.search(line.text[: len(line.text) - len(line.end)]):
         broken.append("control-character")

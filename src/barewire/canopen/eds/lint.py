@@ -16,10 +16,10 @@ from barewire.canopen.cob_ids import is_restricted
 from barewire.canopen.datatypes import BY_NAME
 from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
 from barewire.canopen.eds.document import Document, Section
-from barewire.canopen.eds.model import EdsObject, Item, every_item
-from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, number_of
+from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
+from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, entry_number
 from barewire.canopen.eds.value_syntax import Formula, read_integer
-from barewire.canopen.eds.writer import MANDATORY, list_of
+from barewire.canopen.eds.writer import MANDATORY, list_name
 
 LONGEST_LINE = 255
 _FILE_INFO = [key for key in FILE_INFO if key != "EDSVersion"]  # without it the version is 3.0 [CiA 306 4.4]
@@ -114,7 +114,7 @@ def _lists(document: Document) -> Iterator[Diagnostic]:
             counter = "lines"
         if counter is None or name.part == "ObjectLinks":
             continue
-        found = [number_of(key.removeprefix("line")) for key in section.keys]
+        found = [entry_number(key.removeprefix("line")) for key in section.keys]
         numbers = [number for number in found if number is not None]
         count = _number(document, name.proper, counter)
         if count is not None and count != len(numbers):
@@ -122,8 +122,8 @@ def _lists(document: Document) -> Iterator[Diagnostic]:
         if name.kind == "list" and sorted(numbers) != list(range(1, len(numbers) + 1)):
             yield diagnostic(section.line, "list-gap", f"[{name.proper}]")
         for key in section.keys if name.kind == "list" else ():
-            index = _number(document, name.proper, key) if number_of(key) is not None else None
-            if index is not None and 0x1000 <= index <= 0xFFFF and list_of(index) != name.proper:
+            index = _number(document, name.proper, key) if entry_number(key) is not None else None
+            if index is not None and 0x1000 <= index <= 0xFFFF and list_name(index) != name.proper:
                 yield diagnostic(_at(section, key), "wrong-list", f"{index:04X}h in [{name.proper}]")
 
 
@@ -162,7 +162,7 @@ def _sub0(document: Document, described: EdsObject) -> Iterator[Diagnostic]:
         yield diagnostic(line, "sub0-value", f"{what} {int(first.default)}, there are {highest}")
 
 
-def _item(document: Document, described: EdsObject, item: Item) -> Iterator[Diagnostic]:
+def _item(document: Document, described: EdsObject, item: EdsItem) -> Iterator[Diagnostic]:
     what = f"{described.index:04X}h:{item.sub:02X}"
     for key, value in (("DefaultValue", item.default), ("ParameterValue", item.value)):
         low, high = item.limits
@@ -233,7 +233,7 @@ def _pdos(document: Document) -> Iterator[Diagnostic]:
 
 
 def _mapping(
-    document: Document, name: str, record: EdsObject, items: dict[tuple[int, int], Item]
+    document: Document, name: str, record: EdsObject, items: dict[tuple[int, int], EdsItem]
 ) -> Iterator[Diagnostic]:
     bits = 0
     count = record.items[0].default if record.items else 0
@@ -260,6 +260,6 @@ def _mapping(
         yield diagnostic(record.line, "pdo-bits", f"{record.index:04X}h maps {bits}")
 
 
-def _mapped(items: Iterable[Item], count: int) -> Iterator[Item]:
+def _mapped(items: Iterable[EdsItem], count: int) -> Iterator[EdsItem]:
     """The entries that are in force."""
     return (item for item in items if 1 <= item.sub <= count)

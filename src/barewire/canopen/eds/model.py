@@ -45,7 +45,7 @@ MAPPABLE: dict[EdsAccess, tuple[Literal["RPDO", "TPDO"], ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class EdsItem:
     """What an EDS tells of one index and sub-index. `code` is the DataType as it stands, `type` what it means."""
 
     sub: int
@@ -75,7 +75,7 @@ class EdsObject:
     index: int
     name: str
     object_type: int
-    items: tuple[Item, ...]
+    items: tuple[EdsItem, ...]
     line: int = 0
     compact: bool = False
 
@@ -84,7 +84,7 @@ class EdsObject:
         """Whether it has sub-indices."""
         return self.object_type in (ARRAY, RECORD, DEFSTRUCT)
 
-    def item(self, sub: int = 0) -> Item:
+    def item(self, sub: int = 0) -> EdsItem:
         """One sub-index; EncodeError if there is none."""
         for item in self.items:
             if item.sub == sub:
@@ -128,7 +128,7 @@ def commissioned_node(document: Document) -> int | None:
     return number if number is not None and 1 <= number <= 127 else None
 
 
-def every_item(document: Document) -> Iterator[tuple[EdsObject, Item]]:
+def every_item(document: Document) -> Iterator[tuple[EdsObject, EdsItem]]:
     """All that have a value of their own: no DEFTYPE and DEFSTRUCT, which tell of types."""
     for described in document.objects.values():
         if described.object_type not in (DEFTYPE, DEFSTRUCT):

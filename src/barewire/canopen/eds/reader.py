@@ -19,11 +19,11 @@ from barewire.canopen.eds.model import (
     RECORD,
     VAR,
     EdsAccess,
+    EdsItem,
     EdsObject,
-    Item,
 )
-from barewire.canopen.eds.section_names import LISTS, TEXTS, number_of
-from barewire.canopen.eds.value_syntax import Expression, Formula, bare_of_comments, read_integer, read_value
+from barewire.canopen.eds.section_names import LISTS, TEXTS, entry_number
+from barewire.canopen.eds.value_syntax import Expression, Formula, read_integer, read_value, strip_comment
 
 if TYPE_CHECKING:
     from barewire.canopen.eds.document import Document, Section
@@ -150,7 +150,7 @@ class Reader:
             self.say(section, "parametername", "no-name")
         return name or section.name.proper
 
-    def item(self, sub: int, section: Section) -> Item:
+    def item(self, sub: int, section: Section) -> EdsItem:
         """What one section tells of one sub-index."""
         kind = self.kind(section)
         if section.name.kind == "sub" and kind not in (VAR, DOMAIN):
@@ -160,7 +160,7 @@ class Reader:
         # Nobody knows in which form a value of an unknown type stands, so that has been said once and is enough.
         value = self.value if code in BY_CODE or type != "domain" or kind == DOMAIN else self.unjudged
         low, high = self.limits(section, type)
-        return Item(
+        return EdsItem(
             sub,
             self.name(section),
             type,
@@ -204,7 +204,7 @@ class Reader:
             if kind not in (DOMAIN, DEFTYPE, DEFSTRUCT):
                 self.say(section, "", "no-access")
             return "rw" if kind == DOMAIN else "ro"
-        bare, comments = bare_of_comments(text)
+        bare, comments = strip_comment(text)
         word = "".join(bare.casefold().replace("-", " ").split())
         access = _ACCESS.get(word) or _ACCESS_WORDS.get(word)
         for rule in comments:
@@ -246,7 +246,7 @@ class Reader:
         for name in LISTS:
             section = self.document.sections.get(name.casefold())
             for key in section.keys if section else ():
-                if section is None or number_of(key) is None:
+                if section is None or entry_number(key) is None:
                     continue
                 index = self.number(section, key, -1)
                 if index in listed:

@@ -27,7 +27,7 @@ DEVICE_INFO = [
     *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
     *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported"),
 ]
-RESERVED = [
+_OBSOLETE_KEYS = [
     *("ProductVersion", "ProductRevision", "LMT_ManufacturerName", "LMT_ProductName"),
     *("ExtendedBootUpMaster", "ExtendedBootUpSlave"),
 ]
@@ -42,7 +42,7 @@ OBJECT = [
 
 HEADS: dict[str, list[str]] = {
     "FileInfo": [*FILE_INFO, "LastEDS"],
-    "DeviceInfo": [*DEVICE_INFO, "CompactPDO", *RESERVED],
+    "DeviceInfo": [*DEVICE_INFO, "CompactPDO", *_OBSOLETE_KEYS],
     "DeviceComissioning": [*COMMISSIONING, "NodeRefd", "NetRefd"],
     "DummyUsage": [f"Dummy{index:04X}" for index in range(1, 0x20)],
     "Comments": ["Lines"],
@@ -56,7 +56,7 @@ HEADS: dict[str, list[str]] = {
 TEXTS = frozenset(
     {
         *("vendorname", "productname", "ordercode", "nodename", "networkname", "noderefd", "netrefd"),
-        *(key.casefold() for key in RESERVED),
+        *(key.casefold() for key in _OBSOLETE_KEYS),
     }
 )
 """Keys of [DeviceInfo] and [DeviceComissioning] that hold text; the others hold numbers."""
@@ -169,10 +169,10 @@ def key_name(section: SectionName, key: str) -> KeyName:
     return KeyName(key, section.kind == "module" or section.proper in _FREE_HEADS)
 
 
-def number_of(key: str) -> int | None:
+def entry_number(key: str) -> int | None:
     """The number that a folded key is, None if it is a name.
 
-    >>> number_of("12"), number_of("lines"), number_of("²")
+    >>> entry_number("12"), entry_number("lines"), entry_number("²")
     (12, None, None)
     """
     return int(key) if len(key) < 6 and key.isascii() and key.isdigit() else None

@@ -41,15 +41,15 @@ class Formula(NamedTuple):
 Expression = Value | Formula
 
 
-class Reading(NamedTuple):
+class ReadValue(NamedTuple):
     """What a text was taken for, None if for nothing, and the rules that it breaks."""
 
     value: Expression | None
     rules: tuple[str, ...] = ()
 
 
-class Whole(NamedTuple):
-    """As `Reading`, of an integer."""
+class ReadInteger(NamedTuple):
+    """As `ReadValue`, of an integer."""
 
     value: int | None
     rules: tuple[str, ...] = ()
@@ -67,7 +67,7 @@ _DAYS = re.compile(r"([0-9]{1,4}) ([0-9]{1,8})")  # days and milliseconds, as so
 _WORDS = {"true": 1, "yes": 1, "false": 0, "no": 0}
 
 
-def read_integer(text: str) -> Whole:
+def read_integer(text: str) -> ReadInteger:
     """An integer, whatever it wears.
 
     >>> read_integer("0x1F"), read_integer("001"), read_integer("soon")
@@ -78,13 +78,13 @@ def read_integer(text: str) -> Whole:
     >>> read_integer("012"), read_integer("08")
     (Whole(value=10, rules=('leading-zeros',)), Whole(value=8, rules=('leading-zeros',)))
     """
-    plain, rules = _undress(text)
+    plain, rules = _strip_syntax(text)
     if not plain:
-        return Whole(None, (*rules, "empty"))
+        return ReadInteger(None, (*rules, "empty"))
     sign = -1 if plain[0] == "-" else 1
     digits = plain[1:] if plain[0] in "+-" else plain
     if len(digits) > _LONGEST:
-        return Whole(None, (*rules, "bad-number"))
+        return ReadInteger(None, (*rules, "bad-number"))
     if plain[0] == "+":
         rules.append("number-form")
     if match := _HEX.fullmatch(digits):
@@ -107,14 +107,14 @@ def read_integer(text: str) -> Whole:
         value = int(float(digits.replace(",", ".")))
         rules += ["decimal-comma"] if "," in digits else ["real-for-integer"]
     else:  # words: their blanks and quotes are no oddities of a number
-        return Whole(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
-    return Whole(sign * value, tuple(rules))
+        return ReadInteger(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
+    return ReadInteger(sign * value, tuple(rules))
 
 
-def _undress(text: str) -> tuple[str, list[str]]:
+def _strip_syntax(text: str) -> tuple[str, list[str]]:
     """A number without what does not belong to it: a comment, quotes, blanks inside."""
     plain, rules = text.strip(), []
-    plain, comments = bare_of_comments(plain)
+    plain, comments = strip_comment(plain)
     rules += comments
     if len(plain) > 1 and plain[0] == plain[-1] and plain[0] in "\"'":
         plain = plain[1:-1].strip()
@@ -125,10 +125,10 @@ def _undress(text: str) -> tuple[str, list[str]]:
     return plain, rules
 
 
-def bare_of_comments(text: str) -> tuple[str, list[str]]:
+def strip_comment(text: str) -> tuple[str, list[str]]:
     """What stands before a comment: one of CiA 306, or one that programmers are used to.
 
-    >>> bare_of_comments("0x07 # VAR"), bare_of_comments("5;rpm")
+    >>> strip_comment("0x07 # VAR"), strip_comment("5;rpm")
     (('0x07', ['foreign-comment']), ('5', ['inline-comment']))
     """
     at, mark = min(((text.index(mark), mark) for mark in (";", "#", "//") if mark in text), default=(len(text), ""))
@@ -136,28 +136,28 @@ def bare_of_comments(text: str) -> tuple[str, list[str]]:
     return text[:at].rstrip(), rules
 
 
-def read_expression(text: str) -> Reading:
+def read_expression(text: str) -> ReadValue:
     """An integer or a formula.
 
     >>> read_expression("0x200 + $NODEID").value
     Formula(offset=512)
     """
     if "nodeid" not in text.casefold():
-        return Reading(*read_integer(text))
-    bare, rules = bare_of_comments(text)
+        return ReadValue(*read_integer(text))
+    bare, rules = strip_comment(text)
     terms = [term.strip() for term in bare.split("+")]
     nodes = [term for term in terms if term.casefold() in ("$nodeid", "nodeid")]
     numbers = [read_integer(term) for term in terms if term not in nodes]
     if len(nodes) != 1 or any(number.value is None or number.value < 0 for number in numbers):
-        return Reading(None, (*rules, "bad-formula"))
+        return ReadValue(None, (*rules, "bad-formula"))
     if terms[0] != "$NODEID":
         rules.append("formula-form")
     for number in numbers:
         rules += number.rules
-    return Reading(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
+    return ReadValue(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
 
 
-def read_value(text: str, type: str) -> Reading:
+def read_value(text: str, type: str) -> ReadValue:
     """A value of a data type. An empty text is no value, and breaks no rule.
 
     >>> read_value("0xFFFE", "i16").value, read_value("1,5", "f32"), read_value("01 02", "octets").value
@@ -166,18 +166,18 @@ def read_value(text: str, type: str) -> Reading:
     if type in ("string", "unicode"):
         bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
         if type == "unicode" or _encodes(bare):
-            return Reading(bare, rules)
+            return ReadValue(bare, rules)
         # A VISIBLE_STRING is bytes in the end: those that UTF-8 has for it, as characters of one byte each.
-        return Reading(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
+        return ReadValue(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
     if not text.strip():
-        return Reading(None)
+        return ReadValue(None)
     if type in ("octets", "domain"):
         return _octets(text)
     if type in ("f32", "f64"):
         return _real(text, type)
     if type in ("time_of_day", "time_difference") and (match := _DAYS.fullmatch(text.strip())):
         total = int(match[1]) * DAY + int(match[2])
-        return Reading(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
+        return ReadValue(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
     return _of_integer(read_expression(text), type, text)
 
 
@@ -189,28 +189,28 @@ def _encodes(text: str) -> bool:
     return all(ord(letter) < 0x100 for letter in text)
 
 
-def _octets(text: str) -> Reading:
+def _octets(text: str) -> ReadValue:
     plain = text.strip()
     digits = "".join((plain[2:] if plain[:2] in ("0x", "0X") else plain).split())
     if not _HEX_DIGITS.fullmatch(digits):
-        return Reading(text.encode("latin-1", "replace"), ("bad-hex",))
+        return ReadValue(text.encode("latin-1", "replace"), ("bad-hex",))
     odd = len(digits) % 2
-    return Reading(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
+    return ReadValue(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
 
 
-def _real(text: str, type: str) -> Reading:
-    plain, rules = _undress(text)
+def _real(text: str, type: str) -> ReadValue:
+    plain, rules = _strip_syntax(text)
     digits = plain.lstrip("+-") if plain.count("+") + plain.count("-") <= 1 else plain
     if _HEX.fullmatch(digits) and len(digits) <= _LONGEST:
         bits = int(digits, 16)
         if bits >> BY_NAME[type].bits or plain[0] == "-":
-            return Reading(None, (*rules, "out-of-range"))
+            return ReadValue(None, (*rules, "out-of-range"))
         form = "f" if type == "f32" else "d"
         (value,) = struct.unpack(f">{form}", bits.to_bytes(BY_NAME[type].bits // 8, "big"))
-        return Reading(value, tuple(rules))
+        return ReadValue(value, tuple(rules))
     bare = plain.rstrip("fF") if _REAL.fullmatch(plain.rstrip("fF").lstrip("+-")) else plain
     if not (_REAL.fullmatch(bare.lstrip("+-")) or _SPECIAL.fullmatch(bare)) or len(bare) > _LONGEST:
-        return Reading(None, (*rules, "bad-number"))
+        return ReadValue(None, (*rules, "bad-number"))
     if bare != plain or _SPECIAL.fullmatch(bare):
         rules.append("number-form")
     if "," in bare:
@@ -219,30 +219,30 @@ def _real(text: str, type: str) -> Reading:
         value = float(bare.replace(",", "."))
         object_codec(type).encode(value)
     except EncodeError:
-        return Reading(None, (*rules, "out-of-range"))
+        return ReadValue(None, (*rules, "out-of-range"))
     except ValueError:
-        return Reading(None, (*rules, "bad-number"))
-    return Reading(value, tuple(rules))
+        return ReadValue(None, (*rules, "bad-number"))
+    return ReadValue(value, tuple(rules))
 
 
-def _of_integer(reading: Reading, type: str, text: str) -> Reading:
+def _of_integer(reading: ReadValue, type: str, text: str) -> ReadValue:
     """Whether a number or a formula is one of the type; a negative one may have been written without its sign."""
     value, rules = reading
     if value is None or "bad-number" in rules:
-        return Reading(None, rules)
+        return ReadValue(None, rules)
     codec, number = object_codec(type), int(value.offset if isinstance(value, Formula) else value)
     if isinstance(codec, Time):
         try:
-            return Reading(codec.decode(number.to_bytes(codec.size, "little")), rules)
+            return ReadValue(codec.decode(number.to_bytes(codec.size, "little")), rules)
         except (OverflowError, DecodeError):
-            return Reading(None, (*rules, "out-of-range"))
+            return ReadValue(None, (*rules, "out-of-range"))
     low, high = (int(codec.minimum), int(codec.maximum)) if isinstance(codec, Number) else (0, 1)
     if type[0] == "i" and isinstance(value, int) and high < number <= 2 * high + 1:
         decimal = not any(mark in text.casefold() for mark in "xabcdefh")
-        return Reading(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
+        return ReadValue(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
     if not low <= number <= high:
-        return Reading(None, (*rules, "out-of-range"))
-    return Reading(bool(number), rules) if type == "bool" else reading
+        return ReadValue(None, (*rules, "out-of-range"))
+    return ReadValue(bool(number), rules) if type == "bool" else reading
 
 
 def write_value(value: Expression, type: str, like: str = "") -> str:

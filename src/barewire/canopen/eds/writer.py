@@ -15,9 +15,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.datatypes import BY_NAME
 from barewire.canopen.eds.document import Document
-from barewire.canopen.eds.lexer import Text, split
-from barewire.canopen.eds.model import EdsObject, Item, every_item
-from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, number_of
+from barewire.canopen.eds.lexer import EdsText, split_lines
+from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
+from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, entry_number
 from barewire.canopen.eds.value_syntax import Expression, Formula, write_value
 from barewire.errors import EncodeError
 
@@ -36,7 +36,7 @@ def set_key(document: Document, index: int, sub: int, key: str, value: str | Exp
     _set(document, described, described.item(sub), key, value)
 
 
-def _set(document: Document, described: EdsObject, item: Item, key: str, value: str | Expression | None) -> None:
+def _set(document: Document, described: EdsObject, item: EdsItem, key: str, value: str | Expression | None) -> None:
     if described.line == 0 and f"{described.index:04x}" not in document.sections:
         add_object(document, described)
     section, at_key = _place(document, described, item.sub, key)
@@ -46,7 +46,7 @@ def _set(document: Document, described: EdsObject, item: Item, key: str, value: 
         document.put(section, "NrOfEntries", "0")
     document.put(section, at_key, text)
     if at_key != key and (found := document.sections.get(section.casefold())) is not None:
-        document.put(section, "NrOfEntries", str(sum(number_of(one) is not None for one in found.keys)))
+        document.put(section, "NrOfEntries", str(sum(entry_number(one) is not None for one in found.keys)))
 
 
 def _place(document: Document, described: EdsObject, sub: int, key: str) -> tuple[str, str]:
@@ -62,7 +62,7 @@ def _place(document: Document, described: EdsObject, sub: int, key: str) -> tupl
     return f"{described.index:04X}{part}", str(sub)
 
 
-def _text(item: Item, key: str, value: Expression, old: str) -> str:
+def _text(item: EdsItem, key: str, value: Expression, old: str) -> str:
     if key.casefold() in _VALUES:
         return write_value(value, item.type, old)
     if not isinstance(value, int):
@@ -70,10 +70,10 @@ def _text(item: Item, key: str, value: Expression, old: str) -> str:
     return str(int(value))
 
 
-def list_of(index: int) -> str:
+def list_name(index: int) -> str:
     """The list where an object belongs.
 
-    >>> list_of(0x1018), list_of(0x2000), list_of(0x6040)
+    >>> list_name(0x1018), list_name(0x2000), list_name(0x6040)
     ('MandatoryObjects', 'ManufacturerObjects', 'OptionalObjects')
     """
     if index in MANDATORY:
@@ -85,9 +85,9 @@ def add_object(document: Document, described: EdsObject) -> None:
     """One more object: its sections at the end, its index at the end of its list."""
     if f"{described.index:04x}" in document.sections:
         raise EncodeError(f"{described.index:04X}h is there already")
-    name = list_of(described.index)
+    name = list_name(described.index)
     section = document.sections.get(name.casefold())
-    numbers = [number for key in section.keys if (number := number_of(key)) is not None] if section else []
+    numbers = [number for key in section.keys if (number := entry_number(key)) is not None] if section else []
     document.put(name, "SupportedObjects", str(len(numbers) + 1))
     document.put(name, str(max(numbers, default=0) + 1), f"0x{described.index:04X}")
     document.append(object_lines(described))
@@ -107,7 +107,7 @@ def object_lines(described: EdsObject) -> Iterator[str]:
         yield from _item_lines(item, item.object_type)
 
 
-def _item_lines(item: Item, object_type: int) -> Iterator[str]:
+def _item_lines(item: EdsItem, object_type: int) -> Iterator[str]:
     yield _pair("ParameterName", item.name)
     yield _pair("ObjectType", f"0x{object_type:X}")
     yield _pair("DataType", f"0x{item.code or BY_NAME[item.type].code:04X}")
@@ -126,7 +126,7 @@ def _item_lines(item: Item, object_type: int) -> Iterator[str]:
 
 def _pair(key: str, value: str) -> str:
     """A line, if it says what it shall when it is read."""
-    lines = split(f"{key}={value}")
+    lines = split_lines(f"{key}={value}")
     if len(lines) != 1 or lines[0][1:6] != ("", key, "=", value, ""):
         raise EncodeError(f"{key}={value!r} would not be read back: no line ends, no ' ;', no blanks around it")
     return f"{key}={value}"
@@ -144,7 +144,7 @@ def compose(
 ) -> Document:
     """A new EDS. Keys of [FileInfo] and [DeviceInfo] that are not given are there without a value, or as 0.
 
-    >>> heartbeat = EdsObject(0x1017, "Producer heartbeat time", 7, (Item(0, "Producer heartbeat time", "u16"),))
+    >>> heartbeat = EdsObject(0x1017, "Producer heartbeat time", 7, (EdsItem(0, "Producer heartbeat time", "u16"),))
     >>> document = compose([heartbeat], {"FileName": "small.eds"}, {"VendorName": "Nobody"})
     >>> document.diagnostics, document.dictionary().entry(0x1017).type
     ((), 'u16')
@@ -160,7 +160,7 @@ def compose(
     lines += ["", "[Comments]", f"Lines={len(text)}"]
     lines += [_pair(f"Line{number}", line) for number, line in enumerate(text, 1)]
     for name in LISTS:
-        listed = [one for one in described if list_of(one.index) == name]
+        listed = [one for one in described if list_name(one.index) == name]
         lines += ["", f"[{name}]", f"SupportedObjects={len(listed)}"]
         lines += [f"{number}=0x{one.index:04X}" for number, one in enumerate(listed, 1)]
         for one in listed:
@@ -170,7 +170,7 @@ def compose(
         whole.encode(encoding)
     except UnicodeEncodeError as error:
         raise EncodeError(f"{error.object[error.start : error.end]!r} cannot be written in {encoding}") from None
-    return Document(Text(b"", encoding, whole))
+    return Document(EdsText(b"", encoding, whole))
 
 
 def to_dcf(
@@ -212,7 +212,7 @@ def to_dcf(
     return made
 
 
-def _check_limits(item: Item, place: tuple[int, int], value: Expression, node: int) -> None:
+def _check_limits(item: EdsItem, place: tuple[int, int], value: Expression, node: int) -> None:
     number = value.at(node) if isinstance(value, Formula) else value
     if isinstance(number, (str, bytes)):
         return

@@ -24,13 +24,13 @@ from barewire._lazy import lazy
 if TYPE_CHECKING:
     from barewire.canopen.gateway.codes import GatewayCode as GatewayCode, GatewayError as GatewayError
     from barewire.canopen.gateway.notices import Notices as Notices
-    from barewire.canopen.gateway.session import Session as Session
+    from barewire.canopen.gateway.session import GatewaySession as GatewaySession
 
 __getattr__, __all__ = lazy(
     __name__,
     {
         "codes": "GatewayCode GatewayError",
         "notices": "Notices",
-        "session": "Session",
+        "session": "GatewaySession",
     },
 )

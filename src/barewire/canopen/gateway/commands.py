@@ -15,28 +15,28 @@ from __future__ import annotations
 
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.requests import (
-    BootUpIndication,
-    Command,
-    Guarding,
-    Heartbeat,
-    Line,
-    Lss,
-    Read,
+    CommandLine,
+    ConfigureGuarding,
+    ConfigureHeartbeat,
+    EnableBootUp,
+    GatewayCommand,
+    LssCommand,
     ReadPdo,
-    Request,
-    Set,
+    ReadSdo,
+    SendNmt,
+    SetOption,
     SetPdo,
-    Tell,
-    Write,
+    ShowInfo,
     WritePdo,
+    WriteSdo,
 )
-from barewire.canopen.gateway.values import TYPES, from_text, width, words_of
-from barewire.canopen.gateway.words import Words, sequence_of, split_line
+from barewire.canopen.gateway.values import TYPE_NAMES, from_text, width, words_of
+from barewire.canopen.gateway.words import _Words, sequence_of, split_line
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire.canopen.pdo.mapping import BITS_MAX
 from barewire.errors import shown
 
-LSS_NUMBERS = {
+_LSS_NUMBERS = {
     "lss_switch_glob": (1, 1),
     "lss_switch_sel": (4, 4),
     "lss_set_node": (1, 1),
@@ -53,55 +53,55 @@ LSS_NUMBERS = {
 """How many numbers each LSS command takes, at least and at most."""
 
 
-def parse(line: str) -> Line:
+def parse_line(line: str) -> CommandLine:
     """The whole line.
 
-    >>> parse("[12] 1 5 read 0x6041 0 u16")
+    >>> parse_line("[12] 1 5 read 0x6041 0 u16")
     Line(sequence=12, net=1, node=5, request=Read(index=24641, sub=0, type='u16'))
 
     Raises GatewayError 101.
     """
     sequence, rest = sequence_of(line)
-    words = Words(split_line(rest))
+    words = _Words(split_line(rest))
     numbers: list[int] = []
     while len(numbers) < 2 and words.peek()[:1].isdigit():
         numbers.append(words.number("net or node", 0, 0xFFFF_FFFF))
     request = _request(words)
     if words:
         raise GatewayError(GatewayCode.SYNTAX, f"{shown(words.take(''))} is too much behind the command")
-    if isinstance(request, (Set, Lss, SetPdo, ReadPdo, WritePdo, BootUpIndication, Tell)):
+    if isinstance(request, (SetOption, LssCommand, SetPdo, ReadPdo, WritePdo, EnableBootUp, ShowInfo)):
         # Commands to the gateway or to a whole net have no node; a number before them is the net.
         if len(numbers) > 1:
             raise GatewayError(GatewayCode.SYNTAX, "this command is for a net: it takes no node")
-        return Line(sequence, numbers[0] if numbers else None, None, request)
+        return CommandLine(sequence, numbers[0] if numbers else None, None, request)
     node = numbers.pop() if numbers else None
-    return Line(sequence, numbers[0] if numbers else None, node, request)
+    return CommandLine(sequence, numbers[0] if numbers else None, node, request)
 
 
-def _request(words: Words) -> Request:
+def _request(words: _Words) -> GatewayCommand:
     word = words.take("a command").lower()
     if word in ("r", "read"):
         return _read(words)
     if word in ("w", "write"):
         return _write(words)
     if word in _NMT:
-        return Command(_NMT[word])
+        return SendNmt(_NMT[word])
     if word == "reset":
         which = words.among("kind of reset", "node", "comm|communication")
-        return Command(NmtCommand.RESET_NODE if which == "node" else NmtCommand.RESET_COMMUNICATION)
+        return SendNmt(NmtCommand.RESET_NODE if which == "node" else NmtCommand.RESET_COMMUNICATION)
     if word == "set":
         return _set(words)
     if word in ("enable", "disable"):
         return _control(words, word == "enable")
     if word == "boot_up_indication":
-        return BootUpIndication(words.among("choice", "enable", "disable") == "enable")
-    if word in LSS_NUMBERS:
+        return EnableBootUp(words.among("choice", "enable", "disable") == "enable")
+    if word in _LSS_NUMBERS:
         return _lss(words, word)
     if word == "info":
-        return Tell(words.among("kind of information", "version"))
+        return ShowInfo(words.among("kind of information", "version"))
     if word == "help":
         words.rest()
-        return Tell(word)
+        return ShowInfo(word)
     if word in ("init", "log", "led"):
         raise GatewayError(GatewayCode.NOT_SUPPORTED, f"this gateway has no {word}")
     raise GatewayError(GatewayCode.SYNTAX, f"no command {shown(word)}; help lists them")
@@ -115,26 +115,26 @@ _NMT = {
 }
 
 
-def _object(words: Words) -> tuple[int, int]:
+def _object(words: _Words) -> tuple[int, int]:
     return words.number("index", 0, 0xFFFF), words.number("sub-index", 0, 0xFF)
 
 
-def _type(words: Words) -> str:
+def _type(words: _Words) -> str:
     word = words.take("a type").lower()
-    if word not in TYPES:
-        raise GatewayError(GatewayCode.SYNTAX, f"type {shown(word)}: expected one of {', '.join(TYPES)}")
+    if word not in TYPE_NAMES:
+        raise GatewayError(GatewayCode.SYNTAX, f"type {shown(word)}: expected one of {', '.join(TYPE_NAMES)}")
     return word
 
 
-def _read(words: Words) -> Request:
+def _read(words: _Words) -> GatewayCommand:
     if words.peek() in ("p", "pdo"):
         words.take("pdo")
         return ReadPdo(_pdo_number(words))
     index, sub = _object(words)
-    return Read(index, sub, _type(words)) if words else Read(index, sub)
+    return ReadSdo(index, sub, _type(words)) if words else ReadSdo(index, sub)
 
 
-def _write(words: Words) -> Request:
+def _write(words: _Words) -> GatewayCommand:
     if words.peek() in ("p", "pdo"):
         words.take("pdo")
         number = _pdo_number(words)
@@ -149,10 +149,10 @@ def _write(words: Words) -> Request:
         value = [words.take(f"a value of type {type}") for _ in range(words_of(type))]
     else:
         value = words.rest()
-    return Write(index, sub, from_text(type, value))
+    return WriteSdo(index, sub, from_text(type, value))
 
 
-def _set(words: Words) -> Request:
+def _set(words: _Words) -> GatewayCommand:
     what = words.among(
         "setting",
         *("network", "node", "sdo_timeout", "sdo_block", "rpdo", "tpdo", "tpdox"),
@@ -164,14 +164,14 @@ def _set(words: Words) -> Request:
         why = "is no node itself" if what in ("heartbeat", "id") else "has no limit of this kind"
         raise GatewayError(GatewayCode.NOT_SUPPORTED, f"set {what}: this gateway {why}")
     high = {"network": 127, "node": 127, "sdo_timeout": 65_535, "sdo_block": 1}[what]
-    return Set(what, words.number(what, 0, high))
+    return SetOption(what, words.number(what, 0, high))
 
 
-def _pdo_number(words: Words) -> int:
+def _pdo_number(words: _Words) -> int:
     return words.number("number of a PDO", 1, 512)
 
 
-def _set_pdo(words: Words, what: str) -> SetPdo:
+def _set_pdo(words: _Words, what: str) -> SetPdo:
     number = _pdo_number(words)
     cob_id = words.number("COB-ID", 1, 0x7FF)
     kind = words.take("a transmission type").lower()
@@ -194,19 +194,19 @@ def _set_pdo(words: Words, what: str) -> SetPdo:
     return SetPdo(what != "rpdo", number, cob_id, kind, tuple(types), inhibit, timer, start)
 
 
-def _control(words: Words, on: bool) -> Request:
+def _control(words: _Words, on: bool) -> GatewayCommand:
     if words.among("error control", "guarding", "heartbeat") == "heartbeat":
-        return Heartbeat(words.number("time in ms", 1, 65_535) if on else 0)
+        return ConfigureHeartbeat(words.number("time in ms", 1, 65_535) if on else 0)
     if not on:
-        return Guarding(0, 0)
-    return Guarding(words.number("guard time in ms", 1, 65_535), words.number("life time factor", 1, 255))
+        return ConfigureGuarding(0, 0)
+    return ConfigureGuarding(words.number("guard time in ms", 1, 65_535), words.number("life time factor", 1, 255))
 
 
-def _lss(words: Words, service: str) -> Lss:
-    least, most = LSS_NUMBERS[service]
+def _lss(words: _Words, service: str) -> LssCommand:
+    least, most = _LSS_NUMBERS[service]
     numbers: list[int] = []
     while words and len(numbers) < most:
         numbers.append(words.number("number", 0, 0xFFFF_FFFF))
     if len(numbers) < least:
         raise GatewayError(GatewayCode.SYNTAX, f"{service} takes {least} numbers, here are {len(numbers)}")
-    return Lss(service, tuple(numbers))
+    return LssCommand(service, tuple(numbers))

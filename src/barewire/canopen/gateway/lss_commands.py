@@ -16,7 +16,7 @@ from collections.abc import Callable
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.gateway.requests import Lss
+from barewire.canopen.gateway.requests import LssCommand
 from barewire.canopen.lss.fastscan import fastscan, find_all
 from barewire.canopen.lss.master import (
     TIMEOUT,
@@ -42,12 +42,12 @@ _CODES = {
 }
 
 
-def code_of(refused: LssRefused) -> GatewayCode:
+def lss_error_code(refused: LssRefused) -> GatewayCode:
     """The gateway's code for what an LSS device declined."""
     return _CODES.get((refused.service, refused.code), GatewayCode.LSS_ERROR)
 
 
-def carry_out(request: Lss) -> Conversation[CanFrame, str]:
+def run_lss(request: LssCommand) -> Conversation[CanFrame, str]:
     """One LSS command and the words of its answer. Raises GatewayError, LssRefused, NoAnswer, EncodeError."""
     return _COMMANDS[request.service](*request.numbers)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.requests import SetPdo
-from barewire.canopen.gateway.values import TYPES, from_text, to_text, width, words_of
+from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text, width, words_of
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.config import Pdo
 from barewire.canopen.pdo.engine import PdoEngine
@@ -34,7 +34,7 @@ class GatewayPdo:
     def __init__(self, request: SetPdo) -> None:
         self.request = request
         entries = [
-            Entry(_INDEX, sub, f"value {sub}", TYPES[type], default=False if type == "b" else 0)
+            Entry(_INDEX, sub, f"value {sub}", TYPE_NAMES[type], default=False if type == "b" else 0)
             for sub, type in enumerate(request.types, 1)
         ]
         self._objects = ObjectDictionary(entries)

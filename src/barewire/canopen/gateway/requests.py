@@ -14,7 +14,7 @@ from barewire.canopen.nmt.messages import NmtCommand
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class ReadSdo:
     """`r[ead] index sub [type]`: an SDO upload."""
 
     index: int
@@ -23,7 +23,7 @@ class Read:
 
 
 @dataclass(frozen=True, slots=True)
-class Write:
+class WriteSdo:
     """`w[rite] index sub type value`: an SDO download."""
 
     index: int
@@ -32,14 +32,14 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class SendNmt:
     """`start`, `stop`, `preop[erational]`, `reset node`, `reset comm[unication]`: NMT."""
 
     command: NmtCommand
 
 
 @dataclass(frozen=True, slots=True)
-class Set:
+class SetOption:
     """`set network|node|sdo_timeout|sdo_block value`: what holds for the commands that follow."""
 
     what: str
@@ -47,7 +47,7 @@ class Set:
 
 
 @dataclass(frozen=True, slots=True)
-class Guarding:
+class ConfigureGuarding:
     """`enable guarding time factor`, `disable guarding`: times in ms, 0 for not."""
 
     time: int
@@ -55,14 +55,14 @@ class Guarding:
 
 
 @dataclass(frozen=True, slots=True)
-class Heartbeat:
+class ConfigureHeartbeat:
     """`enable heartbeat time`, `disable heartbeat`: ms until a node is missed, 0 for not."""
 
     time: int
 
 
 @dataclass(frozen=True, slots=True)
-class BootUpIndication:
+class EnableBootUp:
     """`boot_up_indication Enable|Disable`."""
 
     on: bool
@@ -101,7 +101,7 @@ class WritePdo:
 
 
 @dataclass(frozen=True, slots=True)
-class Lss:
+class LssCommand:
     """`lss_...`: the name of the service and its numbers."""
 
     service: str
@@ -109,21 +109,32 @@ class Lss:
 
 
 @dataclass(frozen=True, slots=True)
-class Tell:
+class ShowInfo:
     """`info version`, `help`: about the gateway itself."""
 
     what: str
 
 
-Request = (
-    Read | Write | Command | Set | Guarding | Heartbeat | BootUpIndication | SetPdo | ReadPdo | WritePdo | Lss | Tell
+GatewayCommand = (
+    ReadSdo
+    | WriteSdo
+    | SendNmt
+    | SetOption
+    | ConfigureGuarding
+    | ConfigureHeartbeat
+    | EnableBootUp
+    | SetPdo
+    | ReadPdo
+    | WritePdo
+    | LssCommand
+    | ShowInfo
 )
 
 
-class Line(NamedTuple):
+class CommandLine(NamedTuple):
     """A line understood: its sequence number, net and node where they were given, and what is wanted."""
 
     sequence: int
     net: int | None
     node: int | None
-    request: Request
+    request: GatewayCommand

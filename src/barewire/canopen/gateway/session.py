@@ -18,23 +18,23 @@ from typing import Literal, TypeAlias
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError, error_line
-from barewire.canopen.gateway.commands import parse
-from barewire.canopen.gateway.lss_commands import carry_out, code_of
+from barewire.canopen.gateway.commands import parse_line
+from barewire.canopen.gateway.lss_commands import lss_error_code, run_lss
 from barewire.canopen.gateway.notices import Notices
 from barewire.canopen.gateway.requests import (
-    BootUpIndication,
-    Command,
-    Guarding,
-    Heartbeat,
-    Line,
-    Lss,
-    Read,
+    CommandLine,
+    ConfigureGuarding,
+    ConfigureHeartbeat,
+    EnableBootUp,
+    LssCommand,
     ReadPdo,
-    Set,
+    ReadSdo,
+    SendNmt,
+    SetOption,
     SetPdo,
-    Tell,
-    Write,
+    ShowInfo,
     WritePdo,
+    WriteSdo,
 )
 from barewire.canopen.gateway.values import is_wrong_length, to_text
 from barewire.canopen.gateway.words import sequence_of
@@ -44,13 +44,13 @@ from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.download import download
 from barewire.canopen.sdo.client.upload import upload
-from barewire.canopen.sdo.dialect import STANDARD, Dialect
+from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
-Channels: TypeAlias = Callable[[int], Channel]
+_ChannelOf: TypeAlias = Callable[[int], Channel]
 
-SDO_TIMEOUT = 0.5
+_SDO_TIMEOUT = 0.5
 MAX_LINE = 65_536
 """Bytes of the longest line: room for a domain of some 48 KiB."""
 
@@ -81,7 +81,7 @@ class _NotThisType(Exception):
         self.text = text
 
 
-class Session:
+class GatewaySession:
     """The settings of one connection, and its lines carried out.
 
     `channel` gives the SDO channel to a node, for connections that share a bus; without it the session keeps its own.
@@ -89,7 +89,7 @@ class Session:
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
-    >>> play(Session().answer("[1] 5 read 0x6041 0 x16"), node)[0]
+    >>> play(GatewaySession().answer("[1] 5 read 0x6041 0 x16"), node)[0]
     ['[1] 0x0637']
     """
 
@@ -98,8 +98,8 @@ class Session:
         net: int = 1,
         *,
         version: str = "",
-        dialect: Dialect = STANDARD,
-        channel: Channels | None = None,
+        dialect: SdoDialect = STANDARD,
+        channel: _ChannelOf | None = None,
         remote: bool = True,
     ) -> None:
         self.net = net
@@ -110,7 +110,7 @@ class Session:
         self._channel = channel or (lambda node: self._channels.setdefault(node, Channel(node, dialect)))
         self._default_net: int | None = net
         self._default_node: int | None = None
-        self._timeout = SDO_TIMEOUT
+        self._timeout = _SDO_TIMEOUT
         self._block = False
 
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
@@ -122,7 +122,7 @@ class Session:
             if len(text) > MAX_LINE:
                 raise GatewayError(GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")
             sequence = sequence_of(text)[0]
-            line = parse(text)
+            line = parse_line(text)
             said = yield from self._carry_out(line)
         except GatewayError as error:
             return [error_line(sequence, error.code, str(error))]
@@ -131,41 +131,41 @@ class Session:
         except SdoAbort as error:
             return [error_line(sequence, error.code, str(error))]
         except LssRefused as error:
-            return [error_line(sequence, code_of(error), str(error))]
+            return [error_line(sequence, lss_error_code(error), str(error))]
         except NoAnswer as error:
-            code = AbortCode.TIMED_OUT if isinstance(line.request, (Read, Write)) else GatewayCode.TIME_OUT
+            code = AbortCode.TIMED_OUT if isinstance(line.request, (ReadSdo, WriteSdo)) else GatewayCode.TIME_OUT
             return [error_line(sequence, code, str(error))]
         except EncodeError as error:
             return [error_line(sequence, GatewayCode.SYNTAX, str(error))]
-        if isinstance(line.request, Tell):
+        if isinstance(line.request, ShowInfo):
             return [*said.splitlines(), f"[{sequence}] OK"] if line.request.what == "help" else [f"[{sequence}] {said}"]
         return [f"[{sequence}] {said}"]
 
     def talks_to(self, text: str) -> Channel | Literal["LSS"] | None:
         """Whom a line will talk to and wait for: an SDO channel, the devices without a node-ID, or nobody."""
         try:
-            line = parse(text)
-            if isinstance(line.request, (Read, Write)):
+            line = parse_line(text)
+            if isinstance(line.request, (ReadSdo, WriteSdo)):
                 return self._channel(self._node(line.node))
         except GatewayError:
             return None
-        return "LSS" if isinstance(line.request, Lss) else None
+        return "LSS" if isinstance(line.request, LssCommand) else None
 
-    def _carry_out(self, line: Line) -> Conversation[CanFrame, str]:
+    def _carry_out(self, line: CommandLine) -> Conversation[CanFrame, str]:
         request = line.request
-        if isinstance(request, Tell):
+        if isinstance(request, ShowInfo):
             return HELP if request.what == "help" else self._version or "barewire"
-        if not (isinstance(request, Set) and request.what == "network"):
+        if not (isinstance(request, SetOption) and request.what == "network"):
             self._check_net(line.net)
-        if isinstance(request, Set):
+        if isinstance(request, SetOption):
             return self._set(request)
-        if isinstance(request, (Read, Write)):
+        if isinstance(request, (ReadSdo, WriteSdo)):
             return (yield from self._transfer(self._node(line.node), request))
-        if isinstance(request, Command):
+        if isinstance(request, SendNmt):
             yield Send(NmtMessage(request.command, self._node(line.node, all_too=True)).encode())
             return "OK"
-        if isinstance(request, Lss):
-            return (yield from carry_out(request))
+        if isinstance(request, LssCommand):
+            return (yield from run_lss(request))
         return (yield from self._control(line, request))
 
     def _check_net(self, net: int | None) -> None:
@@ -184,7 +184,7 @@ class Session:
             raise GatewayError(GatewayCode.UNSUPPORTED_NODE, f"node {wanted}: expected {low}1..127")
         return wanted
 
-    def _set(self, request: Set) -> str:
+    def _set(self, request: SetOption) -> str:
         value = request.value
         if request.what == "network":
             if value not in (0, self.net):
@@ -200,9 +200,9 @@ class Session:
             self._block = bool(value)
         return "OK"
 
-    def _transfer(self, node: int, request: Read | Write) -> Conversation[CanFrame, str]:
+    def _transfer(self, node: int, request: ReadSdo | WriteSdo) -> Conversation[CanFrame, str]:
         channel = self._channel(node)
-        if isinstance(request, Write):
+        if isinstance(request, WriteSdo):
             block = self._block and len(request.data) > 4
             yield from download(channel, request.index, request.sub, request.data, timeout=self._timeout, block=block)
             return "OK"
@@ -216,14 +216,16 @@ class Session:
             ) from None
 
     def _control(
-        self, line: Line, request: Guarding | Heartbeat | BootUpIndication | SetPdo | ReadPdo | WritePdo
+        self,
+        line: CommandLine,
+        request: ConfigureGuarding | ConfigureHeartbeat | EnableBootUp | SetPdo | ReadPdo | WritePdo,
     ) -> Conversation[CanFrame, str]:
         notices = self.notices
-        if isinstance(request, BootUpIndication):
+        if isinstance(request, EnableBootUp):
             notices.boot_ups = request.on
-        elif isinstance(request, Heartbeat):
+        elif isinstance(request, ConfigureHeartbeat):
             notices.heartbeat(self._node(line.node), request.time / 1000)
-        elif isinstance(request, Guarding):
+        elif isinstance(request, ConfigureGuarding):
             if request.time and not self._remote:
                 text = "this bus carries no remote frames: enable heartbeat tells the same"
                 raise GatewayError(GatewayCode.NOT_SUPPORTED, text)

@@ -23,7 +23,7 @@ from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError, shown
 
 _WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
-TYPES: dict[str, str] = {
+TYPE_NAMES: dict[str, str] = {
     "b": "bool",
     **{f"{sign}{width}": f"{sign}{width}" for sign in "iu" for width in _WIDTHS},
     **{f"x{width}": f"u{width}" for width in _WIDTHS},
@@ -46,7 +46,7 @@ def width(type: str) -> int:
     """Bits of a type in a PDO, 0 for those that have no fixed size."""
     if type == "b":
         return 1
-    return 8 * (object_codec(TYPES[type]).size or 0)
+    return 8 * (object_codec(TYPE_NAMES[type]).size or 0)
 
 
 def words_of(type: str) -> int:
@@ -66,7 +66,7 @@ def to_text(type: str, data: bytes) -> str:
         return data.hex(" ").upper()
     if type in _BASE64:
         return base64.b64encode(data).decode("ascii")
-    value = object_codec(TYPES[type]).decode(data)
+    value = object_codec(TYPE_NAMES[type]).decode(data)
     if type == "vs":
         return '"' + str(value).replace('"', '""') + '"'
     if type in ("t", "td"):
@@ -88,7 +88,7 @@ def from_text(type: str, words: list[str]) -> bytes:
             return bytes.fromhex(" ".join(words))
         if type in _BASE64:
             return base64.b64decode(words[0], validate=True)
-        return object_codec(TYPES[type]).encode(_value(type, words))
+        return object_codec(TYPE_NAMES[type]).encode(_value(type, words))
     except EncodeError as error:
         raise GatewayError(GatewayCode.SYNTAX, str(error)) from None
     except (ValueError, OverflowError, binascii.Error):

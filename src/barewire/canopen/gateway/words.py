@@ -12,7 +12,7 @@ from barewire.canopen.gateway.values import read_number
 from barewire.errors import shown
 
 
-class Words:
+class _Words:
     """The words that are left of a line."""
 
     def __init__(self, words: list[str]) -> None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from barewire.canopen.sdo.client.channel_counters import ChannelCounters as ChannelCounters
     from barewire.canopen.sdo.client.download import download as download
     from barewire.canopen.sdo.client.upload import upload as upload, upload_to as upload_to
-    from barewire.canopen.sdo.dialect import AZ3 as AZ3, STANDARD as STANDARD, Dialect as Dialect, fit as fit
+    from barewire.canopen.sdo.dialect import STANDARD as STANDARD, SdoDialect as SdoDialect, fit as fit
     from barewire.canopen.sdo.messages.block import (
         BlockAck as BlockAck,
         BlockDownloadInitiated as BlockDownloadInitiated,
@@ -48,7 +48,10 @@ if TYPE_CHECKING:
         InitiateBlockUpload as InitiateBlockUpload,
         StartBlockUpload as StartBlockUpload,
     )
-    from barewire.canopen.sdo.messages.codec import decode_answer as decode_answer, decode_request as decode_request
+    from barewire.canopen.sdo.messages.codec import (
+        decode_sdo_request as decode_sdo_request,
+        decode_sdo_response as decode_sdo_response,
+    )
     from barewire.canopen.sdo.messages.initiate import (
         Abort as Abort,
         DownloadInitiated as DownloadInitiated,
@@ -60,7 +63,7 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.sdo.messages.segment import (
         NextSegment as NextSegment,
-        Segment as Segment,
+        SdoSegment as SdoSegment,
         SegmentTaken as SegmentTaken,
     )
     from barewire.canopen.sdo.server.server import SdoServer as SdoServer
@@ -76,16 +79,16 @@ __getattr__, __all__ = lazy(
         "client.channel_counters": "ChannelCounters",
         "server.server": "SdoServer",
         "server.store": "ServerCounters ObjectStore",
-        "dialect": "Dialect STANDARD AZ3 fit",
+        "dialect": "SdoDialect STANDARD fit",
         "aborts": "SdoAbort AbortCode abort_text",
         "messages.initiate": (
             "InitiateUpload ExpeditedUpload UploadInitiated ExpeditedDownload InitiateDownload DownloadInitiated Abort"
         ),
-        "messages.segment": "NextSegment Segment SegmentTaken",
+        "messages.segment": "NextSegment SdoSegment SegmentTaken",
         "messages.block": (
             "InitiateBlockUpload BlockUploadInitiated StartBlockUpload InitiateBlockDownload "
             "BlockDownloadInitiated BlockSegment BlockAck BlockEnd BlockEnded"
         ),
-        "messages.codec": "decode_request decode_answer",
+        "messages.codec": "decode_sdo_request decode_sdo_response",
     },
 )

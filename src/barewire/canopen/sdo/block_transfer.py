@@ -35,7 +35,7 @@ from binascii import crc_hqx
 from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_segments import FRAME, joined, segments
 from barewire.canopen.sdo.messages.block import BLOCK_MAX, LAST, BlockAck, BlockEnd, BlockEnded
-from barewire.canopen.sdo.messages.codec import SenderHears
+from barewire.canopen.sdo.messages.codec import ReceiverMessage
 from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 
@@ -98,7 +98,7 @@ class BlockSender:
         self._block = segments(held[:room], last=self._final)
         self._said = 0
 
-    def feed(self, heard: SenderHears | None, now: float) -> list[bytes]:
+    def feed(self, heard: ReceiverMessage | None, now: float) -> list[bytes]:
         """What to say next. Raises Breach when the receiver broke the rules or is silent for too long."""
         if isinstance(heard, BlockEnded):
             if not self.ended:

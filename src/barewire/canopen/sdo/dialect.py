@@ -1,13 +1,13 @@
-"""How a device departs from the letter of SDO, as data.
+"""SDO dialects: how the SDO of one device departs from CiA 301, as data.
 
-The standard has one way to ask for an object: 40h, whatever its type. The guide of the AZ3 teaches another: the
-read request repeats the byte of the wanted answer, and its worked example moves a 16-bit object in four bytes.
+The standard has one command byte to request an object: 40h, whatever its type. Some devices expect a read request that
+repeats the command byte of the response (43h for 4 bytes), and send every number in four bytes:
 
         standard     C  40 40 60 00 00 00 00 00        S  4B 40 60 00 06 00 00 00
-        az3          C  43 40 60 00 00 00 00 00        S  43 40 60 00 06 00 00 00
+        sized        C  43 40 60 00 00 00 00 00        S  43 40 60 00 06 00 00 00
 
-A client speaks the dialect that the device wants; a server understands both, because the bits that make a command
-(7 to 5) are the same, and counts the departure.
+A client speaks the dialect of its device. A server accepts both, because bits 7 to 5, which make the command, are the
+same; it counts the departure. The dialects of known devices, by name, are in `barewire.devices.sdo_dialects`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Literal, NamedTuple
 from barewire.errors import DecodeError, EncodeError, Reason
 
 
-class Dialect(NamedTuple):
-    """One manner of speaking SDO.
+class SdoDialect(NamedTuple):
+    """One variant of SDO.
 
-    `read_commands` are (size of the wanted type, command byte) pairs; none means 40h for all. `lengths` is how
-    long a number is: `exact` as its type has it, or `in four` bytes whatever its type.
+    `read_commands` are pairs (size of the requested type, command byte); none means 40h for all. `lengths` is how
+    many bytes a number has: `exact`, those of its type, or `in four`, four bytes whatever its type.
     """
 
     name: str
@@ -29,10 +29,13 @@ class Dialect(NamedTuple):
     lengths: Literal["exact", "in four"] = "exact"
 
     def read_command(self, size: int | None) -> int:
-        """The byte that asks for an object of `size` bytes, 4 if nobody knows.
+        """The command byte that requests an object of `size` bytes; of 4 bytes if the size is unknown.
 
-        >>> hex(STANDARD.read_command(2)), hex(AZ3.read_command(2)), hex(AZ3.read_command(None))
+        >>> sized = SdoDialect("sized", ((2, 0x4B), (4, 0x43)))
+        >>> hex(STANDARD.read_command(2)), hex(sized.read_command(2)), hex(sized.read_command(None))
         ('0x40', '0x4b', '0x43')
+
+        Raises EncodeError if the dialect has no command for that size.
         """
         if not self.read_commands:
             return 0x40
@@ -43,21 +46,17 @@ class Dialect(NamedTuple):
         raise EncodeError(f"dialect {self.name} cannot ask for {size} bytes: expected {sizes}")
 
 
-STANDARD = Dialect("standard")
-AZ3 = Dialect("az3", ((1, 0x4F), (2, 0x4B), (4, 0x43)), "in four")
-
-DIALECTS = {dialect.name: dialect for dialect in (STANDARD, AZ3)}
-"""By name, as device descriptions and commands know them."""
+STANDARD = SdoDialect("standard")
 
 
 def fit(data: bytes, size: int) -> bytes:
-    """An answer cut to the size of its type, when a server sent a short number in four bytes.
+    """Cut a response to the size of its type, for servers that send a short number in four bytes.
 
     >>> fit(bytes.fromhex("06000000"), 2).hex(" ")
     '06 00'
 
-    What is cut off must be nothing: zeros, or the sign of a negative number. Otherwise the value would be another
-    one, and that is DecodeError("long"); too few bytes are DecodeError("short").
+    The surplus bytes must be zeros, or the sign extension of a negative number; anything else would change the value
+    and raises DecodeError("long"). Too few bytes raise DecodeError("short").
     """
     kept, surplus = data[:size], data[size:]
     if len(data) < size or not size:

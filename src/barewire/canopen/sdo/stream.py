@@ -17,7 +17,7 @@ from barewire.errors import EncodeError
 LIMIT = 16 << 20
 """The longest value that is collected in memory if nobody says otherwise: 16 MiB."""
 
-Progress = Callable[[int, int | None], object]
+SdoProgress = Callable[[int, int | None], object]
 """Told how many bytes have gone or come, and of how many, if anybody knows."""
 
 
@@ -37,7 +37,7 @@ class Outgoing:
 
     __slots__ = ("_at", "_piece", "_pieces", "_progress", "_size", "taken")
 
-    def __init__(self, pieces: Iterable[bytes], size: int | None, progress: Progress | None = None) -> None:
+    def __init__(self, pieces: Iterable[bytes], size: int | None, progress: SdoProgress | None = None) -> None:
         self._pieces = iter(pieces)
         self._piece = memoryview(b"")
         self._at = 0
@@ -92,7 +92,7 @@ class Incoming:
         size: int | None,
         *,
         limit: int | None = LIMIT,
-        progress: Progress | None = None,
+        progress: SdoProgress | None = None,
     ) -> None:
         if limit is not None and size is not None and size > limit:
             raise ProtocolViolation(AbortCode.OUT_OF_MEMORY, f"{size} bytes announced, the limit is {limit}")

@@ -18,7 +18,7 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import takewhile
 
-from barewire.canopen.eds import Document, EdsObject, Formula, Item, compose
+from barewire.canopen.eds import Document, EdsItem, EdsObject, Formula, compose
 from barewire.canopen.eds.model import RECORD, VAR
 from barewire.codecs import Value
 from barewire.devices.device import Device
@@ -87,9 +87,9 @@ def _selectable_rates(device: Device) -> Iterator[int]:
 def _basic(device: Device) -> Iterator[EdsObject]:
     """What every node has; the description may tell the same objects, and then counts."""
     profile = SERVO_402 if any(_place(one)[0] == STATUS_WORD for one in _told(device)) else 0
-    yield _variable(0x1000, Item(0, "Device type", "u32", "ro", profile))
-    yield _variable(0x1001, Item(0, "Error register", "u8", "ro", 0))
-    vendor = Item(1, "Vendor-ID", "u32", "ro", 0)
+    yield _variable(0x1000, EdsItem(0, "Device type", "u32", "ro", profile))
+    yield _variable(0x1001, EdsItem(0, "Error register", "u8", "ro", 0))
+    vendor = EdsItem(1, "Vendor-ID", "u32", "ro", 0)
     yield EdsObject(0x1018, "Identity object", RECORD, (_highest(1), vendor))
 
 
@@ -106,7 +106,7 @@ def _objects(device: Device) -> Iterator[EdsObject]:
             yield _variable(index, items[0])
             continue
         if 0 not in subs:
-            first = Item(0, "Number of mapped objects", "u8", "rw", len(items))
+            first = EdsItem(0, "Number of mapped objects", "u8", "rw", len(items))
             items.insert(0, first if index in MAPPING_RECORDS else _highest(max(subs)))
         yield EdsObject(index, _record_name(index, subs.values()), RECORD, tuple(items))
 
@@ -126,12 +126,12 @@ def _bit(parameter: Parameter) -> int | None:
     return None if parameter.object is None else parameter.object.bit
 
 
-def _variable(index: int, item: Item) -> EdsObject:
+def _variable(index: int, item: EdsItem) -> EdsObject:
     return EdsObject(index, item.name, VAR, (item,))
 
 
-def _highest(sub: int) -> Item:
-    return Item(0, "Highest sub-index supported", "u8", "const", sub)
+def _highest(sub: int) -> EdsItem:
+    return EdsItem(0, "Highest sub-index supported", "u8", "const", sub)
 
 
 def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
@@ -143,16 +143,16 @@ def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
     return common or f"Object {index:04X}h"
 
 
-def _item(device: Device, parameter: Parameter, mapped: bool) -> Item:
+def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
     index, sub = _place(parameter)
     if _bit(parameter) is not None:
-        return Item(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mapped)
+        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mapped)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
     if index in COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
         default = Formula(default - device.canopen.node)
     type = "string" if parameter.type == "text" else parameter.type
     low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
-    return Item(sub, parameter.name, type, parameter.access, default, low, high, mapped)
+    return EdsItem(sub, parameter.name, type, parameter.access, default, low, high, mapped)
 
 
 def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:

@@ -222,9 +222,9 @@ def _modbus(file: TomlTable) -> tuple[ModbusSettings | None, Counting]:
 
 def _dialect(value: Any) -> str:
     # Only a description that names a dialect needs the room that speaks it.
-    from barewire.canopen.sdo.dialect import AZ3, STANDARD
+    from barewire.devices.sdo_dialects import DIALECTS
 
-    return str(one_of(STANDARD.name, AZ3.name)(value))
+    return str(one_of(*DIALECTS)(value))
 
 
 def _mapping(value: Any) -> tuple[int, int, int]:

@@ -22,7 +22,7 @@ from barewire.canopen.sdo.messages.initiate import (
     InitiateUpload,
     UploadInitiated,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.explain.can_monitor.events import Direction, Manner
 
 Request = InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload
@@ -38,10 +38,10 @@ BEGINS: dict[type, tuple[Direction, Manner, tuple[type, ...]]] = {
     InitiateBlockDownload: ("download", "block", (BlockDownloadInitiated,)),
 }
 CLIENT_SAYS: tuple[type[SdoMessage], ...] = (
-    *(InitiateUpload, ExpeditedDownload, InitiateDownload, NextSegment, Segment, Abort),
+    *(InitiateUpload, ExpeditedDownload, InitiateDownload, NextSegment, SdoSegment, Abort),
     *(InitiateBlockUpload, InitiateBlockDownload, StartBlockUpload, BlockAck, BlockEnd, BlockEnded),
 )
 SERVER_SAYS: tuple[type[SdoMessage], ...] = (
-    *(ExpeditedUpload, UploadInitiated, DownloadInitiated, Segment, SegmentTaken, Abort),
+    *(ExpeditedUpload, UploadInitiated, DownloadInitiated, SdoSegment, SegmentTaken, Abort),
     *(BlockUploadInitiated, BlockDownloadInitiated, BlockAck, BlockEnd, BlockEnded),
 )

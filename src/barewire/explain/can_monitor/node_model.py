@@ -14,11 +14,12 @@ from barewire.canopen.datatypes import object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import Direction, Pdo, pdos_of
-from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
+from barewire.canopen.sdo.dialect import STANDARD
 from barewire.canopen.time_types import TimeDifference, TimeOfDay
 from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show
+from barewire.devices.sdo_dialects import DIALECTS
 from barewire.errors import BarewireError, EncodeError
 
 

@@ -23,7 +23,7 @@ from barewire.canopen.sdo.messages.block import (
     InitiateBlockDownload,
     InitiateBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import has_reserved_bits, read
+from barewire.canopen.sdo.messages.codec import decode_one_of, has_reserved_bits
 from barewire.canopen.sdo.messages.initiate import (
     Abort,
     DownloadInitiated,
@@ -32,7 +32,7 @@ from barewire.canopen.sdo.messages.initiate import (
     InitiateDownload,
     UploadInitiated,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.errors import DecodeError
 from barewire.explain.can_monitor.block import BlockListener
 from barewire.explain.can_monitor.events import Direction, Event, Gap, Loss, Outcome, Violation
@@ -135,7 +135,7 @@ class SdoListener:
         if block is not None:
             self.take_told(block)
         try:
-            message = read(data, CLIENT_SAYS if speaker == "client" else SERVER_SAYS)
+            message = decode_one_of(data, CLIENT_SAYS if speaker == "client" else SERVER_SAYS)
         except DecodeError as error:
             if error.reason == "function":
                 self.broken("SDO-COMMAND", f"{data[0]:02X}h is no command of the {speaker}")
@@ -152,7 +152,7 @@ class SdoListener:
             self._answered(message)
         elif isinstance(message, Request):
             self._begin(message, data)
-        elif isinstance(message, NextSegment | Segment | SegmentTaken):
+        elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
             hear_segment(self, speaker, message, self.now)
         else:
             block_unheard(self, speaker, message, data)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.explain.can_monitor.events import Loss
 from barewire.explain.can_monitor.transfer import OpenTransfer, Side
 from barewire.explain.can_monitor.unheard import begin_unheard
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def hear_segment(
-    channel: SdoListener, speaker: Side, message: NextSegment | Segment | SegmentTaken, now: float
+    channel: SdoListener, speaker: Side, message: NextSegment | SdoSegment | SegmentTaken, now: float
 ) -> None:
     """A frame of a transfer in segments, in either direction."""
-    uploads = isinstance(message, NextSegment) or (speaker == "server" and isinstance(message, Segment))
+    uploads = isinstance(message, NextSegment) or (speaker == "server" and isinstance(message, SdoSegment))
     transfer = _transfer(channel, "upload" if uploads else "download", message)
     if isinstance(message, NextSegment):
         _asked(channel, transfer, message.toggle, now)
@@ -37,7 +37,7 @@ def hear_segment(
         _sent(channel, transfer, message, now)
 
 
-def _transfer(channel: SdoListener, direction: str, message: NextSegment | Segment | SegmentTaken) -> OpenTransfer:
+def _transfer(channel: SdoListener, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
     """The transfer that the frame belongs to; a new one without a beginning if there is none."""
     transfer = channel.open
     asked = transfer is not None and transfer.asked
@@ -54,7 +54,7 @@ def _transfer(channel: SdoListener, direction: str, message: NextSegment | Segme
     begun = begin_unheard(channel, "upload" if direction == "upload" else "download", "segmented")
     begun.toggle = message.toggle
     begun.turn = "client" if isinstance(message, NextSegment) else "server"
-    if isinstance(message, Segment) and direction == "download":
+    if isinstance(message, SdoSegment) and direction == "download":
         begun.turn = "client"
     return begun
 
@@ -83,7 +83,7 @@ def _asked(channel: SdoListener, transfer: OpenTransfer, toggle: int, now: float
     transfer.toggle, transfer.turn = toggle, "server"
 
 
-def _answered(channel: SdoListener, transfer: OpenTransfer, segment: Segment) -> None:
+def _answered(channel: SdoListener, transfer: OpenTransfer, segment: SdoSegment) -> None:
     """The server sends a segment."""
     if transfer.turn == "client":
         if segment.toggle != transfer.toggle:
@@ -108,7 +108,7 @@ def _answered(channel: SdoListener, transfer: OpenTransfer, segment: Segment) ->
         channel.done()
 
 
-def _sent(channel: SdoListener, transfer: OpenTransfer, segment: Segment, now: float) -> None:
+def _sent(channel: SdoListener, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
     """The client sends a segment."""
     if transfer.turn == "server":
         if segment.toggle == transfer.toggle:

@@ -24,7 +24,7 @@ from weakref import WeakSet
 
 from barewire.canopen import CanFrame
 from barewire.canopen.bus.channel_locks import Keys
-from barewire.canopen.sdo.dialect import Dialect
+from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.io.canopen.event_stream import Listener, Stream
@@ -62,7 +62,7 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         *,
         node: int | None = None,
         timeout: float = 1.0,
-        dialect: str | Dialect = "standard",
+        dialect: str | SdoDialect = "standard",
     ) -> None:
         super().__init__(bus, node=node, timeout=timeout, dialect=dialect)
         self._taking = threading.Lock()

@@ -20,7 +20,7 @@ from typing import Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.gateway.codes import GatewayCode, error_line
-from barewire.canopen.gateway.session import MAX_LINE, Session
+from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_bus import AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
@@ -112,7 +112,7 @@ class _Connection:
         self._reader = reader
         self._writer = writer
         remote = not client.bus.name.startswith("socketcand/")  # which has no word for remote frames
-        self._session = Session(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
+        self._session = GatewaySession(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
         self._tap = AsyncSubscriber(client.bus, None, reports=True)
         self._lost = 0
         self._tasks: tuple[asyncio.Task[None], ...] = ()

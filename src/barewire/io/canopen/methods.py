@@ -41,7 +41,7 @@ from barewire.io.canopen.operations import (
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import Place
     from barewire.canopen.sdo.client.block_options import BlockMode
-    from barewire.canopen.sdo.stream import Progress
+    from barewire.canopen.sdo.stream import SdoProgress
     from barewire.codecs import Value
     from barewire.devices.device import Device
     from barewire.devices.parameter import Reading
@@ -67,7 +67,7 @@ class MasterVerbs(Words):
         node: At = None,
         block: BlockMode = False,
         limit: int | None = LIMIT,
-        progress: Progress | None = None,
+        progress: SdoProgress | None = None,
         timeout: float | None = None,
     ) -> Talk[bytes]:
         """Read an object: its bytes, little-endian. `block` may be True, False, "auto" or a `BlockSettings`;
@@ -85,7 +85,7 @@ class MasterVerbs(Words):
         *,
         node: At = None,
         block: BlockMode = "auto",
-        progress: Progress | None = None,
+        progress: SdoProgress | None = None,
         timeout: float | None = None,
     ) -> Talk[int]:
         """Read an object of any length into `sink`, part by part; the result is how many bytes there were."""
@@ -103,7 +103,7 @@ class MasterVerbs(Words):
         size: int | None = None,
         node: At = None,
         block: BlockMode = False,
-        progress: Progress | None = None,
+        progress: SdoProgress | None = None,
         timeout: float | None = None,
     ) -> Talk[None]:
         """Write an object: its bytes, little-endian, as many as its type has. `data` may also be pieces, taken as they

@@ -23,7 +23,7 @@ from weakref import WeakSet
 from barewire.canopen.bus.channel_locks import Keys
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.dialect import DIALECTS, Dialect
+from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import Conversation, Send
 from barewire.errors import EncodeError
 from barewire.io.canopen.event_stream import Listener
@@ -206,6 +206,13 @@ At: TypeAlias = int | Channel | None
 """Which node: its number, a channel to one of its SDO servers, or None for that of the client."""
 
 
+def _named_dialect(name: str) -> SdoDialect:
+    # Loaded only when needed: a client of the standard's SDO needs nothing of `devices`.
+    from barewire.devices.sdo_dialects import sdo_dialect
+
+    return sdo_dialect(name)
+
+
 class Words:
     """What every family of words stands on: a bus, and which node is meant."""
 
@@ -215,12 +222,10 @@ class Words:
         *,
         node: int | None = None,
         timeout: float = 1.0,
-        dialect: str | Dialect = "standard",
+        dialect: str | SdoDialect = "standard",
     ) -> None:
         if isinstance(dialect, str):
-            if dialect not in DIALECTS:
-                raise EncodeError(f"SDO dialect {dialect!r}: expected one of {', '.join(DIALECTS)}")
-            dialect = DIALECTS[dialect]
+            dialect = STANDARD if dialect == STANDARD.name else _named_dialect(dialect)
         seconds(timeout)
         self.bus = bus if isinstance(bus, CanBus) else CanBus(bus)
         self.owns_bus = self.bus is not bus

@@ -27,7 +27,7 @@ from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, Keys
 from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.dialect import Dialect
+from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, taker
 from barewire.io.canopen.subscriber import BusDown, BusUp, Item, Subscriber
@@ -67,7 +67,7 @@ class CanBus:
         self._all: tuple[Subscriber, ...] = ()
         self._changing = threading.Lock()
         self._sending = threading.Lock()
-        self._channels: dict[tuple[int, Dialect], Channel] = {}
+        self._channels: dict[tuple[int, SdoDialect], Channel] = {}
         self._claims = ChannelLocks()
         self._line = threading.Lock()
         self._closed = False
@@ -252,12 +252,12 @@ class CanBus:
                 else:
                     table.pop(identifier, None)
 
-    def channel(self, node: int, dialect: Dialect) -> Channel:
+    def channel(self, node: int, dialect: SdoDialect) -> Channel:
         """The default SDO channel to a node, the same for all who share the bus."""
         with self._line:
             channel = self._channels.get((node, dialect))
             if channel is None:
-                channel = self._channels[node, dialect] = Channel(node, dialect, presence=self.presence)
+                channel = self._channels[node, dialect] = Channel(node, dialect, node_monitor=self.presence)
             return channel
 
     def join(self, keys: Keys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:

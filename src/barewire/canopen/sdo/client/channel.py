@@ -7,7 +7,7 @@ A server may have more channels than the default one, on identifiers that its ob
 
 Everything that comes and is no answer to the question of the moment is not an error but weather, and is counted in
 `ChannelCounters`. A channel whose shell hears the whole bus and gives the channel only its own frames says so with
-`presence`: then a time-out is explained with what was heard of the node before.
+`node_monitor`: then a time-out is explained with what was heard of the node before.
 
 After a time-out the channel stays `quiet_until` one more time-out has passed, so that a late answer cannot become the
 answer to the next question.
@@ -22,8 +22,8 @@ from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.sdo.client.channel_counters import ChannelCounters
-from barewire.canopen.sdo.dialect import STANDARD, Dialect
-from barewire.canopen.sdo.messages.codec import M, may_be_late, read
+from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
+from barewire.canopen.sdo.messages.codec import M, decode_one_of, is_any_response
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import DecodeError, EncodeError
@@ -45,16 +45,29 @@ class Channel:
     '605h 585h'
     """
 
-    __slots__ = ("_mark", "answer_extended", "answer_id", "blocks", "busy", "dialect", "heard", "node", "presence",
-                 "quiet_until", "request_extended", "request_id", "total")  # fmt: skip
+    __slots__ = (
+        "_mark",
+        "answer_extended",
+        "answer_id",
+        "blocks",
+        "busy",
+        "counters",
+        "dialect",
+        "node",
+        "node_monitor",
+        "quiet_until",
+        "request_extended",
+        "request_id",
+        "total",
+    )  # fmt: skip
 
     def __init__(
         self,
         node: int,
-        dialect: Dialect = STANDARD,
+        dialect: SdoDialect = STANDARD,
         *,
         cob_ids: tuple[CobEntry, CobEntry] | None = None,
-        presence: NodeMonitor | None = None,
+        node_monitor: NodeMonitor | None = None,
     ) -> None:
         self.node = node
         self.dialect = dialect
@@ -64,12 +77,12 @@ class Channel:
         if cob_ids is not None:
             self.request_id, self.request_extended = cob_ids[0][:2]
             self.answer_id, self.answer_extended = cob_ids[1][:2]
-        self.presence = presence
+        self.node_monitor = node_monitor
         self._mark: Mark | None = None
         self.blocks = True  # until the server says that it has none: then `block="auto"` does not ask again
         self.quiet_until: float | None = None
         self.busy = False
-        self.heard = ChannelCounters()
+        self.counters = ChannelCounters()
         self.total = ChannelCounters()
 
     def hear(self, frame: CanFrame) -> bytes | None:
@@ -77,16 +90,16 @@ class Channel:
         if frame.id != self.answer_id or frame.extended != self.answer_extended or frame.remote:
             self._note_foreign(frame)
             return None
-        self.heard.answers += 1
+        self.counters.answers += 1
         return frame.data
 
     def understand(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
         """The message, if it is of a wanted kind; otherwise it is counted as late or garbled."""
-        heard = self.heard
+        heard = self.counters
         try:
-            message = read(data, wanted)
+            message = decode_one_of(data, wanted)
         except DecodeError:
-            if may_be_late(data):
+            if is_any_response(data):
                 heard.late += 1
             else:
                 heard.garbled += 1
@@ -96,30 +109,30 @@ class Channel:
         return message
 
     def _note_foreign(self, frame: CanFrame) -> None:
-        self.heard.others += 1
-        self.heard.extended += frame.extended and not self.answer_extended and frame.id == self.answer_id
+        self.counters.others += 1
+        self.counters.extended += frame.extended and not self.answer_extended and frame.id == self.answer_id
         owner = classify(frame)
         if owner is None or owner[1] != self.node or not owner[0].from_device or frame.remote:
             return
-        self.heard.signs += 1
+        self.counters.signs += 1
         if owner[0].name == "error control" and frame.data:
-            self.heard.state = NodeState.decode(frame)
+            self.counters.state = NodeState.decode(frame)
 
     def begin(self, what: str) -> None:
         """A new transfer: what the last one heard goes into the total. The heartbeat stays, it is still the last."""
         if self.busy:
             raise EncodeError(f"{what} has to wait: the SDO channel to node {self.node} carries one transfer at a time")
-        self.total.add(self.heard)
-        self.heard = ChannelCounters(state=self.heard.state)
-        self._mark = None if self.presence is None else self.presence.mark(self.answer_id)
+        self.total.add(self.counters)
+        self.counters = ChannelCounters(state=self.counters.state)
+        self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.answer_id)
         self.busy = True
 
     def explain(self, now: float) -> str:
         """Why there was no answer, as far as what was heard tells."""
-        if self.presence is None or self._mark is None:
-            return self.heard.explain(self.node, self.answer_id)
-        told = self.presence.explain(self.node, self.answer_id, self._mark, now, answers=self.heard.answers)
-        return ", ".join([told, *self.heard.oddities()])
+        if self.node_monitor is None or self._mark is None:
+            return self.counters.explain(self.node, self.answer_id)
+        told = self.node_monitor.explain(self.node, self.answer_id, self._mark, now, answers=self.counters.answers)
+        return ", ".join([told, *self.counters.oddities()])
 
     def settle(self) -> Conversation[CanFrame, None]:
         """Before a transfer: what is still waiting to be heard is the answer to nothing; after a time-out, so is what
@@ -130,13 +143,13 @@ class Channel:
             heard: Heard[CanFrame] = yield Listen(quiet)
             end = max(quiet, heard.now + BACKLOG) if end is None else end
             if heard.item is not None:
-                self.heard.late += self.hear(heard.item) is not None
+                self.counters.late += self.hear(heard.item) is not None
             if (heard.item is None and heard.now >= quiet) or heard.now >= end:
                 break
         self.quiet_until = None
 
 
-def channel_to(node: int | Channel, dialect: Dialect | None) -> Channel:
+def channel_to(node: int | Channel, dialect: SdoDialect | None) -> Channel:
     """The channel that was given, which has its dialect, or a fresh one to the default server of a node."""
     if isinstance(node, int):
         return Channel(node, STANDARD if dialect is None else dialect)

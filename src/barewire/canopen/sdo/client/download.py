@@ -24,13 +24,13 @@ from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_transfer import BURST, BlockSender
 from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, block_options
 from barewire.canopen.sdo.client.channel import Channel, channel_to
-from barewire.canopen.sdo.client.transfer import Transfer
-from barewire.canopen.sdo.dialect import Dialect
+from barewire.canopen.sdo.client.transfer import ClientTransfer
+from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.messages.block import BlockDownloadInitiated, InitiateBlockDownload
-from barewire.canopen.sdo.messages.codec import SENDER_HEARS
+from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES
 from barewire.canopen.sdo.messages.initiate import DownloadInitiated, ExpeditedDownload, InitiateDownload
-from barewire.canopen.sdo.messages.segment import SEGMENT, Segment, SegmentTaken
-from barewire.canopen.sdo.stream import Outgoing, Progress
+from barewire.canopen.sdo.messages.segment import SEGMENT, SdoSegment, SegmentTaken
+from barewire.canopen.sdo.stream import Outgoing, SdoProgress
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError
 
@@ -44,9 +44,9 @@ def download(
     timeout: float = 1.0,
     size: int | None = None,
     indicated: bool = True,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
     block: BlockMode = False,
-    progress: Progress | None = None,
+    progress: SdoProgress | None = None,
 ) -> Conversation[CanFrame, None]:
     """Write `data`, little-endian, to object `index`:`sub`.
 
@@ -66,7 +66,7 @@ def download(
     the pieces are not as many bytes as `size`.
     """
     channel = channel_to(node, dialect)
-    transfer = Transfer(channel, "download", index, sub, timeout)
+    transfer = ClientTransfer(channel, "download", index, sub, timeout)
     if isinstance(data, str):
         raise EncodeError(f"{data!r} is text: an object takes bytes, or pieces of bytes")
     if not isinstance(data, Iterable):
@@ -90,20 +90,20 @@ def download(
     return transfer.carry_out(_in_blocks(transfer, announced, options, value))
 
 
-def _in_one_frame(transfer: Transfer, request: ExpeditedDownload) -> Conversation[CanFrame, None]:
+def _in_one_frame(transfer: ClientTransfer, request: ExpeditedDownload) -> Conversation[CanFrame, None]:
     yield from transfer.ask(request, (DownloadInitiated,))
 
 
-def _in_segments(transfer: Transfer, request: InitiateDownload, value: Outgoing) -> Conversation[CanFrame, None]:
+def _in_segments(transfer: ClientTransfer, request: InitiateDownload, value: Outgoing) -> Conversation[CanFrame, None]:
     yield from transfer.ask(request, (DownloadInitiated,))
     toggle, first, last = 0, True, False
     while not last:
         data = value.take(SEGMENT)
         last = value.exhausted
-        taken = yield from transfer.ask(Segment(toggle, data, last), (SegmentTaken,))
+        taken = yield from transfer.ask(SdoSegment(toggle, data, last), (SegmentTaken,))
         if taken.toggle != toggle and not first:
             # A bus may deliver a frame twice: this can be the answer before once more.
-            transfer.channel.heard.late += 1
+            transfer.channel.counters.late += 1
             taken = yield from transfer.answer((SegmentTaken,))
         if taken.toggle != toggle:
             raise ProtocolViolation(
@@ -113,7 +113,7 @@ def _in_segments(transfer: Transfer, request: InitiateDownload, value: Outgoing)
 
 
 def _in_blocks(
-    transfer: Transfer, request: InitiateDownload, options: BlockSettings, value: Outgoing
+    transfer: ClientTransfer, request: InitiateDownload, options: BlockSettings, value: Outgoing
 ) -> Conversation[CanFrame, None]:
     asked = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
     try:
@@ -140,4 +140,6 @@ def _in_blocks(
             # What else of the block is on its way finds a server that takes it for something else, and may say so.
             transfer.channel.quiet_until = heard.now + transfer.timeout
             raise
-        said = sender.feed(None if spoken is None else transfer.channel.understand(spoken, SENDER_HEARS), heard.now)
+        said = sender.feed(
+            None if spoken is None else transfer.channel.understand(spoken, RECEIVER_MESSAGES), heard.now
+        )

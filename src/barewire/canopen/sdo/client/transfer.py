@@ -26,14 +26,14 @@ from barewire.canopen.sdo.messages.initiate import Abort
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
-Result = TypeVar("Result")
+_Result = TypeVar("_Result")
 
 ABORT = 0x80
 # An abort with one of these shows that the server was not where we thought that it is.
 _OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
 
 
-class Transfer:
+class ClientTransfer:
     """One transfer on a channel. `until` is when the present wait ends, None before anything was asked; `now` is the
     time of whatever was sent or heard last."""
 
@@ -53,7 +53,7 @@ class Transfer:
     def __str__(self) -> str:
         return f"{self.index:04X}h:{self.sub:02X}"
 
-    def carry_out(self, body: Conversation[CanFrame, Result]) -> Conversation[CanFrame, Result]:
+    def carry_out(self, body: Conversation[CanFrame, _Result]) -> Conversation[CanFrame, _Result]:
         """The whole transfer around its body: one at a time, quiet first, and an end that both sides know of."""
         channel = self.channel
         channel.begin(str(self))
@@ -119,7 +119,7 @@ class Transfer:
                 if answer is not None:
                     if self._is_about_us(answer):
                         return answer
-                    channel.heard.late += 1
+                    channel.counters.late += 1
             # A bus that never falls silent must not keep us past the time either.
             if heard.now >= until:
                 raise ProtocolViolation(AbortCode.TIMED_OUT, "no answer")
@@ -139,7 +139,7 @@ class Transfer:
             try:
                 abort = Abort.decode(data)
             except DecodeError:
-                self.channel.heard.garbled += 1
+                self.channel.counters.garbled += 1
                 return None
             raise SdoAbort(abort.code, self.index, self.sub, (abort.index, abort.sub))
         return data

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary, Place
-from barewire.canopen.sdo import Channel, Dialect, download, upload
+from barewire.canopen.sdo import Channel, SdoDialect, download, upload
 from barewire.canopen.sdo.client.block_options import BlockMode
 from barewire.codecs import Value
 from barewire.conversation import Conversation
@@ -24,7 +24,7 @@ def read_object(
     place: Place,
     *,
     timeout: float = 1.0,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, Value]:
     """The value of an object: by name, by index, or by (index, sub-index).
@@ -61,7 +61,7 @@ def write_object(
     value: Value,
     *,
     timeout: float = 1.0,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, None]:
     """Give an object this value. Raises EncodeError at once for what is no value of its type."""

@@ -27,13 +27,13 @@ from barewire.canopen.sdo.block_segments import FRAME
 from barewire.canopen.sdo.block_transfer import BlockReceiver
 from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, block_options
 from barewire.canopen.sdo.client.channel import Channel, channel_to
-from barewire.canopen.sdo.client.transfer import ABORT, Transfer
-from barewire.canopen.sdo.dialect import Dialect
+from barewire.canopen.sdo.client.transfer import ABORT, ClientTransfer
+from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.messages.block import BlockUploadInitiated, InitiateBlockUpload, StartBlockUpload
-from barewire.canopen.sdo.messages.codec import BLOCK_UPLOAD_ANSWERS, UPLOAD_ANSWERS, BlockUploadAnswer
+from barewire.canopen.sdo.messages.codec import BLOCK_UPLOAD_RESPONSES, UPLOAD_RESPONSES, BlockUploadResponse
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload, InitiateUpload
-from barewire.canopen.sdo.messages.segment import NextSegment, Segment
-from barewire.canopen.sdo.stream import LIMIT, Incoming, Progress
+from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment
+from barewire.canopen.sdo.stream import LIMIT, Incoming, SdoProgress
 from barewire.conversation import Conversation, Heard, Listen
 
 
@@ -44,10 +44,10 @@ def upload(
     *,
     timeout: float = 1.0,
     size: int | None = None,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
     block: BlockMode = False,
     limit: int | None = LIMIT,
-    progress: Progress | None = None,
+    progress: SdoProgress | None = None,
 ) -> Conversation[CanFrame, bytes]:
     """The bytes of object `index`:`sub`, little-endian as they travelled and as many as the server said.
 
@@ -95,10 +95,10 @@ def upload_to(
     *,
     timeout: float = 1.0,
     size: int | None = None,
-    dialect: Dialect | None = None,
+    dialect: SdoDialect | None = None,
     block: BlockMode = False,
     limit: int | None = None,
-    progress: Progress | None = None,
+    progress: SdoProgress | None = None,
 ) -> Conversation[CanFrame, int]:
     """As `upload`, but every part goes to `sink` as it comes, and the result is how many bytes there were.
 
@@ -116,7 +116,7 @@ def upload_to(
     options = block_options(block, channel)
     if options is not None:
         InitiateBlockUpload(index, sub, options.size, options.switch).encode()
-    transfer = Transfer(channel, "upload", index, sub, timeout)
+    transfer = ClientTransfer(channel, "upload", index, sub, timeout)
 
     def incoming(announced: int | None) -> Incoming:
         return Incoming(sink, announced, limit=limit, progress=progress)
@@ -125,15 +125,15 @@ def upload_to(
 
 
 def _upload(
-    transfer: Transfer,
+    transfer: ClientTransfer,
     request: InitiateUpload,
     size: int | None,
     options: BlockSettings | None,
     incoming: Callable[[int | None], Incoming],
 ) -> Conversation[CanFrame, int]:
-    answer: BlockUploadAnswer
+    answer: BlockUploadResponse
     if options is None:
-        answer = yield from transfer.ask(request, UPLOAD_ANSWERS)
+        answer = yield from transfer.ask(request, UPLOAD_RESPONSES)
     else:
         answer = yield from _ask_for_blocks(transfer, request, options)
     if isinstance(answer, ExpeditedUpload):
@@ -151,18 +151,18 @@ def _upload(
 
 
 def _ask_for_blocks(
-    transfer: Transfer, request: InitiateUpload, options: BlockSettings
-) -> Conversation[CanFrame, BlockUploadAnswer]:
+    transfer: ClientTransfer, request: InitiateUpload, options: BlockSettings
+) -> Conversation[CanFrame, BlockUploadResponse]:
     """Ask for blocks. A server that has none may say so, or answer as if it had been asked for segments."""
     index, sub = request.index, request.sub
     asked = InitiateBlockUpload(index, sub, options.size, options.switch, options.crc)
     try:
-        answer = yield from transfer.ask(asked, BLOCK_UPLOAD_ANSWERS)
+        answer = yield from transfer.ask(asked, BLOCK_UPLOAD_RESPONSES)
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
         transfer.channel.blocks = False
-        return (yield from transfer.ask(request, UPLOAD_ANSWERS))
+        return (yield from transfer.ask(request, UPLOAD_RESPONSES))
     if not isinstance(answer, BlockUploadInitiated) and not options.falls_back:
         announced = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
         if announced is None or announced > options.switch:
@@ -170,14 +170,14 @@ def _ask_for_blocks(
     return answer
 
 
-def _in_segments(transfer: Transfer, value: Incoming) -> Conversation[CanFrame, None]:
+def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanFrame, None]:
     toggle, first, last = 0, True, False
     while not last:
-        segment = yield from transfer.ask(NextSegment(toggle), (Segment,))
+        segment = yield from transfer.ask(NextSegment(toggle), (SdoSegment,))
         if segment.toggle != toggle and not first:
             # A bus may deliver a frame twice: this can be the answer before once more.
-            transfer.channel.heard.late += 1
-            segment = yield from transfer.answer((Segment,))
+            transfer.channel.counters.late += 1
+            segment = yield from transfer.answer((SdoSegment,))
         if segment.toggle != toggle:
             raise ProtocolViolation(
                 AbortCode.TOGGLE, f"the answer has toggle bit {segment.toggle}, the question has {toggle}"
@@ -187,7 +187,9 @@ def _in_segments(transfer: Transfer, value: Incoming) -> Conversation[CanFrame, 
     value.end()
 
 
-def _in_blocks(transfer: Transfer, options: BlockSettings, crc: bool, value: Incoming) -> Conversation[CanFrame, None]:
+def _in_blocks(
+    transfer: ClientTransfer, options: BlockSettings, crc: bool, value: Incoming
+) -> Conversation[CanFrame, None]:
     yield from transfer.say(StartBlockUpload().encode())
     channel = transfer.channel
     identifier, extended = channel.answer_id, channel.answer_extended
@@ -218,17 +220,17 @@ def _in_blocks(transfer: Transfer, options: BlockSettings, crc: bool, value: Inc
                 listen = Listen(receiver.deadline)
     finally:
         transfer.now = max(transfer.now, heard.now)
-        channel.heard.answers += accepted
+        channel.counters.answers += accepted
 
 
-def _checked(transfer: Transfer, data: bytes) -> bytes | None:
+def _checked(transfer: ClientTransfer, data: bytes) -> bytes | None:
     """A frame that is no whole segment: an abort, or one whose zeros at the end were left out, as some devices do;
     nothing at all says nothing."""
     if not data:
-        transfer.channel.heard.garbled += 1
+        transfer.channel.counters.garbled += 1
         return None
     judged = transfer.judge(data)
     if judged is None or len(judged) == FRAME:
         return judged
-    transfer.channel.heard.short += 1
+    transfer.channel.counters.short += 1
     return judged.ljust(FRAME, b"\0")

@@ -26,15 +26,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from barewire.canopen.sdo.messages.initiate import LAYOUT, SIZE, about, indicated_size
+from barewire.canopen.sdo.messages.initiate import OBJECT_LAYOUT, SIZE_FIELD, indicated_size, object_message
 from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
 
 BLOCK_MAX = 127
 LAST = 0x80
-ACK = Layout("<BBB", "command", "sequence", "blksize", tail="reserved")
-END = Layout("<BH", "command", "crc", tail="reserved")
+_ACK = Layout("<BBB", "command", "sequence", "blksize", tail="reserved")
+_END = Layout("<BH", "command", "crc", tail="reserved")
 
 
 def _check_blksize(blksize: int) -> None:
@@ -67,13 +67,13 @@ class InitiateBlockDownload:
 
     def encode(self) -> bytes:
         """The 8 bytes of the request."""
-        size = b"" if self.size is None else SIZE.pack(self.size)
-        return about(self.pattern.encode(c=self.crc, s=self.size is not None), self.index, self.sub, size)
+        size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
+        return object_message(self.pattern.encode(c=self.crc, s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the 8 bytes, of which those that carry nothing may be missing."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data), bool(cls.pattern.decode(data[0])["c"]))
 
 
@@ -108,12 +108,12 @@ class BlockDownloadInitiated:
     def encode(self) -> bytes:
         """The 8 bytes of the answer."""
         _check_blksize(self.blksize)
-        return about(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize]))
+        return object_message(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize]))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the 8 bytes; whether the block size is one, the transfer judges."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _byte(data, 4, "blksize"), bool(cls.pattern.decode(data[0])["c"]))
 
 
@@ -143,12 +143,12 @@ class InitiateBlockUpload:
         _check_blksize(self.blksize)
         if not 0 <= self.switch <= 0xFF:
             raise EncodeError(f"protocol switch at {self.switch} bytes: expected 0..255")
-        return about(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize, self.switch]))
+        return object_message(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize, self.switch]))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the 8 bytes; whether the block size is one, the transfer judges."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         switch = _byte(data, 5, "protocol switch")
         return cls(index, sub, data[4], switch, bool(cls.pattern.decode(data[0])["c"]))
 
@@ -235,12 +235,12 @@ class BlockAck:
     def encode(self) -> bytes:
         """The 8 bytes."""
         _check_blksize(self.blksize)
-        return ACK.pack(self.pattern.encode(), self.sequence, self.blksize, tail=bytes(5))
+        return _ACK.pack(self.pattern.encode(), self.sequence, self.blksize, tail=bytes(5))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the first 3 bytes; whether the numbers make sense, the transfer judges."""
-        return cls(*ACK.unpack(data)[1:3])
+        return cls(*_ACK.unpack(data)[1:3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,12 +260,12 @@ class BlockEnd:
 
     def encode(self) -> bytes:
         """The 8 bytes."""
-        return END.pack(self.pattern.encode(n=self.unused), self.crc, tail=bytes(5))
+        return _END.pack(self.pattern.encode(n=self.unused), self.crc, tail=bytes(5))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the first 3 bytes."""
-        return cls(cls.pattern.decode(data[0])["n"], END.unpack(data)[1])
+        return cls(cls.pattern.decode(data[0])["n"], _END.unpack(data)[1])
 
 
 @dataclass(frozen=True, slots=True)

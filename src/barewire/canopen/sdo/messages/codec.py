@@ -4,8 +4,7 @@
                           segment 41h, the last          inside a block
                           nothing that belongs here      before any transfer
 
-So `read` is told which messages are possible now. Each tuple below is one such state, and its name says which; where a
-transfer waits for one kind of message only, the kind itself says it.
+So `decode_one_of` takes the kinds that are possible now. Each tuple below is one such state of a transfer.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from barewire.canopen.sdo.messages.initiate import (
     UploadInitiated,
     has_reserved_bits,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, Segment, SegmentTaken
+from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.codecs import BitPattern
 from barewire.errors import DecodeError
 
@@ -42,7 +41,7 @@ __all__ = [
     "ExpeditedUpload",
     "UploadInitiated",
     "NextSegment",
-    "Segment",
+    "SdoSegment",
     "ExpeditedDownload",
     "InitiateDownload",
     "DownloadInitiated",
@@ -58,11 +57,11 @@ __all__ = [
     "BlockEnded",
     "Abort",
     "SdoMessage",
-    "decode_request",
-    "decode_answer",
+    "decode_sdo_request",
+    "decode_sdo_response",
     "has_reserved_bits",
-    "may_be_late",
-    "read",
+    "is_any_response",
+    "decode_one_of",
 ]
 
 
@@ -82,12 +81,12 @@ M = TypeVar("M", bound=SdoMessage)
 SdoRequest: TypeAlias = (
     InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload | Abort
 )
-UploadAnswer: TypeAlias = ExpeditedUpload | UploadInitiated
-BlockUploadAnswer: TypeAlias = BlockUploadInitiated | ExpeditedUpload | UploadInitiated
-SdoResponse: TypeAlias = BlockUploadAnswer | DownloadInitiated | BlockDownloadInitiated | Abort
-SenderHears: TypeAlias = BlockAck | BlockEnded
+UploadResponse: TypeAlias = ExpeditedUpload | UploadInitiated
+BlockUploadResponse: TypeAlias = BlockUploadInitiated | ExpeditedUpload | UploadInitiated
+SdoResponse: TypeAlias = BlockUploadResponse | DownloadInitiated | BlockDownloadInitiated | Abort
+ReceiverMessage: TypeAlias = BlockAck | BlockEnded
 
-REQUESTS: tuple[type[SdoRequest], ...] = (
+INITIATE_REQUESTS: tuple[type[SdoRequest], ...] = (
     InitiateUpload,
     ExpeditedDownload,
     InitiateDownload,
@@ -95,18 +94,23 @@ REQUESTS: tuple[type[SdoRequest], ...] = (
     InitiateBlockDownload,
     Abort,
 )
-UPLOAD_ANSWERS: tuple[type[UploadAnswer], ...] = (ExpeditedUpload, UploadInitiated)
-BLOCK_UPLOAD_ANSWERS: tuple[type[BlockUploadAnswer], ...] = (BlockUploadInitiated, *UPLOAD_ANSWERS)
-ANSWERS: tuple[type[SdoResponse], ...] = (*BLOCK_UPLOAD_ANSWERS, DownloadInitiated, BlockDownloadInitiated, Abort)
-SENDER_HEARS: tuple[type[SenderHears], ...] = (BlockAck, BlockEnded)
+UPLOAD_RESPONSES: tuple[type[UploadResponse], ...] = (ExpeditedUpload, UploadInitiated)
+BLOCK_UPLOAD_RESPONSES: tuple[type[BlockUploadResponse], ...] = (BlockUploadInitiated, *UPLOAD_RESPONSES)
+INITIATE_RESPONSES: tuple[type[SdoResponse], ...] = (
+    *BLOCK_UPLOAD_RESPONSES,
+    DownloadInitiated,
+    BlockDownloadInitiated,
+    Abort,
+)
+RECEIVER_MESSAGES: tuple[type[ReceiverMessage], ...] = (BlockAck, BlockEnded)
 
-_LATE = (Segment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
+_LATE = (SdoSegment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
 
 
-def read(data: bytes, kinds: tuple[type[M], ...]) -> M:
+def decode_one_of(data: bytes, kinds: tuple[type[M], ...]) -> M:
     """The one of the possible messages that these bytes are.
 
-    >>> read(bytes.fromhex("A2 02 7F 00 00 00 00 00"), SENDER_HEARS)
+    >>> decode_one_of(bytes.fromhex("A2 02 7F 00 00 00 00 00"), RECEIVER_MESSAGES)
     BlockAck(sequence=2, blksize=127)
 
     Raises DecodeError("short") if bytes are missing and ("function") if it is none of them.
@@ -119,37 +123,37 @@ def read(data: bytes, kinds: tuple[type[M], ...]) -> M:
     raise DecodeError("function", data, 0, f"command {data[0]:02X}h is nothing that belongs here")
 
 
-def decode_request(data: bytes) -> SdoRequest:
+def decode_sdo_request(data: bytes) -> SdoRequest:
     """What a client said to a server that had no transfer going.
 
-    >>> decode_request(bytes.fromhex("2B40 6000 0F00 0000"))
+    >>> decode_sdo_request(bytes.fromhex("2B40 6000 0F00 0000"))
     ExpeditedDownload(index=24640, sub=0, data=b'\\x0f\\x00', indicated=True)
 
-    Raises DecodeError as `read` does.
+    Raises DecodeError as `decode_one_of` does.
     """
-    return read(data, REQUESTS)
+    return decode_one_of(data, INITIATE_REQUESTS)
 
 
-def decode_answer(data: bytes) -> SdoResponse:
+def decode_sdo_response(data: bytes) -> SdoResponse:
     """What a server said to a request. Trailing bytes that the message does not need may be missing: some trim them.
 
-    >>> decode_answer(bytes.fromhex("4B41 6000 3706"))
+    >>> decode_sdo_response(bytes.fromhex("4B41 6000 3706"))
     ExpeditedUpload(index=24641, sub=0, data=b'7\\x06', indicated=True)
 
-    Raises DecodeError as `read` does.
+    Raises DecodeError as `decode_one_of` does.
     """
-    return read(data, ANSWERS)
+    return decode_one_of(data, INITIATE_RESPONSES)
 
 
-def may_be_late(data: bytes) -> bool:
+def is_any_response(data: bytes) -> bool:
     """Whether these bytes could be an answer at all, in whatever state of a transfer: then they came late.
 
-    >>> may_be_late(bytes.fromhex("A1 00 00 00 00 00 00 00")), may_be_late(bytes.fromhex("E0 00 00 00 00 00 00 00"))
+    >>> is_any_response(BlockEnded().encode()), is_any_response(bytes.fromhex("E0 00 00 00 00 00 00 00"))
     (True, False)
     """
-    for kinds in (ANSWERS, _LATE):
+    for kinds in (INITIATE_RESPONSES, _LATE):
         try:
-            read(data, kinds)
+            decode_one_of(data, kinds)
         except DecodeError:
             continue
         return True

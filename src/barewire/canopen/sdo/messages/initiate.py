@@ -30,14 +30,14 @@ from typing import ClassVar, Self
 from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
 
-LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
-SIZE = Layout("<I", "size")
-CODE = Layout("<I", "code")
+OBJECT_LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
+SIZE_FIELD = Layout("<I", "size")
+_CODE_FIELD = Layout("<I", "code")
 
 
-def about(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
+def object_message(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
     """The 8 bytes of a message about an object: what is not used is zero."""
-    return LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
+    return OBJECT_LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
 
 
 def _check_expedited(data: bytes, indicated: bool) -> None:
@@ -69,12 +69,12 @@ class InitiateUpload:
         """The 8 bytes of the request."""
         if not self.pattern.matches(self.command):
             raise EncodeError(f"command {self.command:02X}h does not ask for an upload: that is {self.pattern.pattern}")
-        return about(self.command, self.index, self.sub)
+        return object_message(self.command, self.index, self.sub)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """Reserved bits may be anything, so 43h is read as the upload request that it is."""
-        command, index, sub, _ = LAYOUT.unpack(data)
+        command, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, command)
 
 
@@ -100,12 +100,14 @@ class ExpeditedUpload:
     def encode(self) -> bytes:
         """The 8 bytes of the answer."""
         _check_expedited(self.data, self.indicated)
-        return about(self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data)
+        return object_message(
+            self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
+        )
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the bytes of the answer, of which those that carry nothing may be missing."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, *_expedited(cls.pattern, data))
 
 
@@ -127,13 +129,13 @@ class UploadInitiated:
 
     def encode(self) -> bytes:
         """The 8 bytes of the answer."""
-        size = b"" if self.size is None else SIZE.pack(self.size)
-        return about(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
+        size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
+        return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the bytes of the answer, of which those that carry nothing may be missing."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
 
@@ -157,12 +159,14 @@ class ExpeditedDownload:
     def encode(self) -> bytes:
         """The 8 bytes of the request."""
         _check_expedited(self.data, self.indicated)
-        return about(self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data)
+        return object_message(
+            self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
+        )
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the bytes of the request, of which those that carry nothing may be missing."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, *_expedited(cls.pattern, data))
 
 
@@ -184,13 +188,13 @@ class InitiateDownload:
 
     def encode(self) -> bytes:
         """The 8 bytes of the request."""
-        size = b"" if self.size is None else SIZE.pack(self.size)
-        return about(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
+        size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
+        return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the bytes of the request, of which those that carry nothing may be missing."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
 
@@ -211,12 +215,12 @@ class DownloadInitiated:
 
     def encode(self) -> bytes:
         """The 8 bytes of the answer."""
-        return about(self.pattern.encode(), self.index, self.sub)
+        return object_message(self.pattern.encode(), self.index, self.sub)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the bytes of the answer, of which the last four carry nothing and may be missing."""
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub)
 
 
@@ -240,13 +244,13 @@ class Abort:
 
     def encode(self) -> bytes:
         """The 8 bytes of the message."""
-        return about(self.pattern.encode(), self.index, self.sub, CODE.pack(self.code))
+        return object_message(self.pattern.encode(), self.index, self.sub, _CODE_FIELD.pack(self.code))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """From the bytes of the message; DecodeError("short") without a whole code."""
-        _, index, sub, _ = LAYOUT.unpack(data)
-        return cls(index, sub, number(data))
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
+        return cls(index, sub, _number(data))
 
 
 def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
@@ -269,10 +273,10 @@ def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
 
 def indicated_size(pattern: BitPattern, data: bytes) -> int | None:
     """The announced size, None if there is none."""
-    return number(data) if pattern.decode(data[0])["s"] else None
+    return _number(data) if pattern.decode(data[0])["s"] else None
 
 
-def number(data: bytes) -> int:
+def _number(data: bytes) -> int:
     """Bytes 4 to 7 as one number."""
     if len(data) < 8:
         raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")

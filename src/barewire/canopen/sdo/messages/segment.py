@@ -28,14 +28,14 @@ SEGMENT = 7
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
+class SdoSegment:
     """Up to seven bytes of the value, in either direction.
 
         000t nnnc | data 7
 
-    >>> Segment(0, b"CANopen").encode().hex(" ")
+    >>> SdoSegment(0, b"CANopen").encode().hex(" ")
     '00 43 41 4e 6f 70 65 6e'
-    >>> Segment(0, b"32", last=True).encode().hex(" ")
+    >>> SdoSegment(0, b"32", last=True).encode().hex(" ")
     '0b 33 32 00 00 00 00 00'
     """
 

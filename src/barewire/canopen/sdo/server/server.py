@@ -31,7 +31,7 @@ from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_transfer import check_blksize
-from barewire.canopen.sdo.dialect import STANDARD, Dialect
+from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.block import (
     BLOCK_MAX,
     LAST,
@@ -40,9 +40,9 @@ from barewire.canopen.sdo.messages.block import (
     InitiateBlockDownload,
     InitiateBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import SdoRequest, decode_request
+from barewire.canopen.sdo.messages.codec import SdoRequest, decode_sdo_request
 from barewire.canopen.sdo.messages.initiate import (
-    LAYOUT,
+    OBJECT_LAYOUT,
     Abort,
     DownloadInitiated,
     ExpeditedDownload,
@@ -52,7 +52,13 @@ from barewire.canopen.sdo.messages.initiate import (
     UploadInitiated,
     has_reserved_bits,
 )
-from barewire.canopen.sdo.server.sessions import BlockDownload, BlockUpload, SegmentedDownload, SegmentedUpload, Session
+from barewire.canopen.sdo.server.sessions import (
+    BlockDownload,
+    BlockUpload,
+    SegmentedDownload,
+    SegmentedUpload,
+    ServerTransfer,
+)
 from barewire.canopen.sdo.server.store import ObjectStore, ServerCounters
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.errors import BarewireError, DecodeError, EncodeError
@@ -81,7 +87,7 @@ class SdoServer:
         self,
         node: int,
         objects: ObjectStore,
-        dialect: Dialect = STANDARD,
+        dialect: SdoDialect = STANDARD,
         *,
         timeout: float = 1.0,
         limit: int = LIMIT,
@@ -115,7 +121,7 @@ class SdoServer:
 
     def forget(self) -> None:
         """End the present transfer without a word: the node may not speak any more."""
-        self._session: Session | None = None
+        self._session: ServerTransfer | None = None
         self._place = 0, 0
         self._stray = 0
         self._stray_until = 0.0
@@ -155,7 +161,7 @@ class SdoServer:
         if self._stray and self._is_stray(data, now):
             return []
         if data[0] == Abort.pattern.value:
-            self.counters.aborts_heard += 1
+            self.counters.aborts_received += 1
             self._session = None
             return []
         session = self._session
@@ -173,10 +179,10 @@ class SdoServer:
         return True
 
     def _begin(self, data: bytes, now: float) -> list[bytes]:
-        _, index, sub, _ = LAYOUT.unpack(data)
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         self._place = index, sub
         try:
-            request = decode_request(data)
+            request = decode_sdo_request(data)
         except DecodeError:
             self.counters.unknown_command += 1
             return self._refuse(AbortCode.COMMAND)
@@ -188,7 +194,7 @@ class SdoServer:
         except BarewireError:
             return self._refuse(AbortCode.GENERAL)  # a hook of the application said no in other words
 
-    def _go_on(self, session: Session, data: bytes | None, now: float) -> list[bytes]:
+    def _go_on(self, session: ServerTransfer, data: bytes | None, now: float) -> list[bytes]:
         expected = session.next_segment
         try:
             said = session.feed(data, now)
@@ -206,12 +212,12 @@ class SdoServer:
             self._stray = expected if data is None else _following(data)
             self._stray_until = now + self.timeout
         elif data is not None and code == AbortCode.COMMAND and _begins(data):
-            _, index, sub, _ = LAYOUT.unpack(data)
+            _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
             self._place = index, sub
         return self._refuse(code)
 
     def _refuse(self, code: int) -> list[bytes]:
-        self.counters.aborts_said += 1
+        self.counters.aborts_sent += 1
         return [Abort(*self._place, code).encode()]
 
     def _carry_out(self, request: SdoRequest, now: float) -> bytes:
@@ -223,7 +229,7 @@ class SdoServer:
             return DownloadInitiated(index, sub).encode()
         write = partial(self.objects.write, index, sub)
         if isinstance(request, InitiateDownload):
-            session: Session = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
+            session: ServerTransfer = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
             answer: DownloadInitiated | BlockDownloadInitiated = DownloadInitiated(index, sub)
         elif isinstance(request, InitiateBlockUpload) and self.blksize:
             return self._block_upload(request, now)
@@ -282,7 +288,7 @@ def _following(segment: bytes) -> int:
 def _begins(data: bytes) -> bool:
     """Whether a client that says this begins a transfer."""
     try:
-        decode_request(data)
+        decode_sdo_request(data)
     except DecodeError:
         return False
     return True

@@ -17,16 +17,16 @@ from typing import Protocol
 from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender
 from barewire.canopen.sdo.messages.block import StartBlockUpload
-from barewire.canopen.sdo.messages.codec import SENDER_HEARS, M, read
-from barewire.canopen.sdo.messages.segment import SEGMENT, NextSegment, Segment, SegmentTaken
+from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES, M, decode_one_of
+from barewire.canopen.sdo.messages.segment import SEGMENT, NextSegment, SdoSegment, SegmentTaken
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.errors import DecodeError
 
-Write = Callable[[bytes], None]
+_Write = Callable[[bytes], None]
 """Takes a whole value, or refuses it by raising SdoAbort."""
 
 
-class Session(Protocol):
+class ServerTransfer(Protocol):
     """A transfer that has begun. `deadline` is when it wants to be fed None."""
 
     over: bool
@@ -56,7 +56,7 @@ def never(data: bytes, now: float) -> bool:
 def _expect(data: bytes, *kinds: type[M]) -> M:
     """The message; anything else ends the transfer."""
     try:
-        return read(data, kinds)
+        return decode_one_of(data, kinds)
     except DecodeError as error:
         raise ProtocolViolation(AbortCode.COMMAND, error.text) from None
 
@@ -93,7 +93,7 @@ class SegmentedUpload:
         self.over = self._value.exhausted
         self._toggle ^= 1
         self.deadline = now + self._timeout
-        return [Segment(toggle, part, self.over).encode()]
+        return [SdoSegment(toggle, part, self.over).encode()]
 
 
 class SegmentedDownload:
@@ -104,7 +104,7 @@ class SegmentedDownload:
     gives_way = False
     accept = staticmethod(never)
 
-    def __init__(self, write: Write, size: int | None, limit: int, timeout: float, now: float) -> None:
+    def __init__(self, write: _Write, size: int | None, limit: int, timeout: float, now: float) -> None:
         self._buffer = bytearray()
         self._value = Incoming(self._buffer.extend, size, limit=limit)
         self._write = write
@@ -117,7 +117,7 @@ class SegmentedDownload:
         """The confirmation of a segment; of the last one when the dictionary has taken the value."""
         if data is None:
             return _silence(now, self.deadline)
-        segment = _expect(data, Segment)
+        segment = _expect(data, SdoSegment)
         if segment.toggle != self._toggle:
             raise ProtocolViolation(
                 AbortCode.TOGGLE, f"segment with toggle bit {segment.toggle} came, {self._toggle} is next"
@@ -163,7 +163,7 @@ class BlockUpload:
             value = Outgoing((self._value,), len(self._value))
             sender = BlockSender(value, self._blksize, crc=self._crc, timeout=self._timeout, burst=BURST, now=now)
             self._sender, data = sender, None
-        said = sender.feed(None if data is None else _expect(data, *SENDER_HEARS), now)
+        said = sender.feed(None if data is None else _expect(data, *RECEIVER_MESSAGES), now)
         self.deadline, self.over = sender.deadline, sender.over
         return said
 
@@ -175,7 +175,7 @@ class BlockDownload:
     gives_way = False
 
     def __init__(
-        self, write: Write, size: int | None, limit: int, blksize: int, crc: bool, timeout: float, now: float
+        self, write: _Write, size: int | None, limit: int, blksize: int, crc: bool, timeout: float, now: float
     ) -> None:
         self._buffer = bytearray()
         value = Incoming(self._buffer.extend, size, limit=limit)

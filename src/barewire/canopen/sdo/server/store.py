@@ -31,7 +31,7 @@ class ServerCounters:
     wrong_length: int = 0  # frames with a DLC other than 8, not answered
     unknown_command: int = 0
     reserved_bits: int = 0  # served, although something stood in reserved bits
-    aborts_heard: int = 0
-    aborts_said: int = 0
+    aborts_received: int = 0
+    aborts_sent: int = 0
     timed_out: int = 0  # of these: because the client fell silent
     strays: int = 0  # segments that still came after a block download was ended, passed over

@@ -26,9 +26,10 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import Access, Entry, ObjectDictionary
 from barewire.canopen.pdo.config import Pdo
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
-from barewire.canopen.sdo.dialect import DIALECTS, STANDARD
+from barewire.canopen.sdo.dialect import STANDARD
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import CanopenSettings, DevicePdo
+from barewire.devices.sdo_dialects import DIALECTS
 from barewire.devices.sim.core.store import Cell, Declined, Why
 
 if TYPE_CHECKING:
