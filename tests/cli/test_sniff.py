@@ -13,7 +13,7 @@ import pytest
 
 from barewire.ascii import encode as ascii_frame
 from barewire.canopen import CanFrame
-from barewire.explain.capture.pcapng import read
+from barewire.explain.capture.pcapng import read_packets
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.pty import PseudoTerminal
@@ -36,7 +36,7 @@ def test_a_live_line_is_heard_and_never_spoken_on(scheme: str, tmp_path: Path) -
         give_up = time.monotonic() + 20
         # What is said before the port is open is lost. Two packets behind the header are an exchange; a few more, for
         # the machine may stand still within one.
-        while (not file.exists() or len(read(file.read_bytes())) < 10) and time.monotonic() < give_up:
+        while (not file.exists() or len(read_packets(file.read_bytes())) < 10) and time.monotonic() < give_up:
             terminal.send(encode(1, READ))
             time.sleep(0.05)
             terminal.send(encode(1, VALUES))

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from barewire.explain import explain
-from barewire.explain.capture.modbus_packets import Packer
-from barewire.explain.capture.pcapng import header, packet
-from barewire.explain.modbus.replay import replay
+from barewire.explain.capture.modbus_packets import PacketBuilder
+from barewire.explain.capture.modbus_replay import replay
+from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.modbus import decode_request
 from barewire.modbus.exceptions import EXCEPTIONS
 from barewire.modbus.sniffer.sniffer import Answered
@@ -93,11 +93,11 @@ def test_nothing_is_left_out() -> None:
     assert {answer[0] & 0x7F for answer in answers if answer[0] & 0x80} == asked
 
 
-def capture(file: Path, wrap: Callable[[Packer, int, bool, bytes], bytes]) -> bytes:
+def capture(file: Path, wrap: Callable[[PacketBuilder, int, bool, bytes], bytes]) -> bytes:
     """Every message as a packet: the file, and what stands in it."""
-    packer, data = Packer(), header()
+    packer, data = PacketBuilder(), file_header()
     for place, (number, is_answer, pdu) in enumerate(MESSAGES, 1):
-        data += packet(1.0 + place / 100, wrap(packer, number, not is_answer, pdu))
+        data += packet_block(1.0 + place / 100, wrap(packer, number, not is_answer, pdu))
     file.write_bytes(data)
     return data
 
@@ -113,7 +113,7 @@ def all_agree(rows: list[dict[str, list[str]]]) -> None:
 
 @pytest.mark.evidence("tshark", "frames", "tcp", *EVERY, "2B/0D")
 def test_every_message_over_tcp(tmp_path: Path) -> None:
-    def wrap(packer: Packer, number: int, from_client: bool, pdu: bytes) -> bytes:
+    def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
         return packer.tcp(tcp_frame(UNIT, pdu, number), from_client=from_client)
 
     file = tmp_path / "tcp.pcapng"
@@ -131,7 +131,7 @@ def test_every_message_over_tcp(tmp_path: Path) -> None:
 
 @pytest.mark.evidence("tshark", "frames", "udp", *EVERY, "2B/0D")
 def test_every_message_over_udp(tmp_path: Path) -> None:
-    def wrap(packer: Packer, number: int, from_client: bool, pdu: bytes) -> bytes:
+    def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
         return packer.rtu(tcp_frame(UNIT, pdu, number), from_client=from_client)  # on the port of RTU in datagrams
 
     file = tmp_path / "udp.pcapng"
@@ -142,13 +142,13 @@ def test_every_message_over_udp(tmp_path: Path) -> None:
 
 @pytest.mark.evidence("tshark", "frames", "rtu", *EVERY, "2B/0D")
 def test_every_message_over_rtu(tmp_path: Path) -> None:
-    def wrap(packer: Packer, number: int, from_client: bool, pdu: bytes) -> bytes:
+    def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
         return packer.rtu(rtu_frame(UNIT, pdu), from_client=from_client)
 
     file = tmp_path / "rtu.pcapng"
     frame = rtu_frame(UNIT, MESSAGES[0][2])
     damaged = frame[:-1] + bytes([frame[-1] ^ 1])
-    file.write_bytes(capture(file, wrap) + packet(99.0, Packer().rtu(damaged, from_client=True)))
+    file.write_bytes(capture(file, wrap) + packet_block(99.0, PacketBuilder().rtu(damaged, from_client=True)))
     *rows, last = tshark(file, ALL + RTU, "-o", "mbrtu.udp.port:5020", "-o", "mbrtu.crc_verification:TRUE")
     assert len(rows) == len(MESSAGES)
     for (_, is_answer, pdu), row in zip(MESSAGES, rows):
@@ -163,11 +163,11 @@ def test_every_message_over_rtu(tmp_path: Path) -> None:
 
 def test_checksums_of_packets(tmp_path: Path) -> None:
     """Nothing that we write is painted red: IP, UDP and TCP are right, and nothing is taken for lost or repeated."""
-    packer = Packer()
-    data = header()
+    packer = PacketBuilder()
+    data = file_header()
     for place, from_client in enumerate((True, False, True, False)):
-        data += packet(place, packer.tcp(tcp_frame(1, b"\x07" + bytes(place), place), from_client=from_client))
-        data += packet(place, packer.rtu(rtu_frame(1, b"\x07" + bytes(place)), from_client=from_client))
+        data += packet_block(place, packer.tcp(tcp_frame(1, b"\x07" + bytes(place), place), from_client=from_client))
+        data += packet_block(place, packer.rtu(rtu_frame(1, b"\x07" + bytes(place)), from_client=from_client))
     file = tmp_path / "sums.pcapng"
     file.write_bytes(data)
     names = ["ip.checksum.status", "udp.checksum.status", "tcp.checksum.status", "tcp.analysis.flags"]

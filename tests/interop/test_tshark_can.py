@@ -16,7 +16,7 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.explain import Explanation, explain
-from barewire.explain.can_monitor.recording import CanKeeper, read_recording
+from barewire.explain.can_monitor.recording import CanRecordingWriter, read_recording
 from barewire.explain.capture.model import Recorded
 from tests.explain.can_monitor.can_run import recorded
 from tests.interop.can_frames import FRAMES
@@ -99,7 +99,7 @@ def number(text: str) -> int:
 
 @pytest.mark.evidence("tshark", "frames", "file", *FRAMES)
 def test_every_kind_of_single_frame(tmp_path: Path, witness: set[str]) -> None:
-    keeper, file = CanKeeper("a.pcapng"), tmp_path / "can.pcapng"
+    keeper, file = CanRecordingWriter("a.pcapng"), tmp_path / "can.pcapng"
     frames = [(service, CanFrame.parse(text)) for service, texts in FRAMES.items() for text in texts]
     file.write_bytes(
         keeper.start + b"".join(keeper.put(1 + at / 100, "can0", one) for at, (_, one) in enumerate(frames))
@@ -177,7 +177,7 @@ def shared(frame: CanFrame, said: Explanation, row: dict[str, str]) -> set[str]:
 
 
 def test_remote_extended_and_foreign_frames(tmp_path: Path) -> None:
-    keeper, file = CanKeeper("a.pcapng"), tmp_path / "can.pcapng"
+    keeper, file = CanRecordingWriter("a.pcapng"), tmp_path / "can.pcapng"
     texts = ["705#R1", "00000605#4041", "1FFFFFFF#R8", "7FF#"]
     file.write_bytes(keeper.start + b"".join(keeper.put(1.0, "can0", CanFrame.parse(text)) for text in texts))
     rows = dissected(file)
@@ -188,7 +188,7 @@ def test_remote_extended_and_foreign_frames(tmp_path: Path) -> None:
 
 def test_what_tshark_writes_we_read(tmp_path: Path) -> None:
     """A capture through tshark's own writer, in both forms of file, is the same run."""
-    keeper, file = CanKeeper("a.pcapng"), tmp_path / "run.pcapng"
+    keeper, file = CanRecordingWriter("a.pcapng"), tmp_path / "run.pcapng"
     frames = [(round(at, 6), frame) for at, frame in recorded()[:400]]
     file.write_bytes(keeper.start + b"".join(keeper.put(at, "can0", frame) for at, frame in frames))
     for form in ("pcapng", "pcap"):

@@ -19,7 +19,7 @@ error frame (`ErrorFrame`), which nobody sent: the controller reports the state 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from barewire.errors import DecodeError, EncodeError
 
@@ -174,6 +174,10 @@ class ErrorFrame(NamedTuple):
         """The classes in words."""
         words = [name for bit, name in enumerate(ERROR_CLASSES) if self.classes >> bit & 1]
         return ", ".join(words) or f"error class {self.classes:X}h"
+
+
+AnyFrame: TypeAlias = CanFrame | FdFrame | ErrorFrame
+"""Everything that a bus interface or a recording of a bus delivers."""
 
 
 def _hex_number(digits: str, seen: bytes) -> int:

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import click
 
-from barewire.canopen.frame import CanFrame
+from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.cli.arguments import json_option, print_json
 from barewire.cli.sniff_can import known_nodes
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain import Explanation, explain_text
-from barewire.explain.can_monitor import Listener, as_dict, in_words
+from barewire.explain.can_monitor import CanMonitor, event_as_dict, event_line
 from barewire.explain.can_monitor.events import Gap, Loss, Violation
-from barewire.explain.can_monitor.pdos import PdoListener
-from barewire.explain.can_monitor.recording import Heard, read_recording
+from barewire.explain.can_monitor.pdos import PdoTracker
+from barewire.explain.can_monitor.recording import BusMonitors, read_recording
 from barewire.explain.canopen.frame import explain_can, explain_segment
+from barewire.explain.capture.can_text import parse_any_can
 from barewire.explain.capture.candump import log_line
-from barewire.explain.capture.model import AnyFrame, Recorded, Unread
-from barewire.explain.input.text import parse_any_can
+from barewire.explain.capture.model import Recorded, Unread
 
 
 @click.command()
@@ -59,7 +59,7 @@ def explain(
         raise EncodeError("--device is for can")
     try:
         if known:
-            explanation = explain_can(parse_any_can(" ".join(frame)), PdoListener(tuple(known)))
+            explanation = explain_can(parse_any_can(" ".join(frame)), PdoTracker(tuple(known)))
         else:
             explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:
@@ -78,7 +78,7 @@ def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, a
         data = Path(name).read_bytes()
     except OSError as error:
         raise PortError(f"{name}: {error.strerror or error}") from None
-    heard, wrong = Heard(known_nodes(devices, nodes)), 0
+    heard, wrong = BusMonitors(known_nodes(devices, nodes)), 0
     try:
         items = read_recording(data)
     except DecodeError as error:
@@ -96,13 +96,13 @@ def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, a
             if isinstance(event, Violation | Gap | Loss | Unread):
                 wrong += isinstance(event, Violation | Unread)
                 if as_json:
-                    print_json(as_dict(event))
+                    print_json(event_as_dict(event))
                 else:
-                    print(f"    {in_words(event)}")
+                    print(f"    {event_line(event)}")
     return int(check and wrong > 0)
 
 
-def told(frame: AnyFrame, listener: Listener) -> Explanation:
+def told(frame: AnyFrame, listener: CanMonitor) -> Explanation:
     """What a frame says, by its bytes and by those that came before it."""
     if isinstance(frame, CanFrame) and listener.takes_segment(frame):
         return explain_segment(frame)

@@ -16,10 +16,10 @@ from barewire.cli.arguments import json_option
 from barewire.cli.sniff_can import events_of, known_nodes, live, print_events
 from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.explain.can_monitor.recording import is_can_recording, read_recording
-from barewire.explain.capture.modbus_packets import MODBUS_PORTS, Packer
-from barewire.explain.capture.pcapng import header, packet
-from barewire.explain.modbus.exchange_text import as_dict, in_words
-from barewire.explain.modbus.replay import replay
+from barewire.explain.capture.modbus_packets import MODBUS_PORTS, PacketBuilder
+from barewire.explain.capture.modbus_replay import replay
+from barewire.explain.capture.pcapng import file_header, packet_block
+from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
 from barewire.modbus.sniffer.sniffer import WINDOW, Asked, Disturbance, Half, Overheard, Unanswered
@@ -95,7 +95,7 @@ def sniff(
             for event in events:
                 if keeper is not None:
                     keeper.put(event)
-                line = json.dumps(as_dict(event), ensure_ascii=False) if as_json else in_words(event)
+                line = json.dumps(exchange_as_dict(event), ensure_ascii=False) if as_json else exchange_line(event)
                 if line is not None:
                     print(line, flush=True)
         except KeyboardInterrupt:
@@ -138,8 +138,8 @@ class _Keeper:
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
-        self._packer = Packer()
-        self._file.write(header())
+        self._packer = PacketBuilder()
+        self._file.write(file_header())
 
     def put(self, event: Overheard) -> None:
         """The frame of an event. What was not heard is not written; noise is, as a datagram that is no frame."""
@@ -154,5 +154,5 @@ class _Keeper:
                 data = self._packer.rtu(rtu_frame(event.unit, event.pdu), from_client=asks)
             else:
                 data = self._packer.tcp(tcp_frame(event.unit, event.pdu, number), from_client=asks)
-        self._file.write(packet(event.at, data))
+        self._file.write(packet_block(event.at, data))
         self._file.flush()

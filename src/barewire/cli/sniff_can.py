@@ -12,11 +12,19 @@ from barewire.canopen.eds import parse
 from barewire.cli.arguments import print_json
 from barewire.devices.description.load import load
 from barewire.errors import EncodeError, PortError
-from barewire.explain.can_monitor import KnownNode, as_dict, in_words, kind, of_device, of_dictionary, repeated
-from barewire.explain.can_monitor.event_text import KINDS
-from barewire.explain.can_monitor.events import Event
-from barewire.explain.can_monitor.recording import BUSES_MAX, CanKeeper, Heard
-from barewire.explain.capture.model import Item, Recorded, Unread
+from barewire.explain.can_monitor import (
+    KnownNode,
+    event_as_dict,
+    event_kind,
+    event_line,
+    is_repeated,
+    of_device,
+    of_dictionary,
+)
+from barewire.explain.can_monitor.event_text import EVENT_KINDS
+from barewire.explain.can_monitor.events import MonitorEvent
+from barewire.explain.can_monitor.recording import BUSES_MAX, BusMonitors, CanRecordingWriter
+from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.io.endpoint import Endpoint
 
 LIVE = "can0"
@@ -76,11 +84,14 @@ def ending_softly(stop: threading.Event) -> Iterator[None]:
 
 
 def events_of(
-    items: Iterable[Item | float], known: Iterable[KnownNode], bus: str | None, keep: Callable[[bytes], object] | None,
+    items: Iterable[RecordedItem | float],
+    known: Iterable[KnownNode],
+    bus: str | None,
+    keep: Callable[[bytes], object] | None,
     name: str,
-) -> Iterator[tuple[str, Event]]:  # fmt: skip
+) -> Iterator[tuple[str, MonitorEvent]]:
     """What was heard; each frame is given to `keep` in the form of a file called `name`."""
-    heard, keeper, buses = Heard(known, bus), CanKeeper(name), dict[str, None]()
+    heard, keeper, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
     if keep is not None:
         keep(keeper.start)
     for item in items:
@@ -101,18 +112,18 @@ def events_of(
 
 
 def print_events(
-    events: Iterable[tuple[str, Event]], *, as_json: bool, everything: bool, only: tuple[str, ...]
+    events: Iterable[tuple[str, MonitorEvent]], *, as_json: bool, everything: bool, only: tuple[str, ...]
 ) -> None:
     """A line for each event that says something new; with `everything` for all of them."""
     for name in only:
-        if name not in KINDS.values():
-            raise EncodeError(f"--only {name}: expected one of {', '.join(KINDS.values())}")
+        if name not in EVENT_KINDS.values():
+            raise EncodeError(f"--only {name}: expected one of {', '.join(EVENT_KINDS.values())}")
     several: set[str] = set()
     for bus, event in events:
         several.add(bus)
-        if (only and kind(event) not in only) or (repeated(event) and not everything):
+        if (only and event_kind(event) not in only) or (is_repeated(event) and not everything):
             continue
         if as_json:
-            print_json(as_dict(event) | ({"bus": bus} if bus else {}))
+            print_json(event_as_dict(event) | ({"bus": bus} if bus else {}))
         else:
-            print(f"{bus}  {in_words(event)}" if len(several - {""}) > 1 else in_words(event), flush=True)
+            print(f"{bus}  {event_line(event)}" if len(several - {""}) > 1 else event_line(event), flush=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import get_args
 
-from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain.canopen.frame import explain_can
-from barewire.explain.capture.model import AnyFrame
-from barewire.explain.input.text import parse_any_can, parse_ascii, parse_hex
+from barewire.explain.capture.can_text import parse_any_can
+from barewire.explain.input.text import parse_ascii, parse_hex
 from barewire.explain.modbus.frames import explain_ascii, explain_rtu, explain_tcp
 from barewire.explain.result import Explanation, Protocol, Role
 

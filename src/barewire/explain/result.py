@@ -127,12 +127,12 @@ def _clipped(digits: str) -> str:
     return digits if len(pairs) <= HEX_SHOWN else " ".join(pairs[: HEX_SHOWN - 1]) + " ..."
 
 
-def cover(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
+def fill_gaps(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
     """The fields, and one more for each gap between them and up to `size`.
 
     `cut` is the name of the field that would have come next if there had been bytes enough for it.
 
-    >>> [(field.offset, field.length, field.name) for field in cover([Field(0, 1, "unit", 1)], 3)]
+    >>> [(field.offset, field.length, field.name) for field in fill_gaps([Field(0, 1, "unit", 1)], 3)]
     [(0, 1, 'unit'), (1, 2, 'left over')]
     """
     whole: list[Field] = []
@@ -153,24 +153,24 @@ def counted(number: int, noun: str = "byte") -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def moved(fields: Iterable[Field], by: int) -> list[Field]:
+def shifted(fields: Iterable[Field], by: int) -> list[Field]:
     """The same fields, `by` bytes further right."""
     return [field._replace(offset=field.offset + by) for field in fields]
 
 
-def problem(error: DecodeError | None, by: int = 0) -> Problem | None:
+def as_problem(error: DecodeError | None, by: int = 0) -> Problem | None:
     """What a decoder raised, as a value; `by` is where its bytes begin in ours."""
     return None if error is None else Problem(error.reason, error.at + by, error.text)
 
 
-def on_bytes(fields: Iterable[Field], data: bytes) -> tuple[ExplainedField, ...]:
+def explained_fields(fields: Iterable[Field], data: bytes) -> tuple[ExplainedField, ...]:
     """The fields with their hexadecimal digits."""
     return tuple(
-        explained(field, data[field.offset : field.offset + field.length].hex(" ").upper()) for field in fields
+        explained_field(field, data[field.offset : field.offset + field.length].hex(" ").upper()) for field in fields
     )
 
 
-def explained(field: Field, digits: str) -> ExplainedField:
+def explained_field(field: Field, digits: str) -> ExplainedField:
     """One field with its digits; names lose their underscores, for they are read by people from here on."""
     value = field.value if field.value is None or isinstance(field.value, (int, str)) else str(field.value)
     return ExplainedField(field.offset, field.length, field.name.replace("_", " "), digits, value, field.meaning)

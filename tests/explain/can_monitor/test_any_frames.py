@@ -8,12 +8,13 @@ from binascii import crc_hqx
 from hypothesis import given, settings, strategies as st
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
-from barewire.explain.can_monitor import RULES, Listener, as_dict, in_words, of_device
-from barewire.explain.can_monitor.events import Event, Transfer, Violation
+from barewire.explain.can_monitor import BUS_RULES, CanMonitor, event_as_dict, event_line, of_device
+from barewire.explain.can_monitor.events import MonitorEvent, SdoTransferReport, Violation
 from barewire.explain.can_monitor.recording import is_can_recording, read_recording, replay_can
 from barewire.explain.can_monitor.transfer import HELD_MAX, VALUE_MAX
-from barewire.explain.capture.model import AnyFrame, Dropped
+from barewire.explain.capture.model import Dropped
 
 many = settings(max_examples=300, deadline=None, derandomize=True, database=None)
 
@@ -45,21 +46,26 @@ ITEMS: st.SearchStrategy[AnyFrame | Dropped | None] = st.one_of(SDO, SDO, SMALL,
 STEPS = st.sampled_from([0.0, 0.0001, 0.01, 0.5, 1.0, 4.0, -0.5, -20.0])
 
 
-def proper(events: list[Event]) -> None:
+def proper(events: list[MonitorEvent]) -> None:
     for event in events:
-        line = in_words(event)
+        line = event_line(event)
         assert line.isprintable(), line
-        assert json.loads(json.dumps(as_dict(event), allow_nan=False))
+        assert json.loads(json.dumps(event_as_dict(event), allow_nan=False))
         if isinstance(event, Violation):
-            assert event.rule in RULES
-        if isinstance(event, Transfer) and event.outcome == "done" and event.size is not None and event.missing:
+            assert event.rule in BUS_RULES
+        if (
+            isinstance(event, SdoTransferReport)
+            and event.outcome == "done"
+            and event.size is not None
+            and event.missing
+        ):
             assert event.data is None or len(event.data) <= event.size or event.manner != "block"
 
 
 @many
 @given(st.lists(st.tuples(ITEMS, STEPS), max_size=60))
 def test_any_frames_at_all(frames: list[tuple[AnyFrame | Dropped | None, float]]) -> None:
-    listener, now = Listener(KNOWN), 100.0
+    listener, now = CanMonitor(KNOWN), 100.0
     for item, step in frames:
         now += step
         proper(listener.feed(item, now))
@@ -75,7 +81,7 @@ def test_any_frames_at_all(frames: list[tuple[AnyFrame | Dropped | None, float]]
 @given(st.lists(st.integers(0, 2**32 - 1), max_size=40), st.booleans())
 def test_deadlines_come_to_an_end(words: list[int], far: bool) -> None:
     """Who feeds None at each deadline is not asked for ever."""
-    listener = Listener(KNOWN)
+    listener = CanMonitor(KNOWN)
     for place, word in enumerate(words):
         data = word.to_bytes(4, "little") * 2
         listener.feed(CanFrame(SERVICES[word % len(SERVICES)], data[: word % 9]), place * (1.0 if far else 0.001))
@@ -89,7 +95,7 @@ def test_deadlines_come_to_an_end(words: list[int], far: bool) -> None:
 
 def test_nothing_grows_without_a_bound() -> None:
     """All identifiers, all nodes, all objects of the mapping: what is held stays small, and says so."""
-    listener = Listener(held=100_000)
+    listener = CanMonitor(held=100_000)
     for number in range(0x800):
         listener.feed(CanFrame(number, bytes([number & 0xFF] * 8)), number / 1000)
     for place in range(3000):
@@ -114,15 +120,15 @@ def test_nothing_grows_without_a_bound() -> None:
     assert listener.memory.used <= 100_000
     assert listener.memory.refused > 0
     *events, summary = listener.end(6.0)
-    assert as_dict(summary)["counts"]["bytes not held"] == listener.memory.refused
-    assert {event.count for event in events if isinstance(event, Transfer)} == {2100}
+    assert event_as_dict(summary)["counts"]["bytes not held"] == listener.memory.refused
+    assert {event.count for event in events if isinstance(event, SdoTransferReport)} == {2100}
     assert listener.memory.used == 0
     assert HELD_MAX >= VALUE_MAX
 
 
 def test_a_value_that_is_too_long_to_hold_is_counted_and_checked() -> None:
     """The bytes are forgotten, the CRC is not."""
-    listener, events = Listener(), list[Event]()
+    listener, events = CanMonitor(), list[MonitorEvent]()
     size = VALUE_MAX + 1003
     value = (bytes(range(256)) * (size // 256 + 1))[:size]
 
@@ -140,7 +146,7 @@ def test_a_value_that_is_too_long_to_hold_is_counted_and_checked() -> None:
     unused = -size % 7
     say(0x605, bytes([0xC1 | unused << 2]) + crc_hqx(value, 0).to_bytes(2, "little"))
     say(0x585, b"\xa1")
-    (done,) = [event for event in events if isinstance(event, Transfer)]
+    (done,) = [event for event in events if isinstance(event, SdoTransferReport)]
     assert (done.outcome, done.count, done.data, done.crc) == ("done", size, None, "ok")
     assert [event for event in events if isinstance(event, Violation)] == []
 

@@ -9,10 +9,19 @@ from functools import cache
 import pytest
 
 from barewire.canopen import BlockSettings, CanFrame, Channel, ErrorFrame, SdoAbort, download, upload
+from barewire.canopen.frame import AnyFrame
 from barewire.errors import NoAnswer
-from barewire.explain.can_monitor import Listener, in_words
-from barewire.explain.can_monitor.events import Event, Gap, Loss, NodeEvent, Sync, Transfer, Violation
-from barewire.explain.capture.model import AnyFrame, Dropped
+from barewire.explain.can_monitor import CanMonitor, event_line
+from barewire.explain.can_monitor.events import (
+    Gap,
+    Loss,
+    MonitorEvent,
+    NodeReport,
+    SdoTransferReport,
+    SyncReport,
+    Violation,
+)
+from barewire.explain.capture.model import Dropped
 from tests.canopen.virtual_bus import VirtualBus, never
 from tests.explain.can_monitor.can_run import PLAIN, plain
 
@@ -67,19 +76,19 @@ def whole(kind: Bus) -> tuple[tuple[float, CanFrame], ...]:
     return tuple(carried_out(kind))
 
 
-def heard(frames: Sequence[tuple[float, AnyFrame | Dropped]]) -> list[Event]:
-    listener, events = Listener(), list[Event]()
+def heard(frames: Sequence[tuple[float, AnyFrame | Dropped]]) -> list[MonitorEvent]:
+    listener, events = CanMonitor(), list[MonitorEvent]()
     for at, frame in frames:
         events += listener.feed(frame, at)
     return events + listener.end(frames[-1][0] + 10)
 
 
-def of(kind: type[Event], events: list[Event]) -> list[Event]:
+def of(kind: type[MonitorEvent], events: list[MonitorEvent]) -> list[MonitorEvent]:
     return [event for event in events if isinstance(event, kind)]
 
 
-def transfers(events: list[Event]) -> list[Transfer]:
-    return [event for event in events if isinstance(event, Transfer)]
+def transfers(events: list[MonitorEvent]) -> list[SdoTransferReport]:
+    return [event for event in events if isinstance(event, SdoTransferReport)]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -97,7 +106,7 @@ def test_the_recorder_misses_a_frame(kind: Bus) -> None:
     values = {one.data for one in transfers(heard(frames))}
     for place in range(1, len(frames)):
         events = heard([*frames[:place], *frames[place + 1 :]])
-        told = [in_words(event) for event in events]
+        told = [event_line(event) for event in events]
         assert of(Violation, events) + of(Loss, events) == [], (place, told)
         found = transfers(events)
         # No value is made up, and whatever is incomplete is said to be so.
@@ -119,7 +128,7 @@ def test_the_bus_loses_a_frame(kind: Bus) -> None:
     for place in range(2, count + 1):
         frames = carried_out(kind, lambda number, frame, lost=place: number == lost)  # type: ignore[misc]
         events = heard(frames)
-        told = [in_words(event) for event in events]
+        told = [event_line(event) for event in events]
         assert of(Violation, events) + of(Gap, events) == [], (place, told)
         found = transfers(events)
         assert {one.data for one in found if one.outcome == "done"} <= values, (place, told)
@@ -129,7 +138,7 @@ def test_the_bus_loses_a_frame(kind: Bus) -> None:
         assert lossy or of(Loss, events), (place, told)
 
 
-def spoken(*lines: str, step: float = 0.001) -> list[Event]:
+def spoken(*lines: str, step: float = 0.001) -> list[MonitorEvent]:
     """Frames at even times, and what a listener makes of them."""
     return heard([(place * step, CanFrame.parse(line)) for place, line in enumerate(lines)])
 
@@ -191,28 +200,28 @@ def test_two_that_fall_silent_at_once_are_the_recorder() -> None:
     (gap,) = of(Gap, heard(frames))
     assert isinstance(gap, Gap)
     assert (round(gap.since or 0, 1), gap.evidence[:12]) == (9.8, "2 heartbeats")
-    assert not [one for one in heard(frames)[:-1] if isinstance(one, NodeEvent) and one.kind == "missing"][:-2]
+    assert not [one for one in heard(frames)[:-1] if isinstance(one, NodeReport) and one.kind == "missing"][:-2]
 
 
 def test_one_that_falls_silent_is_missing() -> None:
     frames = merged(without(beats(5, 1.0, 30), 10.0, 18.0), beats(6, 0.7, 38))
     events = heard(frames)
     assert of(Gap, events) == []
-    kinds = [(one.kind, round(one.at, 3)) for one in events if isinstance(one, NodeEvent) and one.node == 5]
+    kinds = [(one.kind, round(one.at, 3)) for one in events if isinstance(one, NodeReport) and one.node == 5]
     told = [pair for pair in kinds if pair[0] != "beat"]
     assert told == [("heard", 0.0), ("missing", 11.5), ("back", 18.0), ("missing", 32.5)]
 
 
 def test_live_everybody_who_is_silent_is_missing() -> None:
     """Who feeds None was there all the time."""
-    listener, events = Listener(), list[Event]()
+    listener, events = CanMonitor(), list[MonitorEvent]()
     for at, frame in merged(beats(5, 1.0, 5), beats(6, 0.7, 5)):
         events += listener.feed(frame, at)
     while (due := listener.deadline) is not None:
         events += listener.feed(None, due)
     events += listener.feed(CanFrame.parse("705#05"), 30.0)
     assert of(Gap, events) == []
-    assert [one.node for one in events if isinstance(one, NodeEvent) and one.kind == "missing"] == [6, 5]
+    assert [one.node for one in events if isinstance(one, NodeReport) and one.kind == "missing"] == [6, 5]
 
 
 def test_a_transfer_is_a_witness_too() -> None:
@@ -237,7 +246,7 @@ def test_sync_counts_on_in_a_hole_and_only_there() -> None:
     jump = frames[:12] + [sync(at, frame.data[0] % 10 + 1) for at, frame in frames[12:]]
     assert [one.rule for one in heard(jump) if isinstance(one, Violation)] == ["SYNC-COUNTER"]
     assert of(Gap, heard(jump)) == []
-    summary = [one for one in heard(frames) if isinstance(one, Sync) and one.kind == "summary"]
+    summary = [one for one in heard(frames) if isinstance(one, SyncReport) and one.kind == "summary"]
     assert (summary[0].beats, round(summary[0].period or 0, 6)) == (20, 0.01)
 
 
@@ -257,7 +266,7 @@ def test_a_clock_that_goes_back() -> None:
     (gap,) = of(Gap, events)
     assert isinstance(gap, Gap)
     assert gap.evidence == "the clock goes back by 8.000 s"
-    assert all(one.kind != "missing" for one in events if isinstance(one, NodeEvent) and one.at <= 3.0)
+    assert all(one.kind != "missing" for one in events if isinstance(one, NodeReport) and one.at <= 3.0)
     mixed = heard([*beats(5, 1.0, 10), (9.9, CanFrame.parse("080#"))])
     assert of(Gap, mixed) == []
 
@@ -270,7 +279,7 @@ def test_a_polling_client_and_an_answer_that_was_not_recorded() -> None:
 
 
 def test_a_late_answer_is_told_as_one() -> None:
-    listener = Listener()
+    listener = CanMonitor()
     events = listener.feed(CanFrame.parse("605#4041600000000000"), 0.0)
     events += listener.feed(None, 3.0)
     events += listener.feed(CanFrame.parse("585#4B41600037060000"), 3.5)

@@ -13,26 +13,29 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.devices import load
-from barewire.explain.can_monitor import Listener, of_device
-from barewire.explain.can_monitor.events import Event, Gap, Loss, Transfer, Violation
+from barewire.explain.can_monitor import CanMonitor, of_device
+from barewire.explain.can_monitor.events import Gap, Loss, MonitorEvent, SdoTransferReport, Violation
 from tests.explain.can_monitor.can_run import DRIVE, recorded
 
 UNAVOIDABLE = {"PDO-NOT-OPERATIONAL", "GUARD-TOGGLE", "HEARTBEAT-TOGGLE", "SYNC-COUNTER"}
 
 
-def listen(frames: list[tuple[float, CanFrame]]) -> list[Event]:
-    listener, events = Listener([of_device(load("az3"), DRIVE)]), list[Event]()
+def listen(frames: list[tuple[float, CanFrame]]) -> list[MonitorEvent]:
+    listener, events = CanMonitor([of_device(load("az3"), DRIVE)]), list[MonitorEvent]()
     for at, frame in frames:
         events += listener.feed(frame, at)
     return events + listener.end(frames[-1][0])
 
 
-def carried(events: list[Event]) -> set[tuple[object, ...]]:
+def carried(events: list[MonitorEvent]) -> set[tuple[object, ...]]:
     """What was read and written, as far as it is told."""
     return {
         (one.node, one.index, one.sub, one.direction, one.data)
         for one in events
-        if isinstance(one, Transfer) and one.outcome == "done" and one.data is not None and one.index is not None
+        if isinstance(one, SdoTransferReport)
+        and one.outcome == "done"
+        and one.data is not None
+        and one.index is not None
     }
 
 

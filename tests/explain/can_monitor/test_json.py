@@ -11,9 +11,17 @@ import pytest
 
 from barewire.canopen import CanFrame, eds
 from barewire.devices import load
-from barewire.explain.can_monitor import Listener, as_dict, in_words, of_device, of_dictionary
-from barewire.explain.can_monitor.event_text import KINDS
-from barewire.explain.can_monitor.events import Command, Emcy, Gap, NodeEvent, Pdo, Transfer, Violation
+from barewire.explain.can_monitor import CanMonitor, event_as_dict, event_line, of_device, of_dictionary
+from barewire.explain.can_monitor.event_text import EVENT_KINDS
+from barewire.explain.can_monitor.events import (
+    EmcyReport,
+    Gap,
+    NmtCommandReport,
+    NodeReport,
+    PdoReport,
+    SdoTransferReport,
+    Violation,
+)
 from tests.explain.can_monitor.can_run import DRIVE, recorded
 
 PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
@@ -29,25 +37,26 @@ def documented() -> dict[str, tuple[list[str], list[str]]]:
 
 def test_the_page_has_the_keys_of_every_event() -> None:
     table = documented()
-    assert set(table) == set(KINDS.values())
+    assert set(table) == set(EVENT_KINDS.values())
     added = {"violation": ["clause"], "emcy": ["text", "errors"]}
-    for kind, name in KINDS.items():
+    for kind, name in EVENT_KINDS.items():
         names = [one.name for one in fields(kind)] if is_dataclass(kind) else list(kind._fields)  # type: ignore[attr-defined]
         assert table[name][0] == [*names, *added.get(name, [])], name
     for event in (
-        Violation(1.0, "SDO-MUX", 5, "x"), Emcy(1.0, 5, 0x1000, 1, b""), Command(1.0, 1, 5), Gap(1.0, None, None, "x"),
-        NodeEvent(1.0, 5, "heard", 5), NodeEvent(1.0, 5, "missing", None),
-        Transfer(1.0, 5, 0x605, "upload", "expedited", 0, 0, "aborted", None, None, 0, abort=0x0602_0000),
+        Violation(1.0, "SDO-MUX", 5, "x"), EmcyReport(1.0, 5, 0x1000, 1, b""),
+        NmtCommandReport(1.0, 1, 5), Gap(1.0, None, None, "x"),
+        NodeReport(1.0, 5, "heard", 5), NodeReport(1.0, 5, "missing", None),
+        SdoTransferReport(1.0, 5, 0x605, "upload", "expedited", 0, 0, "aborted", None, None, 0, abort=0x0602_0000),
     ):  # fmt: skip
-        told = as_dict(event)
+        told = event_as_dict(event)
         always, sometimes = table[told["event"]]
         assert {*always} <= set(told) <= {"event", *always, *sometimes}
 
 
 def test_a_whole_run_has_no_other_keys() -> None:
-    table, listener = documented(), Listener([of_device(load("az3"), DRIVE)])
+    table, listener = documented(), CanMonitor([of_device(load("az3"), DRIVE)])
     events = [event for at, frame in recorded() for event in listener.feed(frame, at)]
-    for told in map(as_dict, [*events, *listener.end(listener.now)]):
+    for told in map(event_as_dict, [*events, *listener.end(listener.now)]):
         always, sometimes = table[told["event"]]
         assert {"event", *always} <= set(told) <= {"event", *always, *sometimes}
 
@@ -103,9 +112,9 @@ DefaultValue=0x200000{bits:02X}
 )
 def test_a_value_of_any_type_is_json_and_words(code: int, data: str, value: object, text: str) -> None:
     document = eds.parse(FILE.format(code=code, bits=4 * len(data)).encode())
-    listener = Listener([of_dictionary(document.dictionary(5), 5)])
+    listener = CanMonitor([of_dictionary(document.dictionary(5), 5)])
     listener.feed(CanFrame.parse("705#05"), 0.0)
-    (event,) = (one for one in listener.feed(CanFrame.parse(f"185#{data}"), 1.0) if isinstance(one, Pdo))
-    told = json.loads(json.dumps(as_dict(event), allow_nan=False))
+    (event,) = (one for one in listener.feed(CanFrame.parse(f"185#{data}"), 1.0) if isinstance(one, PdoReport))
+    told = json.loads(json.dumps(event_as_dict(event), allow_nan=False))
     assert told["values"] == {"v": value}
-    assert in_words(event).endswith(f"v = {text}")
+    assert event_line(event).endswith(f"v = {text}")

@@ -9,36 +9,36 @@ import pytest
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.eds import parse
+from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
 from barewire.devices.description.export_eds import export
 from barewire.errors import EncodeError
-from barewire.explain.can_monitor import KnownNode, Listener, in_words, of_device, of_dictionary
+from barewire.explain.can_monitor import CanMonitor, KnownNode, event_line, of_device, of_dictionary
 from barewire.explain.can_monitor.events import (
-    BusError,
-    Command,
-    Emcy,
-    Event,
-    Foreign,
+    BusErrorReport,
+    EmcyReport,
+    ForeignFrameReport,
     Gap,
-    Lss,
-    Mapped,
-    NodeEvent,
-    Pdo,
+    LssReport,
+    MonitorEvent,
+    NmtCommandReport,
+    NodeReport,
+    PdoMappingReport,
+    PdoReport,
+    SdoTransferReport,
     Summary,
-    Sync,
-    Time,
-    Transfer,
+    SyncReport,
+    TimeReport,
     Violation,
 )
 from barewire.explain.canopen.frame import explain_can
-from barewire.explain.capture.model import AnyFrame
 from tests.explain.can_monitor.can_run import DRIVE, LONG, PLAIN, recorded
 
 
 def listen(
     frames: Sequence[tuple[float, AnyFrame | str]], known: Sequence[KnownNode] = (), end: float | None = None
-) -> list[Event]:
-    listener, events = Listener(known), list[Event]()
+) -> list[MonitorEvent]:
+    listener, events = CanMonitor(known), list[MonitorEvent]()
     for at, frame in frames:
         events += listener.feed(CanFrame.parse(frame) if isinstance(frame, str) else frame, at)
     return events + listener.end(frames[-1][0] if end is None else end)
@@ -56,7 +56,9 @@ def test_the_whole_run() -> None:
     """Every service once, with the values that were really carried."""
     events = listen(recorded(), [az3()])
     assert [event for event in events if isinstance(event, Gap | Violation)] == []
-    transfers = {(one.node, one.direction, one.manner, one.index): one for one in events if isinstance(one, Transfer)}
+    transfers = {
+        (one.node, one.direction, one.manner, one.index): one for one in events if isinstance(one, SdoTransferReport)
+    }
     assert transfers[DRIVE, "upload", "expedited", 0x6041].name == "STATUS WORD"
     assert transfers[PLAIN, "upload", "segmented", 0x1008].data == b"thermometer for tests"
     assert transfers[PLAIN, "download", "segmented", 0x2100].data == b"in segments, 26 bytes long"
@@ -73,14 +75,17 @@ def test_the_whole_run() -> None:
     )
     refused = transfers[PLAIN, "download", "expedited", 0x6001]
     assert (refused.outcome, refused.abort, refused.data) == ("aborted", 0x06090031, b"\x08\x07")
-    assert [one.text for one in events if isinstance(one, Time)] == ["2024-02-29 12:34:56.789"]
-    assert [(one.code, one.register) for one in events if isinstance(one, Emcy)][1:] == [(0x4210, 0x19), (0, 0x11)]
-    assert [(one.command, one.node) for one in events if isinstance(one, Command)] == [(1, 0)]
-    assert [one.text for one in events if isinstance(one, Lss)][-1].endswith(
+    assert [one.text for one in events if isinstance(one, TimeReport)] == ["2024-02-29 12:34:56.789"]
+    assert [(one.code, one.register) for one in events if isinstance(one, EmcyReport)][1:] == [
+        (0x4210, 0x19),
+        (0, 0x11),
+    ]
+    assert [(one.command, one.node) for one in events if isinstance(one, NmtCommandReport)] == [(1, 0)]
+    assert [one.text for one in events if isinstance(one, LssReport)][-1].endswith(
         "found 11223344-FFFFFFFF-00000000-80000001"
     )
-    assert any(one.guarded for one in events if isinstance(one, NodeEvent))
-    beats = [one for one in events if isinstance(one, Sync) and one.kind == "summary"]
+    assert any(one.guarded for one in events if isinstance(one, NodeReport))
+    beats = [one for one in events if isinstance(one, SyncReport) and one.kind == "summary"]
     assert [(one.beats, round(one.period or 0, 6)) for one in beats] == [(303, 0.01)]
     summary = events[-1]
     assert isinstance(summary, Summary)
@@ -90,7 +95,7 @@ def test_the_whole_run() -> None:
 def test_an_offset_in_time_changes_nothing_but_times() -> None:
     def said(begin: float) -> list[str]:
         events = listen([(begin + at, frame) for at, frame in recorded()[:300]])
-        return [re.sub(r"[0-9.]+ m?s", "", in_words(event).partition("  ")[2]) for event in events]
+        return [re.sub(r"[0-9.]+ m?s", "", event_line(event).partition("  ")[2]) for event in events]
 
     assert said(4096.0) == said(0.0)
 
@@ -100,7 +105,7 @@ def test_an_offset_in_time_changes_nothing_but_times() -> None:
 
 def test_process_data_by_name_and_only_what_is_new() -> None:
     frames = every("205#0F00A8610000", "205#0F00A8610000", "205#0F00589EFFFF", "185#R8")
-    told = [one for one in listen(frames, [az3()]) if isinstance(one, Pdo)]
+    told = [one for one in listen(frames, [az3()]) if isinstance(one, PdoReport)]
     assert [one.values for one in told[:3]] == [
         {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
         {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
@@ -119,7 +124,9 @@ def test_an_eds_names_the_same() -> None:
     document = parse(export(load("az3")).encode())
     known = of_dictionary(document.dictionary(DRIVE), DRIVE)
     frames = [(at, frame) for at, frame in recorded() if at < 2.5]
-    one, other = ([e for e in listen(frames, [k]) if isinstance(e, Pdo) and e.node == DRIVE] for k in (az3(), known))
+    one, other = (
+        [e for e in listen(frames, [k]) if isinstance(e, PdoReport) and e.node == DRIVE] for k in (az3(), known)
+    )
     assert len(one) > 40
     assert [event.values for event in one] == [event.values for event in other]
 
@@ -143,14 +150,14 @@ REMAP = [
 def test_a_mapping_that_is_changed_is_followed() -> None:
     lines = [*sdo_writes(*REMAP), "1A0#371601000000", "705#00", "185#3706000000000000"]
     events = listen(every(*lines, step=0.01), [az3()])
-    mapped = [one for one in events if isinstance(one, Mapped)]
+    mapped = [one for one in events if isinstance(one, PdoMappingReport)]
     assert [(one.name, one.cob_id, one.objects) for one in mapped] == [
         ("TPDO1", None, ()),
         ("TPDO1", 0x1A0, ("STATUS WORD", "POSITION ACTUAL VALUE")),
         ("TPDO1", 0x185, mapped[-1].objects),
     ]
     assert len(mapped[-1].objects) == 4
-    told = [one for one in events if isinstance(one, Pdo)]
+    told = [one for one in events if isinstance(one, PdoReport)]
     assert (told[0].node, told[0].name, told[0].values) == (
         *(DRIVE, "TPDO1"),
         {"STATUS WORD": 0x1637, "POSITION ACTUAL VALUE": 1},
@@ -161,7 +168,7 @@ def test_a_mapping_that_is_changed_is_followed() -> None:
 def test_a_mapping_that_was_stored_survives_a_boot() -> None:
     store = sdo_writes((0x1010, 1, "73617665"))
     events = listen(every(*sdo_writes(*REMAP), *store, "705#00", "1A0#371601000000", step=0.01), [az3()])
-    assert [one.values["POSITION ACTUAL VALUE"] for one in events if isinstance(one, Pdo)] == [1]
+    assert [one.values["POSITION ACTUAL VALUE"] for one in events if isinstance(one, PdoReport)] == [1]
 
 
 def test_a_mapping_of_a_node_that_nobody_described() -> None:
@@ -172,19 +179,19 @@ def test_a_mapping_of_a_node_that_nobody_described() -> None:
         size = len(bytes.fromhex(data))
         reads += [f"607#40{place}00000000", f"587#{0x4F - 4 * (size - 1):02X}{place}{data.ljust(8, '0')}"]
     for lines in (reads, sdo_writes(*[(0x1A00, 1, "08004160"), (0x1A00, 2, "10016060"), (0x1A00, 0, "02")], node=7)):
-        (told,) = [one for one in listen(every(*lines, "187#01FFFF")) if isinstance(one, Pdo)]
+        (told,) = [one for one in listen(every(*lines, "187#01FFFF")) if isinstance(one, PdoReport)]
         assert told.values == {"6041h:00": 1, "6060h:01": 0xFFFF}
 
 
 def test_a_further_sdo_channel_is_learned() -> None:
     lines = sdo_writes((0x1201, 1, "C0060000"), (0x1201, 2, "40060000"))
     events = listen(every(*lines, "6C0#4041600000000000", "640#4B41600037060000"))
-    last = [one for one in events if isinstance(one, Transfer)][-1]
+    last = [one for one in events if isinstance(one, SdoTransferReport)][-1]
     assert (last.node, last.channel, last.data) == (DRIVE, 0x6C0, b"\x37\x06")
 
 
 def test_process_data_explained_field_by_field() -> None:
-    listener = Listener([az3()])
+    listener = CanMonitor([az3()])
     said = explain_can(CanFrame.parse("205#0F00A8610000"), listener.pdos)
     assert [(field.name, field.length, field.value) for field in said.fields] == [
         *(("COB-ID", 0, 0x205), ("CONTROL WORD", 2, 15), ("TARGET VELOCITY", 4, 25000)),
@@ -222,19 +229,19 @@ def test_a_period_that_was_told_counts() -> None:
         (0.5, "705#05"),
         (0.6, "080#"),
     ]
-    listener, events = Listener(), list[Event]()
+    listener, events = CanMonitor(), list[MonitorEvent]()
     for at, line in lines:
         events += listener.feed(CanFrame.parse(line), at)
     assert listener.deadline == pytest.approx(1.1)
     (missing,) = listener.feed(None, 1.2)
-    assert isinstance(missing, NodeEvent)
+    assert isinstance(missing, NodeReport)
     assert missing.kind == "missing"
     assert (missing.at, missing.seconds) == pytest.approx((1.1, 0.6))
     assert listener.deadline is None
 
 
 def test_heartbeats_that_are_switched_off_are_not_missed() -> None:
-    listener = Listener()
+    listener = CanMonitor()
     for place in range(6):
         listener.feed(CanFrame.parse("705#05"), float(place))
     assert listener.deadline == pytest.approx(7.5)
@@ -245,7 +252,7 @@ def test_heartbeats_that_are_switched_off_are_not_missed() -> None:
 
 def test_a_node_that_reboots_by_itself() -> None:
     events = listen(every("705#05", "705#05", "705#00", "705#7F"))
-    told = [(one.kind, one.state, one.before) for one in events if isinstance(one, NodeEvent) and not one.repeated]
+    told = [(one.kind, one.state, one.before) for one in events if isinstance(one, NodeReport) and not one.repeated]
     assert told == [("heard", 5, None), ("boot-up", 0, 5), ("state", 0x7F, 0)]
 
 
@@ -263,10 +270,10 @@ def test_emergencies_and_foreign_frames() -> None:
         (0.8, ErrorFrame(0x04, b"\0\x10")),
     ]
     events = listen(frames)
-    (emergency,) = [one for one in events if isinstance(one, Emcy)]
+    (emergency,) = [one for one in events if isinstance(one, EmcyReport)]
     assert (emergency.code, emergency.info) == (0x8130, b"\x02\0\0\0\0")
-    assert [one.what for one in events if isinstance(one, Foreign)] == ["extended identifier", "CAN FD"]
-    assert [(one.text, one.repeated) for one in events if isinstance(one, BusError)] == [
+    assert [one.what for one in events if isinstance(one, ForeignFrameReport)] == ["extended identifier", "CAN FD"]
+    assert [(one.text, one.repeated) for one in events if isinstance(one, BusErrorReport)] == [
         *(("bus off", False), ("bus off", True), ("controller problem: error passive (receiving)", False)),
     ]
     summary = events[-1]
@@ -275,24 +282,26 @@ def test_emergencies_and_foreign_frames() -> None:
 
 
 def test_a_fastscan_that_finds_nobody_and_one_that_is_odd() -> None:
-    lss = [one.text for one in listen(every("7E5#5100000000800000", "7E5#4C00000000000000")) if isinstance(one, Lss)]
+    lss = [
+        one.text for one in listen(every("7E5#5100000000800000", "7E5#4C00000000000000")) if isinstance(one, LssReport)
+    ]
     assert lss[0].endswith("0 answers: nobody is there")
     assert lss[1] == "identify devices without a node-ID"
-    odd = [one.text for one in listen(every("7E5#5100000000200000")) if isinstance(one, Lss)]
+    odd = [one.text for one in listen(every("7E5#5100000000200000")) if isinstance(one, LssReport)]
     assert odd[0].startswith("fastscan, which nobody answers: ")
 
 
 def test_time_that_is_asked_for_and_waits() -> None:
     """The jitter of SYNC, and that it stays away."""
     frames = [(place * 0.01 + (0.001 if place % 2 else 0.0), "080#") for place in range(20)]
-    listener, events = Listener(), list[Event]()
+    listener, events = CanMonitor(), list[MonitorEvent]()
     for at, line in frames:
         events += listener.feed(CanFrame.parse(line), at)
     due = listener.deadline
     assert due is not None
     (missing,) = listener.feed(None, due)
-    assert isinstance(missing, Sync)
+    assert isinstance(missing, SyncReport)
     assert (missing.kind, round(missing.shortest or 0, 6), round(missing.longest or 0, 6)) == ("missing", 0.009, 0.011)
     (back,) = listener.feed(CanFrame.parse("080#"), 1.0)
-    assert isinstance(back, Sync)
+    assert isinstance(back, SyncReport)
     assert back.kind == "back"

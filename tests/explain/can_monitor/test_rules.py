@@ -10,8 +10,8 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.devices import load
-from barewire.explain.can_monitor import RULES, Listener, in_words, of_device
-from barewire.explain.can_monitor.events import Event, Violation
+from barewire.explain.can_monitor import BUS_RULES, CanMonitor, event_line, of_device
+from barewire.explain.can_monitor.events import MonitorEvent, Violation
 
 PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
 
@@ -107,20 +107,20 @@ CASES: dict[str, tuple[list[str], list[str]]] = {
 
 def broken(lines: list[str]) -> list[Violation]:
     known = [of_device(load("az3"), 5)]
-    listener = Listener([one._replace(commands=()) for one in known])
-    events: list[Event] = []
+    listener = CanMonitor([one._replace(commands=()) for one in known])
+    events: list[MonitorEvent] = []
     for place, line in enumerate(lines):
         events += listener.feed(CanFrame.parse(line), place / 10)
     events += listener.end(len(lines) / 10)
-    assert all(in_words(event).isprintable() for event in events)
+    assert all(event_line(event).isprintable() for event in events)
     return [event for event in events if isinstance(event, Violation) and not event.repeated]
 
 
 def test_every_rule_has_its_case_and_no_other() -> None:
-    assert CASES.keys() == RULES.keys()
+    assert CASES.keys() == BUS_RULES.keys()
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("rule", BUS_RULES)
 def test_it_is_found(rule: str) -> None:
     found = broken(CASES[rule][0])
     assert rule in [one.rule for one in found], found
@@ -129,13 +129,13 @@ def test_it_is_found(rule: str) -> None:
     assert shown.text
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("rule", BUS_RULES)
 def test_it_is_not_found_where_it_is_kept(rule: str) -> None:
     assert [one for one in broken(CASES[rule][1]) if one.rule == rule] == []
 
 
 def test_a_dialect_that_is_agreed_upon_breaks_no_rule() -> None:
-    listener = Listener([of_device(load("az3"), 5)])
+    listener = CanMonitor([of_device(load("az3"), 5)])
     told = listener.feed(CanFrame.parse("605#4B41600000000000"), 0.0)
     assert [event for event in told if isinstance(event, Violation)] == []
     told = listener.feed(CanFrame.parse("606#4B41600000000000"), 0.0)
@@ -148,7 +148,7 @@ def test_what_a_node_keeps_doing_is_told_once_and_counted() -> None:
     assert len(broken([PREOP, *[whole] * 20])) == 1
     assert [one.rule for one in broken(["185#0102"] * 20)] == ["PDO-TOO-SHORT"]
     assert len(broken(["6E5#01", "6E5#02", "6E6#01"])) == 2
-    listener = Listener()
+    listener = CanMonitor()
     for place in range(20):
         listener.feed(CanFrame.parse("6E5#01"), place / 10)
     assert listener.violations == {"ID-RESERVED": 20}
@@ -158,5 +158,5 @@ def test_the_page_lists_them_all() -> None:
     page = PAGE.read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([A-Z-]+)` \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
     assert [(rule, clause.strip(), text.strip()) for rule, clause, text in listed] == [
-        (rule, one.clause, one.text) for rule, one in RULES.items()
+        (rule, one.clause, one.text) for rule, one in BUS_RULES.items()
     ]

@@ -13,11 +13,12 @@ import can
 import pytest
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
-from barewire.explain.can_monitor import as_dict, in_words
-from barewire.explain.can_monitor.recording import CanKeeper, is_can_recording, read_recording, replay_can
+from barewire.canopen.frame import AnyFrame
+from barewire.explain.can_monitor import event_as_dict, event_line
+from barewire.explain.can_monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
 from barewire.explain.capture.asc import read_asc
 from barewire.explain.capture.candump import log_line
-from barewire.explain.capture.model import FD_LENGTHS, AnyFrame, Dropped, Item, Recorded, Unread
+from barewire.explain.capture.model import FD_LENGTHS, Dropped, Recorded, RecordedItem, Unread
 from barewire.explain.capture.socketcan import SOCKETCAN, to_packet
 from tests.explain.capture.test_blf import blf, classical, container
 from tests.explain.capture.test_can_text_forms import BEGAN, MIXED, frames, message
@@ -181,7 +182,7 @@ def test_a_time_that_is_none(stamp: str) -> None:
 
 def seeds() -> dict[str, bytes]:
     run = [*frames()[:60], *((BEGAN + 30 + place, frame) for place, frame in enumerate(MIXED))]
-    keeper = CanKeeper("a.pcapng")
+    keeper = CanRecordingWriter("a.pcapng")
     capture = keeper.start + b"".join(keeper.put(at, f"can{place % 3}", one) for place, (at, one) in enumerate(run))
     asc = ["base hex  timestamps absolute"]
     asc += [f"{at - BEGAN:9.6f} 1  {one.id:X} Rx d {one.dlc} {one.data.hex(' ')}" for at, one in frames()[:60]]
@@ -210,19 +211,19 @@ def damaged(data: bytes, dice: random.Random) -> bytes:
 @pytest.mark.parametrize("form", list(seeds()))
 def test_a_damaged_recording_is_read_as_far_as_it_goes(form: str) -> None:
     """Every item can be told in words, as JSON, and written down again; nothing raises, nothing runs on."""
-    dice, keeper = random.Random(form), CanKeeper("a.pcapng")
+    dice, keeper = random.Random(form), CanRecordingWriter("a.pcapng")
     whole, read = seeds()[form], 0
     for _ in range(150):
         data = damaged(whole, dice)
         if not is_can_recording(data):
             continue
-        items: Iterable[Item] = list(read_recording(data))
+        items: Iterable[RecordedItem] = list(read_recording(data))
         read += 1
         assert len(list(items)) <= len(data)
         for item in items:
             if isinstance(item, Recorded):
                 keeper.put(item.at, item.bus, item.frame)
         for _, event in replay_can(items):
-            assert "\n" not in in_words(event)
-            json.dumps(as_dict(event), allow_nan=False)
+            assert "\n" not in event_line(event)
+            json.dumps(event_as_dict(event), allow_nan=False)
     assert read > 75

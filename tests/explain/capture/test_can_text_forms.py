@@ -14,15 +14,16 @@ import can
 import pytest
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
 from barewire.errors import DecodeError
-from barewire.explain.can_monitor import as_dict, of_device
-from barewire.explain.can_monitor.recording import CanKeeper, is_can_recording, read_recording, replay_can
+from barewire.explain.can_monitor import event_as_dict, of_device
+from barewire.explain.can_monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
 from barewire.explain.capture.asc import read_asc
 from barewire.explain.capture.blf import read_blf
 from barewire.explain.capture.candump import log_line, parse_frame, read_candump
-from barewire.explain.capture.model import AnyFrame, Dropped, Item, Recorded, Unread
-from barewire.explain.capture.pcapng import Packet, header, interface, packet
+from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread
+from barewire.explain.capture.pcapng import Packet, file_header, interface_block, packet_block
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, to_packet
 from tests.explain.can_monitor.can_run import DRIVE, recorded
 from tests.helpers import refused, unhex
@@ -46,9 +47,9 @@ def frames() -> tuple[tuple[float, CanFrame], ...]:
     return tuple((BEGAN + round(at, 6), frame) for at, frame in recorded()[:1500])
 
 
-def events(items: Iterator[Item]) -> list[dict[str, Any]]:
+def events(items: Iterator[RecordedItem]) -> list[dict[str, Any]]:
     """What was heard, in seconds since the first frame."""
-    told = [as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
+    told = [event_as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
     first = told[0]["at"]
     for event in told:
         for key in ("at", "began", "since", "seconds", "period", "shortest", "longest"):
@@ -183,7 +184,7 @@ def test_the_same_in_every_text(form: Any) -> None:
 
 @pytest.mark.parametrize("name", ["bus.pcapng", "bus.log"])
 def test_the_same_in_what_we_write(name: str) -> None:
-    keeper = CanKeeper(name)
+    keeper = CanRecordingWriter(name)
     data = keeper.start + b"".join(keeper.put(at, "can0", frame) for at, frame in frames())
     assert is_can_recording(data)
     assert events(read_recording(data)) == expected()
@@ -239,13 +240,13 @@ def test_the_same_through_log2asc(options: list[str], tmp_path: Path) -> None:
 def test_every_kind_comes_back(frame: AnyFrame) -> None:
     assert parse_frame(log_line(1.5, "can0", frame).split()[-1]) == frame
     for name in ("a.pcapng", "a.log"):
-        keeper = CanKeeper(name)
+        keeper = CanRecordingWriter(name)
         (item,) = read_recording(keeper.start + keeper.put(1.5, "vcan7", frame))
         assert item == Recorded(1.5, "vcan7", frame, 1)
     for link, before in ((113, 14), (276, 0)):
         kind = b"\x00\x0d" if isinstance(frame, FdFrame) else b"\x00\x0c"
         head = bytes(before) + kind if link == 113 else kind + bytes(18)
-        data = header(link) + packet(1.5, head + to_packet(frame))
+        data = file_header(link) + packet_block(1.5, head + to_packet(frame))
         (item,) = read_recording(data)
         assert isinstance(item, Recorded)
         assert item.frame == frame
@@ -342,20 +343,20 @@ def test_what_the_recorder_lost_in_captures() -> None:
         size = struct.pack("<I", 12 + len(start) + len(option))
         return struct.pack("<I", 6) + size + start + option + size
 
-    data = header(None) + interface(SOCKETCAN, "can3") + with_drops(CanFrame.parse("705#05"), 9)
+    data = file_header(None) + interface_block(SOCKETCAN, "can3") + with_drops(CanFrame.parse("705#05"), 9)
     assert next(read_recording(data)) == Dropped(1.5, "can3", 9)
     overrun = "base hex  timestamps absolute\n 1.0 1  705  Rx d 1 05\n 1.5 CAN 1 Status: overrun\n"
     assert Dropped(1.0, "1", 0) in list(read_asc(overrun))
 
 
 def test_a_capture_that_is_cut_off_tells_all_before() -> None:
-    keeper = CanKeeper("a.pcapng")
+    keeper = CanRecordingWriter("a.pcapng")
     data = keeper.start + b"".join(keeper.put(place, "can0", CanFrame.parse("705#05")) for place in range(3))
     *good, bad = read_recording(data[:-5])
     assert len(good) == 2
     assert isinstance(bad, Unread)
     assert "cut off" in bad.why
-    (short,) = read_recording(header(SOCKETCAN) + packet(1.0, to_packet(CanFrame.parse("705#05"))[:-1]))
+    (short,) = read_recording(file_header(SOCKETCAN) + packet_block(1.0, to_packet(CanFrame.parse("705#05"))[:-1]))
     assert isinstance(short, Unread)
 
 
@@ -377,7 +378,9 @@ def test_a_blf_that_is_damaged(tmp_path: Path) -> None:
 def test_several_buses_do_not_mix() -> None:
     lines = ["(1.0) can0 605#4041600000000000", "(1.1) can1 585#4B41600037060000", "(1.2) can0 585#4B41600038060000"]
     told = list(replay_can(read_recording("\n".join(lines).encode())))
-    assert {(bus, as_dict(event).get("data")) for bus, event in told if as_dict(event)["event"] == "sdo"} == {
+    assert {
+        (bus, event_as_dict(event).get("data")) for bus, event in told if event_as_dict(event)["event"] == "sdo"
+    } == {
         ("can0", "3806"),
         ("can1", "3706"),
     }
@@ -391,7 +394,7 @@ def test_what_is_no_recording_of_can() -> None:
         b"",
         b"12.5 01 03 00 00 00 02 C4 0B",
         b"\xff\xfe",
-        header() + packet(1.0, bytes(60)),
+        file_header() + packet_block(1.0, bytes(60)),
         b"00000000: 0103",
     ):
         assert not is_can_recording(data)

@@ -11,10 +11,10 @@ from hypothesis import given, strategies as st
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import BarewireError, DecodeError
 from barewire.explain.capture.bytelog import STEP, Chunk, parse_log
-from barewire.explain.capture.modbus_packets import Packer, unpack
-from barewire.explain.capture.pcapng import Packet, header, is_capture, packet, read
-from barewire.explain.modbus.exchange_text import as_dict, in_words
-from barewire.explain.modbus.replay import replay
+from barewire.explain.capture.modbus_packets import PacketBuilder, modbus_payload
+from barewire.explain.capture.modbus_replay import replay
+from barewire.explain.capture.pcapng import Packet, file_header, is_capture, packet_block, read_packets
+from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
 from barewire.modbus.sniffer.sniffer import Answered, Asked, Disturbance, Half, Overheard, Unanswered
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
@@ -33,9 +33,9 @@ def names(told: list[Overheard]) -> list[str]:
 @modest
 @given(st.lists(st.tuples(st.integers(0, 2**50), st.binary(max_size=70)), max_size=5))
 def test_what_is_written_can_be_read(packets: list[tuple[int, bytes]]) -> None:
-    file = header() + b"".join(packet(micros / 1e6, data) for micros, data in packets)
+    file = file_header() + b"".join(packet_block(micros / 1e6, data) for micros, data in packets)
     assert is_capture(file)
-    assert [(round(one.at * 1e6), one.data) for one in read(file)] == packets
+    assert [(round(one.at * 1e6), one.data) for one in read_packets(file)] == packets
 
 
 def section(order: str, link: int, resolution: int, *packets: tuple[int, bytes]) -> bytes:
@@ -57,7 +57,7 @@ def section(order: str, link: int, resolution: int, *packets: tuple[int, bytes])
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_files_of_others(order: str) -> None:
     for resolution, ticks in ((9, 1_500_000_000), (0x80 | 10, 1536)):
-        found = read(section(order, 101, resolution, (ticks, b"xyz")))
+        found = read_packets(section(order, 101, resolution, (ticks, b"xyz")))
         assert found == [Packet(1.5, b"xyz", 101), Packet(0.0, b"abc", 101)]
 
 
@@ -67,28 +67,28 @@ def test_the_forerunner(order: str, magic: int, fraction: int) -> None:
     file = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 65535, 1)
     file += struct.pack(f"{order}4I", 7, fraction, 3, 3) + b"abc"
     assert is_capture(file)
-    assert read(file) == [Packet(7.5, b"abc", 1)]
+    assert read_packets(file) == [Packet(7.5, b"abc", 1)]
     for cut in (10, 30, len(file) - 1):
         with pytest.raises(DecodeError):
-            read(file[:cut])
+            read_packets(file[:cut])
 
 
 def test_what_is_cut_off_or_none_at_all() -> None:
-    file = header() + packet(1.0, b"abcdef")
-    for cut in range(len(header()) + 1, len(file)):
+    file = file_header() + packet_block(1.0, b"abcdef")
+    for cut in range(len(file_header()) + 1, len(file)):
         with refused(DecodeError, "is cut off or damaged"):
-            read(file[:cut])
+            read_packets(file[:cut])
     with refused(DecodeError, "neither a pcapng nor a pcap file"):
-        read(struct.pack("<III", 0xBAD, 12, 12))
+        read_packets(struct.pack("<III", 0xBAD, 12, 12))
     with refused(DecodeError, "without the number that tells the order"):
-        read(b"\x0a\x0d\x0d\x0a" + struct.pack("<II", 16, 99) + struct.pack("<I", 16))
-    assert read(b"") == []
+        read_packets(b"\x0a\x0d\x0d\x0a" + struct.pack("<II", 16, 99) + struct.pack("<I", 16))
+    assert read_packets(b"") == []
 
 
 @modest
 @given(st.binary(max_size=120), st.booleans())
 def test_any_bytes_are_a_capture_or_a_clear_error(data: bytes, begins: bool) -> None:
-    for kind in (header() + data if begins else data, b"\xd4\xc3\xb2\xa1" + data):
+    for kind in (file_header() + data if begins else data, b"\xd4\xc3\xb2\xa1" + data):
         try:
             list(replay(kind))
         except BarewireError:
@@ -100,48 +100,48 @@ def test_any_bytes_are_a_capture_or_a_clear_error(data: bytes, begins: bool) -> 
 
 @pytest.mark.parametrize("from_client", [True, False])
 def test_frames_in_packets(from_client: bool) -> None:
-    carried = unpack(Packet(1.0, Packer().rtu(b"frame", from_client=from_client)))
+    carried = modbus_payload(Packet(1.0, PacketBuilder().rtu(b"frame", from_client=from_client)))
     assert carried is not None
     assert (carried.protocol, carried.from_client, carried.data) == ("rtu", from_client, b"frame")
-    carried = unpack(Packet(1.0, Packer().tcp(b"frame", from_client=from_client)))
+    carried = modbus_payload(Packet(1.0, PacketBuilder().tcp(b"frame", from_client=from_client)))
     assert carried is not None
     assert (carried.protocol, carried.from_client, carried.data) == ("tcp", from_client, b"frame")
     assert carried.connection == (unhex("7F000001"), 50000, unhex("7F000002"), 502)
 
 
 def test_other_ways_to_carry_ip() -> None:
-    whole = Packer().tcp(b"frame", from_client=True)
+    whole = PacketBuilder().tcp(b"frame", from_client=True)
     ip = whole[14:]
     for link, before in ((101, b""), (0, bytes(4)), (113, bytes(16)), (276, bytes(20)), (1, whole[:12])):
         data = before + (unhex("8100 0005 0800") if link == 1 else b"") + ip
-        carried = unpack(Packet(1.0, data, link))
+        carried = modbus_payload(Packet(1.0, data, link))
         assert carried is not None
         assert carried.data == b"frame"
 
 
 def test_packets_that_carry_no_modbus() -> None:
-    whole = Packer().tcp(b"frame", from_client=True)
+    whole = PacketBuilder().tcp(b"frame", from_client=True)
     for data, link in (
         (whole, 147),  # a link type that nobody here knows
         (whole[:12] + b"\x86\xdd" + whole[14:], 1),  # IPv6
         (whole[:20], 1),
         (whole[:20] + b"\x20\x00" + whole[22:], 1),  # a fragment
         (whole[:23] + b"\x01" + whole[24:], 1),  # ICMP
-        (Packer(1502).tcp(b"frame", from_client=True), 1),
+        (PacketBuilder(1502).tcp(b"frame", from_client=True), 1),
         (whole[:54], 1),  # a segment without data
     ):
-        assert unpack(Packet(1.0, data, link)) is None
+        assert modbus_payload(Packet(1.0, data, link)) is None
 
 
 # Recordings --------------------------------------------------------------------------------------------------------
 
 
 def capture(*frames: tuple[float, bytes]) -> bytes:
-    return header() + b"".join(packet(at, data) for at, data in frames)
+    return file_header() + b"".join(packet_block(at, data) for at, data in frames)
 
 
 def test_a_capture_of_rtu() -> None:
-    packer = Packer()
+    packer = PacketBuilder()
     file = capture(
         (1.0, packer.rtu(rtu_frame(1, READ), from_client=True)),
         (1.1, packer.rtu(rtu_frame(1, VALUES), from_client=False)),
@@ -152,7 +152,7 @@ def test_a_capture_of_rtu() -> None:
 
 
 def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
-    packer = Packer()
+    packer = PacketBuilder()
     requests = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(4)]
     answers = [packer.tcp(tcp_frame(1, VALUES, number), from_client=False) for number in range(4)]
     order = [requests[0], answers[0], requests[2], requests[1], requests[1], answers[1], answers[2], b"", requests[3]]
@@ -167,7 +167,7 @@ def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
 
 
 def test_the_server_may_be_anywhere() -> None:
-    file = capture((1.0, Packer(1502).tcp(tcp_frame(1, READ, 1), from_client=True)))
+    file = capture((1.0, PacketBuilder(1502).tcp(tcp_frame(1, READ, 1), from_client=True)))
     assert list(replay(file)) == []
     assert names(list(replay(file, ports={1502}))) == ["Asked", "Unanswered"]
 
@@ -246,13 +246,13 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
 def test_a_line_for_each_exchange(log: list[str], said: list[str]) -> None:
     rows = [line.split() for line in log]
     text = "\n".join(f"{at} {rtu_frame(int(unit), unhex(pdu)).hex()}" for at, unit, pdu in rows)
-    lines = [in_words(event) for event in replay(text.encode())]
+    lines = [exchange_line(event) for event in replay(text.encode())]
     assert [line for line in lines if line is not None] == said
 
 
 def test_noise_in_words() -> None:
     (event,) = replay(b"1.0 FF 00 55")
-    assert in_words(event) == "1.030000  noise   FF 00 55 (3 bytes, then silence)"
+    assert exchange_line(event) == "1.030000  noise   FF 00 55 (3 bytes, then silence)"
 
 
 def test_events_for_programs() -> None:
@@ -260,7 +260,7 @@ def test_events_for_programs() -> None:
     log = "\n".join(f"{at} {rtu_frame(unit, unhex(pdu)).hex()}" for at, unit, pdu in said)
     told = list(replay(f"{log}\n9.5 FF 00".encode()))
     assert names(told) == ["Asked", "Answered", "Half", "Asked", "Disturbance"]
-    dicts = [json.loads(json.dumps(as_dict(event))) for event in told]
+    dicts = [json.loads(json.dumps(exchange_as_dict(event))) for event in told]
     assert [one["event"] for one in dicts] == ["request", "response", "half", "broadcast", "noise"]
     assert dicts[0]["fields"] == {"function_code": 3, "address": 0, "quantity": 1}
     assert (dicts[1]["exception"], dicts[1]["request_at"], dicts[1]["seconds"]) == (2, 1.0, 0.5)
@@ -273,8 +273,8 @@ def test_any_frame_has_words_and_a_dict(unit: int, pdu: bytes, answered: bool) -
     asked = Asked(unit, pdu, 1.0)
     events: list[Overheard] = [asked, Answered(unit, pdu, 2.0, to=asked if answered else None), Half(unit, pdu, 1.0)]
     for event in [*events, Unanswered(asked, 2.0)]:
-        in_words(event)
-        json.dumps(as_dict(event))
+        exchange_line(event)
+        json.dumps(exchange_as_dict(event))
     assert not isinstance(events[0], Disturbance)
 
 
@@ -296,10 +296,10 @@ def over_ipv6(frame: bytes, from_client: bool, *extensions: tuple[int, bytes], v
 
 
 def test_an_exchange_over_ipv6() -> None:
-    packer, data = Packer(), header()
+    packer, data = PacketBuilder(), file_header()
     for place, (pdu, from_client) in enumerate([(READ, True), (VALUES, False)]):
         packet_data = packer.tcp(tcp_frame(1, pdu, 7), from_client=from_client)
-        data += packet(1.0 + place / 10, over_ipv6(packet_data, from_client))
+        data += packet_block(1.0 + place / 10, over_ipv6(packet_data, from_client))
     asked, answered = replay(data)
     assert isinstance(answered, Answered)
     assert answered.to == asked
@@ -308,26 +308,26 @@ def test_an_exchange_over_ipv6() -> None:
 
 @pytest.mark.parametrize("extension", [(0, bytes(6)), (60, bytes(14)), (43, bytes(6)), (44, bytes(6))])
 def test_headers_of_ipv6_before_the_one_that_counts(extension: tuple[int, bytes]) -> None:
-    whole = over_ipv6(Packer().rtu(b"frame", from_client=False), False, extension, (0, bytes(6)))
-    carried = unpack(Packet(1.0, whole))
+    whole = over_ipv6(PacketBuilder().rtu(b"frame", from_client=False), False, extension, (0, bytes(6)))
+    carried = modbus_payload(Packet(1.0, whole))
     assert carried is not None
     assert (carried.protocol, carried.from_client, carried.data) == ("rtu", False, b"frame")
     assert carried.connection[0] == unhex("FE80" + "00" * 13 + "01")
     for link, before in ((101, 0), (0, 4), (113, 16), (276, 20)):
-        other = unpack(Packet(1.0, bytes(before) + whole[14:], link))
+        other = modbus_payload(Packet(1.0, bytes(before) + whole[14:], link))
         assert other is not None
         assert other.data == b"frame"
 
 
 def test_ipv6_that_is_passed_over() -> None:
-    whole = Packer().tcp(b"frame", from_client=True)
+    whole = PacketBuilder().tcp(b"frame", from_client=True)
     fragment = over_ipv6(whole, True, (44, unhex("0001 0000 0001")))
     for data in (fragment, over_ipv6(whole, True, version=4), over_ipv6(whole, True)[:50], over_ipv6(whole, True)[:20]):
-        assert unpack(Packet(1.0, data)) is None
-    assert unpack(Packet(1.0, over_ipv6(whole, True, (0, bytes(6)))[:58])) is None
+        assert modbus_payload(Packet(1.0, data)) is None
+    assert modbus_payload(Packet(1.0, over_ipv6(whole, True, (0, bytes(6)))[:58])) is None
 
 
 @modest
 @given(st.binary(max_size=90), st.sampled_from([0, 43, 44, 60, 6, 17]))
 def test_any_bytes_of_ipv6(data: bytes, kind: int) -> None:
-    unpack(Packet(0.0, bytes(12) + b"\x86\xdd\x60" + bytes(5) + bytes([kind]) + data))
+    modbus_payload(Packet(0.0, bytes(12) + b"\x86\xdd\x60" + bytes(5) + bytes([kind]) + data))

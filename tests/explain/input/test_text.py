@@ -9,7 +9,8 @@ import pytest
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain import explain_text
-from barewire.explain.input.text import parse_ascii, parse_can, parse_hex
+from barewire.explain.capture.can_text import parse_can
+from barewire.explain.input.text import parse_ascii, parse_hex
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Listening in on a CAN bus: SDO transfers put together, PDOs by name, states, and every broken rule by its own name.
 
-        frames, one by one --> Listener --+--> SdoListener (one a channel) --> block, segments, transfer
+        frames, one by one --> CanMonitor --+--> SdoListener (one a channel) --> block, segments, transfer
                                           +--> Nodes          states, heartbeats, guarding, NMT
                                           +--> PdoListener    what is mapped, and by whom
                                           +--> services       SYNC, TIME, EMCY, LSS
@@ -13,20 +13,20 @@ What is missing in a recording and what was lost on the bus are two things, and 
 I know: what each service means over time.  I never know: files, buses, clocks.
 """
 
-from barewire.explain.can_monitor.event_text import as_dict, in_words, kind, repeated
-from barewire.explain.can_monitor.listener import Listener
-from barewire.explain.can_monitor.node_model import KnownNode, of_device, of_dictionary
-from barewire.explain.can_monitor.rules import RULES, Rule
+from barewire.explain.can_monitor.event_text import event_as_dict, event_kind, event_line, is_repeated
+from barewire.explain.can_monitor.monitor import CanMonitor
+from barewire.explain.can_monitor.rules import BUS_RULES, BusRule
+from barewire.explain.canopen.known_node import KnownNode, of_device, of_dictionary
 
 __all__ = [
-    "Listener",
+    "CanMonitor",
     "KnownNode",
     "of_device",
     "of_dictionary",
-    "RULES",
-    "Rule",
-    "in_words",
-    "as_dict",
-    "kind",
-    "repeated",
+    "BUS_RULES",
+    "BusRule",
+    "event_line",
+    "event_as_dict",
+    "event_kind",
+    "is_repeated",
 ]

@@ -26,7 +26,7 @@ from barewire.canopen.sdo.messages.block import (
 from barewire.canopen.sdo.messages.initiate import ExpeditedDownload, InitiateDownload, InitiateUpload
 from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire.explain.can_monitor.events import Gap, Loss
-from barewire.explain.can_monitor.transfer import OpenTransfer, Side
+from barewire.explain.can_monitor.transfer import OpenTransfer, SdoSide
 
 PAUSE = 0.3
 """After so many seconds of silence, what looks like a new request is one, though a segment could look the same."""
@@ -37,11 +37,11 @@ Told = Gap | Loss | tuple[str, str]
 """An event, or a rule that was broken and how."""
 
 
-class BlockListener:
+class BlockTracker:
     """The segments of one transfer. A machine: `feed` says whether a frame was its own; `told` is what it noticed."""
 
     def __init__(
-        self, transfer: OpenTransfer, node: int, sender: Side, blksize: int | None, *, crc: bool | None
+        self, transfer: OpenTransfer, node: int, sender: SdoSide, blksize: int | None, *, crc: bool | None
     ) -> None:
         self.transfer = transfer
         self.node = node
@@ -65,7 +65,7 @@ class BlockListener:
         """The number of the segment that would come next."""
         return max(self._parts, default=0) + 1
 
-    def feed(self, speaker: Side, data: bytes, now: float) -> bool:
+    def feed(self, speaker: SdoSide, data: bytes, now: float) -> bool:
         """Whether the frame belongs to this transfer; when all is over, `state` says so."""
         if data[0] == LAST:
             return False  # 80h is an abort: there is no segment 0

@@ -10,42 +10,42 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from barewire.canopen.frame import CanFrame
-from barewire.explain.can_monitor.events import Event, Transfer
-from barewire.explain.can_monitor.pdos import PdoListener
-from barewire.explain.can_monitor.sdo import SdoListener
-from barewire.explain.can_monitor.transfer import Memory
+from barewire.explain.can_monitor.channel import SdoTracker
+from barewire.explain.can_monitor.events import MonitorEvent, SdoTransferReport
+from barewire.explain.can_monitor.pdos import PdoTracker
+from barewire.explain.can_monitor.transfer import HeldBytes
 
 CHANNELS_MAX = 512
 _OFF_OR_EXTENDED = 0xA000_0000
 
 
-class Channels:
+class SdoChannels:
     """The listeners of all channels, found by the identifier of a frame. A machine."""
 
     def __init__(
-        self, memory: Memory, patience: float, dialects: Mapping[int, tuple[int, ...]], pdos: PdoListener
+        self, memory: HeldBytes, patience: float, dialects: Mapping[int, tuple[int, ...]], pdos: PdoTracker
     ) -> None:
         self._memory = memory
         self._patience = patience
         self._dialects = dialects
         self._pdos = pdos
-        self._channels: dict[int, SdoListener] = {}  # by the COB-ID of the requests
-        self._ids: dict[int, tuple[SdoListener, bool]] = {}
+        self._channels: dict[int, SdoTracker] = {}  # by the COB-ID of the requests
+        self._ids: dict[int, tuple[SdoTracker, bool]] = {}
         self._half: dict[tuple[int, int], dict[int, int]] = {}  # further channels, of which one COB-ID was heard
 
-    def __iter__(self) -> Iterator[SdoListener]:
+    def __iter__(self) -> Iterator[SdoTracker]:
         return iter(self._channels.values())
 
-    def find(self, frame: CanFrame) -> tuple[SdoListener, bool] | None:
+    def find(self, frame: CanFrame) -> tuple[SdoTracker, bool] | None:
         """The channel of a frame, and whether the client says it."""
         return None if frame.extended else self._ids.get(frame.id)
 
-    def channel(self, node: int, request: int | None = None, answer: int | None = None) -> SdoListener | None:
+    def channel(self, node: int, request: int | None = None, answer: int | None = None) -> SdoTracker | None:
         """The default channel of a node, or another one. None if there are too many."""
         asks, answers = 0x600 + node if request is None else request, 0x580 + node if answer is None else answer
         if asks not in self._channels and len(self._channels) < CHANNELS_MAX:
             dialect = self._dialects.get(node, ())
-            self._channels[asks] = listener = SdoListener(node, asks, self._memory, self._patience, dialect)
+            self._channels[asks] = listener = SdoTracker(node, asks, self._memory, self._patience, dialect)
             self._ids[asks], self._ids[answers] = (listener, True), (listener, False)
         return self._channels.get(asks)
 
@@ -60,11 +60,11 @@ class Channels:
         """How many transfers are under way."""
         return sum(channel.open is not None for channel in self._channels.values())
 
-    def feed(self, channel: SdoListener, asks: bool, frame: CanFrame, now: float) -> list[Event]:
+    def feed(self, channel: SdoTracker, asks: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """A frame of a channel."""
         return self._named(channel.feed(asks, frame, now))
 
-    def pass_time(self, now: float) -> list[Event]:
+    def pass_time(self, now: float) -> list[MonitorEvent]:
         """Transfers that nobody goes on with."""
         return self._named(
             [event for one in self._channels.values() if one.open is not None for event in one.pass_time(now)]
@@ -75,7 +75,7 @@ class Channels:
         for channel in self._channels.values():
             channel.interrupt()
 
-    def end(self, now: float) -> list[Event]:
+    def end(self, now: float) -> list[MonitorEvent]:
         """The recording is over."""
         return self._named([event for channel in self._channels.values() for event in channel.end(now)])
 
@@ -88,11 +88,11 @@ class Channels:
         if len(half) == 2 and not any(word & _OFF_OR_EXTENDED for word in half.values()):
             self.channel(node, half[1] & 0x7FF, half[2] & 0x7FF)
 
-    def _named(self, events: list[Event]) -> list[Event]:
+    def _named(self, events: list[MonitorEvent]) -> list[MonitorEvent]:
         """Transfers with the name of their object, and their value in words."""
-        return [self._with_name(event) if isinstance(event, Transfer) else event for event in events]
+        return [self._with_name(event) if isinstance(event, SdoTransferReport) else event for event in events]
 
-    def _with_name(self, event: Transfer) -> Transfer:
+    def _with_name(self, event: SdoTransferReport) -> SdoTransferReport:
         known = self._pdos.object(event.node, event.index, event.sub)
         if known is None:
             return event

@@ -16,66 +16,66 @@ from barewire.canopen.emcy.message import error_text, register_names
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire.canopen.sdo.aborts import abort_text
 from barewire.explain.can_monitor.events import (
-    BusError,
-    Command,
-    Emcy,
-    Event,
-    Foreign,
+    BusErrorReport,
+    EmcyReport,
+    ForeignFrameReport,
     Gap,
     Loss,
-    Lss,
-    Mapped,
-    NodeEvent,
-    Pdo,
+    LssReport,
+    MonitorEvent,
+    NmtCommandReport,
+    NodeReport,
+    PdoMappingReport,
+    PdoReport,
+    SdoTransferReport,
     Summary,
-    Sync,
-    Time,
-    Transfer,
+    SyncReport,
+    TimeReport,
     Violation,
 )
 from barewire.explain.can_monitor.nodes import state_name
-from barewire.explain.can_monitor.rules import RULES
-from barewire.explain.can_monitor.transfer import named
+from barewire.explain.can_monitor.rules import BUS_RULES
+from barewire.explain.can_monitor.transfer import object_name
 from barewire.explain.capture.model import Unread
 from barewire.explain.result import counted
 
 BYTES_SHOWN = 16
 
-KINDS: dict[type, str] = {
-    Transfer: "sdo",
+EVENT_KINDS: dict[type, str] = {
+    SdoTransferReport: "sdo",
     Gap: "gap",
     Loss: "loss",
     Violation: "violation",
-    NodeEvent: "node",
-    Command: "nmt",
-    Emcy: "emcy",
-    Sync: "sync",
-    Time: "time",
-    Lss: "lss",
-    Pdo: "pdo",
-    Mapped: "mapping",
-    BusError: "bus-error",
-    Foreign: "foreign",
+    NodeReport: "node",
+    NmtCommandReport: "nmt",
+    EmcyReport: "emcy",
+    SyncReport: "sync",
+    TimeReport: "time",
+    LssReport: "lss",
+    PdoReport: "pdo",
+    PdoMappingReport: "mapping",
+    BusErrorReport: "bus-error",
+    ForeignFrameReport: "foreign",
     Unread: "unread",
     Summary: "summary",
 }
 """What an event is called: in JSON, and for choosing."""
 
 
-def kind(event: Event) -> str:
-    """Its name in `KINDS`."""
-    return KINDS[type(event)]
+def event_kind(event: MonitorEvent) -> str:
+    """Its name in `EVENT_KINDS`."""
+    return EVENT_KINDS[type(event)]
 
 
-def repeated(event: Event) -> bool:
+def is_repeated(event: MonitorEvent) -> bool:
     """Whether it says nothing new."""
     return bool(getattr(event, "repeated", False))
 
 
-def in_words(event: Event) -> str:
+def event_line(event: MonitorEvent) -> str:
     """The line for an event.
 
-    >>> in_words(Loss(1.5, 5, 1, "segment 3 did not arrive"))
+    >>> event_line(Loss(1.5, 5, 1, "segment 3 did not arrive"))
     '1.500000  node 5    LOSS        segment 3 did not arrive'
     """
     who, what, said = _parts(event)
@@ -86,10 +86,10 @@ def _who(node: int) -> str:
     return f"node {node}" if node else "all"
 
 
-def _parts(event: Event) -> tuple[str, str, str]:
+def _parts(event: MonitorEvent) -> tuple[str, str, str]:
     """Who, what, and the sentence."""
     match event:
-        case Transfer():
+        case SdoTransferReport():
             return _who(event.node), "SDO", _transfer(event)
         case Violation():
             return _who(event.node) if event.node else "", "VIOLATION", f"{event.rule}: {event.text} [{event.frame}]"
@@ -98,27 +98,27 @@ def _parts(event: Event) -> tuple[str, str, str]:
             return _who(event.node) if event.node else "", "GAP", f"not in the recording{frames}: {event.evidence}"
         case Loss():
             return _who(event.node), "LOSS", event.evidence
-        case NodeEvent():
+        case NodeReport():
             return _who(event.node), "guarding" if event.guarded else "heartbeat", _node(event)
-        case Command():
+        case NmtCommandReport():
             return _who(event.node), "NMT", NmtCommand(event.command).name.lower().replace("_", " ")
-        case Emcy():
+        case EmcyReport():
             return _who(event.node), "EMCY", _emergency(event)
-        case Sync():
+        case SyncReport():
             return "all", "SYNC", _sync(event)
-        case Time():
+        case TimeReport():
             return "all", "TIME", event.text
-        case Lss():
+        case LssReport():
             return "device" if event.answer else "all", "LSS", event.text
-        case Pdo():
+        case PdoReport():
             return _who(event.node) if event.node else "", event.name, _pdo(event)
-        case Mapped():
+        case PdoMappingReport():
             carries = ", ".join(event.objects) or "nothing that is known"
             where = "switched off" if event.cob_id is None else f"{event.cob_id:03X}h carries {carries} from now on"
             return _who(event.node), event.name, where
-        case BusError():
+        case BusErrorReport():
             return "", "BUS ERROR", event.text
-        case Foreign():
+        case ForeignFrameReport():
             return "", "FOREIGN", f"{event.what}: {event.frame}; further ones are counted"
         case Unread():
             return "", "UNREAD", f"line {event.line}: {event.why}: {event.text}"
@@ -129,8 +129,12 @@ def _parts(event: Event) -> tuple[str, str, str]:
             return "", "SUMMARY", f"{said}; broken: {broken}" if broken else said
 
 
-def _transfer(event: Transfer) -> str:
-    words = [event.direction if event.direction != "unknown" else "access", named(event.index, event.sub), event.name]
+def _transfer(event: SdoTransferReport) -> str:
+    words = [
+        event.direction if event.direction != "unknown" else "access",
+        object_name(event.index, event.sub),
+        event.name,
+    ]
     arrow = "<-" if event.direction == "download" else "->"
     value = event.text or ("" if event.data is None else digits(event.data))
     if event.data is None and event.count:
@@ -174,7 +178,7 @@ def digits(data: bytes) -> str:
     return shown
 
 
-def _node(event: NodeEvent) -> str:
+def _node(event: NodeReport) -> str:
     name = "unknown" if event.state is None else state_name(event.state)
     match event.kind:
         case "boot-up":
@@ -190,13 +194,13 @@ def _node(event: NodeEvent) -> str:
     return name
 
 
-def _emergency(event: Emcy) -> str:
+def _emergency(event: EmcyReport) -> str:
     register = ", ".join(register_names(event.register)) or "no error left"
     told = f"{event.code:04X}h {error_text(event.code)}; register {event.register:02X}h ({register})"
     return f"{told}; {event.info.hex(' ').upper()}"
 
 
-def _sync(event: Sync) -> str:
+def _sync(event: SyncReport) -> str:
     number = "" if event.counter is None else f"number {event.counter}"
     if event.period is None:
         return ", ".join(filter(None, (event.kind if event.kind != "beat" else "", number)))
@@ -207,28 +211,28 @@ def _sync(event: Sync) -> str:
     return ", ".join(filter(None, (kind, number, f"every {1e3 * event.period:.3f} ms")))
 
 
-def _pdo(event: Pdo) -> str:
+def _pdo(event: PdoReport) -> str:
     if event.requested:
         return "asked for by a remote frame"
     return ", ".join(event.texts) or (event.data.hex(" ").upper() or "no data")
 
 
-def as_dict(event: Event) -> dict[str, Any]:
+def event_as_dict(event: MonitorEvent) -> dict[str, Any]:
     """For programs: ready for `json.dumps`; bytes are hexadecimal, NaN is a text. `event` says what it is.
 
-    >>> as_dict(Command(1.0, 1, 5))
+    >>> event_as_dict(NmtCommandReport(1.0, 1, 5))
     {'event': 'nmt', 'at': 1.0, 'command': 1, 'node': 5}
     """
     names = [field.name for field in fields(event)] if is_dataclass(event) else list(event._fields)
-    told: dict[str, Any] = {"event": kind(event)}
+    told: dict[str, Any] = {"event": event_kind(event)}
     told |= {name: _plain(getattr(event, name)) for name in names}
-    if isinstance(event, Transfer) and event.abort is not None:
+    if isinstance(event, SdoTransferReport) and event.abort is not None:
         told["abort_text"] = abort_text(event.abort)
     elif isinstance(event, Violation):
-        told["clause"] = RULES[event.rule].clause
-    elif isinstance(event, Emcy):
+        told["clause"] = BUS_RULES[event.rule].clause
+    elif isinstance(event, EmcyReport):
         told |= {"text": error_text(event.code), "errors": list(register_names(event.register))}
-    elif isinstance(event, NodeEvent) and event.state is not None:
+    elif isinstance(event, NodeReport) and event.state is not None:
         told["state_name"] = state_name(event.state)
     return told
 

@@ -17,13 +17,13 @@ from typing import Literal, NamedTuple, TypeAlias
 from barewire.codecs import Value
 from barewire.explain.capture.model import Unread
 
-Direction = Literal["upload", "download", "unknown"]
-Manner = Literal["expedited", "segmented", "block", "unknown"]
-Outcome = Literal["done", "aborted", "unanswered", "left", "cut"]
+TransferDirection = Literal["upload", "download", "unknown"]
+TransferManner = Literal["expedited", "segmented", "block", "unknown"]
+TransferOutcome = Literal["done", "aborted", "unanswered", "left", "cut"]
 
 
 @dataclass(frozen=True, slots=True)
-class Transfer:
+class SdoTransferReport:
     """An SDO transfer that is over.
 
     `outcome`: done; aborted (`abort` the code, `by` whom); unanswered, the server said nothing more; left, the client
@@ -35,11 +35,11 @@ class Transfer:
     at: float
     node: int
     channel: int  # the COB-ID of the requests
-    direction: Direction
-    manner: Manner
+    direction: TransferDirection
+    manner: TransferManner
     index: int | None
     sub: int | None
-    outcome: Outcome
+    outcome: TransferOutcome
     began: float | None
     data: bytes | None
     count: int
@@ -86,16 +86,16 @@ class Violation(NamedTuple):
     repeated: bool = False
 
 
-NodeKind = Literal["heard", "boot-up", "state", "missing", "back", "beat"]
+NodeReportKind = Literal["heard", "boot-up", "state", "missing", "back", "beat"]
 
 
-class NodeEvent(NamedTuple):
+class NodeReport(NamedTuple):
     """Something about a node: `heard` for the first time, its `boot-up`, another `state`, `missing`, `back`; or the
     same as before (`beat`)."""
 
     at: float
     node: int
-    kind: NodeKind
+    kind: NodeReportKind
     state: int | None
     before: int | None = None
     seconds: float | None = None  # missing: since when; beat: since the last one
@@ -107,7 +107,7 @@ class NodeEvent(NamedTuple):
         return self.kind == "beat"
 
 
-class Command(NamedTuple):
+class NmtCommandReport(NamedTuple):
     """An NMT command; node 0 is all."""
 
     at: float
@@ -115,7 +115,7 @@ class Command(NamedTuple):
     node: int
 
 
-class Emcy(NamedTuple):
+class EmcyReport(NamedTuple):
     """An emergency, or with code 0 the end of one."""
 
     at: float
@@ -125,7 +125,7 @@ class Emcy(NamedTuple):
     info: bytes
 
 
-class Sync(NamedTuple):
+class SyncReport(NamedTuple):
     """SYNC: `first`, `missing`, `back`, one more (`beat`), and `summary` at the end: its period and its jitter."""
 
     at: float
@@ -142,7 +142,7 @@ class Sync(NamedTuple):
         return self.kind == "beat"
 
 
-class Time(NamedTuple):
+class TimeReport(NamedTuple):
     """TIME: what time it is, as milliseconds since 1984 and as text."""
 
     at: float
@@ -150,7 +150,7 @@ class Time(NamedTuple):
     text: str
 
 
-class Lss(NamedTuple):
+class LssReport(NamedTuple):
     """An LSS message; a whole fastscan is one. `answer`: from a device."""
 
     at: float
@@ -159,7 +159,7 @@ class Lss(NamedTuple):
     text: str
 
 
-class Pdo(NamedTuple):
+class PdoReport(NamedTuple):
     """Process data. Without a mapping `values` is empty; without an owner `node` is 0 and `name` the COB-ID."""
 
     at: float
@@ -172,7 +172,7 @@ class Pdo(NamedTuple):
     requested: bool = False  # a remote frame asks for it
 
 
-class Mapped(NamedTuple):
+class PdoMappingReport(NamedTuple):
     """Somebody changed or told what a PDO carries: from now on it is unpacked so. An empty `objects`: switched off."""
 
     at: float
@@ -182,7 +182,7 @@ class Mapped(NamedTuple):
     objects: tuple[str, ...]
 
 
-class BusError(NamedTuple):
+class BusErrorReport(NamedTuple):
     """The controller of the recorder reports about the bus."""
 
     at: float
@@ -191,7 +191,7 @@ class BusError(NamedTuple):
     repeated: bool
 
 
-class Foreign(NamedTuple):
+class ForeignFrameReport(NamedTuple):
     """The first frame of a kind that is not classical CANopen: CAN FD, or an extended identifier."""
 
     at: float
@@ -209,7 +209,21 @@ class Summary(NamedTuple):
     violations: Mapping[str, int]
 
 
-Event: TypeAlias = (
-    Transfer | Gap | Loss | Violation | NodeEvent | Command | Emcy | Sync | Time | Lss | Pdo | Mapped | BusError
-    | Foreign | Unread | Summary
-)  # fmt: skip
+MonitorEvent: TypeAlias = (
+    SdoTransferReport
+    | PdoReport
+    | PdoMappingReport
+    | NodeReport
+    | NmtCommandReport
+    | EmcyReport
+    | SyncReport
+    | TimeReport
+    | LssReport
+    | BusErrorReport
+    | ForeignFrameReport
+    | Violation
+    | Gap
+    | Loss
+    | Unread
+    | Summary
+)

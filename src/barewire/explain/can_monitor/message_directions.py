@@ -23,14 +23,14 @@ from barewire.canopen.sdo.messages.initiate import (
     UploadInitiated,
 )
 from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
-from barewire.explain.can_monitor.events import Direction, Manner
+from barewire.explain.can_monitor.events import TransferDirection, TransferManner
 
-Request = InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload
+InitiateRequest = InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload
 
-Answer = ExpeditedUpload | UploadInitiated | DownloadInitiated | BlockUploadInitiated | BlockDownloadInitiated
+InitiateAnswer = ExpeditedUpload | UploadInitiated | DownloadInitiated | BlockUploadInitiated | BlockDownloadInitiated
 
 _UPLOADED = (ExpeditedUpload, UploadInitiated)
-BEGINS: dict[type, tuple[Direction, Manner, tuple[type, ...]]] = {
+BEGINS: dict[type, tuple[TransferDirection, TransferManner, tuple[type, ...]]] = {
     InitiateUpload: ("upload", "expedited", _UPLOADED),
     ExpeditedDownload: ("download", "expedited", (DownloadInitiated,)),
     InitiateDownload: ("download", "segmented", (DownloadInitiated,)),

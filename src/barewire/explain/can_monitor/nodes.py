@@ -14,7 +14,7 @@ from statistics import median
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import LEADS_TO, NmtCommand, NmtState
-from barewire.explain.can_monitor.events import Command, Event, NodeEvent, Violation
+from barewire.explain.can_monitor.events import MonitorEvent, NmtCommandReport, NodeReport, Violation
 
 LEARNED, TOLD = 2.5, 2.0
 """After so many periods of silence a node is missing."""
@@ -34,7 +34,7 @@ def state_name(state: int) -> str:
     return NodeState(0, state).name if state else "boot-up"
 
 
-class Node:
+class ObservedNode:
     """What is known of one node."""
 
     __slots__ = (
@@ -85,29 +85,29 @@ class Node:
         self.deadline = None if beat is None or self.last is None or self.missing else self.last + beat[1]
 
 
-class Nodes:
+class NodeTracker:
     """All nodes: at most 127. A machine for error control and NMT."""
 
     def __init__(self) -> None:
-        self.nodes: dict[int, Node] = {}
+        self.nodes: dict[int, ObservedNode] = {}
 
     @property
     def deadline(self) -> float | None:
         """When the next one is missing."""
         return min((due for node in self.nodes.values() if (due := node.deadline) is not None), default=None)
 
-    def _node(self, number: int) -> Node:
-        return self.nodes.setdefault(number, Node())
+    def _node(self, number: int) -> ObservedNode:
+        return self.nodes.setdefault(number, ObservedNode())
 
-    def pass_time(self, now: float) -> list[Event]:
+    def pass_time(self, now: float) -> list[MonitorEvent]:
         """Who is missing by now."""
-        events: list[Event] = []
+        events: list[MonitorEvent] = []
         for number, node in self.nodes.items():
             due = node.deadline
             if due is not None and now >= due and node.last is not None:
                 node.missing = True
                 node.settle()
-                events.append(NodeEvent(due, number, "missing", node.state, seconds=due - node.last))
+                events.append(NodeReport(due, number, "missing", node.state, seconds=due - node.last))
         return events
 
     def overdue(self, now: float) -> int:
@@ -130,7 +130,7 @@ class Nodes:
 
     # Commands
 
-    def command(self, frame: CanFrame, now: float) -> list[Event]:
+    def command(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """An NMT command."""
         data = frame.data
         if len(data) != 2:
@@ -143,7 +143,7 @@ class Nodes:
             node = self._node(number)
             node.commanded, node.commanded_at = NmtCommand(data[0]), now
             node.said.clear()
-        return [Command(now, data[0], data[1])]
+        return [NmtCommandReport(now, data[0], data[1])]
 
     # States
 
@@ -157,7 +157,7 @@ class Nodes:
             return int(after) if after and now - node.commanded_at > GRACE else None
         return None if node.missing else node.state
 
-    def allowed(self, number: int, what: str, is_its_own: bool, frame: CanFrame, now: float) -> list[Event]:
+    def allowed(self, number: int, what: str, is_its_own: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """Whether the node may say this in its state; told once in each."""
         state = self.state(number, now) if is_its_own else None
         rule = ""
@@ -177,9 +177,9 @@ class Nodes:
         node.guarded = True
         node.pending += 1
 
-    def hear(self, number: int, frame: CanFrame, now: float) -> list[Event]:
+    def hear(self, number: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """A boot-up message, a heartbeat, or the answer to node guarding."""
-        events: list[Event] = []
+        events: list[MonitorEvent] = []
         node, data = self._node(number), frame.data
         if len(data) != 1:
             events.append(Violation(now, "HEARTBEAT-LENGTH", number, f"{len(data)} bytes", str(frame)))
@@ -206,27 +206,27 @@ class Nodes:
         if node.missing:
             node.missing = False
             node.intervals.clear()
-            events.append(NodeEvent(now, number, "back", state, before, since, answers))
+            events.append(NodeReport(now, number, "back", state, before, since, answers))
         elif before is None:
-            events.append(NodeEvent(now, number, "heard", state, None, None, answers))
+            events.append(NodeReport(now, number, "heard", state, None, None, answers))
         elif state != before:
             node.said -= {"STOPPED-TALKS", "PDO-NOT-OPERATIONAL"}
-            events.append(NodeEvent(now, number, "state", state, before, since, answers))
+            events.append(NodeReport(now, number, "state", state, before, since, answers))
         else:
             if since is not None and before != NmtState.INITIALISING:
                 node.intervals = [*node.intervals[1 - INTERVALS :], since]
-            events.append(NodeEvent(now, number, "beat", state, before, since, answers))
+            events.append(NodeReport(now, number, "beat", state, before, since, answers))
         node.settle()
         return events
 
-    def _boot(self, number: int, node: Node, now: float) -> NodeEvent:
+    def _boot(self, number: int, node: ObservedNode, now: float) -> NodeReport:
         before = node.state
-        fresh = Node()
+        fresh = ObservedNode()
         fresh.state, fresh.last, fresh.guarded, fresh.toggle = 0, now, node.guarded, False
         self.nodes[number] = fresh
-        return NodeEvent(now, number, "boot-up", 0, before)
+        return NodeReport(now, number, "boot-up", 0, before)
 
-    def _obeyed(self, number: int, node: Node, state: int, now: float, frame: CanFrame) -> list[Event]:
+    def _obeyed(self, number: int, node: ObservedNode, state: int, now: float, frame: CanFrame) -> list[MonitorEvent]:
         """Whether the node is where it was told to go; the first state that it tells in good time decides."""
         if node.commanded is None:
             return []

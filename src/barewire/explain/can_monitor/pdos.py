@@ -18,15 +18,15 @@ from barewire.codecs import Value
 from barewire.devices.parameter import show
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain.can_monitor import events
-from barewire.explain.can_monitor.events import Event, Violation
-from barewire.explain.can_monitor.node_model import Known, KnownNode
+from barewire.explain.can_monitor.events import MonitorEvent, Violation
+from barewire.explain.canopen.known_node import KnownNode, KnownObject
 
 RECORDS_MAX = 1024
 """So many PDOs are followed; changes of further ones are not."""
 SHOWN_MAX = 512
 """So many PDOs' last data are remembered, to know what is new."""
 
-Key = tuple[int, bool]
+FrameKey = tuple[int, bool]
 _BASES: tuple[tuple[int, int, Direction], ...] = ((0x1400, 0x1600, "RPDO"), (0x1800, 0x1A00, "TPDO"))
 
 
@@ -38,7 +38,7 @@ class _Record:
         self.direction = direction
         self.number = number
         self.factory = factory
-        self.key: Key | None = None
+        self.key: FrameKey | None = None
         self.words: dict[int, int] = {}
         self.count: int | None = None
         self.mapping: PdoMapping | None = None
@@ -64,7 +64,7 @@ class _Record:
                 False,
             )
 
-    def plan(self, objects: dict[tuple[int, int], Known]) -> None:
+    def plan(self, objects: dict[tuple[int, int], KnownObject]) -> None:
         """Make the mapping of its entries. Types that do not fit their bits are left out: bits stay bits."""
         self.mapping = None
         if self.count is None or not all(place in self.words for place in range(1, self.count + 1)):
@@ -83,14 +83,14 @@ class _Record:
                 continue
 
 
-class PdoListener:
+class PdoTracker:
     """The PDOs of all nodes, as far as they are known."""
 
     def __init__(self, known: tuple[KnownNode, ...] = ()) -> None:
-        self._objects: dict[int, dict[tuple[int, int], Known]] = {one.node: dict(one.objects) for one in known}
+        self._objects: dict[int, dict[tuple[int, int], KnownObject]] = {one.node: dict(one.objects) for one in known}
         self._records: dict[tuple[int, Direction, int], _Record] = {}
-        self._by_key: dict[Key, _Record] = {}
-        self._last: dict[Key, bytes] = {}
+        self._by_key: dict[FrameKey, _Record] = {}
+        self._last: dict[FrameKey, bytes] = {}
         self._stored: set[int] = set()
         for one in known:
             for pdo in one.pdos:
@@ -122,16 +122,16 @@ class PdoListener:
             return None
         return found[1], found[0].name, None
 
-    def object(self, node: int, index: int | None, sub: int | None) -> Known | None:
+    def object(self, node: int, index: int | None, sub: int | None) -> KnownObject | None:
         """An object of a node that somebody described."""
         return None if index is None or sub is None else self._objects.get(node, {}).get((index, sub))
 
-    def hear(self, frame: CanFrame, now: float) -> list[Event]:
+    def hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """Process data, or what a free identifier carries."""
         node, name, mapping = self.owner(frame) or (0, f"{frame.id:03X}h", None)
         if frame.remote:
-            return [events.Pdo(now, node, name, b"", {}, (), False, requested=True)]
-        found: list[Event] = []
+            return [events.PdoReport(now, node, name, b"", {}, (), False, requested=True)]
+        found: list[MonitorEvent] = []
         data = frame.data
         values: dict[str, Value] = {}
         texts: tuple[str, ...] = ()
@@ -147,7 +147,7 @@ class PdoListener:
         repeated = self._last.get(frame.key) == data
         if frame.key in self._last or len(self._last) < SHOWN_MAX:
             self._last[frame.key] = data
-        found.append(events.Pdo(now, node, name, data, values, texts, repeated))
+        found.append(events.PdoReport(now, node, name, data, values, texts, repeated))
         return found
 
     def read(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
@@ -171,7 +171,7 @@ class PdoListener:
 
     # What is written and read teaches
 
-    def learn(self, node: int, index: int, sub: int, data: bytes, now: float) -> list[Event]:
+    def learn(self, node: int, index: int, sub: int, data: bytes, now: float) -> list[MonitorEvent]:
         """An object of the node has this value."""
         if index == 0x1010 and sub:
             self._stored.add(node)
@@ -184,7 +184,7 @@ class PdoListener:
                         return self._changed(record, is_map, sub, number, now)
         return []
 
-    def _changed(self, record: _Record, is_map: bool, sub: int, number: int, now: float) -> list[Event]:
+    def _changed(self, record: _Record, is_map: bool, sub: int, number: int, now: float) -> list[MonitorEvent]:
         before = record.key, _words(record)
         if not is_map and sub == 1:
             entry = CobEntry.unpack(number)
@@ -204,14 +204,16 @@ class PdoListener:
             return []  # nothing new; or it is switched off, and what it will carry is told when it is on again
         return [self._told(record, now)]
 
-    def _told(self, record: _Record, now: float) -> Event:
+    def _told(self, record: _Record, now: float) -> MonitorEvent:
         names = () if record.mapping is None or record.key is None else record.mapping.entries
         texts = tuple(entry.name for entry in names)
-        return events.Mapped(now, record.node, record.name, None if record.key is None else record.key[0], texts)
+        return events.PdoMappingReport(
+            now, record.node, record.name, None if record.key is None else record.key[0], texts
+        )
 
-    def reset(self, node: int, now: float) -> list[Event]:
+    def reset(self, node: int, now: float) -> list[MonitorEvent]:
         """The node has booted: the factory setting again, unless another was stored."""
-        found: list[Event] = []
+        found: list[MonitorEvent] = []
         if node in self._stored:
             return found
         for record in self._records.values():

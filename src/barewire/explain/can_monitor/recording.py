@@ -10,16 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
-from barewire.explain.can_monitor.events import Event
-from barewire.explain.can_monitor.listener import Listener
-from barewire.explain.can_monitor.node_model import KnownNode
+from barewire.explain.can_monitor.events import MonitorEvent
+from barewire.explain.can_monitor.monitor import CanMonitor
+from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture import pcapng
 from barewire.explain.capture.asc import is_asc, read_asc
 from barewire.explain.capture.blf import FILE, read_blf
 from barewire.explain.capture.candump import is_candump, log_line, read_candump
-from barewire.explain.capture.model import AnyFrame, Dropped, Item, Recorded, Unread, unread
-from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, is_can, to_packet
+from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread, unread
+from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
 
 BUSES_MAX = 64
 _LOOKED_AT = 0x1_0000
@@ -36,7 +37,7 @@ def is_can_recording(data: bytes) -> bool:
         return True
     if pcapng.is_capture(data):
         try:
-            return any(is_can(packet) for packet in pcapng.packets(data))
+            return any(is_can_packet(packet) for packet in pcapng.iter_packets(data))
         except DecodeError:
             return False
     text = _text(data[:_LOOKED_AT])
@@ -51,7 +52,7 @@ def _text(data: bytes) -> str:
         return data.decode("cp1252", "replace")
 
 
-def read_recording(data: bytes) -> Iterator[Item]:
+def read_recording(data: bytes) -> Iterator[RecordedItem]:
     """Frames, and what could not be read, in the order of the file. DecodeError for what is no recording of CAN.
 
     >>> [str(item.frame) for item in read_recording(b"(1.5) can0 705#05")]
@@ -69,8 +70,8 @@ def read_recording(data: bytes) -> Iterator[Item]:
     raise DecodeError("value", data[:16], 0, "no recording of CAN: expected candump, ASC, BLF, pcapng or pcap")
 
 
-def _read_capture(data: bytes) -> Iterator[Item]:
-    packets = pcapng.packets(data)
+def _read_capture(data: bytes) -> Iterator[RecordedItem]:
+    packets = pcapng.iter_packets(data)
     at, number = 0.0, 0
     while True:
         number += 1
@@ -81,7 +82,7 @@ def _read_capture(data: bytes) -> Iterator[Item]:
         except DecodeError as error:
             yield unread(at, number, error, "")
             return
-        if not is_can(packet):
+        if not is_can_packet(packet):
             continue
         at = packet.at
         if packet.dropped:
@@ -92,15 +93,15 @@ def _read_capture(data: bytes) -> Iterator[Item]:
             yield unread(at, number, error, packet.data.hex(" "))
 
 
-class Heard:
+class BusMonitors:
     """All buses of a recording, each with its listener. `feed` an item, then `end`."""
 
     def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None) -> None:
         self._known = tuple(known)
         self._only = bus
-        self.listeners: dict[str, Listener] = {}
+        self.listeners: dict[str, CanMonitor] = {}
 
-    def feed(self, item: Item) -> Iterator[tuple[str, Event]]:
+    def feed(self, item: RecordedItem) -> Iterator[tuple[str, MonitorEvent]]:
         """The events of an item, with the bus that they are of."""
         if isinstance(item, Unread):
             yield "", item
@@ -114,13 +115,13 @@ class Heard:
         for event in listener.feed(item if isinstance(item, Dropped) else item.frame, item.at):
             yield item.bus, event
 
-    def listener(self, bus: str) -> Listener | None:
+    def listener(self, bus: str) -> CanMonitor | None:
         """The listener of a bus; None if there are too many of them."""
         if bus not in self.listeners and len(self.listeners) < BUSES_MAX:
-            self.listeners[bus] = Listener(self._known)
+            self.listeners[bus] = CanMonitor(self._known)
         return self.listeners.get(bus)
 
-    def end(self) -> Iterator[tuple[str, Event]]:
+    def end(self) -> Iterator[tuple[str, MonitorEvent]]:
         """The last events of each bus."""
         for bus, listener in self.listeners.items():
             for event in listener.end(listener.now):
@@ -128,23 +129,23 @@ class Heard:
 
 
 def replay_can(
-    items: Iterable[Item], known: Iterable[KnownNode] = (), bus: str | None = None
-) -> Iterator[tuple[str, Event]]:
+    items: Iterable[RecordedItem], known: Iterable[KnownNode] = (), bus: str | None = None
+) -> Iterator[tuple[str, MonitorEvent]]:
     """What a recording says, bus by bus, in the order in which it was said.
 
     >>> next(replay_can(read_recording(b"(1.5) can0 705#00")))[1].kind
     'boot-up'
     """
-    heard = Heard(known, bus)
+    heard = BusMonitors(known, bus)
     for item in items:
         yield from heard.feed(item)
     yield from heard.end()
 
 
-class CanKeeper:
+class CanRecordingWriter:
     """A recording that grows: bytes to write for each frame, in the form that a file's name asks for.
 
-    >>> keeper = CanKeeper("bus.log")
+    >>> keeper = CanRecordingWriter("bus.log")
     >>> [keeper.put(item.at, item.bus, item.frame) for item in read_recording(b"(1.5) can0 705#05")]
     [b'(0000000001.500000) can0 705#05\\n']
     """
@@ -152,7 +153,7 @@ class CanKeeper:
     def __init__(self, name: str) -> None:
         self._capture = not name.lower().endswith((".log", ".txt", ".candump"))
         self._buses: dict[str, int] = {}
-        self.start = pcapng.header(None) if self._capture else b""
+        self.start = pcapng.file_header(None) if self._capture else b""
 
     def put(self, at: float, bus: str, frame: AnyFrame) -> bytes:
         """The bytes of one more frame."""
@@ -162,5 +163,5 @@ class CanKeeper:
         data = b""
         if name not in self._buses:
             self._buses[name] = len(self._buses)
-            data = pcapng.interface(SOCKETCAN, name)
-        return data + pcapng.packet(at, to_packet(frame), self._buses[name])
+            data = pcapng.interface_block(SOCKETCAN, name)
+        return data + pcapng.packet_block(at, to_packet(frame), self._buses[name])

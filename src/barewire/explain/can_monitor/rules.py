@@ -9,49 +9,53 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Rule(NamedTuple):
+class BusRule(NamedTuple):
     """One rule: where it stands, and what it says."""
 
     clause: str
     text: str
 
 
-RULES: dict[str, Rule] = {
-    "SDO-LENGTH": Rule("CiA 301, SDO", "an SDO message has 8 bytes"),
-    "SDO-COMMAND": Rule("CiA 301, SDO", "the command byte is one of the standard; an abort is exactly 80h"),
-    "SDO-RESERVED": Rule("CiA 301, SDO", "reserved bits of the command byte are 0"),
-    "SDO-WRONG-SCS": Rule("CiA 301, SDO", "the answer is of the kind that the request asks for"),
-    "SDO-MUX": Rule("CiA 301, SDO", "the answer is about the object that was asked for"),
-    "SDO-OVERLAP": Rule("CiA 301, SDO", "one transfer at a time on a channel: no new request before the answer"),
-    "SDO-UNASKED": Rule("CiA 301, SDO", "segments are asked for or sent only within a transfer"),
-    "SDO-TOGGLE": Rule("CiA 301, SDO segments", "the toggle bit begins with 0, alternates, and the answer repeats it"),
-    "SDO-SIZE": Rule("CiA 301, SDO", "as many bytes travel as were announced"),
-    "SDO-ABORT-CODE": Rule("CiA 301, SDO abort codes", "an abort has one of the codes of the standard"),
-    "SDO-BLOCK-SIZE": Rule("CiA 301, SDO block", "a block has 1 to 127 segments"),
-    "SDO-BLOCK-SEQNO": Rule("CiA 301, SDO block", "segments are numbered from 1 up to the size of the block"),
-    "SDO-BLOCK-ACK": Rule("CiA 301, SDO block", "no segment is acknowledged that was not sent"),
-    "SDO-BLOCK-CRC": Rule("CiA 301, SDO block", "the CRC is that of the bytes, if both sides calculate one"),
-    "SDO-BLOCK-SWITCH": Rule("CiA 301, SDO block", "with the protocol switch 0 the answer is a block upload"),
-    "NMT-LENGTH": Rule("CiA 301, NMT", "an NMT command has 2 bytes"),
-    "NMT-COMMAND": Rule("CiA 301, NMT", "the command is 01, 02, 80, 81 or 82"),
-    "NMT-NODE": Rule("CiA 301, NMT", "a command is for a node 1 to 127, or for all with 0"),
-    "NMT-NOT-OBEYED": Rule("CiA 301, NMT", "a node goes to the state that it is told to"),
-    "STOPPED-TALKS": Rule("CiA 301, NMT states", "a stopped node has no SDO, PDO, EMCY"),
-    "PDO-NOT-OPERATIONAL": Rule("CiA 301, NMT states", "a node sends PDOs in the state operational only"),
-    "HEARTBEAT-LENGTH": Rule("CiA 301, heartbeat", "error control has 1 byte"),
-    "HEARTBEAT-STATE": Rule("CiA 301, heartbeat", "the state is 00, 04, 05 or 7F"),
-    "HEARTBEAT-TOGGLE": Rule("CiA 301, heartbeat", "bit 7 of a heartbeat is 0; only an answer to guarding toggles it"),
-    "GUARD-TOGGLE": Rule("CiA 301, node guarding", "the toggle bit is 0 first after a boot, then alternates"),
-    "EMCY-LENGTH": Rule("CiA 301, EMCY", "an emergency has 8 bytes"),
-    "SYNC-LENGTH": Rule("CiA 301, SYNC", "SYNC has no data, or a counter of 1 byte, and stays with it"),
-    "SYNC-COUNTER": Rule("CiA 301, SYNC", "the counter goes from 1 up to at most 240 and leaves none out"),
-    "TIME-LENGTH": Rule("CiA 301, TIME", "TIME has 6 bytes"),
-    "TIME-VALUE": Rule("CiA 301, TIME_OF_DAY", "a day has fewer than 86 400 000 milliseconds"),
-    "LSS-LENGTH": Rule("CiA 305", "an LSS message has 8 bytes"),
-    "LSS-SERVICE": Rule("CiA 305", "the first byte is a service of its direction"),
-    "PDO-TOO-SHORT": Rule("CiA 301, PDO", "a PDO has at least the bytes that are mapped"),
-    "PDO-TOO-LONG": Rule("CiA 301, PDO", "a PDO has no more bytes than are mapped"),
-    "REMOTE-REQUEST": Rule("CiA 301, COB-IDs", "only PDOs and node guarding are asked for by remote frames"),
-    "ID-RESERVED": Rule("CiA 301, restricted CAN-IDs", "reserved identifiers are not used"),
+BUS_RULES: dict[str, BusRule] = {
+    "SDO-LENGTH": BusRule("CiA 301, SDO", "an SDO message has 8 bytes"),
+    "SDO-COMMAND": BusRule("CiA 301, SDO", "the command byte is one of the standard; an abort is exactly 80h"),
+    "SDO-RESERVED": BusRule("CiA 301, SDO", "reserved bits of the command byte are 0"),
+    "SDO-WRONG-SCS": BusRule("CiA 301, SDO", "the answer is of the kind that the request asks for"),
+    "SDO-MUX": BusRule("CiA 301, SDO", "the answer is about the object that was asked for"),
+    "SDO-OVERLAP": BusRule("CiA 301, SDO", "one transfer at a time on a channel: no new request before the answer"),
+    "SDO-UNASKED": BusRule("CiA 301, SDO", "segments are asked for or sent only within a transfer"),
+    "SDO-TOGGLE": BusRule(
+        "CiA 301, SDO segments", "the toggle bit begins with 0, alternates, and the answer repeats it"
+    ),
+    "SDO-SIZE": BusRule("CiA 301, SDO", "as many bytes travel as were announced"),
+    "SDO-ABORT-CODE": BusRule("CiA 301, SDO abort codes", "an abort has one of the codes of the standard"),
+    "SDO-BLOCK-SIZE": BusRule("CiA 301, SDO block", "a block has 1 to 127 segments"),
+    "SDO-BLOCK-SEQNO": BusRule("CiA 301, SDO block", "segments are numbered from 1 up to the size of the block"),
+    "SDO-BLOCK-ACK": BusRule("CiA 301, SDO block", "no segment is acknowledged that was not sent"),
+    "SDO-BLOCK-CRC": BusRule("CiA 301, SDO block", "the CRC is that of the bytes, if both sides calculate one"),
+    "SDO-BLOCK-SWITCH": BusRule("CiA 301, SDO block", "with the protocol switch 0 the answer is a block upload"),
+    "NMT-LENGTH": BusRule("CiA 301, NMT", "an NMT command has 2 bytes"),
+    "NMT-COMMAND": BusRule("CiA 301, NMT", "the command is 01, 02, 80, 81 or 82"),
+    "NMT-NODE": BusRule("CiA 301, NMT", "a command is for a node 1 to 127, or for all with 0"),
+    "NMT-NOT-OBEYED": BusRule("CiA 301, NMT", "a node goes to the state that it is told to"),
+    "STOPPED-TALKS": BusRule("CiA 301, NMT states", "a stopped node has no SDO, PDO, EMCY"),
+    "PDO-NOT-OPERATIONAL": BusRule("CiA 301, NMT states", "a node sends PDOs in the state operational only"),
+    "HEARTBEAT-LENGTH": BusRule("CiA 301, heartbeat", "error control has 1 byte"),
+    "HEARTBEAT-STATE": BusRule("CiA 301, heartbeat", "the state is 00, 04, 05 or 7F"),
+    "HEARTBEAT-TOGGLE": BusRule(
+        "CiA 301, heartbeat", "bit 7 of a heartbeat is 0; only an answer to guarding toggles it"
+    ),
+    "GUARD-TOGGLE": BusRule("CiA 301, node guarding", "the toggle bit is 0 first after a boot, then alternates"),
+    "EMCY-LENGTH": BusRule("CiA 301, EMCY", "an emergency has 8 bytes"),
+    "SYNC-LENGTH": BusRule("CiA 301, SYNC", "SYNC has no data, or a counter of 1 byte, and stays with it"),
+    "SYNC-COUNTER": BusRule("CiA 301, SYNC", "the counter goes from 1 up to at most 240 and leaves none out"),
+    "TIME-LENGTH": BusRule("CiA 301, TIME", "TIME has 6 bytes"),
+    "TIME-VALUE": BusRule("CiA 301, TIME_OF_DAY", "a day has fewer than 86 400 000 milliseconds"),
+    "LSS-LENGTH": BusRule("CiA 305", "an LSS message has 8 bytes"),
+    "LSS-SERVICE": BusRule("CiA 305", "the first byte is a service of its direction"),
+    "PDO-TOO-SHORT": BusRule("CiA 301, PDO", "a PDO has at least the bytes that are mapped"),
+    "PDO-TOO-LONG": BusRule("CiA 301, PDO", "a PDO has no more bytes than are mapped"),
+    "REMOTE-REQUEST": BusRule("CiA 301, COB-IDs", "only PDOs and node guarding are asked for by remote frames"),
+    "ID-RESERVED": BusRule("CiA 301, restricted CAN-IDs", "reserved identifiers are not used"),
 }
 """Rule id -> what it says. The ids are for programs and stay."""

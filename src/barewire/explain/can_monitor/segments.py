@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 
 from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.explain.can_monitor.events import Loss
-from barewire.explain.can_monitor.transfer import OpenTransfer, Side
+from barewire.explain.can_monitor.transfer import OpenTransfer, SdoSide
 from barewire.explain.can_monitor.unheard import begin_unheard
 
 if TYPE_CHECKING:
-    from barewire.explain.can_monitor.sdo import SdoListener
+    from barewire.explain.can_monitor.channel import SdoTracker
 
 
 def hear_segment(
-    channel: SdoListener, speaker: Side, message: NextSegment | SdoSegment | SegmentTaken, now: float
+    channel: SdoTracker, speaker: SdoSide, message: NextSegment | SdoSegment | SegmentTaken, now: float
 ) -> None:
     """A frame of a transfer in segments, in either direction."""
     uploads = isinstance(message, NextSegment) or (speaker == "server" and isinstance(message, SdoSegment))
@@ -37,7 +37,7 @@ def hear_segment(
         _sent(channel, transfer, message, now)
 
 
-def _transfer(channel: SdoListener, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
+def _transfer(channel: SdoTracker, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
     """The transfer that the frame belongs to; a new one without a beginning if there is none."""
     transfer = channel.open
     asked = transfer is not None and transfer.asked
@@ -59,19 +59,19 @@ def _transfer(channel: SdoListener, direction: str, message: NextSegment | SdoSe
     return begun
 
 
-def _again(channel: SdoListener, transfer: OpenTransfer, what: str, now: float) -> None:
+def _again(channel: SdoTracker, transfer: OpenTransfer, what: str, now: float) -> None:
     transfer.again += 1
     transfer.lost += 1
     channel.out.append(Loss(now, channel.node, 1, f"{what} again: it, or what was said to it, did not arrive"))
 
 
-def _pair_missing(channel: SdoListener, transfer: OpenTransfer) -> None:
+def _pair_missing(channel: SdoTracker, transfer: OpenTransfer) -> None:
     """The toggle bit did not alternate, and the other side did not mind."""
     transfer.doubt = ""
     channel.lack(transfer, 2, "the toggle bit stays and both go on: a segment and its answer are missing", data=True)
 
 
-def _asked(channel: SdoListener, transfer: OpenTransfer, toggle: int, now: float) -> None:
+def _asked(channel: SdoTracker, transfer: OpenTransfer, toggle: int, now: float) -> None:
     """The client asks for the next segment."""
     if transfer.turn == "server":
         if toggle == transfer.toggle:
@@ -83,7 +83,7 @@ def _asked(channel: SdoListener, transfer: OpenTransfer, toggle: int, now: float
     transfer.toggle, transfer.turn = toggle, "server"
 
 
-def _answered(channel: SdoListener, transfer: OpenTransfer, segment: SdoSegment) -> None:
+def _answered(channel: SdoTracker, transfer: OpenTransfer, segment: SdoSegment) -> None:
     """The server sends a segment."""
     if transfer.turn == "client":
         if segment.toggle != transfer.toggle:
@@ -108,7 +108,7 @@ def _answered(channel: SdoListener, transfer: OpenTransfer, segment: SdoSegment)
         channel.done()
 
 
-def _sent(channel: SdoListener, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
+def _sent(channel: SdoTracker, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
     """The client sends a segment."""
     if transfer.turn == "server":
         if segment.toggle == transfer.toggle:
@@ -127,7 +127,7 @@ def _sent(channel: SdoListener, transfer: OpenTransfer, segment: SdoSegment, now
     transfer.toggle, transfer.turn = segment.toggle, "server"
 
 
-def _taken(channel: SdoListener, transfer: OpenTransfer, toggle: int) -> None:
+def _taken(channel: SdoTracker, transfer: OpenTransfer, toggle: int) -> None:
     """The server has taken a segment."""
     if transfer.turn == "client":
         if toggle != transfer.toggle:

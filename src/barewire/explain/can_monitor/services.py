@@ -15,15 +15,23 @@ from barewire.canopen.lss.messages import BEGIN, REQUEST_KEY, Fastscan, LssAddre
 from barewire.canopen.sync import sync_counter
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.errors import DecodeError
-from barewire.explain.can_monitor.events import Emcy, Event, Gap, Lss, Sync, Time, Violation
-from barewire.explain.canopen.lss import read_lss
+from barewire.explain.can_monitor.events import (
+    EmcyReport,
+    Gap,
+    LssReport,
+    MonitorEvent,
+    SyncReport,
+    TimeReport,
+    Violation,
+)
+from barewire.explain.canopen.lss import explain_lss
 
 MISSING = 2.5
 """After so many periods without a SYNC it is missing."""
 INTERVALS = 7
 
 
-class SyncListener:
+class SyncTracker:
     """The beat of somebody else: period, jitter, counter. A machine."""
 
     def __init__(self) -> None:
@@ -47,26 +55,26 @@ class SyncListener:
         period = self.period
         return None if period is None or self._last is None or self._missing else self._last + MISSING * period
 
-    def pass_time(self, now: float) -> list[Event]:
+    def pass_time(self, now: float) -> list[MonitorEvent]:
         """Whether it is missing by now."""
         due = self.deadline
         if due is None or now < due:
             return []
         self._missing = True
-        return [Sync(due, "missing", self._counter, self.beats, self.period, self.shortest, self.longest)]
+        return [SyncReport(due, "missing", self._counter, self.beats, self.period, self.shortest, self.longest)]
 
     def interrupt(self) -> None:
         """The recording has a hole here."""
         self._last, self._counter, self._missing = None, None, False
 
-    def hear(self, frame: CanFrame, now: float) -> list[Event]:
+    def hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """A beat."""
         try:
             counter = sync_counter(frame.data)
         except DecodeError as error:
             rule = "SYNC-LENGTH" if error.reason == "long" else "SYNC-COUNTER"
             return [Violation(now, rule, 0, error.text, str(frame))]
-        events: list[Event] = []
+        events: list[MonitorEvent] = []
         since = None if self._last is None else now - self._last
         if self._last is not None and (counter is None) is not (self._counter is None):
             text = "with a counter, the one before had none" if counter else "without a counter, the one before had one"
@@ -81,10 +89,10 @@ class SyncListener:
             self._intervals = [*self._intervals[1 - INTERVALS :], since]
         self._last, self._counter, self._missing = now, counter, False
         self._highest = max(self._highest, counter or 0)
-        events.append(Sync(now, kind, counter, self.beats, self.period, self.shortest, self.longest))
+        events.append(SyncReport(now, kind, counter, self.beats, self.period, self.shortest, self.longest))
         return events
 
-    def _judge(self, counter: int, before: int, since: float, frame: CanFrame, now: float) -> list[Event]:
+    def _judge(self, counter: int, before: int, since: float, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """Whether a counter follows the one before it; 1 always may: the producer begins again."""
         if counter in (1, before + 1):
             return []
@@ -95,35 +103,35 @@ class SyncListener:
             return [Gap(now, now - since, step - 1, text)]
         return [Violation(now, "SYNC-COUNTER", 0, f"{counter} after {before}", str(frame))]
 
-    def end(self, now: float) -> list[Event]:
+    def end(self, now: float) -> list[MonitorEvent]:
         """How it was, if there was one."""
         if self.beats < 2:
             return []
-        return [Sync(now, "summary", self._counter, self.beats, self.period, self.shortest, self.longest)]
+        return [SyncReport(now, "summary", self._counter, self.beats, self.period, self.shortest, self.longest)]
 
 
-def hear_emergency(node: int, frame: CanFrame, now: float) -> list[Event]:
+def hear_emergency(node: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
     """An emergency; a short one is filled up, as everybody does who does not want to lose it."""
-    events: list[Event] = []
+    events: list[MonitorEvent] = []
     if len(frame.data) != 8:
         events.append(Violation(now, "EMCY-LENGTH", node, f"{len(frame.data)} bytes", str(frame)))
     try:
         message = Emergency.decode(frame._replace(data=frame.data[:8]))
     except DecodeError:
         return events
-    return [*events, Emcy(now, node, message.code, message.register, message.info)]
+    return [*events, EmcyReport(now, node, message.code, message.register, message.info)]
 
 
-def hear_time(frame: CanFrame, now: float) -> list[Event]:
+def hear_time(frame: CanFrame, now: float) -> list[MonitorEvent]:
     """TIME."""
     try:
         stamp = TimeStamp.decode(frame)
     except DecodeError as error:
         return [Violation(now, "TIME-VALUE" if error.reason == "value" else "TIME-LENGTH", 0, error.text, str(frame))]
-    return [Time(now, int(stamp.moment), f"{stamp.moment.datetime.isoformat(' ', 'milliseconds')}")]
+    return [TimeReport(now, int(stamp.moment), f"{stamp.moment.datetime.isoformat(' ', 'milliseconds')}")]
 
 
-class LssListener:
+class LssTracker:
     """LSS: each message in words, and a whole fastscan as one."""
 
     def __init__(self) -> None:
@@ -132,7 +140,7 @@ class LssListener:
         self._asked: Fastscan | None = None
         self._parts: dict[int, int] = {}
 
-    def hear(self, frame: CanFrame, now: float) -> list[Event]:
+    def hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """A message of the master or of a device."""
         answer = frame.key != REQUEST_KEY
         try:
@@ -147,16 +155,16 @@ class LssListener:
             if self._asked.bit == 0:
                 self._parts[self._asked.sub] = self._asked.number
             return []
-        return [*self.end(now), Lss(now, answer, message.service, _text(frame, answer))]
+        return [*self.end(now), LssReport(now, answer, message.service, _text(frame, answer))]
 
-    def _scan(self, body: bytes, now: float) -> list[Event]:
-        events: list[Event] = []
+    def _scan(self, body: bytes, now: float) -> list[MonitorEvent]:
+        events: list[MonitorEvent] = []
         try:
             question = Fastscan.of_body(body)
         except DecodeError as error:
             return [
                 *self.end(now),
-                Lss(now, False, LssService.FASTSCAN, f"fastscan, which nobody answers: {error.text}"),
+                LssReport(now, False, LssService.FASTSCAN, f"fastscan, which nobody answers: {error.text}"),
             ]
         if self._asked is None or question.bit == BEGIN:
             events = self.end(now)
@@ -165,7 +173,7 @@ class LssListener:
         self._questions += 1
         return events
 
-    def end(self, now: float) -> list[Event]:
+    def end(self, now: float) -> list[MonitorEvent]:
         """The fastscan that was going on, as one event."""
         if self._asked is None:
             return []
@@ -176,12 +184,12 @@ class LssListener:
             found = "nobody is there" if not self._answers else "not finished"
         self._questions = self._answers = 0
         self._asked, self._parts = None, {}
-        return [Lss(self._began, False, LssService.FASTSCAN, asked + found)]
+        return [LssReport(self._began, False, LssService.FASTSCAN, asked + found)]
 
 
 def _text(frame: CanFrame, answer: bool) -> str:
     """The service, and what its fields say."""
-    fields, _, summary = read_lss(frame.data, "response" if answer else "request")
+    fields, _, summary = explain_lss(frame.data, "response" if answer else "request")
     said = []
     for field in fields[1:]:
         if field.name != "reserved":

@@ -5,12 +5,12 @@ from __future__ import annotations
 from binascii import crc_hqx
 from typing import TYPE_CHECKING, Literal
 
-from barewire.explain.can_monitor.events import Direction, Manner, Outcome, Transfer
+from barewire.explain.can_monitor.events import SdoTransferReport, TransferDirection, TransferManner, TransferOutcome
 
 if TYPE_CHECKING:
-    from barewire.explain.can_monitor.block import BlockListener
+    from barewire.explain.can_monitor.block import BlockTracker
 
-Side = Literal["client", "server"]
+SdoSide = Literal["client", "server"]
 
 VALUE_MAX = 1 << 20
 """So many bytes of one value are held; of a longer one they are counted only."""
@@ -18,7 +18,7 @@ HELD_MAX = 16 << 20
 """So many bytes of all values under way are held."""
 
 
-class Memory:
+class HeldBytes:
     """How many bytes are held by all transfers together; `refused` counts those that found no room."""
 
     def __init__(self, limit: int = HELD_MAX) -> None:
@@ -35,10 +35,10 @@ class Memory:
         return True
 
 
-def named(index: int | None, sub: int | None) -> str:
+def object_name(index: int | None, sub: int | None) -> str:
     """An object as people write it.
 
-    >>> named(0x6041, 0), named(None, None)
+    >>> object_name(0x6041, 0), object_name(None, None)
     ('6041h:00', 'an object')
     """
     return "an object" if index is None else f"{index:04X}h:{sub or 0:02X}"
@@ -68,10 +68,15 @@ class OpenTransfer:
     )
 
     def __init__(
-        self, direction: Direction, manner: Manner, place: tuple[int, int] | None, began: float | None, memory: Memory
+        self,
+        direction: TransferDirection,
+        manner: TransferManner,
+        place: tuple[int, int] | None,
+        began: float | None,
+        memory: HeldBytes,
     ) -> None:
         self.direction = direction
-        self.manner: Manner = manner
+        self.manner: TransferManner = manner
         self.index = None if place is None else place[0]
         self.sub = None if place is None else place[1]
         self.began = began
@@ -79,13 +84,13 @@ class OpenTransfer:
         self.heard = 0.0
         self.asked = b""  # the request, while no answer to it was heard
         self.answers: tuple[type, ...] = ()
-        self.turn: Side = "server"
+        self.turn: SdoSide = "server"
         self.toggle = 0  # of the segment that is under way, or comes next
         self.last = False  # the last segment was sent
         self.previous = b""
         self.switch: int | None = None
         self.blksize: int | None = None  # that the client wants
-        self.block: BlockListener | None = None
+        self.block: BlockTracker | None = None
         self.size: int | None = None
         self.data = bytearray()
         self.count = 0
@@ -99,7 +104,7 @@ class OpenTransfer:
         self.again = self.lost = self.missing = 0
 
     def __str__(self) -> str:
-        return named(self.index, self.sub)
+        return object_name(self.index, self.sub)
 
     def take(self, data: bytes) -> None:
         """The next bytes of the value."""
@@ -123,12 +128,19 @@ class OpenTransfer:
             self.whole = False
 
     def closed(
-        self, at: float, node: int, channel: int, outcome: Outcome, *, abort: int | None = None, by: Side | None = None
-    ) -> Transfer:
+        self,
+        at: float,
+        node: int,
+        channel: int,
+        outcome: TransferOutcome,
+        *,
+        abort: int | None = None,
+        by: SdoSide | None = None,
+    ) -> SdoTransferReport:
         """The transfer as an event. What it held is free again."""
         proved = self.crc_told == "ok" or (self.size is not None and self.size == self.count)
         known = self.held and self.whole and (proved or not self.gapped)
-        event = Transfer(
+        event = SdoTransferReport(
             *(at, node, channel, self.direction, self.manner, self.index, self.sub, outcome, self.began),
             data=bytes(self.data) if known and (self.count or outcome == "done") else None,
             count=self.count,

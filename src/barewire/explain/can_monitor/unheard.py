@@ -21,16 +21,16 @@ from barewire.canopen.sdo.messages.block import (
 )
 from barewire.canopen.sdo.messages.codec import SdoMessage
 from barewire.canopen.sdo.messages.initiate import DownloadInitiated, ExpeditedUpload, UploadInitiated
-from barewire.explain.can_monitor.block import BlockListener
-from barewire.explain.can_monitor.events import Direction, Gap, Manner, Transfer
-from barewire.explain.can_monitor.message_directions import Answer
-from barewire.explain.can_monitor.transfer import OpenTransfer, Side
+from barewire.explain.can_monitor.block import BlockTracker
+from barewire.explain.can_monitor.events import Gap, SdoTransferReport, TransferDirection, TransferManner
+from barewire.explain.can_monitor.message_directions import InitiateAnswer
+from barewire.explain.can_monitor.transfer import OpenTransfer, SdoSide
 
 if TYPE_CHECKING:
-    from barewire.explain.can_monitor.sdo import SdoListener
+    from barewire.explain.can_monitor.channel import SdoTracker
 
 
-def is_block_under_way(channel: SdoListener, speaker: Side, data: bytes) -> bool:
+def is_block_under_way(channel: SdoTracker, speaker: SdoSide, data: bytes) -> bool:
     """Two frames of one side behind each other, numbered so. Nothing but a block does that.
 
     Three, or a first one that would be odd, where a transfer is under way whose end may be what is not recorded.
@@ -46,7 +46,7 @@ def is_block_under_way(channel: SdoListener, speaker: Side, data: bytes) -> bool
 UNANSWERED = "a block transfer goes on, and the answer to its request is not in the recording"
 
 
-def first_segment_of_block(channel: SdoListener, speaker: Side, data: bytes) -> None:
+def first_segment_of_block(channel: SdoTracker, speaker: SdoSide, data: bytes) -> None:
     """The client begins to send segments, so it has heard the answer to its request, which is not in the recording."""
     transfer = channel.open
     if transfer is None or not transfer.asked or transfer.manner != "block" or transfer.direction != "download":
@@ -54,10 +54,10 @@ def first_segment_of_block(channel: SdoListener, speaker: Side, data: bytes) -> 
     if speaker == "client" and data[0] in (0x01, 0x81):
         channel.lack(transfer, 1, UNANSWERED, data=False)
         transfer.asked = b""
-        transfer.block = BlockListener(transfer, channel.node, "client", None, crc=None)
+        transfer.block = BlockTracker(transfer, channel.node, "client", None, crc=None)
 
 
-def begin_unheard(channel: SdoListener, direction: Direction, manner: Manner) -> OpenTransfer:
+def begin_unheard(channel: SdoTracker, direction: TransferDirection, manner: TransferManner) -> OpenTransfer:
     """A transfer whose beginning is not in the recording."""
     if channel.open is not None and channel.open.began is not None:
         channel.close("cut")
@@ -69,7 +69,7 @@ def begin_unheard(channel: SdoListener, direction: Direction, manner: Manner) ->
     return channel.open
 
 
-def answer_to_nobody(channel: SdoListener, answer: Answer) -> None:
+def answer_to_nobody(channel: SdoTracker, answer: InitiateAnswer) -> None:
     """An answer without a request: late, or the request is not in the recording."""
     given, late = channel.given_up, False
     if given is not None and (given.index, given.sub) == (answer.index, answer.sub):
@@ -77,7 +77,7 @@ def answer_to_nobody(channel: SdoListener, answer: Answer) -> None:
     first = not channel.heard
     if channel.open is not None:
         channel.close("cut")
-    manner: Manner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
+    manner: TransferManner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
     upload = isinstance(answer, ExpeditedUpload | UploadInitiated | BlockUploadInitiated)
     began = given.began if late and given is not None else None
     new = OpenTransfer("upload" if upload else "download", manner, (answer.index, answer.sub), began, channel.memory)
@@ -96,12 +96,14 @@ def answer_to_nobody(channel: SdoListener, answer: Answer) -> None:
     channel.go_on(new, answer)
     if late or first:
         told, channel.out[before:] = channel.out[before:], []
-        channel.held_back += [replace(one, late=late) if isinstance(one, Transfer) and late else one for one in told]
+        channel.held_back += [
+            replace(one, late=late) if isinstance(one, SdoTransferReport) and late else one for one in told
+        ]
         if late:
             channel.release()
 
 
-def block_unheard(channel: SdoListener, speaker: Side, message: SdoMessage, data: bytes) -> None:
+def block_unheard(channel: SdoTracker, speaker: SdoSide, message: SdoMessage, data: bytes) -> None:
     """A word of a block transfer, and none is under way."""
     if channel.open is not None and channel.open.asked:
         transfer = channel.open
@@ -113,8 +115,8 @@ def block_unheard(channel: SdoListener, speaker: Side, message: SdoMessage, data
         receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)
         upload = (receives and speaker == "client") or (ends and speaker == "server")
         transfer = begin_unheard(channel, "upload" if upload else "download", "block")
-    sender: Side = "server" if transfer.direction == "upload" else "client"
-    transfer.block = BlockListener(transfer, channel.node, sender, None, crc=None)
+    sender: SdoSide = "server" if transfer.direction == "upload" else "client"
+    transfer.block = BlockTracker(transfer, channel.node, sender, None, crc=None)
     if isinstance(message, BlockEnd | BlockEnded):
         transfer.block.state = "end"
         transfer.whole = False

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from barewire.canopen.cob_ids import Service, classify
 from barewire.canopen.emcy.message import Emergency, error_text, register_names
-from barewire.canopen.frame import DATA_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import DATA_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.nmt.heartbeat import STATE_BYTE, NodeState
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.pdo.mapping import Mapped, PdoMapping
@@ -26,13 +26,21 @@ from barewire.canopen.sync import Sync
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.explain.canopen.lss import read_lss
-from barewire.explain.canopen.sdo import read_sdo, with_object
-from barewire.explain.capture.model import AnyFrame, error_words
-from barewire.explain.result import ExplainedField, Explanation, Problem, Role, counted, cover, on_bytes, problem
+from barewire.explain.canopen.lss import explain_lss
+from barewire.explain.canopen.sdo import explain_sdo, with_object_names
+from barewire.explain.result import (
+    ExplainedField,
+    Explanation,
+    Problem,
+    Role,
+    as_problem,
+    counted,
+    explained_fields,
+    fill_gaps,
+)
 
 if TYPE_CHECKING:
-    from barewire.explain.can_monitor.pdos import PdoListener
+    from barewire.explain.can_monitor.pdos import PdoTracker
 
 # How many bytes each service has by the standard; None for "up to eight", which is everybody's limit.
 LENGTHS: dict[str, tuple[int, ...]] = {
@@ -59,7 +67,7 @@ Found = tuple[list[Field], DecodeError | None, str]
 """The fields, the fault if there is one, and the summary."""
 
 
-def explain_can(frame: AnyFrame, pdos: PdoListener | None = None) -> Explanation:
+def explain_can(frame: AnyFrame, pdos: PdoTracker | None = None) -> Explanation:
     """One CAN frame.
 
     >>> print(*explain_can(CanFrame.parse("585#4B41600037060000")).lines()[2:], sep="\\n")
@@ -84,10 +92,12 @@ def explain_can(frame: AnyFrame, pdos: PdoListener | None = None) -> Explanation
     else:
         fields, error, said = _data(frame, *whose)
         if pdos is not None and name.startswith("SDO"):
-            fields, said = with_object(fields, said, frame.data, lambda index, sub: pdos.object(whose[1], index, sub))
-    fault = _length(frame, name) or problem(error)
+            fields, said = with_object_names(
+                fields, said, frame.data, lambda index, sub: pdos.object(whose[1], index, sub)
+            )
+    fault = _length(frame, name) or as_problem(error)
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
-    shown = (start, *on_bytes(cover(fields, len(frame.data)), frame.data))
+    shown = (start, *explained_fields(fill_gaps(fields, len(frame.data)), frame.data))
     return Explanation("can", ROLES.get(name), shown, fault, f"{title}: {said}" if said else title)
 
 
@@ -105,7 +115,9 @@ def explain_segment(frame: CanFrame) -> Explanation:
         fields.append(Field(1, len(data) - 1, "data", data[1:].hex(" ").upper()))
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     said = f"segment {data[0] & ~LAST} of a block{', the last' if last else ''}"
-    return Explanation("can", None, (start, *on_bytes(fields, data)), _length(frame, "SDO request"), f"{title}: {said}")
+    return Explanation(
+        "can", None, (start, *explained_fields(fields, data)), _length(frame, "SDO request"), f"{title}: {said}"
+    )
 
 
 def _foreign(frame: FdFrame | ErrorFrame) -> Explanation:
@@ -116,12 +128,12 @@ def _foreign(frame: FdFrame | ErrorFrame) -> Explanation:
         title = f"CAN FD frame, which classical CANopen does not have: {counting}"
     else:
         name, digits, number = "classes", f"{frame.classes:08X}", frame.classes
-        title = f"error frame, a report of the controller: {error_words(frame)}"
+        title = f"error frame, a report of the controller: {error_frame_text(frame)}"
     start = ExplainedField(0, 0, name, digits, number, "" if isinstance(frame, FdFrame) else frame.text)
-    return Explanation("can", None, (start, *on_bytes(fields, frame.data)), None, title)
+    return Explanation("can", None, (start, *explained_fields(fields, frame.data)), None, title)
 
 
-def _process_data(frame: CanFrame, pdos: PdoListener, node: int, name: str, mapping: PdoMapping) -> Explanation:
+def _process_data(frame: CanFrame, pdos: PdoTracker, node: int, name: str, mapping: PdoMapping) -> Explanation:
     """A PDO of a node that is known: a field for each object, or for those that share a byte."""
     title = f"{name} {'from' if name.startswith('T') else 'to'} node {node}"
     data, fields, error, said = frame.data, list[Field](), None, counted(len(frame.data))
@@ -135,8 +147,8 @@ def _process_data(frame: CanFrame, pdos: PdoListener, node: int, name: str, mapp
         if len(data) > mapping.size:
             error = DecodeError("long", data, mapping.size, f"{mapping.size} bytes are mapped, here are {len(data)}")
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
-    shown = (start, *on_bytes(cover(fields, len(data), "process data"), data))
-    return Explanation("can", None, shown, problem(error), f"{title}: {said}")
+    shown = (start, *explained_fields(fill_gaps(fields, len(data), "process data"), data))
+    return Explanation("can", None, shown, as_problem(error), f"{title}: {said}")
 
 
 def _mapped_fields(mapping: PdoMapping, data: bytes, words: Mapping[str, str]) -> list[Field]:
@@ -201,9 +213,9 @@ def _data(frame: CanFrame, service: Service, node: int) -> Found:
     data = frame.data
     match service.name:
         case "SDO request" | "SDO answer":
-            return read_sdo(data, ROLES[service.name])
+            return explain_sdo(data, ROLES[service.name])
         case "LSS request" | "LSS answer":
-            return read_lss(data, ROLES[service.name])
+            return explain_lss(data, ROLES[service.name])
         case "NMT":
             return _nmt(frame)
         case "SYNC":
@@ -224,7 +236,7 @@ def _cut(layout: Layout, data: bytes) -> list[Field]:
         part = data[field.offset : field.offset + field.length]
         is_number = field.name != layout.tail
         found.append(field._replace(value=int.from_bytes(part, "little")) if is_number else field)
-    return cover(found, len(data), layout.names[len(found)] if len(found) < len(layout.names) else "")
+    return fill_gaps(found, len(data), layout.names[len(found)] if len(found) < len(layout.names) else "")
 
 
 def _nmt(frame: CanFrame) -> Found:
@@ -289,3 +301,32 @@ def _state(data: bytes, node: int) -> Found:
     if state.state not in tuple(NmtState):
         error = DecodeError("value", data, 0, f"{state.state:02X}h is no state: expected 00, 04, 05 or 7F")
     return [Field(0, 1, "state", data[0], meaning)], error, words
+
+
+_OVERRUN, _CONTROLLER = 0x01, 0x04
+_CONTROLLER_WORDS = (
+    *("receive buffer overrun", "transmit buffer overrun", "many receive errors", "many transmit errors"),
+    *("error passive (receiving)", "error passive (sending)", "error active again"),
+)
+
+
+def error_frame_text(frame: ErrorFrame) -> str:
+    """An error frame of SocketCAN in words.
+
+    >>> error_frame_text(ErrorFrame(0x04, bytes.fromhex("0001000000000000")))
+    'controller problem: receive buffer overrun'
+    """
+    words = frame.text
+    if frame.classes & _CONTROLLER and len(frame.data) > 1:
+        told = [text for bit, text in enumerate(_CONTROLLER_WORDS) if frame.data[1] >> bit & 1]
+        words += f": {', '.join(told)}" if told else ""
+    return words
+
+
+def is_overrun(frame: ErrorFrame) -> bool:
+    """Whether the controller of the recorder says that it has lost frames.
+
+    >>> is_overrun(ErrorFrame(0x04, b"\\0\\1")), is_overrun(ErrorFrame(0x40))
+    (True, False)
+    """
+    return bool(frame.classes & _CONTROLLER and frame.data[1:2] and frame.data[1] & _OVERRUN)

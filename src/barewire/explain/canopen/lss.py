@@ -22,7 +22,7 @@ from barewire.canopen.lss.messages import (
 )
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.explain.result import Role, cover
+from barewire.explain.result import Role, fill_gaps
 
 PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
 """The four numbers of an LSS address, as `LssAddress` has them, and as the standard calls them."""
@@ -74,17 +74,17 @@ _ANSWERED: dict[LssService, Layout] = {
 }
 
 
-def read_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, str]:
+def explain_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, str]:
     """Fields, fault and summary of an LSS frame.
 
-    >>> read_lss(bytes.fromhex("1105000000000000"), "request")[2]
+    >>> explain_lss(bytes.fromhex("1105000000000000"), "request")[2]
     'configure node-ID'
     """
     if not data:
         return [], DecodeError("short", data, 0, "the service is byte 0, but there are none"), ""
     if data[0] not in (REQUESTS if role == "request" else ANSWERS):
         error = DecodeError("function", data, 0, f"{data[0]:02X}h is no service of an LSS {role}")
-        return cover([Field(0, 1, "service", data[0], "unknown")], len(data)), error, "unknown service"
+        return fill_gaps([Field(0, 1, "service", data[0], "unknown")], len(data)), error, "unknown service"
     service = LssService(data[0])
     title = TITLES[service]
     fields = [Field(0, 1, "service", data[0], title)]
@@ -96,7 +96,7 @@ def read_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, 
         at = field.offset + field.length
     if layout is not None and at < 1 + layout.size:
         missing = layout.names[len(fields) - 1]
-        return cover(fields, len(data), missing), None, title
+        return fill_gaps(fields, len(data), missing), None, title
     if at < len(data):
         fields.append(Field(at, len(data) - at, "reserved", data[at:].hex(" ").upper()))
     return fields, None, title

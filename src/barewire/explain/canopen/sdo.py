@@ -18,7 +18,7 @@ from barewire.canopen.sdo.messages.codec import Abort, InitiateUpload, has_reser
 from barewire.codecs import BitPattern, Field, codec
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError
-from barewire.explain.result import Role, counted, cover
+from barewire.explain.result import Role, counted, fill_gaps
 
 LENGTH = 8
 Rest = Callable[[bytes, dict[str, int]], list[Field]]
@@ -33,7 +33,7 @@ AREAS = (
 )
 
 
-class Said(NamedTuple):
+class ExplainedSdo(NamedTuple):
     """One SDO frame explained."""
 
     fields: list[Field]
@@ -41,7 +41,7 @@ class Said(NamedTuple):
     summary: str
 
 
-class Command(NamedTuple):
+class CommandRow(NamedTuple):
     """One row: the drawing of byte 0, its name, and how the other seven bytes lie."""
 
     pattern: BitPattern
@@ -87,7 +87,7 @@ def _value(data: bytes, bits: dict[str, int]) -> list[Field]:
     if not bits["e"]:
         return _sized(data, bits)
     size = 4 - bits["n"] if bits["s"] else 4
-    words = readings(data[4 : 4 + size])
+    words = numeric_readings(data[4 : 4 + size])
     if not bits["s"]:
         words = f"nobody says how many of the 4 bytes count; all of them: {words}"
     unused = data[4 + size : LENGTH]
@@ -130,56 +130,56 @@ def _block_end(data: bytes, bits: dict[str, int]) -> list[Field]:
 
 
 REQUESTS = (
-    Command(BitPattern("000t nnnc"), "download segment", _segment),
-    Command(BitPattern("001- nnes"), "initiate download", _value),
-    Command(BitPattern("010- ----"), "initiate upload", _only_object),
-    Command(BitPattern("011t ----"), "upload segment", _nothing),
-    Command(Abort.pattern, "abort", _abort),
-    Command(BitPattern("101- -c00"), "initiate block upload", _block_asked),
-    Command(BitPattern("101- --01"), "end block upload", _nothing),
-    Command(BitPattern("101- --10"), "acknowledge block upload", _acknowledged),
-    Command(BitPattern("101- --11"), "start block upload", _nothing),
-    Command(BitPattern("110- -cs0"), "initiate block download", _sized),
-    Command(BitPattern("110n nn-1"), "end block download", _block_end),
+    CommandRow(BitPattern("000t nnnc"), "download segment", _segment),
+    CommandRow(BitPattern("001- nnes"), "initiate download", _value),
+    CommandRow(BitPattern("010- ----"), "initiate upload", _only_object),
+    CommandRow(BitPattern("011t ----"), "upload segment", _nothing),
+    CommandRow(Abort.pattern, "abort", _abort),
+    CommandRow(BitPattern("101- -c00"), "initiate block upload", _block_asked),
+    CommandRow(BitPattern("101- --01"), "end block upload", _nothing),
+    CommandRow(BitPattern("101- --10"), "acknowledge block upload", _acknowledged),
+    CommandRow(BitPattern("101- --11"), "start block upload", _nothing),
+    CommandRow(BitPattern("110- -cs0"), "initiate block download", _sized),
+    CommandRow(BitPattern("110n nn-1"), "end block download", _block_end),
 )
 RESPONSES = (
-    Command(BitPattern("000t nnnc"), "upload segment", _segment),
-    Command(BitPattern("001t ----"), "download segment", _nothing),
-    Command(BitPattern("010- nnes"), "initiate upload", _value),
-    Command(BitPattern("011- ----"), "initiate download", _only_object),
-    Command(Abort.pattern, "abort", _abort),
-    Command(BitPattern("101- -c00"), "initiate block download", _block_of),
-    Command(BitPattern("101- --10"), "acknowledge block download", _acknowledged),
-    Command(BitPattern("101- --01"), "end block download", _nothing),
-    Command(BitPattern("110- -cs0"), "initiate block upload", _sized),
-    Command(BitPattern("110n nn-1"), "end block upload", _block_end),
+    CommandRow(BitPattern("000t nnnc"), "upload segment", _segment),
+    CommandRow(BitPattern("001t ----"), "download segment", _nothing),
+    CommandRow(BitPattern("010- nnes"), "initiate upload", _value),
+    CommandRow(BitPattern("011- ----"), "initiate download", _only_object),
+    CommandRow(Abort.pattern, "abort", _abort),
+    CommandRow(BitPattern("101- -c00"), "initiate block download", _block_of),
+    CommandRow(BitPattern("101- --10"), "acknowledge block download", _acknowledged),
+    CommandRow(BitPattern("101- --01"), "end block download", _nothing),
+    CommandRow(BitPattern("110- -cs0"), "initiate block upload", _sized),
+    CommandRow(BitPattern("110n nn-1"), "end block upload", _block_end),
 )
 
 
-def read_sdo(data: bytes, role: Role) -> Said:
+def explain_sdo(data: bytes, role: Role) -> ExplainedSdo:
     """Explain the data of an SDO frame. Never raises: what is wrong is in `error`.
 
-    >>> said = read_sdo(bytes.fromhex("4B41600037060000"), "response")
+    >>> said = explain_sdo(bytes.fromhex("4B41600037060000"), "response")
     >>> said.summary
     'initiate upload, 6041h:00, 2 bytes: 0637h'
     >>> said.fields[0].meaning
     'initiate upload response: expedited, 2 bytes, size indicated (scs 2, n 2, e 1, s 1)'
     """
     if not data:
-        return Said([], DecodeError("short", data, 0, "the command is byte 0, but there are none"), "nothing")
+        return ExplainedSdo([], DecodeError("short", data, 0, "the command is byte 0, but there are none"), "nothing")
     row = next((row for row in (REQUESTS if role == "request" else RESPONSES) if row.pattern.matches(data[0])), None)
     if row is None:
         fields = [Field(0, 1, "command", data[0], f"no command of an SDO {role}")]
         error = DecodeError("function", data, 0, f"command {data[0]:02X}h is no command of an SDO {role}")
-        return Said(cover(fields, len(data)), error, "unknown command")
+        return ExplainedSdo(fill_gaps(fields, len(data)), error, "unknown command")
     bits = row.pattern.decode(data[0])
     name = row.name if row.name == "abort" else f"{row.name} {role}"
     fields = [Field(0, 1, "command", data[0], _command_words(name, row, data[0], role, bits)), *row.rest(data, bits)]
     fields = [field for field in fields if field.offset + field.length <= len(data)]
-    return Said(cover(fields, len(data)), None, _summary(row.name, fields))
+    return ExplainedSdo(fill_gaps(fields, len(data)), None, _summary(row.name, fields))
 
 
-class Object(Protocol):
+class NamedObject(Protocol):
     """What somebody knows of an object."""
 
     @property
@@ -188,8 +188,8 @@ class Object(Protocol):
     def read(self, data: bytes) -> str: ...
 
 
-def with_object(
-    fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], Object | None]
+def with_object_names(
+    fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], NamedObject | None]
 ) -> tuple[list[Field], str]:
     """Fields and summary of an SDO frame, with the name of its object and its value in words, if they are known."""
     held = {field.name: field for field in fields}
@@ -208,12 +208,12 @@ def with_object(
     return [field._replace(meaning=words.get(field.name, field.meaning)) for field in fields], summary
 
 
-def readings(data: bytes) -> str:
+def numeric_readings(data: bytes) -> str:
     """What 1 to 4 bytes are as numbers of that width; nobody but the object knows which of them is meant.
 
-    >>> readings(bytes.fromhex("CDCC8C3F"))
+    >>> numeric_readings(bytes.fromhex("CDCC8C3F"))
     'u32 1066192077, f32 1.1'
-    >>> readings(b"\\xfb")
+    >>> numeric_readings(b"\\xfb")
     'u8 251, i8 -5'
     """
     if not 1 <= len(data) <= 4:
@@ -232,7 +232,7 @@ def _text(data: bytes) -> str:
     return repr(data.decode("ascii")) if data and all(32 <= byte < 127 for byte in data) else ""
 
 
-def _command_words(name: str, row: Command, command: int, role: Role, bits: dict[str, int]) -> str:
+def _command_words(name: str, row: CommandRow, command: int, role: Role, bits: dict[str, int]) -> str:
     """The name, what the bits say, and the bits."""
     said = []
     if "e" in bits:
@@ -254,7 +254,7 @@ def _command_words(name: str, row: Command, command: int, role: Role, bits: dict
     return words
 
 
-def _dialect(row: Command, command: int) -> str:
+def _dialect(row: CommandRow, command: int) -> str:
     if row.pattern.pattern == InitiateUpload.pattern.pattern and any(command == one for _, one in AZ3.read_commands):
         return "CiA 301 has 40h for every read request; the AZ3's guide asks in this form"
     return f"{row.pattern.pattern}: reserved bits are set, which a reader passes over"

@@ -21,9 +21,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
-from barewire.explain.capture.model import FD_LENGTHS, AnyFrame, Dropped, Item, Recorded, unread
+from barewire.explain.capture.model import FD_LENGTHS, Dropped, Recorded, RecordedItem, unread
 
 EDL = 0x1000
 """The flag of a CAN FD line that says that it is CAN FD; without it, it is a classical frame in that form."""
@@ -54,7 +54,7 @@ def is_asc(text: str) -> bool:
     return bool(lines) and _START.match(lines[0]) is not None
 
 
-def read_asc(text: str) -> Iterator[Item]:
+def read_asc(text: str) -> Iterator[RecordedItem]:
     """The frames of the file.
 
     >>> text = "base hex  timestamps absolute\\n 0.5 1  705  Rx   d 1 05\\n"

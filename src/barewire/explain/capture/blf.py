@@ -22,9 +22,9 @@ import zlib
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
-from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, AnyFrame, Dropped, Item, Recorded, unread
+from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
 
 FILE, OBJECT = b"LOGG", b"LOBJ"
 CONTAINER, LOST = 10, 125
@@ -85,7 +85,7 @@ class _Objects:
             yield lost
 
 
-def read_blf(data: bytes) -> Iterator[Item]:
+def read_blf(data: bytes) -> Iterator[RecordedItem]:
     """The frames of a BLF file, and what is damaged in it.
 
     >>> list(read_blf(b"LOGG"))[0].why
@@ -155,7 +155,7 @@ def _unpack(container: bytes) -> bytes | str:
     return data if not unpacking.unconsumed_tail else f"a container holds more than {CONTAINER_MAX >> 20} MiB"
 
 
-def _items(piece: bytes | int, start: float, at: float, number: int, buses: set[str]) -> Iterator[Item]:
+def _items(piece: bytes | int, start: float, at: float, number: int, buses: set[str]) -> Iterator[RecordedItem]:
     """The item that an object is, if it is one of CAN."""
     if isinstance(piece, int):
         yield unread(at, number, f"the BLF file is damaged here: {piece} bytes that are no object", "")

@@ -21,9 +21,9 @@ import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError, Reason
-from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, AnyFrame, Dropped, Item, Recorded, unread
+from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
 
 STEP = 0.001
 """Seconds between two lines without times."""
@@ -209,7 +209,7 @@ def is_candump(text: str) -> bool:
     return False
 
 
-def read_candump(text: str) -> Iterator[Item]:
+def read_candump(text: str) -> Iterator[RecordedItem]:
     """The frames of a log or of what was on the screen.
 
     >>> [str(item.frame) for item in read_candump("(1.5) can0 705#05\\n  can0  705   [1]  7F")]

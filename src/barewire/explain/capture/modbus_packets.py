@@ -30,21 +30,21 @@ _EXTENSIONS = frozenset({0, 43, _FRAGMENT, 60})
 _LINKS = {ETHERNET: 14, 0: 4, 101: 0, 228: 0, 12: 0, 113: 16, 276: 20}
 """Link type -> bytes before the IP packet."""
 
-Connection = tuple[bytes, int, bytes, int]
+TcpPair = tuple[bytes, int, bytes, int]
 
 
-class Carried(NamedTuple):
+class ModbusPayload(NamedTuple):
     """Bytes of one direction of a connection. `connection` is the client's address and port, then the server's."""
 
     at: float
     protocol: Protocol
     from_client: bool
     data: bytes
-    connection: Connection
+    connection: TcpPair
     sequence: int | None = None
 
 
-class Packer:
+class PacketBuilder:
     """Makes packets of frames; remembers the sequence numbers of its one TCP connection."""
 
     def __init__(self, port: int = 502) -> None:
@@ -54,7 +54,7 @@ class Packer:
     def rtu(self, frame: bytes, *, from_client: bool) -> bytes:
         """An RTU frame in a datagram.
 
-        >>> unpack(Packet(0.0, Packer().rtu(b"abcd", from_client=True))).data
+        >>> modbus_payload(Packet(0.0, PacketBuilder().rtu(b"abcd", from_client=True))).data
         b'abcd'
         """
         source, target = (_CLIENT_PORT, RTU_PORT) if from_client else (RTU_PORT, _CLIENT_PORT)
@@ -87,7 +87,7 @@ def _checksum(data: bytes) -> int:
     return total ^ 0xFFFF
 
 
-def unpack(packet: Packet, ports: Container[int] = MODBUS_PORTS) -> Carried | None:
+def modbus_payload(packet: Packet, ports: Container[int] = MODBUS_PORTS) -> ModbusPayload | None:
     """What the packet carries of Modbus: to or from one of `ports` on TCP, or 5020 on UDP. None for all others."""
     data, version = packet.data, 0
     skip = _LINKS.get(packet.link)
@@ -150,7 +150,7 @@ def _open_ipv6(ip: bytes) -> tuple[int, _Ends, bytes] | None:
 
 def _carried(
     at: float, protocol: Protocol, from_client: bool, data: bytes, ends: _Ends, ports: tuple[int, int]
-) -> Carried:
+) -> ModbusPayload:
     both = [(ends[0], ports[0]), (ends[1], ports[1])]
     client, server = both if from_client else reversed(both)
-    return Carried(at, protocol, from_client, bytes(data), (*client, *server))
+    return ModbusPayload(at, protocol, from_client, bytes(data), (*client, *server))

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeAlias
 
-from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
-
-AnyFrame: TypeAlias = CanFrame | FdFrame | ErrorFrame
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """How many bytes the 16 data length codes of CAN FD mean."""
@@ -47,7 +45,7 @@ class Dropped(NamedTuple):
     frames: int
 
 
-Item: TypeAlias = Recorded | Dropped | Unread
+RecordedItem: TypeAlias = Recorded | Dropped | Unread
 
 TEXT_SHOWN = 60
 
@@ -57,32 +55,3 @@ def unread(at: float, line: int, error: DecodeError | str, text: str) -> Unread:
     why = error.text if isinstance(error, DecodeError) else error
     clean = "".join(character if character.isprintable() else "." for character in text.strip())
     return Unread(at, line, why, clean if len(clean) <= TEXT_SHOWN else f"{clean[: TEXT_SHOWN - 3]}...")
-
-
-_OVERRUN, _CONTROLLER = 0x01, 0x04
-_CONTROLLER_WORDS = (
-    *("receive buffer overrun", "transmit buffer overrun", "many receive errors", "many transmit errors"),
-    *("error passive (receiving)", "error passive (sending)", "error active again"),
-)
-
-
-def error_words(frame: ErrorFrame) -> str:
-    """An error frame of SocketCAN in words.
-
-    >>> error_words(ErrorFrame(0x04, bytes.fromhex("0001000000000000")))
-    'controller problem: receive buffer overrun'
-    """
-    words = frame.text
-    if frame.classes & _CONTROLLER and len(frame.data) > 1:
-        told = [text for bit, text in enumerate(_CONTROLLER_WORDS) if frame.data[1] >> bit & 1]
-        words += f": {', '.join(told)}" if told else ""
-    return words
-
-
-def is_overrun(frame: ErrorFrame) -> bool:
-    """Whether the controller of the recorder says that it has lost frames.
-
-    >>> is_overrun(ErrorFrame(0x04, b"\\0\\1")), is_overrun(ErrorFrame(0x40))
-    (True, False)
-    """
-    return bool(frame.classes & _CONTROLLER and frame.data[1:2] and frame.data[1] & _OVERRUN)

@@ -37,23 +37,23 @@ class Packet(NamedTuple):
     dropped: int = 0  # so many before it were lost by whoever recorded
 
 
-def header(link: int | None = ETHERNET) -> bytes:
+def file_header(link: int | None = ETHERNET) -> bytes:
     """How a file begins: a section, and its interface (none yet with None)."""
     section = struct.pack("<IHHq", _MAGIC, 1, 0, -1)
-    return _block(_SECTION, section) + (b"" if link is None else interface(link))
+    return _block(_SECTION, section) + (b"" if link is None else interface_block(link))
 
 
-def interface(link: int, name: str = "") -> bytes:
+def interface_block(link: int, name: str = "") -> bytes:
     """One more interface of the section: number 0 is the first."""
     text = name.encode()
     option = struct.pack("<HH", _NAME, len(text)) + text + bytes(-len(text) % 4) + bytes(4) if text else b""
     return _block(_INTERFACE, struct.pack("<HHI", link, 0, 0) + option)
 
 
-def packet(at: float, data: bytes, interface: int = 0) -> bytes:
+def packet_block(at: float, data: bytes, interface: int = 0) -> bytes:
     """One packet: what is put behind the header, as often as there is something to put.
 
-    >>> read(header() + packet(12.5, b"abc"))[0][:3]
+    >>> read_packets(file_header() + packet_block(12.5, b"abc"))[0][:3]
     (12.5, b'abc', 1)
     """
     micros = min(max(0, round(at * 1e6)), 0xFFFF_FFFF_FFFF_FFFF)
@@ -72,12 +72,12 @@ def is_capture(data: bytes) -> bool:
     return data[:4] == _SECTION.to_bytes(4, "big") or _pcap_order(data) is not None
 
 
-def read(data: bytes) -> list[Packet]:
+def read_packets(data: bytes) -> list[Packet]:
     """The packets of a pcapng or pcap file. DecodeError says where it is none, or where it is cut off."""
-    return list(packets(data))
+    return list(iter_packets(data))
 
 
-def packets(data: bytes) -> Iterator[Packet]:
+def iter_packets(data: bytes) -> Iterator[Packet]:
     """The same one by one: what stands before the place where a file is cut off can be had."""
     return _read_pcap(data) if _pcap_order(data) else _read_pcapng(data)
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import struct
 
-from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
-from barewire.explain.capture.model import FD_MAX, AnyFrame
+from barewire.explain.capture.model import FD_MAX
 from barewire.explain.capture.pcapng import Packet
 
 SOCKETCAN = 227
@@ -24,10 +24,10 @@ _FD = 0x04
 _HEAD = struct.Struct(">IBBBB")
 
 
-def is_can(packet: Packet) -> bool:
+def is_can_packet(packet: Packet) -> bool:
     """Whether a packet is a CAN frame at all, readable or not.
 
-    >>> is_can(Packet(0.0, to_packet(CanFrame.parse("705#05")), SOCKETCAN))
+    >>> is_can_packet(Packet(0.0, to_packet(CanFrame.parse("705#05")), SOCKETCAN))
     True
     """
     if packet.link == SOCKETCAN:

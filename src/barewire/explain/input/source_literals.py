@@ -37,12 +37,12 @@ def _wrong(text: str, at: int, words: str) -> DecodeError:
     return DecodeError("value", text.encode("latin-1", "replace"), at, words)
 
 
-def undressed(text: str) -> tuple[str, bool]:
+def strip_syntax(text: str) -> tuple[str, bool]:
     """The text without what is around its bytes, and whether they stood in a list: in brackets, with commas.
 
-    >>> undressed("{0x01, 0x03};")
+    >>> strip_syntax("{0x01, 0x03};")
     (' 0x01, 0x03  ', True)
-    >>> undressed("[01][03]"), undressed("[12] 01 03")[0]
+    >>> strip_syntax("[01][03]"), strip_syntax("[12] 01 03")[0]
     ((' 01  03 ', False), '[12] 01 03')
     """
     listed = False
@@ -60,15 +60,15 @@ def undressed(text: str) -> tuple[str, bool]:
         if is_pair and last not in re.sub(r"\(.*\)|\[.*\]", "", inner):
             listed = listed or (first in "{[(" and "," in inner)
             text = text[:start] + " " + inner + " " * (len(text) - end + 1)
-        if text == before or quoted(text) is not None:
+        if text == before or parse_string_literal(text) is not None:
             break
     return text, listed
 
 
-def quoted(text: str) -> bytes | None:
+def parse_string_literal(text: str) -> bytes | None:
     """The bytes of a string with escapes, or of b'...'; None for anything else, such as digits in quotes.
 
-    >>> quoted(r"b'\\x01\\x03\\n'"), quoted('"0103"'), quoted("b'0103'")
+    >>> parse_string_literal(r"b'\\x01\\x03\\n'"), parse_string_literal('"0103"'), parse_string_literal("b'0103'")
     (b'\\x01\\x03\\n', None, None)
     """
     found = _QUOTED.fullmatch(text)
@@ -95,10 +95,10 @@ def quoted(text: str) -> bytes | None:
     return bytes(data)
 
 
-def decimal(text: str, listed: bool) -> bytes | None:
+def parse_decimal(text: str, listed: bool) -> bytes | None:
     """The bytes of numbers to the base 10, where nothing else can be meant; None where it is hexadecimal.
 
-    >>> decimal("1, 3, 0, 0, 0, 10, 197, 205", False).hex(" "), decimal("01 03 10", False)
+    >>> parse_decimal("1, 3, 0, 0, 0, 10, 197, 205", False).hex(" "), parse_decimal("01 03 10", False)
     ('01 03 00 00 00 0a c5 cd', None)
     """
     tokens = [(found.start(), found[0]) for found in re.finditer(r"[^\s,;]+", text)]

@@ -6,36 +6,36 @@
 
 from __future__ import annotations
 
-from barewire.explain.modbus.pdu import read_letter
+from barewire.explain.modbus.pdu import explain_pdu
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.sniffer.sniffer import Answered, Asked, Disturbance, Half, Overheard, Unanswered
 
 _SHOWN = 12
-"""So many values or bytes of an answer are printed; `as_dict` has them all."""
+"""So many values or bytes of an answer are printed; `exchange_as_dict` has them all."""
 
 
-def in_words(event: Overheard) -> str | None:
+def exchange_line(event: Overheard) -> str | None:
     """The line for an event; None for a question whose answer is still to come.
 
     >>> asked = Asked(1, bytes.fromhex("0300000002"), 1.0)
-    >>> in_words(asked), in_words(Answered(1, bytes.fromhex("030400170007"), 1.0123, to=asked))
+    >>> exchange_line(asked), exchange_line(Answered(1, bytes.fromhex("030400170007"), 1.0123, to=asked))
     (None, '1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms')
     """
     match event:
         case Asked(unit=0):
-            return f"{event.at:.6f}  all     {read_letter(event.pdu, 'request').summary} (broadcast)"
+            return f"{event.at:.6f}  all     {explain_pdu(event.pdu, 'request').summary} (broadcast)"
         case Asked():
             return None
         case Unanswered():
             return f"{_question(event.to)} -> no answer"
         case Half():
-            said = read_letter(event.pdu, "request").summary
+            said = explain_pdu(event.pdu, "request").summary
             return f"{event.at:.6f}  unit {event.unit}  {said} -> heard once: the request or its echo"
         case Disturbance():
             data = event.noise.data
             return f"{event.at:.6f}  noise   {_clipped(data.hex(' ').upper().split())} ({event.noise.text})"
         case Answered(to=None):
-            said = read_letter(event.pdu, "response").summary
+            said = explain_pdu(event.pdu, "response").summary
             return f"{event.at:.6f}  unit {event.unit}  (request not heard) -> {said}"
         case Answered(to=asked):
             assert asked is not None
@@ -44,13 +44,13 @@ def in_words(event: Overheard) -> str | None:
 
 
 def _question(asked: Asked) -> str:
-    return f"{asked.at:.6f}  unit {asked.unit}  {read_letter(asked.pdu, 'request').summary}"
+    return f"{asked.at:.6f}  unit {asked.unit}  {explain_pdu(asked.pdu, 'request').summary}"
 
 
 def _said(answer: Answered, asked: Asked) -> str:
     """What an answer says that its question did not."""
     pdu = answer.pdu
-    letter = read_letter(pdu, "response")
+    letter = explain_pdu(pdu, "response")
     if pdu[0] & EXCEPTION_BIT:
         return letter.summary.partition(" to ")[0]
     if letter.error is not None:
@@ -65,10 +65,10 @@ def _clipped(parts: list[str]) -> str:
     return " ".join(parts if len(parts) <= _SHOWN else [*parts[:_SHOWN], "..."])
 
 
-def as_dict(event: Overheard) -> dict[str, object]:
+def exchange_as_dict(event: Overheard) -> dict[str, object]:
     """For programs: ready for `json.dumps`. `request_at` says which request a response or a silence belongs to.
 
-    >>> as_dict(Unanswered(Asked(1, bytes.fromhex("0300000002"), 1.0), 2.0))
+    >>> exchange_as_dict(Unanswered(Asked(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
     """
     match event:
@@ -95,7 +95,7 @@ def as_dict(event: Overheard) -> dict[str, object]:
 
 
 def _frame(kind: str, unit: int, pdu: bytes, at: float, transaction: int | None) -> dict[str, object]:
-    letter = read_letter(pdu, "response" if kind == "response" else "request")
+    letter = explain_pdu(pdu, "response" if kind == "response" else "request")
     fields = {field.name: field.value if isinstance(field.value, int) else str(field.value) for field in letter.fields}
     told: dict[str, object] = {"event": kind, "at": at, "unit": unit, "function": pdu[0] & ~EXCEPTION_BIT}
     if transaction is not None:

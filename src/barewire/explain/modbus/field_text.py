@@ -40,10 +40,10 @@ _QUANTITY_OF = {
 }
 
 
-def unit_words(unit: int, serial: bool) -> str:
+def unit_text(unit: int, serial: bool) -> str:
     """Who a unit is.
 
-    >>> unit_words(0, serial=True)
+    >>> unit_text(0, serial=True)
     'broadcast: all units, and nobody answers'
     """
     if unit == 0:
@@ -53,10 +53,10 @@ def unit_words(unit: int, serial: bool) -> str:
     return f"unit {unit}" + (": 248..255 are reserved" if unit > 247 else "")
 
 
-def code_words(code: int) -> str:
+def unnamed_code_text(code: int) -> str:
     """What a function code is that has no name.
 
-    >>> code_words(65), code_words(9), code_words(99)
+    >>> unnamed_code_text(65), unnamed_code_text(9), unnamed_code_text(99)
     ('user-defined function', 'reserved function', 'not a public function of the standard')
     """
     if code in USER_DEFINED:
@@ -64,21 +64,21 @@ def code_words(code: int) -> str:
     return "reserved function" if code in RESERVED else "not a public function of the standard"
 
 
-def title(pdu: bytes) -> str:
+def function_title(pdu: bytes) -> str:
     """The name of the function of a PDU."""
     known = request_class(pdu)
     if known is not None:
         return known.name
     if pdu[0] == ENCAPSULATED and len(pdu) > 1 and pdu[1] in MEI_TYPES:
         return MEI_TYPES[pdu[1]]
-    return PUBLIC.get(pdu[0]) or f"function {pdu[0]:02X} ({code_words(pdu[0])})"
+    return PUBLIC.get(pdu[0]) or f"function {pdu[0]:02X} ({unnamed_code_text(pdu[0])})"
 
 
 def code_title(code: int) -> str:
     """Number and name: '04 Read Input Registers', as far as one byte tells it."""
     known = request_class(bytes([code]))
     name = known.name if known else PUBLIC.get(code)
-    return f"{code:02X} {name or code_words(code)}"
+    return f"{code:02X} {name or unnamed_code_text(code)}"
 
 
 def with_meanings(fields: list[Field], pdu: bytes, role: Role | None) -> list[Field]:

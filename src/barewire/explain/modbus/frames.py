@@ -16,9 +16,19 @@ from barewire.ascii import frame as ascii_frame
 from barewire.ascii.lrc import lrc
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, Reason
-from barewire.explain.modbus.field_text import unit_words
-from barewire.explain.modbus.pdu import ParsedPdu, left_over, read_letter
-from barewire.explain.result import Explanation, Problem, Role, counted, cover, explained, moved, on_bytes, problem
+from barewire.explain.modbus.field_text import unit_text
+from barewire.explain.modbus.pdu import ParsedPdu, explain_pdu, left_over_field
+from barewire.explain.result import (
+    Explanation,
+    Problem,
+    Role,
+    as_problem,
+    counted,
+    explained_field,
+    explained_fields,
+    fill_gaps,
+    shifted,
+)
 from barewire.modbus.adu import Adu
 from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.rtu import frame as rtu_frame
@@ -48,8 +58,8 @@ def _is_bare(body: bytes, checked: int, role: Role | None) -> bool:
 
     Somebody who writes a frame down often leaves out what is computed. Only a function that is known can tell.
     """
-    whole = read_letter(body[1:], role)
-    return whole.role is not None and whole.error is None and read_letter(body[1:-checked], role).error is not None
+    whole = explain_pdu(body[1:], role)
+    return whole.role is not None and whole.error is None and explain_pdu(body[1:-checked], role).error is not None
 
 
 # RTU ---------------------------------------------------------------------------------------------------------------
@@ -69,7 +79,7 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     """
     fault = _fault(rtu_frame.decode, data)
     frame, behind = data, ""
-    is_doubtful = fault.reason == "checksum" if fault else read_letter(data[1:-2], role).error is not None
+    is_doubtful = fault.reason == "checksum" if fault else explain_pdu(data[1:-2], role).error is not None
     end = _end_of_first(data, role) if is_doubtful else None
     if end is not None:
         frame, behind = data[:end], "perhaps the next frame"
@@ -82,17 +92,17 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     elif fault is not None and fault.reason == "checksum" and data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
         fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
     body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
-    letter = read_letter(body[1:], role)
-    fields = [Field(0, 1, "unit", data[0], unit_words(data[0], serial=True)) for _ in data[:1]]
-    fields += moved(letter.fields, 1)
+    letter = explain_pdu(body[1:], role)
+    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)) for _ in data[:1]]
+    fields += shifted(letter.fields, 1)
     if len(body) < len(frame):
         right = crc16(body).to_bytes(2, "little")
         words = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
         fields.append(Field(len(body), 2, "CRC", int.from_bytes(frame[-2:], "little"), words))
-    fields += left_over(len(frame), len(data), behind)
+    fields += left_over_field(len(frame), len(data), behind)
     summary = _summary(letter, data[0], "CRC ok") if data else ""
     return Explanation(
-        "rtu", letter.role, on_bytes(fields, data), problem(fault) or problem(letter.error, by=1), summary
+        "rtu", letter.role, explained_fields(fields, data), as_problem(fault) or as_problem(letter.error, by=1), summary
     )
 
 
@@ -102,11 +112,11 @@ def _without_crc(data: bytes, role: Role | None) -> Explanation:
     >>> explain_rtu(bytes.fromhex("01030000000A")).verdict
     'not valid: no CRC; with C5 CD it is a request to unit 1, Read Holding Registers, 10 from 0000h (byte 6)'
     """
-    letter, right = read_letter(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
-    fields = [Field(0, 1, "unit", data[0], unit_words(data[0], serial=True)), *moved(letter.fields, 1)]
+    letter, right = explain_pdu(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
+    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)), *shifted(letter.fields, 1)]
     fields.append(Field(len(data), 0, "CRC", None, f"is missing; it would be {right}"))
     text = f"no CRC; with {right} it is {_summary(letter, data[0])}"
-    return Explanation("rtu", letter.role, on_bytes(fields, data), Problem("short", len(data), text), text)
+    return Explanation("rtu", letter.role, explained_fields(fields, data), Problem("short", len(data), text), text)
 
 
 def _end_of_first(data: bytes, role: Role | None) -> int | None:
@@ -153,9 +163,9 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
     is_bare = all_digits and fault is not None and fault.reason in ("checksum", "short") and _is_bare(adu, 1, role)
     has_lrc = start + digits == end and digits % 2 == 0 and len(adu) >= 3 and not is_bare
     body = adu[:-1] if has_lrc else adu
-    letter = read_letter(body[1:], role)
-    inner = [Field(0, 1, "unit", adu[0], unit_words(adu[0], serial=True)) for _ in adu[:1]]
-    inner += moved(letter.fields, 1)
+    letter = explain_pdu(body[1:], role)
+    inner = [Field(0, 1, "unit", adu[0], unit_text(adu[0], serial=True)) for _ in adu[:1]]
+    inner += shifted(letter.fields, 1)
     if has_lrc:
         right = lrc(body)
         words = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
@@ -170,13 +180,13 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
         fields.append(Field(end, 2, "end", "CR LF", "ends a frame"))
     elif typed:
         words = "CR LF is missing here; on a line every frame ends with it"
-        fields = [*cover(fields, end), Field(end, len(data) - end, "end", None, words)]
-    inside = problem(letter.error)
+        fields = [*fill_gaps(fields, end), Field(end, len(data) - end, "end", None, words)]
+    inside = as_problem(letter.error)
     if inside is not None:
         inside = Problem(inside.reason, start + 2 * (1 + inside.at), inside.text)
-    shown = tuple(explained(field, _characters(field, data)) for field in cover(fields, len(data)))
+    shown = tuple(explained_field(field, _characters(field, data)) for field in fill_gaps(fields, len(data)))
     summary = _summary(letter, adu[0], "LRC ok") if adu else ""
-    return Explanation("ascii", letter.role, shown, problem(fault) or inside, summary)
+    return Explanation("ascii", letter.role, shown, as_problem(fault) or inside, summary)
 
 
 def _characters(field: Field, data: bytes) -> str:
@@ -208,18 +218,18 @@ def explain_tcp(data: bytes, role: Role | None = None) -> Explanation:
     fault = _fault(tcp_frame.decode, data)
     header = MBAP.fields(data)
     if len(header) < len(MBAP.names):
-        fields, letter, end = cover(header, len(data), MBAP.names[len(header)]), read_letter(b"", role), len(data)
+        fields, letter, end = fill_gaps(header, len(data), MBAP.names[len(header)]), explain_pdu(b"", role), len(data)
     else:
         # Only a length that can be one cuts the frame off; any other number says nothing about where it ends.
         length = int.from_bytes(data[4:6], "big")
         end = min(tcp_frame.PREFIX + length, len(data)) if length in tcp_frame.LENGTHS else len(data)
-        letter = read_letter(data[MBAP.size : end], role)
-        fields = [*header, *moved(letter.fields, MBAP.size)]
+        letter = explain_pdu(data[MBAP.size : end], role)
+        fields = [*header, *shifted(letter.fields, MBAP.size)]
     fields = [_header_words(field, len(data)) for field in fields]
-    fields += left_over(end, len(data), "behind the frame: perhaps the next one")
+    fields += left_over_field(end, len(data), "behind the frame: perhaps the next one")
     summary = _summary(letter, data[6], f"transaction {int.from_bytes(data[:2], 'big')}") if len(data) > 6 else ""
-    whole = on_bytes(fields, data)
-    return Explanation("tcp", letter.role, whole, problem(fault) or problem(letter.error, by=MBAP.size), summary)
+    whole = explained_fields(fields, data)
+    return Explanation("tcp", letter.role, whole, as_problem(fault) or as_problem(letter.error, by=MBAP.size), summary)
 
 
 def _header_words(field: Field, size: int) -> Field:
@@ -232,6 +242,6 @@ def _header_words(field: Field, size: int) -> Field:
         "transaction": "the answer repeats it",
         "protocol": "Modbus" if value == 0 else "not Modbus, that has 0",
         "length": f"unit and PDU: {value} bytes " + ("follow" if value == follow else f"announced, {follow} follow"),
-        "unit": unit_words(value, serial=False),
+        "unit": unit_text(value, serial=False),
     }
     return field._replace(meaning=words[field.name])

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from barewire.codecs import Field
 from barewire.errors import DecodeError
-from barewire.explain.modbus.field_text import code_title, title, with_meanings
-from barewire.explain.result import LEFT_OVER, Role, counted, cover
+from barewire.explain.modbus.field_text import code_title, function_title, with_meanings
+from barewire.explain.result import LEFT_OVER, Role, counted, fill_gaps
 from barewire.modbus.exceptions import exception_name
 from barewire.modbus.messages.base import EXCEPTION_BIT, Message
 from barewire.modbus.messages.registry import ENCAPSULATED, request_class, response_class
@@ -35,26 +35,26 @@ class ParsedPdu(NamedTuple):
     note: str = ""
 
 
-def read_letter(pdu: bytes, role: Role | None = None) -> ParsedPdu:
+def explain_pdu(pdu: bytes, role: Role | None = None) -> ParsedPdu:
     """Explain a PDU. Never raises: what is wrong with it is in `error`.
 
-    >>> read_letter(bytes.fromhex("8302")).summary
+    >>> explain_pdu(bytes.fromhex("8302")).summary
     'exception 02 (illegal data address) to 03 Read Holding Registers'
     """
     if not pdu:
         return ParsedPdu(role, [], DecodeError("short", pdu, 0, "there is no function code"), "nothing")
     note = ""
     if role is None:
-        role, note = guess(pdu)
+        role, note = guess_role(pdu)
     message = _shape(pdu, role)
     fields = with_meanings(_fields(message, pdu), pdu, role)
     return ParsedPdu(role, fields, _error(message, pdu, role), _summary(fields, pdu), note)
 
 
-def guess(pdu: bytes) -> tuple[Role | None, str]:
+def guess_role(pdu: bytes) -> tuple[Role | None, str]:
     """Who says this, and a note if it might as well be the other. None for a function nobody here knows.
 
-    >>> guess(bytes.fromhex("0600010003"))
+    >>> guess_role(bytes.fromhex("0600010003"))
     ('request', 'a response can look the same')
     """
     if pdu[0] & EXCEPTION_BIT:
@@ -107,7 +107,7 @@ def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
     if message is not None:
         found = message.fields(pdu)
         names = message.layout.names
-        return cover(found, len(pdu), names[len(found)] if len(found) < len(names) else "")
+        return fill_gaps(found, len(pdu), names[len(found)] if len(found) < len(names) else "")
     found = [Field(0, 1, "function_code", pdu[0])]
     if pdu[0] == ENCAPSULATED and len(pdu) > 1:
         found.append(Field(1, 1, "mei_type", pdu[1]))
@@ -128,17 +128,17 @@ def _summary(fields: list[Field], pdu: bytes) -> str:
     address, quantity, value = held.get("address"), held.get("quantity"), held.get("value")
     if isinstance(address, int):
         if isinstance(quantity, int):
-            return f"{title(pdu)}, {quantity} from {address:04X}h"
+            return f"{function_title(pdu)}, {quantity} from {address:04X}h"
         if isinstance(value, int):
             words = {field.name: field.meaning for field in fields}
-            return f"{title(pdu)}, {words['value'] if pdu[0] == 0x05 else value} to {address:04X}h"
+            return f"{function_title(pdu)}, {words['value'] if pdu[0] == 0x05 else value} to {address:04X}h"
     registers = sum(field.name.startswith("register ") for field in fields)
     if registers:
-        return f"{title(pdu)}, {counted(registers, 'register')}"
+        return f"{function_title(pdu)}, {counted(registers, 'register')}"
     packed = sum(field.name in ("coils", "inputs") for field in fields)
-    return f"{title(pdu)}, {counted(packed)} of bits" if packed else title(pdu)
+    return f"{function_title(pdu)}, {counted(packed)} of bits" if packed else function_title(pdu)
 
 
-def left_over(at: int, size: int, meaning: str = "") -> list[Field]:
+def left_over_field(at: int, size: int, meaning: str = "") -> list[Field]:
     """The field for the bytes behind a frame that is complete, if there are any."""
     return [Field(at, size - at, LEFT_OVER, None, meaning)] if size > at else []

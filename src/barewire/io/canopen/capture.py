@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from barewire.explain.capture.model import AnyFrame
+from barewire.canopen.frame import AnyFrame
 from barewire.io.endpoint import Endpoint
 
 LOOK = 0.1

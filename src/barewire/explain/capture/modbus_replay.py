@@ -11,8 +11,8 @@ from collections.abc import Callable, Container, Iterator
 from barewire.ascii import AsciiLine
 from barewire.errors import DecodeError
 from barewire.explain.capture.bytelog import parse_log
-from barewire.explain.capture.modbus_packets import MODBUS_PORTS, Connection, unpack
-from barewire.explain.capture.pcapng import is_capture, read
+from barewire.explain.capture.modbus_packets import MODBUS_PORTS, TcpPair, modbus_payload
+from barewire.explain.capture.pcapng import is_capture, read_packets
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer.numbered import NumberedSniffer
 from barewire.modbus.sniffer.sniffer import WINDOW, Overheard, Sniffer
@@ -94,12 +94,12 @@ class _Stream:
 
 
 def _replay_capture(data: bytes, window: float, ports: Container[int]) -> Iterator[Overheard]:
-    serial: dict[Connection, Sniffer] = {}
-    numbered: dict[Connection, NumberedSniffer] = {}
-    streams: dict[tuple[Connection, bool], _Stream] = {}
+    serial: dict[TcpPair, Sniffer] = {}
+    numbered: dict[TcpPair, NumberedSniffer] = {}
+    streams: dict[tuple[TcpPair, bool], _Stream] = {}
     now = 0.0
-    for packet in read(data):
-        carried = unpack(packet, ports)
+    for packet in read_packets(data):
+        carried = modbus_payload(packet, ports)
         if carried is None:
             continue
         now, where = carried.at, carried.connection

@@ -19,30 +19,31 @@ from collections import Counter
 from collections.abc import Iterable
 
 from barewire.canopen.cob_ids import Service, classify, is_restricted
-from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.explain.can_monitor.channels import Channels
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
+from barewire.explain.can_monitor.channel import PATIENCE, SdoTracker
+from barewire.explain.can_monitor.channels import SdoChannels
 from barewire.explain.can_monitor.events import (
-    BusError,
-    Event,
-    Foreign,
+    BusErrorReport,
+    ForeignFrameReport,
     Gap,
-    NodeEvent,
+    MonitorEvent,
+    NodeReport,
+    SdoTransferReport,
     Summary,
-    Transfer,
     Violation,
 )
-from barewire.explain.can_monitor.node_model import KnownNode
-from barewire.explain.can_monitor.nodes import Nodes
-from barewire.explain.can_monitor.pdos import PdoListener
-from barewire.explain.can_monitor.sdo import PATIENCE, SdoListener
+from barewire.explain.can_monitor.nodes import NodeTracker
+from barewire.explain.can_monitor.pdos import PdoTracker
 from barewire.explain.can_monitor.services import (
-    LssListener,
-    SyncListener,
+    LssTracker,
+    SyncTracker,
     hear_emergency,
     hear_time,
 )
-from barewire.explain.can_monitor.transfer import HELD_MAX, Memory
-from barewire.explain.capture.model import AnyFrame, Dropped, error_words, is_overrun
+from barewire.explain.can_monitor.transfer import HELD_MAX, HeldBytes
+from barewire.explain.canopen.frame import error_frame_text, is_overrun
+from barewire.explain.canopen.known_node import KnownNode
+from barewire.explain.capture.model import Dropped
 
 BROKEN_MAX = 4096
 """So many different violations are told apart from repeated ones."""
@@ -56,10 +57,10 @@ SILENT = 1.0
 """A transfer is a witness when it did not go on for so many seconds."""
 
 
-class Listener:
+class CanMonitor:
     """One bus.
 
-    >>> listener = Listener()
+    >>> listener = CanMonitor()
     >>> [event.kind for event in listener.feed(CanFrame.parse("705#00"), 0.0)]
     ['boot-up']
     >>> _ = listener.feed(CanFrame.parse("605#4041600000000000"), 0.1)
@@ -70,14 +71,14 @@ class Listener:
     def __init__(self, known: Iterable[KnownNode] = (), *, patience: float = PATIENCE, held: int = HELD_MAX) -> None:
         self.frames = 0
         self.counts: Counter[str] = Counter()
-        self.memory = Memory(held)
-        self.nodes = Nodes()
+        self.memory = HeldBytes(held)
+        self.nodes = NodeTracker()
         described = tuple(known)
-        self.pdos = PdoListener(described)
-        self.sync = SyncListener()
-        self.lss = LssListener()
+        self.pdos = PdoTracker(described)
+        self.sync = SyncTracker()
+        self.lss = LssTracker()
         dialects = {one.node: one.commands for one in described}
-        self.channels = Channels(self.memory, patience, dialects, self.pdos)
+        self.channels = SdoChannels(self.memory, patience, dialects, self.pdos)
         self.violations: Counter[str] = Counter()
         self._broken: set[tuple[str, int, str]] = set()
         self._first: float | None = None
@@ -96,7 +97,7 @@ class Listener:
         dues = (self.channels.deadline, self.nodes.deadline, self.sync.deadline)
         return min((due for due in dues if due is not None), default=None)
 
-    def feed(self, item: AnyFrame | Dropped | None, now: float) -> list[Event]:
+    def feed(self, item: AnyFrame | Dropped | None, now: float) -> list[MonitorEvent]:
         """What the item tells, and before that what was due."""
         return [self._judged(event) if isinstance(event, Violation) else event for event in self._feed(item, now)]
 
@@ -110,8 +111,8 @@ class Listener:
             self._broken.add(same)
         return violation
 
-    def _feed(self, item: AnyFrame | Dropped | None, now: float) -> list[Event]:
-        events: list[Event] = []
+    def _feed(self, item: AnyFrame | Dropped | None, now: float) -> list[MonitorEvent]:
+        events: list[MonitorEvent] = []
         if self._first is None:
             self._first = self._last = now
         if now < self._last:
@@ -140,7 +141,7 @@ class Listener:
             events += self._strange("CAN FD", item, now)
         return events
 
-    def end(self, now: float) -> list[Event]:
+    def end(self, now: float) -> list[MonitorEvent]:
         """The recording is over: what was still under way, and how it was on the whole."""
         now = max(now, self._last)
         events = self._pass_time(now)
@@ -158,7 +159,7 @@ class Listener:
 
     # Time
 
-    def _pass_time(self, now: float) -> list[Event]:
+    def _pass_time(self, now: float) -> list[MonitorEvent]:
         due = self.deadline
         if due is None or due > now:
             return []
@@ -187,7 +188,7 @@ class Listener:
 
     # Frames
 
-    def _hear(self, frame: CanFrame, now: float) -> list[Event]:
+    def _hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         channel = self.channels.find(frame)
         owner = classify(frame)
         if frame.extended and self.pdos.owner(frame) is None:
@@ -208,7 +209,7 @@ class Listener:
             return self._process_data(frame, now)
         return self._service(owner[0], owner[1], frame, now)
 
-    def _service(self, service: Service, node: int, frame: CanFrame, now: float) -> list[Event]:
+    def _service(self, service: Service, node: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
         self.counts[service.name.removesuffix(" request").removesuffix(" answer")] += 1
         match service.name:
             case "SDO request" | "SDO answer":
@@ -227,30 +228,30 @@ class Listener:
                 return []
             case "error control":
                 events = self.nodes.hear(node, frame, now)
-                if any(isinstance(event, NodeEvent) and event.kind == "boot-up" for event in events):
+                if any(isinstance(event, NodeReport) and event.kind == "boot-up" for event in events):
                     events += self.pdos.reset(node, now)
                 return events
         return self.lss.hear(frame, now)
 
-    def _process_data(self, frame: CanFrame, now: float) -> list[Event]:
+    def _process_data(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         self.counts["PDO"] += 1
         owner = self.pdos.owner(frame)
-        events: list[Event] = []
+        events: list[MonitorEvent] = []
         if owner is not None and owner[1].startswith("T") and not frame.remote:
             events += self.nodes.allowed(owner[0], owner[1], True, frame, now)
         return [*events, *self.pdos.hear(frame, now)]
 
     # SDO, and what it teaches
 
-    def _sdo(self, channel: SdoListener, asks: bool, frame: CanFrame, now: float) -> list[Event]:
+    def _sdo(self, channel: SdoTracker, asks: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
         events = self.nodes.allowed(channel.node, "SDO", not asks, frame, now)
         events += self.channels.feed(channel, asks, frame, now)
         for event in list(events):
-            if isinstance(event, Transfer) and event.outcome == "done" and event.data is not None:
+            if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
                 events += self._learn(event, event.data, now)
         return events
 
-    def _learn(self, event: Transfer, data: bytes, now: float) -> list[Event]:
+    def _learn(self, event: SdoTransferReport, data: bytes, now: float) -> list[MonitorEvent]:
         """Objects that say how the bus is used."""
         node, index, sub = event.node, event.index or 0, event.sub or 0
         number = int.from_bytes(data[:8], "little")
@@ -261,17 +262,17 @@ class Listener:
 
     # What is no classical frame
 
-    def _strange(self, what: str, frame: CanFrame | FdFrame, now: float) -> list[Event]:
+    def _strange(self, what: str, frame: CanFrame | FdFrame, now: float) -> list[MonitorEvent]:
         self.counts[what] += 1
         if what in self._foreign:
             return []
         self._foreign.add(what)
-        return [Foreign(now, what, str(frame))]
+        return [ForeignFrameReport(now, what, str(frame))]
 
-    def _error_frame(self, frame: ErrorFrame, now: float) -> list[Event]:
+    def _error_frame(self, frame: ErrorFrame, now: float) -> list[MonitorEvent]:
         self.counts["error frame"] += 1
         repeated, self._error = frame == self._error, frame
-        events: list[Event] = [BusError(now, frame.classes, error_words(frame), repeated)]
+        events: list[MonitorEvent] = [BusErrorReport(now, frame.classes, error_frame_text(frame), repeated)]
         if is_overrun(frame):
             events.append(Gap(now, None, None, "the controller of the recorder was overrun"))
             self.channels.interrupt()

@@ -34,11 +34,17 @@ from barewire.canopen.sdo.messages.initiate import (
 )
 from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.errors import DecodeError
-from barewire.explain.can_monitor.block import BlockListener
-from barewire.explain.can_monitor.events import Direction, Event, Gap, Loss, Outcome, Violation
-from barewire.explain.can_monitor.message_directions import BEGINS, CLIENT_SAYS, SERVER_SAYS, Answer, Request
+from barewire.explain.can_monitor.block import BlockTracker
+from barewire.explain.can_monitor.events import Gap, Loss, MonitorEvent, TransferDirection, TransferOutcome, Violation
+from barewire.explain.can_monitor.message_directions import (
+    BEGINS,
+    CLIENT_SAYS,
+    SERVER_SAYS,
+    InitiateAnswer,
+    InitiateRequest,
+)
 from barewire.explain.can_monitor.segments import hear_segment
-from barewire.explain.can_monitor.transfer import Memory, OpenTransfer, Side, named
+from barewire.explain.can_monitor.transfer import HeldBytes, OpenTransfer, SdoSide, object_name
 from barewire.explain.can_monitor.unheard import (
     answer_to_nobody,
     begin_unheard,
@@ -51,11 +57,11 @@ PATIENCE = 3.0
 """After so many seconds without a word a transfer is given up."""
 
 
-class SdoListener:
+class SdoTracker:
     """One channel of one node. A machine: its frames in, events out."""
 
     def __init__(
-        self, node: int, channel: int, memory: Memory, patience: float = PATIENCE, dialect: Iterable[int] = ()
+        self, node: int, channel: int, memory: HeldBytes, patience: float = PATIENCE, dialect: Iterable[int] = ()
     ) -> None:
         self.node, self.channel = node, channel
         self.open: OpenTransfer | None = None
@@ -63,18 +69,18 @@ class SdoListener:
         self.heard = False
         self.given_up: OpenTransfer | None = None
         self._reserved = set(dialect)  # command bytes with reserved bits that were told already, or are agreed upon
-        self.held_back: list[Event] = []
+        self.held_back: list[MonitorEvent] = []
         self.last = (False, b"")
         self.run = 0  # so often in a row the same side has said a frame with the next higher number
         self.now, self._frame = 0.0, ""
-        self.out: list[Event] = []
+        self.out: list[MonitorEvent] = []
 
     @property
     def deadline(self) -> float | None:
         """When the transfer under way is given up."""
         return None if self.open is None else self.open.heard + self._patience
 
-    def feed(self, asks: bool, frame: CanFrame, now: float) -> list[Event]:
+    def feed(self, asks: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
         """A frame of the client (`asks`) or of the server."""
         self.now, self._frame = now, str(frame)
         data = frame.data
@@ -89,7 +95,7 @@ class SdoListener:
         self.heard, self.last = True, (asks, data)
         return self._told()
 
-    def pass_time(self, now: float) -> list[Event]:
+    def pass_time(self, now: float) -> list[MonitorEvent]:
         """What was due by now: a transfer that nobody goes on with."""
         deadline = self.deadline
         if deadline is not None and now >= deadline:
@@ -104,7 +110,7 @@ class SdoListener:
             self.open.gapped = True
         self.given_up, self.heard = None, False
 
-    def end(self, now: float) -> list[Event]:
+    def end(self, now: float) -> list[MonitorEvent]:
         """The recording is over."""
         self.now = now
         self.close("cut")
@@ -120,10 +126,10 @@ class SdoListener:
 
     # What it is
 
-    def _hear(self, speaker: Side, data: bytes) -> None:
+    def _hear(self, speaker: SdoSide, data: bytes) -> None:
         if is_block_under_way(self, speaker, data):
             begun = begin_unheard(self, "upload" if speaker == "server" else "download", "block")
-            begun.block = BlockListener(begun, self.node, speaker, None, crc=None)
+            begun.block = BlockTracker(begun, self.node, speaker, None, crc=None)
         self.release()
         first_segment_of_block(self, speaker, data)
         block = None if self.open is None else self.open.block
@@ -148,9 +154,9 @@ class SdoListener:
             self.held_back.append(Violation(self.now, "SDO-RESERVED", self.node, text, self._frame))
         if isinstance(message, Abort):
             self._aborted(speaker, message)
-        elif isinstance(message, Answer):
+        elif isinstance(message, InitiateAnswer):
             self._answered(message)
-        elif isinstance(message, Request):
+        elif isinstance(message, InitiateRequest):
             self._begin(message, data)
         elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
             hear_segment(self, speaker, message, self.now)
@@ -162,11 +168,11 @@ class SdoListener:
         self.out += self.held_back
         self.held_back = []
 
-    def _told(self) -> list[Event]:
+    def _told(self) -> list[MonitorEvent]:
         out, self.out = self.out, []
         return out
 
-    def take_told(self, block: BlockListener) -> None:
+    def take_told(self, block: BlockTracker) -> None:
         """What the segments of a block have shown."""
         for told in block.told:
             if isinstance(told, Gap | Loss):
@@ -182,7 +188,7 @@ class SdoListener:
         assert self.open is not None
         return self.open
 
-    def _begin(self, request: Request, data: bytes) -> None:
+    def _begin(self, request: InitiateRequest, data: bytes) -> None:
         if self.open is not None:
             self.close(self._silent_outcome() if self.open.asked else "cut")
         direction, manner, answers = BEGINS[type(request)]
@@ -198,7 +204,7 @@ class SdoListener:
             if not 1 <= request.blksize <= BLOCK_MAX:
                 self.broken("SDO-BLOCK-SIZE", f"blocks of {request.blksize} segments are wanted")
 
-    def _answered(self, answer: Answer) -> None:
+    def _answered(self, answer: InitiateAnswer) -> None:
         transfer = self.open
         place = answer.index, answer.sub
         if transfer is None or not transfer.asked:
@@ -207,11 +213,11 @@ class SdoListener:
         if place != (transfer.index, transfer.sub):
             given = self.given_up
             if given is not None and (given.index, given.sub) == place and isinstance(answer, given.answers):
-                text = f"the answer about {named(*place)} comes after the request for {transfer}"
+                text = f"the answer about {object_name(*place)} comes after the request for {transfer}"
                 self.broken("SDO-OVERLAP", text)
                 self.given_up = None
             else:
-                self.broken("SDO-MUX", f"asked for {transfer}, the answer is about {named(*place)}")
+                self.broken("SDO-MUX", f"asked for {transfer}, the answer is about {object_name(*place)}")
             return
         if not isinstance(answer, transfer.answers):
             self.broken("SDO-WRONG-SCS", f"{transfer.direction} ({transfer.manner}) of {transfer} asked for")
@@ -219,7 +225,7 @@ class SdoListener:
         transfer.asked, transfer.turn = b"", "client"
         self.go_on(transfer, answer)
 
-    def go_on(self, transfer: OpenTransfer, answer: Answer) -> None:
+    def go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
         """The answer that the request wants: the value, or how it will come."""
         if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
             size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
@@ -239,7 +245,7 @@ class SdoListener:
             case BlockUploadInitiated():
                 crc = transfer.crc_asked and answer.crc if answer.crc else False
                 transfer.manner, transfer.size = "block", answer.size
-                transfer.block = BlockListener(transfer, self.node, "server", transfer.blksize, crc=crc)
+                transfer.block = BlockTracker(transfer, self.node, "server", transfer.blksize, crc=crc)
                 transfer.block.state = "ready"
             case BlockDownloadInitiated():
                 if not 1 <= answer.blksize <= BLOCK_MAX:
@@ -247,18 +253,18 @@ class SdoListener:
                 size = answer.blksize if 1 <= answer.blksize <= BLOCK_MAX else BLOCK_MAX
                 crc = transfer.crc_asked and answer.crc if answer.crc else False
                 transfer.manner = "block"
-                transfer.block = BlockListener(transfer, self.node, "client", size, crc=crc)
+                transfer.block = BlockTracker(transfer, self.node, "client", size, crc=crc)
 
     # Ends
 
-    def _aborted(self, speaker: Side, abort: Abort) -> None:
+    def _aborted(self, speaker: SdoSide, abort: Abort) -> None:
         if abort.code not in tuple(AbortCode):
             self.broken("SDO-ABORT-CODE", abort_text(abort.code))
         transfer = self.open
         if transfer is None:
             place, given = (abort.index, abort.sub), self.given_up
             late = given is not None and (given.index, given.sub) == place
-            direction: Direction = given.direction if late and given is not None else "unknown"
+            direction: TransferDirection = given.direction if late and given is not None else "unknown"
             self.open = OpenTransfer(direction, "unknown", place, None, self.memory)
         else:
             doubt = transfer.doubt
@@ -275,13 +281,13 @@ class SdoListener:
             self.broken("SDO-SIZE", f"{one.size} bytes announced, {one.count} came")
         self.close("done")
 
-    def _silent_outcome(self) -> Outcome:
+    def _silent_outcome(self) -> TransferOutcome:
         transfer = self._current
         if transfer.gapped or transfer.began is None:
             return "cut"
         return "unanswered" if transfer.turn == "server" else "left"
 
-    def close(self, outcome: Outcome, *, abort: int | None = None, by: Side | None = None) -> None:
+    def close(self, outcome: TransferOutcome, *, abort: int | None = None, by: SdoSide | None = None) -> None:
         transfer, self.open = self.open, None
         if transfer is None:
             return

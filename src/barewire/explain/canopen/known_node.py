@@ -23,7 +23,7 @@ from barewire.devices.sdo_dialects import DIALECTS
 from barewire.errors import BarewireError, EncodeError
 
 
-class Known(NamedTuple):
+class KnownObject(NamedTuple):
     """One object. With a `parameter` there are a unit, a scale, and words."""
 
     name: str
@@ -61,7 +61,7 @@ class KnownNode(NamedTuple):
 
     node: int
     title: str
-    objects: Mapping[tuple[int, int], Known]
+    objects: Mapping[tuple[int, int], KnownObject]
     pdos: tuple[Pdo, ...]
     commands: tuple[int, ...] = ()
     """Requests of its dialect that the standard says otherwise."""
@@ -78,11 +78,11 @@ def of_device(device: Device, node: int | None = None) -> KnownNode:
     if device.canopen is None:
         raise EncodeError(f"{device.name} has no CANopen in its description")
     number = check_node(device.canopen.node if node is None else node)
-    objects: dict[tuple[int, int], Known] = {}
+    objects: dict[tuple[int, int], KnownObject] = {}
     for parameter in device.parameters:
         place = parameter.object
         if place is not None and place.bit is None:
-            objects.setdefault((place.index, place.sub), Known(parameter.name, parameter.type, parameter))
+            objects.setdefault((place.index, place.sub), KnownObject(parameter.name, parameter.type, parameter))
     pdos = []
     for described in device.canopen.pdos:
         owner = classify(CanFrame(described.cob_id + number))
@@ -98,8 +98,8 @@ def of_device(device: Device, node: int | None = None) -> KnownNode:
 
 def of_dictionary(objects: ObjectDictionary, node: int, title: str = "") -> KnownNode:
     """What an object dictionary tells, such as one out of an EDS."""
-    known = {(entry.index, entry.sub): Known(entry.name, entry.type) for entry in objects}
+    known = {(entry.index, entry.sub): KnownObject(entry.name, entry.type) for entry in objects}
     for entry in objects:
         if entry.object_name and entry.sub and entry.object_name != entry.name:
-            known[entry.index, entry.sub] = Known(f"{entry.object_name}.{entry.name}", entry.type)
+            known[entry.index, entry.sub] = KnownObject(f"{entry.object_name}.{entry.name}", entry.type)
     return KnownNode(check_node(node), title, known, tuple(pdos_of(objects, node)))

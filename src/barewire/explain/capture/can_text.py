@@ -1,0 +1,97 @@
+"""A CAN frame as people paste it: a line of candump, or the short forms that are written into notes.
+
+    605#4040600000000000     (1234.5) can0 605#...     605#R     605 40 40 60     can0 605 [8] 40 40 60 ...
+
+Raises DecodeError with the character that cannot be read, and its place.
+"""
+
+from __future__ import annotations
+
+import re
+
+from barewire.canopen.frame import AnyFrame, CanFrame
+from barewire.errors import DecodeError
+from barewire.explain.capture.candump import parse_frame, read_candump
+from barewire.explain.capture.model import Recorded
+from barewire.explain.input.text import HEX_DIGITS, HEX_PREFIX, parse_hex_token, unreadable
+from barewire.explain.result import counted
+
+_BUS = re.compile(r"(?i)[vsx]?l?can\d*|[a-z]+\d+")
+_ERROR = re.compile(r"[23][0-9A-Fa-f]{7}#")  # bit 29 above the identifier: an error frame
+
+
+def parse_any_can(text: str) -> AnyFrame:
+    """The same, and CAN FD frames and error frames where candump writes them.
+
+    >>> str(parse_any_can("(1.5) can0 123##1AABB")), parse_any_can("can0 20000040 [8] 00 00 00 00 00 00 00 00").text
+    ('123##1AABB', 'bus off')
+    """
+    items = list(read_candump(text)) if "\n" not in text.strip() else []
+    if len(items) == 1 and isinstance(items[0], Recorded) and not isinstance(items[0].frame, CanFrame):
+        return items[0].frame
+    stripped = text.strip()
+    if "##" in stripped or _ERROR.match(stripped):
+        return parse_frame(stripped)
+    return parse_can(text)
+
+
+def parse_can(text: str) -> CanFrame:
+    """A CAN frame from a line of candump, or from the short forms that people write into their notes.
+
+    >>> str(parse_can("(1234.5) can0 605#40.41.60.00"))
+    '605#40416000'
+    >>> str(parse_can("  vcan0  705   [1]  remote request")), str(parse_can("0x80"))
+    ('705#R1', '080#')
+    """
+    body = re.sub(r"^\s*\([^)]*\)", lambda stamp: " " * len(stamp.group()), text)
+    tokens = [(token.start(), token.group()) for token in re.finditer(r"\S+", body)]
+    if tokens and "#" not in tokens[0][1] and _is_bus(tokens[0][1]):
+        tokens = tokens[1:]
+        if tokens and tokens[0][1] in ("RX", "TX"):  # candump -x: direction, and two flags
+            tokens = tokens[3:]
+    if not tokens:
+        raise unreadable("short", text, len(text), "no CAN frame: expected something like 605#4041600000000000")
+    (at, first), rest = tokens[0], tokens[1:]
+    if "#" in first:
+        if rest and (len(rest) > 1 or rest[0][1] not in ("R", "T")):
+            raise unreadable("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over behind the frame")
+        return _parsed(text, at, first)
+    return _in_columns(text, at, first, rest)
+
+
+def _is_bus(token: str) -> bool:
+    """A name such as can0. `CA0` could be both, and is an identifier."""
+    return _BUS.fullmatch(token) is not None and not set(token) <= HEX_DIGITS and not token.startswith("0x")
+
+
+def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> CanFrame:
+    """identifier, [length], bytes; each with its place in the text."""
+    start = 2 if HEX_PREFIX.match(first) else 0
+    identifier = first[start:].removesuffix("h")
+    for place, character in enumerate(identifier, start=at + start):
+        if character not in HEX_DIGITS:
+            raise unreadable("character", text, place, f"{character!r} at {place} is no hexadecimal digit")
+    length: int | None = None
+    if rest and (told := re.fullmatch(r"\[(\d+)\]", rest[0][1])):
+        length, rest = int(told.group(1)), rest[1:]
+    if rest and rest[0][1] in ("remote", "R", "RTR"):
+        body = f"R{length or 0}"
+    else:
+        # candump -a prints the characters behind the bytes, in quotes.
+        quoted = next((place for place, (_, token) in enumerate(rest) if token.startswith("'")), len(rest))
+        data = b"".join(parse_hex_token(text, place, token) for place, token in rest[:quoted])
+        if length is not None and length != len(data):
+            words = f"the length is [{length}], but {counted(len(data))} of data follow"
+            raise unreadable("length", text, rest[0][0] if rest else len(text), words)
+        body = data.hex()
+    return _parsed(text, at, f"{identifier.rjust(3, '0')}#{body}")
+
+
+def _parsed(text: str, at: int, frame: str) -> CanFrame:
+    """`CanFrame.parse`, with its complaint placed in the whole text."""
+    try:
+        return CanFrame.parse(frame)
+    except DecodeError as error:
+        place = min(at + error.at, len(text))
+        words = f"{text[place : place + 1]!r} is no hexadecimal digit" if error.reason == "character" else error.text
+        raise unreadable(error.reason, text, place, f"{words}, at {place}") from None
