@@ -1,0 +1,153 @@
+"""Draws which room imports which, from the imports of the source, into ARCHITECTURE.md:   python tools/rooms.py
+
+A room is a package; in the drawing of a room's inside, the files beside its packages are rooms too. A room stands above
+every room that it imports, so all arrows point down. `tests/test_layers.py` uses the same functions: it fails on a
+circle of files, and when the drawing in ARCHITECTURE.md is not the one of today's imports.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+SRC = ROOT / "src"
+PAGE = ROOT / "ARCHITECTURE.md"
+BEGIN, END = "<!-- drawn by tools/rooms.py -->\n", "<!-- end of the drawing -->\n"
+INSIDE = ("modbus", "canopen", "canopen.sdo", "devices", "explain", "io")
+"""The rooms whose inside is drawn too."""
+
+Graph = dict[str, set[str]]
+
+
+@cache
+def files() -> dict[str, Path]:
+    """Every module of src/barewire by its dotted name without `barewire.`; the top one is ''."""
+    found = {}
+    for path in sorted((SRC / "barewire").rglob("*.py")):
+        parts = path.relative_to(SRC / "barewire").with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(path: Path) -> Iterator[tuple[str, str]]:
+    """Every (module, name) of barewire that the file imports, wherever in the file: functions and type checking too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "barewire":
+            yield from ((node.module.removeprefix("barewire").removeprefix("."), alias.name) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names if alias.name.split(".")[0] == "barewire"]
+            yield from ((name.removeprefix("barewire").removeprefix("."), "") for name in names)
+
+
+@cache
+def file_imports() -> Graph:
+    """File -> files. A name that a package re-exports is an import of the file that defines it.
+
+    A lazy package loads nothing by itself, so its own re-exports are not imports.
+    """
+    known = files()
+    exported = {
+        (module, name): (home, name)
+        for module, path in known.items()
+        if path.name == "__init__.py"
+        for home, name in imports(path)
+    }
+    graph: Graph = {module: set() for module in known}
+    for module, path in known.items():
+        if "lazy(" in path.read_text(encoding="utf-8") and path.name == "__init__.py":
+            continue
+        for home, name in imports(path):
+            while (home, name) in exported and f"{home}.{name}".strip(".") not in known:
+                home, name = exported[home, name]
+            whole = f"{home}.{name}".strip(".")
+            graph[module].add(whole if whole in known else home)
+        graph[module] -= {module}
+    return graph
+
+
+def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
+    """The groups of two and more that import each other, directly or by way of others (Tarjan's algorithm)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(one: str) -> None:
+        index[one] = low[one] = len(index)
+        stack.append(one)
+        for other in graph.get(one, ()):
+            if other not in index:
+                visit(other)
+                low[one] = min(low[one], low[other])
+            elif other in stack:
+                low[one] = min(low[one], index[other])
+        if low[one] == index[one]:
+            group = stack[stack.index(one) :]
+            del stack[stack.index(one) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for one in sorted(graph):
+        if one not in index:
+            visit(one)
+    return found
+
+
+def rooms(within: str = "") -> Graph:
+    """The rooms directly inside `within`, each with the others of them that it imports."""
+    start = f"{within}." if within else ""
+
+    def room(module: str) -> str | None:
+        if not module.startswith(start) or module in ("", within):
+            return None
+        return module.removeprefix(start).partition(".")[0]
+
+    graph: Graph = {}
+    for module, targets in file_imports().items():
+        if (here := room(module)) is not None:
+            graph.setdefault(here, set()).update(found for found in map(room, targets) if found not in (None, here))  # type: ignore[misc]
+    return graph
+
+
+def floors(graph: Graph) -> list[list[str]]:
+    """The rooms in floors, the lowest first: each stands one floor above the highest room that it imports."""
+    height: dict[str, int] = {}
+
+    def of(one: str, above: tuple[str, ...] = ()) -> int:
+        if one not in height:
+            below = [of(other, (*above, one)) for other in graph[one] if other not in above]
+            height[one] = 1 + max(below, default=-1)
+        return height[one]
+
+    for one in graph:
+        of(one)
+    return [sorted(one for one in graph if height[one] == floor) for floor in range(max(height.values()) + 1)]
+
+
+def drawing(within: str = "") -> str:
+    """The floors of one room as text, the highest first: a row for each room, with what it imports."""
+    graph = rooms(within)
+    width = max(map(len, graph))
+    rows = []
+    for floor in reversed(floors(graph)):
+        for room in floor:
+            below = ", ".join(sorted(graph[room])) or "-"
+            rows.append(f"{room:{width}}  ->  {below}")
+        rows.append("")
+    return "\n".join(rows[:-1])
+
+
+def page() -> str:
+    """ARCHITECTURE.md with the drawings of today."""
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    parts = [f"```\n{drawing()}\n```\n"]
+    parts += [f"\nInside `{room}`:\n\n```\n{drawing(room)}\n```\n" for room in INSIDE]
+    return f"{before}{BEGIN}\n{''.join(parts)}\n{END}{after}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
