@@ -108,7 +108,7 @@ def rooms(within: str = "") -> Graph:
     graph: Graph = {}
     for module, targets in file_imports().items():
         if (here := room(module)) is not None:
-            graph.setdefault(here, set()).update(found for found in map(room, targets) if found not in (None, here))  # type: ignore[misc]
+            graph.setdefault(here, set()).update(found for found in map(room, targets) if found not in (None, here))
     return graph
 
 
