@@ -11,7 +11,7 @@ from hypothesis import settings, strategies as st
 
 from barewire.errors import DecodeError
 from barewire.modbus import Adu, Noise, Server
-from barewire.modbus.framing import Event, Line
+from barewire.modbus.framing import Line, LineEvent
 from barewire.rtu import Timing
 
 T = TypeVar("T")
@@ -58,9 +58,9 @@ def spaced(parts: Iterable[bytes], step: float, start: float = 1.0) -> list[Chun
     return [(part, start + place * step) for place, part in enumerate(parts)]
 
 
-def feed_all(line: Line, chunks: Iterable[Chunk]) -> list[Event]:
+def feed_all(line: Line, chunks: Iterable[Chunk]) -> list[LineEvent]:
     """All events of the chunks; at each deadline the line is fed None."""
-    events: list[Event] = []
+    events: list[LineEvent] = []
     for data, now in chunks:
         if line.deadline is not None and line.deadline <= now:
             events += line.feed(None, line.deadline)
@@ -68,23 +68,23 @@ def feed_all(line: Line, chunks: Iterable[Chunk]) -> list[Event]:
     return events
 
 
-def silence(line: Line) -> list[Event]:
+def silence(line: Line) -> list[LineEvent]:
     """The events at the line's deadline when nothing comes before."""
     return line.feed(None, line.deadline) if line.deadline is not None else []
 
 
-def frames_of(events: Iterable[Event]) -> list[Adu]:
+def frames_of(events: Iterable[LineEvent]) -> list[Adu]:
     return [event for event in events if isinstance(event, Adu)]
 
 
-def noise_of(events: Iterable[Event]) -> list[Noise]:
+def noise_of(events: Iterable[LineEvent]) -> list[Noise]:
     return [event for event in events if isinstance(event, Noise)]
 
 
 # The accounting of bytes -------------------------------------------------------------------------------------------
 
 
-def bytes_of(events: Iterable[Event], encode: Callable[[Adu], bytes]) -> bytes:
+def bytes_of(events: Iterable[LineEvent], encode: Callable[[Adu], bytes]) -> bytes:
     """The bytes of the events in order: frames as on the wire, and noise."""
     return b"".join(encode(event) if isinstance(event, Adu) else event.data for event in events)
 

@@ -25,7 +25,7 @@ from barewire.io.endpoint import Endpoint  # noqa: E402
 from barewire.io.modbus.conformance import conform  # noqa: E402
 from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP  # noqa: E402
-from barewire.modbus.conformance.model import Case, shown, taken  # noqa: E402
+from barewire.modbus.conformance.model import ServerCase, accepted_way, answer_text  # noqa: E402
 from barewire.rtu import RtuLine  # noqa: E402
 from barewire.tcp import TcpLine  # noqa: E402
 from tests.modbus.client import faulty  # noqa: E402
@@ -35,7 +35,7 @@ PAGE = ROOT / "docs" / "conform.md"
 MEASURED = ROOT / "tools" / "conform_measured.json"
 SURVEY = tomllib.loads((ROOT / "tools" / "conform_survey.toml").read_text(encoding="utf-8"))
 BEGIN, END = "<!-- made by tools/conform_page.py -->\n", "<!-- end -->\n"
-BATTERIES: dict[str, tuple[Case, ...]] = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
+BATTERIES: dict[str, tuple[ServerCase, ...]] = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
 OURS = {
     "tcp": "tcp://127.0.0.1:0",
     "rtu": "rtu://pty?baudrate=115200&parity=N",
@@ -56,14 +56,14 @@ def measure(url: str, patience: float = 0.3) -> dict[str, str]:
     return {result.case.name: told(result.case, result.failure, result.heard) for result in conform(endpoint)}
 
 
-def told(case: Case, failure: str | None, heard: Any) -> str:
+def told(case: ServerCase, failure: str | None, heard: Any) -> str:
     """One result in a cell."""
     if failure is None:
-        way = taken(case, heard)
+        way = accepted_way(case, heard)
         assert way is not None
         return "ok" if len(case.ways) == 1 else f"ok: {in_words(way)}"
     # Of an answer of many bytes the beginning tells enough.
-    answers = [shown(one) for one in heard]
+    answers = [answer_text(one) for one in heard]
     return f"**{in_words([answer if len(answer) < 24 else f'{answer[:17]} ...' for answer in answers])}**"
 
 
@@ -123,7 +123,7 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
-def expected(case: Case) -> str:
+def expected(case: ServerCase) -> str:
     """The ways in which a case may go, in a cell."""
     return " or<br>".join(dict.fromkeys(in_words(way) for way in case.ways))
 

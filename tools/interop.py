@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS
-from barewire.modbus.messages.registry import known
+from barewire.modbus.messages.registry import known_requests
 
 ROOT = Path(__file__).parent.parent
 TESTS = ROOT / "tests" / "interop"
@@ -100,7 +100,7 @@ class Evidence(NamedTuple):
 def functions() -> dict[str, str]:
     """Every public function of Modbus: how it is named here, and in the standard."""
     found: dict[str, str] = {}
-    for request in known():
+    for request in known_requests():
         code = f"{request.function_code:02X}"
         if code == "08":
             found |= {f"08/{sub:02X}": f"Diagnostics: {name}" for sub, name in SUB_FUNCTIONS.items()}

@@ -18,7 +18,7 @@ from barewire.modbus import (
     ModbusException,
     ReadDeviceIdentification,
     RecordPlace,
-    identify,
+    read_device_identification,
 )
 from barewire.modbus.messages.diagnostics import (
     CHANGE_ASCII_DELIMITER,
@@ -120,7 +120,7 @@ async def about_itself(asker: Asker, answers: Answers, services: Collection[str]
     if "2B/0E" in services:
         one = await asker.ask(ReadDeviceIdentification(4, 1))
         assert one.objects == ((1, answers.objects[1]),)
-        whole = await asker.talk(lambda bus: identify(bus, 1, answers.level, timeout=2.0))
+        whole = await asker.talk(lambda bus: read_device_identification(bus, 1, answers.level, timeout=2.0))
         assert whole.objects == answers.objects
 
 

@@ -115,5 +115,5 @@ def test_their_server_hears_our_broadcast(programs: dict[str, Path], carrier: st
         their_server(programs, carrier, certificates) as (place, _),
         open_modbus(client_url(carrier, place, certificates)) as client,
     ):
-        client.tell(WriteMultipleRegisters(70, (7, 8)))
+        client.broadcast(WriteMultipleRegisters(70, (7, 8)))
         assert client.read_holding_registers(69, 3) == (0, 7, 8)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from barewire.modbus import CanopenReference
-from barewire.modbus.messages.canopen_reference import Dialect
+from barewire.modbus.messages.canopen_reference import ReferenceDialect
 from tests.interop.ours import Asker, client_url, our_server, with_both
 from tests.interop.services import CARRIERS
 
@@ -27,7 +27,7 @@ def both_sides(carrier: str) -> Any:
 @pytest.mark.parametrize("carrier", [both_sides(carrier) for carrier in CARRIERS])
 def test_an_object_behind_modbus(carrier: str, certificates: Path, witness: set[str]) -> None:
     async def talk(asker: Asker) -> None:
-        dialects: tuple[Dialect, ...] = ("cia309", "schneider")
+        dialects: tuple[ReferenceDialect, ...] = ("cia309", "schneider")
         for dialect in dialects:
             read = await asker.ask(CanopenReference.read(5, 0x1018, 1, count=4, dialect=dialect))
             assert (read.node, read.index, read.sub_index, read.data) == (5, 0x1018, 1, b"\x00\x01\x02\x03")

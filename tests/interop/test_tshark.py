@@ -19,7 +19,7 @@ from barewire.explain.capture.modbus_replay import replay
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.modbus import decode_request
 from barewire.modbus.exceptions import EXCEPTIONS
-from barewire.modbus.sniffer.sniffer import Answered
+from barewire.modbus.sniffer.sniffer import ResponseSeen
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from tests.helpers import unhex
@@ -121,8 +121,8 @@ def test_every_message_over_tcp(tmp_path: Path) -> None:
     rows = tshark(file, ALL + TCP)
     all_agree(rows)
     # Its pairs are ours.
-    told = [event for event in replay(data) if isinstance(event, Answered)]
-    pairs = {round(event.at * 100) - 100: round(event.to.at * 100) - 100 for event in told if event.to}
+    told = [event for event in replay(data) if isinstance(event, ResponseSeen)]
+    pairs = {round(event.at * 100) - 100: round(event.request.at * 100) - 100 for event in told if event.request}
     assert pairs == {place: place - 1 for place, (_, is_answer, _) in enumerate(MESSAGES, 1) if is_answer}
     theirs = {place: int(row[PAIRED][0]) for place, row in enumerate(rows, 1) if PAIRED in row}
     assert len(theirs) > 10

@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 
 from barewire.errors import EncodeError
 from barewire.modbus import Adu, Noise
-from barewire.modbus.framing import Event
+from barewire.modbus.framing import LineEvent
 from barewire.modbus.messages.registry import measure_request
 from barewire.rtu import RtuLine, Timing, crc16, decode, encode
 from barewire.rtu.shape import Role
@@ -427,7 +427,7 @@ def test_endless_noise_is_reported_in_parts() -> None:
     assert len(line.held) == 256
 
 
-def frames_and_rest(events: list[Event], held: bytes) -> list[Adu | bytes]:
+def frames_and_rest(events: list[LineEvent], held: bytes) -> list[Adu | bytes]:
     """Frames, and the bytes between them, however they were told."""
     told: list[Adu | bytes] = [b""]
     for event in [*events, Noise(held, "short")]:
@@ -447,7 +447,7 @@ def test_the_same_frames_whatever_the_chunks(parts: list[bytes], role: Role, dic
     data = b"".join(parts)
     heard = []
     for longest in (1, 3, 40):
-        line, events, at, now = line_of(role, units=(1,)), list[Event](), 0, 1.0
+        line, events, at, now = line_of(role, units=(1,)), list[LineEvent](), 0, 1.0
         while at < len(data):
             size = dice.randint(1, longest)
             now += CHARACTER * size

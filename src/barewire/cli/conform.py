@@ -10,7 +10,7 @@ from barewire.cli.arguments import ending, endpoint_argument, json_option, say_t
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.conformance import Result, conform as run_battery
-from barewire.modbus.conformance.model import shown
+from barewire.modbus.conformance.model import answer_text
 
 
 @click.command()
@@ -66,6 +66,6 @@ def _as_dict(result: Result) -> dict[str, object]:
         "case": result.case.name,
         "clause": result.case.clause,
         "ok": result.failure is None,
-        "heard": [shown(one) for one in result.heard],
+        "heard": [answer_text(one) for one in result.heard],
         "failure": result.failure,
     }

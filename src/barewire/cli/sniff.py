@@ -22,7 +22,14 @@ from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
-from barewire.modbus.sniffer.sniffer import WINDOW, Asked, Disturbance, Half, Overheard, Unanswered
+from barewire.modbus.sniffer.sniffer import (
+    WINDOW,
+    AmbiguousFrame,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    SnifferEvent,
+)
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 
@@ -102,7 +109,7 @@ def sniff(
             return
 
 
-def _replayed(source: str, data: bytes, window: float, ports: tuple[int, ...]) -> Iterator[Overheard]:
+def _replayed(source: str, data: bytes, window: float, ports: tuple[int, ...]) -> Iterator[SnifferEvent]:
     try:
         yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports))
     except DecodeError as error:
@@ -141,15 +148,15 @@ class _Keeper:
         self._packer = PacketBuilder()
         self._file.write(file_header())
 
-    def put(self, event: Overheard) -> None:
+    def put(self, event: SnifferEvent) -> None:
         """The frame of an event. What was not heard is not written; noise is, as a datagram that is no frame."""
-        if isinstance(event, Unanswered):
+        if isinstance(event, ResponseMissing):
             return
-        if isinstance(event, Disturbance):
+        if isinstance(event, NoiseSeen):
             data = self._packer.rtu(event.noise.data, from_client=True)
         else:
-            asks = isinstance(event, Asked | Half)
-            number = None if isinstance(event, Half) else event.transaction
+            asks = isinstance(event, RequestSeen | AmbiguousFrame)
+            number = None if isinstance(event, AmbiguousFrame) else event.transaction
             if number is None:
                 data = self._packer.rtu(rtu_frame(event.unit, event.pdu), from_client=asks)
             else:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.framing import Event, Line
+from barewire.modbus.framing import Line, LineEvent
 
 PAUSE = 0.1
 """Seconds without a byte after which an echo that has begun will not come to its end."""
@@ -108,7 +108,7 @@ class EchoLine:
         """As the line inside."""
         return self.line.answers(adu)
 
-    def feed(self, data: bytes | None, now: float) -> list[Event]:
+    def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
         """What came, without the echo."""
         events = self._feed(data, now)
         if events and self._first:
@@ -117,7 +117,7 @@ class EchoLine:
                 self.echoes = False
         return events
 
-    def _feed(self, data: bytes | None, now: float) -> list[Event]:
+    def _feed(self, data: bytes | None, now: float) -> list[LineEvent]:
         if not self._expected:
             return self.line.feed(data, now)
         if not data:
@@ -142,7 +142,7 @@ class EchoLine:
         self.line.sent(now)
         return self.line.feed(heard[len(echo) :], now) if len(heard) > len(echo) else []
 
-    def _collide(self, data: bytes, now: float, text: str) -> list[Event]:
+    def _collide(self, data: bytes, now: float, text: str) -> list[LineEvent]:
         heard, self._expected, self._heard = self._heard + data, b"", b""
         if self.echoes is None:
             return self.line.feed(heard, now)  # there may be no echo at all

@@ -18,7 +18,7 @@ from typing import Protocol, TypeAlias
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
 
-Event: TypeAlias = Adu | Noise
+LineEvent: TypeAlias = Adu | Noise
 
 
 class Line(Protocol):
@@ -53,7 +53,7 @@ class Line(Protocol):
     def sent(self, now: float) -> None:
         """The bytes of `request` or `response` have left; `now` is when the last one did."""
 
-    def feed(self, data: bytes | None, now: float) -> list[Event]:
+    def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
         """Bytes that arrived, the last of them at `now`; None says that time has passed. Never raises."""
 
     def answers(self, adu: Adu) -> bool:

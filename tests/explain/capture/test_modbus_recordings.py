@@ -15,7 +15,14 @@ from barewire.explain.capture.modbus_packets import PacketBuilder, modbus_payloa
 from barewire.explain.capture.modbus_replay import replay
 from barewire.explain.capture.pcapng import Packet, file_header, is_capture, packet_block, read_packets
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
-from barewire.modbus.sniffer.sniffer import Answered, Asked, Disturbance, Half, Overheard, Unanswered
+from barewire.modbus.sniffer.sniffer import (
+    AmbiguousFrame,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from tests.helpers import modest, refused, unhex
@@ -23,7 +30,7 @@ from tests.helpers import modest, refused, unhex
 READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")
 
 
-def names(told: list[Overheard]) -> list[str]:
+def names(told: list[SnifferEvent]) -> list[str]:
     return [type(event).__name__ for event in told]
 
 
@@ -148,7 +155,7 @@ def test_a_capture_of_rtu() -> None:
         (1.2, packer.rtu(b"\xff\x00", from_client=True)),
         (1.3, packer.rtu(rtu_frame(2, READ), from_client=True)),
     )
-    assert names(list(replay(file))) == ["Asked", "Answered", "Disturbance", "Asked", "Unanswered"]
+    assert names(list(replay(file))) == ["RequestSeen", "ResponseSeen", "NoiseSeen", "RequestSeen", "ResponseMissing"]
 
 
 def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
@@ -158,18 +165,18 @@ def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
     order = [requests[0], answers[0], requests[2], requests[1], requests[1], answers[1], answers[2], b"", requests[3]]
     told = list(replay(capture(*((place / 100, data) for place, data in enumerate(order)))))
     assert [(type(event).__name__, getattr(event, "transaction", None)) for event in told] == [
-        ("Asked", 0), ("Answered", 0), ("Asked", 1), ("Asked", 2), ("Answered", 1), ("Answered", 2), ("Asked", 3),
-        ("Unanswered", None),
+        ("RequestSeen", 0), ("ResponseSeen", 0), ("RequestSeen", 1), ("RequestSeen", 2), ("ResponseSeen", 1), ("ResponseSeen", 2), ("RequestSeen", 3),
+        ("ResponseMissing", None),
     ]  # fmt: skip
     many = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(100)]
     told = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
-    assert names(told).count("Asked") == 99
+    assert names(told).count("RequestSeen") == 99
 
 
 def test_the_server_may_be_anywhere() -> None:
     file = capture((1.0, PacketBuilder(1502).tcp(tcp_frame(1, READ, 1), from_client=True)))
     assert list(replay(file)) == []
-    assert names(list(replay(file, ports={1502}))) == ["Asked", "Unanswered"]
+    assert names(list(replay(file, ports={1502}))) == ["RequestSeen", "ResponseMissing"]
 
 
 FRAME = rtu_frame(1, READ)
@@ -209,9 +216,9 @@ def test_a_line_that_cannot_be_read_is_told_by_its_number() -> None:
 def test_a_log_of_rtu_and_one_of_ascii() -> None:
     log = f"1.0 {FRAME.hex(' ')}\n1.1 {rtu_frame(1, VALUES).hex(' ')}\n5.0 {FRAME.hex(' ')}\n9.0 FF"
     told = list(replay(log.encode()))
-    assert names(told) == ["Asked", "Answered", "Asked", "Unanswered", "Disturbance"]
+    assert names(told) == ["RequestSeen", "ResponseSeen", "RequestSeen", "ResponseMissing", "NoiseSeen"]
     text = b"".join(ascii_frame(1, pdu).replace(b"\r\n", b"\n") for pdu in (READ, VALUES))
-    assert names(list(replay(text))) == ["Asked", "Answered"]
+    assert names(list(replay(text))) == ["RequestSeen", "ResponseSeen"]
 
 
 # In words ----------------------------------------------------------------------------------------------------------
@@ -259,7 +266,7 @@ def test_events_for_programs() -> None:
     said = [(1.0, 1, "03 0000 0001"), (1.5, 1, "83 02"), (3.0, 1, "06 0001 0003"), (9.0, 0, "06 0001 0003")]
     log = "\n".join(f"{at} {rtu_frame(unit, unhex(pdu)).hex()}" for at, unit, pdu in said)
     told = list(replay(f"{log}\n9.5 FF 00".encode()))
-    assert names(told) == ["Asked", "Answered", "Half", "Asked", "Disturbance"]
+    assert names(told) == ["RequestSeen", "ResponseSeen", "AmbiguousFrame", "RequestSeen", "NoiseSeen"]
     dicts = [json.loads(json.dumps(exchange_as_dict(event))) for event in told]
     assert [one["event"] for one in dicts] == ["request", "response", "half", "broadcast", "noise"]
     assert dicts[0]["fields"] == {"function_code": 3, "address": 0, "quantity": 1}
@@ -270,12 +277,16 @@ def test_events_for_programs() -> None:
 @modest
 @given(st.integers(0, 255), st.binary(min_size=1, max_size=253), st.booleans())
 def test_any_frame_has_words_and_a_dict(unit: int, pdu: bytes, answered: bool) -> None:
-    asked = Asked(unit, pdu, 1.0)
-    events: list[Overheard] = [asked, Answered(unit, pdu, 2.0, to=asked if answered else None), Half(unit, pdu, 1.0)]
-    for event in [*events, Unanswered(asked, 2.0)]:
+    asked = RequestSeen(unit, pdu, 1.0)
+    events: list[SnifferEvent] = [
+        asked,
+        ResponseSeen(unit, pdu, 2.0, request=asked if answered else None),
+        AmbiguousFrame(unit, pdu, 1.0),
+    ]
+    for event in [*events, ResponseMissing(asked, 2.0)]:
         exchange_line(event)
         json.dumps(exchange_as_dict(event))
-    assert not isinstance(events[0], Disturbance)
+    assert not isinstance(events[0], NoiseSeen)
 
 
 # IPv6 --------------------------------------------------------------------------------------------------------------
@@ -301,8 +312,8 @@ def test_an_exchange_over_ipv6() -> None:
         packet_data = packer.tcp(tcp_frame(1, pdu, 7), from_client=from_client)
         data += packet_block(1.0 + place / 10, over_ipv6(packet_data, from_client))
     asked, answered = replay(data)
-    assert isinstance(answered, Answered)
-    assert answered.to == asked
+    assert isinstance(answered, ResponseSeen)
+    assert answered.request == asked
     assert answered.pdu == VALUES
 
 

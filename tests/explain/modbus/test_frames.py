@@ -316,6 +316,6 @@ def test_a_typed_frame_may_lack_its_end() -> None:
 
 
 def test_every_known_function_has_a_name_and_no_field_without_one() -> None:
-    for request in functions.known():
+    for request in functions.known_requests():
         said = of_rtu(bytes([request.function_code]).hex() + " 0E 01 00 01", "request")
         assert said.fields[1].meaning[:2] == f"{request.function_code:02X}"

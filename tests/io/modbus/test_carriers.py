@@ -102,7 +102,7 @@ def test_the_words_are_the_same_everywhere(urls: URLs, scheme: str, how: Callabl
 @pytest.mark.parametrize("scheme", ["rtu+tcp", "ascii+tcp"])
 def test_a_serial_line_behind_tcp_is_a_serial_line(urls: URLs, scheme: str) -> None:
     with open_modbus(urls[scheme]) as client:
-        client.tell(WriteSingleRegister(50, 5), turnaround=0.05)
+        client.broadcast(WriteSingleRegister(50, 5), turnaround=0.05)
         assert client.read_holding_registers(50, 1) == (5,)
         assert client.at(unit=2).read_holding_registers(50, 1) == (5,)
         with pytest.raises(NoAnswer, match="unit 9 did not answer"):
@@ -142,7 +142,7 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
         ):
             await client.write_multiple_registers(0, tuple(range(120)))
             assert await client.read_holding_registers(0, 120) == tuple(range(120))
-            await client.tell(WriteSingleRegister(0, 9), turnaround=0.05)
+            await client.broadcast(WriteSingleRegister(0, 9), turnaround=0.05)
             assert await client.read_holding_registers(0, 1) == (9,)
         for end in ends:
             loop.remove_reader(end.fileno())

@@ -101,7 +101,7 @@ def test_nobody_answers_for_another_unit_on_a_serial_line(url: str) -> None:
 def test_a_broadcast_is_carried_out_and_not_answered() -> None:
     table = Table()
     with open_host("rtu://pty", units={1: table}) as host, open_modbus(host.url) as client:
-        client.tell(WriteSingleRegister(7, 77))
+        client.broadcast(WriteSingleRegister(7, 77))
         assert client.ask(ReadHoldingRegisters(7, 1)).registers == (77,)
 
 

@@ -86,7 +86,7 @@ def test_a_function_of_the_users_turns_the_line() -> None:
         assert turned == [False]
         assert client.read_holding_registers(0, 1) == (0,)
         assert turned == [False, True, False]
-        client.tell(WriteSingleRegister(0, 1), turnaround=0.0)
+        client.broadcast(WriteSingleRegister(0, 1), turnaround=0.0)
         assert turned == [False, True, False, True, False]
 
 

@@ -19,7 +19,7 @@ from barewire.modbus import (
     WriteMultipleRegisters,
     WriteSingleRegister,
     ask,
-    tell,
+    broadcast,
 )
 from barewire.modbus.messages.registry import AnyRequest
 from barewire.rtu import RtuLine, Timing, encode as rtu_frame
@@ -249,7 +249,7 @@ def test_a_client_and_a_server_understand_each_other(serial: bool) -> None:
     play(ask(line, 1, WriteMultipleRegisters(0x6B, (1, 2, 3))), serving(server))
     answer, _ = play(ask(line, 1, READ), serving(server))
     assert answer.registers == (1, 2, 3)
-    assert server.tally.replies == server.tally.requests == 2
+    assert server.statistics.replies == server.statistics.requests == 2
 
 
 # Broadcast -------------------------------------------------------------------------------------------------------
@@ -262,7 +262,7 @@ def test_a_broadcast_is_sent_to_unit_0_and_given_time_to_act() -> None:
         sent.append((item, now))
         return [(now + 0.05, b"\xff\xff")]
 
-    result, end = play(tell(rtu(), WriteSingleRegister(0, 0x1234), turnaround=0.2), peer, start=1.0)
+    result, end = play(broadcast(rtu(), WriteSingleRegister(0, 0x1234), turnaround=0.2), peer, start=1.0)
     assert result is None
     assert sent == [(unhex("00 06 0000 1234 856C"), 1.0)]
     assert end == 1.2
@@ -270,11 +270,11 @@ def test_a_broadcast_is_sent_to_unit_0_and_given_time_to_act() -> None:
 
 def test_whoever_asks_after_a_broadcast_keeps_the_silence() -> None:
     line = rtu()
-    play(tell(line, WriteSingleRegister(0, 1), turnaround=0.0), answering(), start=1.0)
+    play(broadcast(line, WriteSingleRegister(0, 1), turnaround=0.0), answering(), start=1.0)
     assert line.quiet_at == 1.0 + TIMING.t35
 
 
 @pytest.mark.parametrize("request_", [READ, ReadCoils(0, 1), ReportServerId(), ReadDeviceIdentification()])
 def test_nobody_answers_a_broadcast_so_reading_makes_no_sense(request_: AnyRequest) -> None:
     with refused(EncodeError, f"{request_.name} as a broadcast: nobody answers those"):
-        play(tell(rtu(), request_), answering())
+        play(broadcast(rtu(), request_), answering())

@@ -10,14 +10,14 @@ from barewire.conversation import play
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import (
     Bus,
-    Identification,
+    DeviceIdentification,
     Identity,
     ModbusException,
     ReadDeviceIdentification,
     ReadDeviceIdentificationResponse,
     Server,
     Table,
-    identify,
+    read_device_identification,
 )
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import refused, serving
@@ -27,11 +27,11 @@ REGULAR = BASIC | {3: b"https://example.org", 5: b"model"}
 EXTENDED = REGULAR | {0x80: bytes(100), 0x90: bytes(range(244)), 0xFF: b"last"}
 
 
-def asked(objects: dict[int, bytes], read_code: int) -> Identification:
+def asked(objects: dict[int, bytes], read_code: int) -> DeviceIdentification:
     table = Table(vendor="", product="")
     table.identity = Identity(objects)
     server = Server(TcpLine(), {1: table}, serial=False)
-    return play(identify(Bus(TcpLine()), 1, read_code), serving(server))[0]
+    return play(read_device_identification(Bus(TcpLine()), 1, read_code), serving(server))[0]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_every_level_of_every_device_arrives_whole(
     objects: dict[int, bytes], conformity: int, read_code: int, last: int
 ) -> None:
     wanted = {number: value for number, value in objects.items() if number <= last}
-    assert asked(objects, read_code) == Identification(conformity, wanted)
+    assert asked(objects, read_code) == DeviceIdentification(conformity, wanted)
 
 
 def test_an_object_of_244_bytes_goes_alone() -> None:
@@ -88,7 +88,7 @@ def test_what_could_not_be_sent_is_refused_when_it_is_configured(objects: dict[i
 
 
 def test_texts() -> None:
-    assert Identification(1, {0: b"ACME", 6: b"x", 0x81: b"\xe9"}).texts() == {
+    assert DeviceIdentification(1, {0: b"ACME", 6: b"x", 0x81: b"\xe9"}).texts() == {
         "VendorName": "ACME",
         "UserApplicationName": "x",
         "object 81h": "é",
@@ -107,7 +107,7 @@ def test_a_device_that_goes_round_and_round_is_found_out(
         return [(now, tcp_frame(1, answer.encode(), tcp_decode(item).transaction or 0))]
 
     with refused(DecodeError, f"it says that {following:02X}h follows: that would never end"):
-        play(identify(Bus(TcpLine()), 1), peer)
+        play(read_device_identification(Bus(TcpLine()), 1), peer)
 
 
 def test_a_device_that_gives_nothing_but_goes_on_ends_all_the_same() -> None:
@@ -120,11 +120,11 @@ def test_a_device_that_gives_nothing_but_goes_on_ends_all_the_same() -> None:
         answer = ReadDeviceIdentificationResponse(3, 3, (), more, asked[-1] + 1 if more else 0)
         return [(now, tcp_frame(1, answer.encode(), adu.transaction or 0))]
 
-    found, _ = play(identify(Bus(TcpLine()), 1, 3), peer)
-    assert found == Identification(3, {})
+    found, _ = play(read_device_identification(Bus(TcpLine()), 1, 3), peer)
+    assert found == DeviceIdentification(3, {})
     assert asked == list(range(256))
 
 
 def test_a_single_object_is_no_stream() -> None:
     with refused(EncodeError, "read_code = 4: expected 1..3"):
-        identify(Bus(TcpLine()), 1, 4)
+        read_device_identification(Bus(TcpLine()), 1, 4)

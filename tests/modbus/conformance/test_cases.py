@@ -7,7 +7,7 @@ import pytest
 from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.modbus import Adu, Server, Table
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
-from barewire.modbus.conformance.model import CLOSED, SILENCE, Case, Heard, shown, wrong
+from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, StepAnswer, answer_text, difference
 from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_frame
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import unhex
@@ -16,16 +16,16 @@ UNIT = 1
 TIMING = Timing.of(9600)
 
 
-def over_tcp(case: Case, unit: int = UNIT) -> list[Heard]:
-    """Every turn in one segment; after a hang-up the next one has a new connection."""
+def over_tcp(case: ServerCase, unit: int = UNIT) -> list[StepAnswer]:
+    """Every step in one segment; after a hang-up the next one has a new connection."""
     units = {UNIT: Table(100)}
-    server, heard, number = Server(TcpLine(), units, serial=False), list[Heard](), 0
-    for turn in case.turns:
+    server, heard, number = Server(TcpLine(), units, serial=False), list[StepAnswer](), 0
+    for step in case.steps:
         data, numbers = b"", []
-        for say in turn.says:
+        for stimulus in step.stimuli:
             number += 1
             numbers.append(number)
-            data += say.framed(lambda to, pdu: tcp_frame(to, pdu, number), unit)  # noqa: B023 - called at once
+            data += stimulus.framed(lambda to, pdu: tcp_frame(to, pdu, number), unit)  # noqa: B023 - called at once
         answers = [tcp_decode(reply.data) for reply in server.feed(data, 1.0)]
         assert [adu.transaction for adu in answers] == numbers[: len(answers)]
         heard.append(answers)
@@ -35,15 +35,15 @@ def over_tcp(case: Case, unit: int = UNIT) -> list[Heard]:
     return heard
 
 
-def over_rtu(case: Case, *, strict: bool, chunk: int = 256) -> list[Heard]:
-    """Every turn at the speed of the line, in chunks of so many bytes, and then silence."""
+def over_rtu(case: ServerCase, *, strict: bool, chunk: int = 256) -> list[StepAnswer]:
+    """Every step at the speed of the line, in chunks of so many bytes, and then silence."""
     units = {UNIT: Table(100)}
     line = RtuLine(TIMING, role="server", units=units, patience=None if strict else 0.03)
-    server, heard, now = Server(line, units, serial=True), list[Heard](), 1.0
-    for turn in case.turns:
-        now += turn.after
+    server, heard, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
+    for step in case.steps:
+        now += step.after
         replies = []
-        data = b"".join(say.framed(rtu_frame, UNIT) for say in turn.says)
+        data = b"".join(stimulus.framed(rtu_frame, UNIT) for stimulus in step.stimuli)
         for at in range(0, len(data), chunk):
             part = data[at : at + chunk]
             now += TIMING.duration(len(part))
@@ -59,16 +59,16 @@ def over_rtu(case: Case, *, strict: bool, chunk: int = 256) -> list[Heard]:
     return heard
 
 
-def over_ascii(case: Case, chunk: int = 600) -> list[Heard]:
-    """Every turn in chunks of so many characters, and then nothing for a while."""
+def over_ascii(case: ServerCase, chunk: int = 600) -> list[StepAnswer]:
+    """Every step in chunks of so many characters, and then nothing for a while."""
     units = {UNIT: Table(100)}
     line = AsciiLine()
-    server, heard, now = Server(line, units, serial=True), list[Heard](), 1.0
+    server, heard, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
     ears = AsciiLine()
-    for turn in case.turns:
-        now += turn.after
+    for step in case.steps:
+        now += step.after
         replies = []
-        data = b"".join(say.framed(ascii_frame, UNIT) for say in turn.says)
+        data = b"".join(stimulus.framed(ascii_frame, UNIT) for stimulus in step.stimuli)
         for at in range(0, len(data), chunk):
             now += 0.001
             replies += server.feed(data[at : at + chunk], now)
@@ -80,30 +80,30 @@ def over_ascii(case: Case, chunk: int = 600) -> list[Heard]:
 
 
 @pytest.mark.parametrize("case", CASES_TCP, ids=lambda case: case.name)
-def test_a_tcp_server(case: Case) -> None:
-    assert wrong(case, over_tcp(case), UNIT) is None
+def test_a_tcp_server(case: ServerCase) -> None:
+    assert difference(case, over_tcp(case), UNIT) is None
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 256])
 @pytest.mark.parametrize("case", CASES_RTU, ids=lambda case: case.name)
-def test_an_rtu_server(case: Case, chunk: int) -> None:
-    assert wrong(case, over_rtu(case, strict=False, chunk=chunk), UNIT) is None
+def test_an_rtu_server(case: ServerCase, chunk: int) -> None:
+    assert difference(case, over_rtu(case, strict=False, chunk=chunk), UNIT) is None
 
 
 @pytest.mark.parametrize("case", CASES_RTU, ids=lambda case: case.name)
-def test_an_rtu_server_by_the_letter(case: Case) -> None:
-    assert wrong(case, over_rtu(case, strict=True), UNIT) is None
+def test_an_rtu_server_by_the_letter(case: ServerCase) -> None:
+    assert difference(case, over_rtu(case, strict=True), UNIT) is None
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 600])
 @pytest.mark.parametrize("case", CASES_ASCII, ids=lambda case: case.name)
-def test_an_ascii_server(case: Case, chunk: int) -> None:
-    assert wrong(case, over_ascii(case, chunk), UNIT) is None
+def test_an_ascii_server(case: ServerCase, chunk: int) -> None:
+    assert difference(case, over_ascii(case, chunk), UNIT) is None
 
 
 def test_what_ours_does_where_there_is_a_choice() -> None:
     """The ways that the battery leaves open, decided."""
-    said = {case.name: [shown(one) for one in over_tcp(case)] for case in CASES_TCP}
+    said = {case.name: [answer_text(one) for one in over_tcp(case)] for case in CASES_TCP}
     assert said["80h is no function"] == [SILENCE]
     assert said["10 cut short"] == ["90 03"]
     assert said["length 0"] == [CLOSED, "03 02 00 00"]
@@ -111,10 +111,10 @@ def test_what_ours_does_where_there_is_a_choice() -> None:
     assert said["unit 0, if it is nobody"] == said["unit 255, if it is nobody"] == ["83 0B"]
     assert said["08/0B bus message count, if it has diagnostics"] == ["88 01"]
     assert said["2B/0D, which hardly anybody has"] == ["AB 01"]
-    said = {case.name: [shown(one) for one in over_ascii(case)] for case in CASES_ASCII}
+    said = {case.name: [answer_text(one) for one in over_ascii(case)] for case in CASES_ASCII}
     assert said["lower-case digits: answered or not, and the next one is"] == ["03 02 00 00"] * 2
     assert said["08/03 another delimiter, if it can be changed, until 08/01"][0] == "08 00 03 3B 00"
-    said = {case.name: [shown(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
+    said = {case.name: [answer_text(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
     assert said["08/04 listen only: silence from then on, until 08/01"] == [SILENCE, SILENCE, SILENCE, "03 02 00 00"]
     assert said["08/0B bus message count, if it has diagnostics"] == ["08 00 0B 00 01"]
     assert said["03 cut short"] == ["83 03"]
@@ -138,20 +138,20 @@ BY_NAME = {case.name: case for case in (*CASES_RTU, *CASES_ASCII, *CASES_TCP)}
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_in_one_sentence(name: str, answers: list[str | None], said: str) -> None:
-    heard: list[Heard] = [None if one is None else [Adu(UNIT, unhex(one))] * bool(one) for one in answers]
-    assert (wrong(BY_NAME[name], heard, UNIT) or "").startswith(said)
+    heard: list[StepAnswer] = [None if one is None else [Adu(UNIT, unhex(one))] * bool(one) for one in answers]
+    assert (difference(BY_NAME[name], heard, UNIT) or "").startswith(said)
 
 
 def test_a_server_that_is_silent_must_stay_so() -> None:
     case = BY_NAME["08/04 listen only: silence from then on, until 08/01"]
     value, silence = [Adu(UNIT, unhex("03 02 0000"))], list[Adu]()
-    assert wrong(case, [silence, silence, silence, value], UNIT) is None
-    assert wrong(case, [silence, value, silence, value], UNIT) is not None
+    assert difference(case, [silence, silence, silence, value], UNIT) is None
+    assert difference(case, [silence, value, silence, value], UNIT) is not None
 
 
 def test_an_answer_in_another_units_name_is_found() -> None:
-    heard: list[Heard] = [[Adu(9, unhex("83 03"))]]
-    assert wrong(CASES_TCP[0], heard, UNIT) == "03 with quantity 0: an answer from unit 9"
+    heard: list[StepAnswer] = [[Adu(9, unhex("83 03"))]]
+    assert difference(CASES_TCP[0], heard, UNIT) == "03 with quantity 0: an answer from unit 9"
 
 
 def test_cases_have_names_of_their_own_and_a_clause() -> None:
@@ -159,4 +159,4 @@ def test_cases_have_names_of_their_own_and_a_clause() -> None:
         assert len({case.name for case in cases}) == len(cases)
     for case in BY_NAME.values():
         assert case.clause.startswith("MB-")
-        assert {len(way) for way in case.ways} == {len(case.turns)}
+        assert {len(way) for way in case.ways} == {len(case.steps)}

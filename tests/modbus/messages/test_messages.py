@@ -56,7 +56,7 @@ from barewire.modbus import (
     decode_request,
     decode_response,
 )
-from barewire.modbus.messages.registry import AnyRequest, known, measure_request, measure_response
+from barewire.modbus.messages.registry import AnyRequest, known_requests, measure_request, measure_response
 from tests.helpers import modest, readable, refused, unhex
 
 ADDRESS = WORD = st.integers(0, 0xFFFF)
@@ -151,12 +151,14 @@ ALL_CLASSES: list[type[Message]] = [*REQUESTS, *RESPONSES]
 
 
 def test_every_known_message_is_tested_here() -> None:
-    assert set(known()) == set(REQUESTS)
-    assert {request.response for request in known()} | {ExceptionResponse, ExtendedExceptionResponse} == set(RESPONSES)
+    assert set(known_requests()) == set(REQUESTS)
+    assert {request.response for request in known_requests()} | {ExceptionResponse, ExtendedExceptionResponse} == set(
+        RESPONSES
+    )
 
 
 def test_requests_are_listed_by_function_code() -> None:
-    codes = [request.function_code for request in known()]
+    codes = [request.function_code for request in known_requests()]
     assert codes == sorted(codes)
 
 

@@ -11,7 +11,7 @@ from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu, Request, Response, decode_request, decode_response, register
 from barewire.modbus.messages import registry as functions
-from barewire.modbus.messages.registry import known, measure_request, measure_response
+from barewire.modbus.messages.registry import known_requests, measure_request, measure_response
 from barewire.rtu import RtuLine, Timing, encode
 from tests.helpers import refused, unhex
 
@@ -48,7 +48,7 @@ def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_function_of_ones_own_is_known_everywhere_at_once() -> None:
     assert register(Blink) is Blink
-    assert Blink in known()
+    assert Blink in known_requests()
     assert decode_request(unhex("41 0003")) == Blink(3)
     assert decode_response(unhex("41 0003")) == BlinkResponse(3)
     assert Blink(3).read_response(unhex("41 0003")) == BlinkResponse(3)

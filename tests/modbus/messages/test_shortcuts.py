@@ -27,7 +27,7 @@ from barewire.modbus import (
 )
 from barewire.modbus.messages.base import Message
 from barewire.modbus.messages.registers import READ_LIMIT
-from barewire.modbus.messages.registry import forget
+from barewire.modbus.messages.registry import unregister
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import modest
 
@@ -189,6 +189,6 @@ def test_in_a_server_a_subclass_is_a_function_of_its_own(cls: type[ReadHoldingRe
             pdus.append(tcp_decode(reply.data).pdu)
         declined = bytes([cls.function_code | 0x80, 1])
         assert pdus == [declined, declined, cls.response((5, 6)).encode()]  # type: ignore[call-arg]
-        assert server.tally.failures == []
+        assert server.statistics.failures == []
     finally:
-        forget(cls)
+        unregister(cls)

@@ -129,7 +129,7 @@ def test_a_result_that_is_none_is_04_and_is_kept(result: Any, failure: str) -> N
     unit = Functions(read_holding_registers=lambda address, quantity: result)
     server = Server(TcpLine(), {1: unit}, serial=False)
     assert server.answer(Adu(1, unhex("03 0000 0002")), 1.0) == unhex("83 04")
-    (kept,) = server.tally.failures
+    (kept,) = server.statistics.failures
     assert kept.startswith(failure)
 
 

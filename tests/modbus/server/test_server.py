@@ -133,8 +133,8 @@ def test_a_request_with_a_wrong_crc_is_not_answered() -> None:
     assert server.feed(frame[:-1] + b"\xff", 1.0) == []
     assert server.deadline is not None
     assert server.feed(None, server.deadline) == []
-    assert server.tally.noise_bytes == len(frame)
-    assert server.tally.requests == 0
+    assert server.statistics.noise_bytes == len(frame)
+    assert server.statistics.requests == 0
 
 
 # For whom --------------------------------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ def test_a_broadcast_is_carried_out_by_all_and_answered_by_none() -> None:
     server = rtu_server({1: one, 2: two})
     assert server.feed(rtu_frame(0, unhex("06 0005 1234")), 1.0) == []
     assert (one.holding_registers[5], two.holding_registers[5]) == (0x1234, 0x1234)
-    assert (server.tally.broadcasts, server.tally.replies) == (1, 0)
+    assert (server.statistics.broadcasts, server.statistics.replies) == (1, 0)
 
 
 def test_a_bad_broadcast_is_not_answered_either() -> None:
@@ -157,7 +157,7 @@ def test_a_bad_broadcast_is_not_answered_either() -> None:
 def test_what_is_for_another_unit_is_not_answered_on_a_serial_line() -> None:
     server = rtu_server()
     assert server.feed(rtu_frame(2, unhex("06 0005 1234")), 1.0) == []
-    assert (server.tally.for_others, server.tally.requests) == (1, 0)
+    assert (server.statistics.for_others, server.statistics.requests) == (1, 0)
 
 
 @pytest.mark.parametrize("unit", [0, 255])
@@ -172,7 +172,7 @@ def test_unit_0_on_tcp_is_no_broadcast() -> None:
     server = tcp_server(address=0)
     (reply,) = server.feed(tcp_frame(0, unhex("06 0005 1234"), 9), 1.0)
     assert reply.data == tcp_frame(0, unhex("06 0005 1234"), 9)
-    assert server.tally.broadcasts == 0
+    assert server.statistics.broadcasts == 0
 
 
 def test_255_answers_before_0_and_a_units_own_name_before_both() -> None:
@@ -200,7 +200,7 @@ def test_a_unit_that_is_false_is_still_a_unit() -> None:
 def test_an_unknown_unit_on_tcp_is_a_target_that_does_not_respond() -> None:
     server = tcp_server(address=1)
     assert answer(server, "03 0000 0001", unit=2) == "830B"
-    assert server.tally.for_others == 1
+    assert server.statistics.for_others == 1
 
 
 # Segments --------------------------------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ def test_several_requests_in_one_segment_are_all_answered_in_their_order() -> No
     server = tcp_server()
     requests = [tcp_frame(1, unhex("06 0000") + bytes([0, number]), number) for number in range(5)]
     assert [reply.data for reply in server.feed(b"".join(requests), 1.0)] == requests
-    assert server.tally.replies == 5
+    assert server.statistics.replies == 5
 
 
 def test_half_a_request_is_answered_when_the_other_half_comes() -> None:
@@ -232,8 +232,8 @@ def test_a_reply_on_rtu_waits_for_the_silence() -> None:
 def test_a_unit_that_stumbles_is_exception_04_and_its_error_is_kept() -> None:
     server = tcp_server(FailingUnit(ValueError("no sensor")))
     assert answer(server, "03 0000 0001") == "8304"
-    assert server.tally.failures == ["ValueError: no sensor"]
-    assert server.tally.exceptions == 1
+    assert server.statistics.failures == ["ValueError: no sensor"]
+    assert server.statistics.exceptions == 1
 
 
 def test_only_the_latest_failures_are_kept() -> None:
@@ -242,7 +242,7 @@ def test_only_the_latest_failures_are_kept() -> None:
     for number in range(25):
         unit.error = ValueError(number)
         answer(server, "03 0000 0001")
-    assert server.tally.failures == [f"ValueError: {number}" for number in range(15, 25)]
+    assert server.statistics.failures == [f"ValueError: {number}" for number in range(15, 25)]
 
 
 def test_an_error_that_cannot_be_shown_is_one_all_the_same() -> None:
@@ -252,22 +252,22 @@ def test_an_error_that_cannot_be_shown_is_one_all_the_same() -> None:
 
     server = tcp_server(FailingUnit(Speechless()))
     assert answer(server, "03 0000 0001") == "8304"
-    assert server.tally.failures == ["Speechless: (no text)"]
+    assert server.statistics.failures == ["Speechless: (no text)"]
 
 
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 10, 11, 99])
 def test_a_unit_declines_with_the_code_it_wants(code: int) -> None:
     server = tcp_server(FailingUnit(ModbusException(code)))
     assert answer(server, "03 0000 0001") == f"83{code:02X}"
-    assert server.tally.failures == []
+    assert server.statistics.failures == []
 
 
 @pytest.mark.parametrize("code", [-1, 256, 1000])
 def test_a_code_that_is_none_is_a_failure_of_the_unit(code: int) -> None:
     server = tcp_server(FailingUnit(ModbusException(code)))
     assert answer(server, "03 0000 0001") == "8304"
-    assert server.tally.failures == [f"EncodeError: exception_code = {code}: expected 0..255"]
-    assert server.tally.exceptions == 1
+    assert server.statistics.failures == [f"EncodeError: exception_code = {code}: expected 0..255"]
+    assert server.statistics.exceptions == 1
 
 
 class TooLong(ReportServerIdResponse):
@@ -289,13 +289,13 @@ def test_an_answer_that_is_none_is_a_failure_of_the_unit(response: object) -> No
     server = tcp_server(Answering(response))
     (reply,) = server.feed(tcp_frame(1, unhex("11")), 1.0)
     assert tcp_decode(reply.data).pdu == unhex("91 04")
-    assert len(server.tally.failures) == 1
+    assert len(server.statistics.failures) == 1
 
 
 def test_a_unit_may_stay_silent() -> None:
     server = tcp_server(Answering(None))
     assert answer(server, "03 0000 0001") is None
-    assert (server.tally.requests, server.tally.replies) == (1, 0)
+    assert (server.statistics.requests, server.statistics.replies) == (1, 0)
 
 
 # Whatever comes --------------------------------------------------------------------------------------------------
@@ -315,7 +315,7 @@ def test_any_request_is_answered_with_its_own_function_code(pdus: list[bytes]) -
         assert adu.pdu[0] in (pdu[0], pdu[0] | 0x80)
         if adu.pdu[0] < 0x80:
             decode_response(adu.pdu)
-    assert server.tally.failures == []
+    assert server.statistics.failures == []
 
 
 TRAFFIC = st.one_of(
@@ -361,13 +361,13 @@ def heard(server: Server, data: bytes, now: float = 1.0) -> list[bytes]:
 def test_of_several_requests_in_one_read_only_the_latest_is_answered() -> None:
     server = rtu_server()
     assert heard(server, READ_0 + READ_0 + READ_0) == [rtu_frame(1, unhex("03 02 0000"))]
-    assert (server.tally.stale, server.tally.replies, server.tally.requests) == (2, 1, 1)
+    assert (server.statistics.stale, server.statistics.replies, server.statistics.requests) == (2, 1, 1)
 
 
 def test_a_write_that_came_too_late_to_be_answered_is_carried_out() -> None:
     server = rtu_server()
     assert heard(server, WRITE_7 + READ_0) == [rtu_frame(1, unhex("03 02 0007"))]
-    assert server.tally.stale == 1
+    assert server.statistics.stale == 1
 
 
 def test_writes_are_carried_out_in_their_order_whoever_is_answered() -> None:
@@ -382,7 +382,7 @@ def test_writes_are_carried_out_in_their_order_whoever_is_answered() -> None:
 def test_what_is_followed_by_other_traffic_is_not_answered(behind: bytes) -> None:
     server = rtu_server()
     assert heard(server, READ_0 + behind) == []
-    assert server.tally.stale == 1
+    assert server.statistics.stale == 1
 
 
 @pytest.mark.parametrize("behind", [b"\x00", b"\xff\xff", b"\x00\x00\x00"])
@@ -392,14 +392,14 @@ def test_a_glitch_behind_a_request_only_delays_its_answer(behind: bytes) -> None
     assert server.deadline is not None
     (reply,) = server.feed(None, server.deadline)
     assert reply.data == rtu_frame(1, unhex("03 02 0000"))
-    assert server.tally.stale == 0
+    assert server.statistics.stale == 0
 
 
 def test_a_glitch_that_becomes_a_frame_was_none() -> None:
     server = rtu_server()
     assert server.feed(READ_0 + READ_OTHER[:2], 1.0) == []
     assert heard(server, READ_OTHER[2:], 1.005) == []
-    assert server.tally.stale == 1
+    assert server.statistics.stale == 1
 
 
 def test_an_ascii_line_does_not_wait_a_second_for_a_glitch() -> None:
@@ -416,7 +416,7 @@ def test_an_ascii_line_does_not_wait_a_second_for_a_glitch() -> None:
 def test_a_function_with_bit_7_is_no_request(pdu: str) -> None:
     for server in (rtu_server(), tcp_server()):
         assert answer(server, pdu) is None
-        assert (server.tally.not_requests, server.tally.requests, server.tally.exceptions) == (1, 0, 0)
+        assert (server.statistics.not_requests, server.statistics.requests, server.statistics.exceptions) == (1, 0, 0)
 
 
 @pytest.mark.parametrize("pdu", ["06 0000 0007", "08 0000 A537"])
@@ -429,7 +429,7 @@ def test_our_own_answer_heard_at_once_is_no_request(pdu: str) -> None:
     out = reply.at + TIMING.duration(len(frame))
     server.line.sent(out)
     assert server.feed(frame, out + 0.0005) == []
-    assert server.tally.echoes == 1
+    assert server.statistics.echoes == 1
     assert server.feed(frame, out + 0.1) != [], "the same once more, when everybody may speak again"
 
 
@@ -442,7 +442,7 @@ def test_a_line_that_echoes_is_served_once() -> None:
         line.sent(reply.at)
         assert server.feed(reply.data, reply.at + 0.03) == [], "an adapter that hands it over late"
         now += 1.0
-    assert server.tally.requests == 3
+    assert server.statistics.requests == 3
 
 
 # More than it can do ---------------------------------------------------------------------------------------------

@@ -13,13 +13,13 @@ from barewire.modbus import Noise, ReadHoldingRegisters, ReadHoldingRegistersRes
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer.numbered import KEPT, NumberedSniffer
 from barewire.modbus.sniffer.sniffer import (
-    Answered,
-    Asked,
-    Disturbance,
-    Half,
-    Overheard,
+    AmbiguousFrame,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
     Sniffer,
-    Unanswered,
+    SnifferEvent,
     shapes,
 )
 from barewire.rtu import RtuLine, Timing, encode
@@ -45,14 +45,14 @@ def sniffer(window: float = 1.0) -> Sniffer:
     return Sniffer(RtuLine(TIMING, role="listener"), window=window)
 
 
-def hear(listener: Sniffer, frames: list[tuple[float, int, str]]) -> list[Overheard]:
+def hear(listener: Sniffer, frames: list[tuple[float, int, str]]) -> list[SnifferEvent]:
     """What is told of frames (at, unit, PDU), time passing between them."""
     said = [Said(at, unit, unhex(pdu), 0, True) for at, unit, pdu in frames]
     return overhear(listener, said)
 
 
-def overhear(listener: Sniffer, said: list[Said]) -> list[Overheard]:
-    told: list[Overheard] = []
+def overhear(listener: Sniffer, said: list[Said]) -> list[SnifferEvent]:
+    told: list[SnifferEvent] = []
     for one in said:
         told += silence(listener, one.at)
         told += listener.feed(encode(one.unit, one.pdu), one.at)
@@ -60,83 +60,83 @@ def overhear(listener: Sniffer, said: list[Said]) -> list[Overheard]:
     return told
 
 
-def silence(listener: Sniffer, until: float) -> list[Overheard]:
-    told: list[Overheard] = []
+def silence(listener: Sniffer, until: float) -> list[SnifferEvent]:
+    told: list[SnifferEvent] = []
     while (deadline := listener.deadline) is not None and deadline < until:
         told += listener.feed(None, deadline)
         assert listener.deadline is None or listener.deadline > deadline
     return told
 
 
-def names(told: list[Overheard]) -> list[str]:
+def names(told: list[SnifferEvent]) -> list[str]:
     return [type(event).__name__ for event in told]
 
 
 def test_a_question_and_its_answer() -> None:
     asked, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, VALUES)])
-    assert asked == Asked(1, unhex(READ), 1.0, ReadHoldingRegisters(0, 2))
-    assert isinstance(answer, Answered)
+    assert asked == RequestSeen(1, unhex(READ), 1.0, ReadHoldingRegisters(0, 2))
+    assert isinstance(answer, ResponseSeen)
     assert answer.message == ReadHoldingRegistersResponse((0x17, 7))
-    assert (answer.to, answer.seconds, answer.late) == (asked, 0.25, False)
+    assert (answer.request, answer.seconds, answer.late) == (asked, 0.25, False)
 
 
 def test_an_exception_is_an_answer() -> None:
     _, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, "83 02")])
-    assert isinstance(answer, Answered)
-    assert answer.to is not None
+    assert isinstance(answer, ResponseSeen)
+    assert answer.request is not None
     # Also to a request that nobody can read, for its quantity is 0.
     asked, answer = hear(sniffer(), [(1.0, 1, "03 0000 0000"), (1.25, 1, "83 03")])
-    assert isinstance(asked, Asked)
+    assert isinstance(asked, RequestSeen)
     assert asked.message is None
-    assert isinstance(answer, Answered)
-    assert answer.to == asked
+    assert isinstance(answer, ResponseSeen)
+    assert answer.request == asked
 
 
 def test_a_broadcast_waits_for_nobody() -> None:
     (event,) = hear(sniffer(), [(1.0, 0, WRITE)])
-    assert isinstance(event, Asked)
+    assert isinstance(event, RequestSeen)
     assert event.unit == 0
 
 
 def test_silence_is_told_when_the_window_is_over() -> None:
     asked, silent = hear(sniffer(window=0.5), [(1.0, 1, READ)])
-    assert silent == Unanswered(asked, 1.5)  # type: ignore[arg-type]
+    assert silent == ResponseMissing(asked, 1.5)  # type: ignore[arg-type]
 
 
 def test_an_answer_without_its_question() -> None:
     first, asked, second = hear(sniffer(), [(1.0, 1, VALUES), (1.1, 2, READ), (1.2, 2, VALUES)])
-    assert isinstance(first, Answered)
-    assert first.to is None
+    assert isinstance(first, ResponseSeen)
+    assert first.request is None
     assert first.seconds is None
-    assert isinstance(second, Answered)
-    assert second.to == asked
+    assert isinstance(second, ResponseSeen)
+    assert second.request == asked
 
 
 def test_an_answer_of_another_length_answers_nothing() -> None:
     told = hear(sniffer(), [(1.0, 1, READ), (1.1, 1, "03 02 0017")])
-    assert names(told) == ["Asked", "Unanswered", "Answered"]
-    assert told[2].to is None  # type: ignore[union-attr]
+    assert names(told) == ["RequestSeen", "ResponseMissing", "ResponseSeen"]
+    assert told[2].request is None  # type: ignore[union-attr]
 
 
 def test_a_late_answer_is_told_from_that_of_the_next_unit() -> None:
     told = hear(sniffer(), [(1.0, 1, READ), (1.3, 2, READ), (1.35, 1, VALUES), (1.4, 2, VALUES)])
-    assert names(told) == ["Asked", "Unanswered", "Asked", "Answered", "Answered"]
+    assert names(told) == ["RequestSeen", "ResponseMissing", "RequestSeen", "ResponseSeen", "ResponseSeen"]
     late, answer = told[3], told[4]
-    assert isinstance(late, Answered)
-    assert isinstance(answer, Answered)
-    assert (late.to, late.late, answer.to, answer.late) == (told[0], True, told[2], False)
+    assert isinstance(late, ResponseSeen)
+    assert isinstance(answer, ResponseSeen)
+    assert (late.request, late.late, answer.request, answer.late) == (told[0], True, told[2], False)
 
 
 # Writes and their echoes -------------------------------------------------------------------------------------------
 
 
-def pairs(told: list[Overheard]) -> list[tuple[float, ...]]:
+def pairs(told: list[SnifferEvent]) -> list[tuple[float, ...]]:
     """The times of each exchange; one time for a half."""
     found: list[tuple[float, ...]] = []
     for event in told:
-        if isinstance(event, Answered):
-            found.append((event.to.at, event.at) if event.to else (event.at,))
-        elif isinstance(event, Half):
+        if isinstance(event, ResponseSeen):
+            found.append((event.request.at, event.at) if event.request else (event.at,))
+        elif isinstance(event, AmbiguousFrame):
             found.append((event.at,))
     return found
 
@@ -177,8 +177,8 @@ def test_another_value_is_no_echo() -> None:
 def test_functions_that_nobody_knows_are_paired_by_their_code() -> None:
     listener = sniffer()
     told = hear(listener, [(1.0, 1, "41 01"), (1.2, 1, "41 99 98")])
-    assert names(told) == ["Asked", "Answered"]
-    assert told[1].to == told[0]  # type: ignore[union-attr]
+    assert names(told) == ["RequestSeen", "ResponseSeen"]
+    assert told[1].request == told[0]  # type: ignore[union-attr]
 
 
 # Anything missing --------------------------------------------------------------------------------------------------
@@ -221,7 +221,7 @@ def test_whatever_is_dropped_the_others_are_attributed_right(drawn: tuple[list[S
     kept = [one for place, one in enumerate(said) if place != dropped]
     told = overhear(sniffer(), kept)
     attributed(told, kept)
-    halves = [event for event in told if isinstance(event, Half)]
+    halves = [event for event in told if isinstance(event, AmbiguousFrame)]
     assert all(one.exchange == said[dropped].exchange for one in kept if one.at in [half.at for half in halves])
 
 
@@ -235,26 +235,26 @@ def test_with_pauses_longer_than_the_window_anything_may_be_missing(
     attributed(overhear(sniffer(), kept), kept)
 
 
-def attributed(told: list[Overheard], kept: list[Said]) -> None:
+def attributed(told: list[SnifferEvent], kept: list[Said]) -> None:
     """Each frame is told once, on its side, with the question that is its own if that was heard."""
     by_time = {one.at: one for one in kept}
     seen = []
     for event in told:
-        if isinstance(event, Unanswered):
-            assert (event.to.at, False) not in [(by_time[at].at, one.is_request) for at, one in by_time.items()]
-            partner = by_time[event.to.at].exchange
+        if isinstance(event, ResponseMissing):
+            assert (event.request.at, False) not in [(by_time[at].at, one.is_request) for at, one in by_time.items()]
+            partner = by_time[event.request.at].exchange
             assert not [one for one in kept if one.exchange == partner and not one.is_request]
             continue
-        assert not isinstance(event, Disturbance)
+        assert not isinstance(event, NoiseSeen)
         one = by_time[event.at]
         seen.append(event.at)
         assert (event.unit, event.pdu) == (one.unit, one.pdu)
-        if isinstance(event, Asked):
+        if isinstance(event, RequestSeen):
             assert one.is_request
-        elif isinstance(event, Answered):
+        elif isinstance(event, ResponseSeen):
             assert not one.is_request
             asked = [other.at for other in kept if other.exchange == one.exchange and other.is_request]
-            assert asked == ([event.to.at] if event.to else [])
+            assert asked == ([event.request.at] if event.request else [])
         else:
             assert len([other for other in kept if other.exchange == one.exchange]) == 1
     assert sorted(seen) == [one.at for one in kept]
@@ -268,10 +268,10 @@ def test_noise_is_told_and_the_pair_is_kept() -> None:
     told = listener.feed(encode(1, unhex(READ)), 1.0)
     told += listener.feed(b"\xff\x00\x55", 1.02) + silence(listener, 1.2)
     told += listener.feed(encode(1, unhex(VALUES)), 1.2)
-    assert names(told) == ["Asked", "Disturbance", "Answered"]
-    assert isinstance(told[1], Disturbance)
+    assert names(told) == ["RequestSeen", "NoiseSeen", "ResponseSeen"]
+    assert isinstance(told[1], NoiseSeen)
     assert told[1].noise.data == b"\xff\x00\x55"
-    assert told[2].to == told[0]  # type: ignore[union-attr]
+    assert told[2].request == told[0]  # type: ignore[union-attr]
 
 
 def test_nothing_expires_while_a_frame_is_coming() -> None:
@@ -279,19 +279,19 @@ def test_nothing_expires_while_a_frame_is_coming() -> None:
     told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(answer[:4], 1.49)
     assert listener.deadline is not None
     assert listener.deadline > 1.5
-    assert names(told + listener.feed(None, 1.5) + listener.feed(answer[4:], 1.5)) == ["Asked", "Answered"]
+    assert names(told + listener.feed(None, 1.5) + listener.feed(answer[4:], 1.5)) == ["RequestSeen", "ResponseSeen"]
 
 
 def test_an_ascii_line() -> None:
     listener = Sniffer(AsciiLine())
     told = listener.feed(ascii_frame(1, unhex(READ)), 1.0) + listener.feed(ascii_frame(1, unhex(VALUES)), 1.1)
-    assert names(told) == ["Asked", "Answered"]
+    assert names(told) == ["RequestSeen", "ResponseSeen"]
 
 
 def test_the_end_tells_what_is_held() -> None:
     listener = sniffer()
     told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(b"\x01\x03", 1.01)
-    assert names(told + listener.end(1.01)) == ["Asked", "Disturbance", "Unanswered"]
+    assert names(told + listener.end(1.01)) == ["RequestSeen", "NoiseSeen", "ResponseMissing"]
     assert listener.deadline is None
 
 
@@ -299,7 +299,7 @@ def test_the_end_tells_what_is_held() -> None:
 @given(st.lists(st.tuples(st.one_of(st.none(), st.binary(max_size=40)), st.floats(0, 2)), max_size=20))
 def test_any_bytes_are_told_and_never_raise(chunks: list[tuple[bytes | None, float]]) -> None:
     for line in (RtuLine(TIMING, role="listener"), AsciiLine()):
-        listener, now, fed, told = Sniffer(line), 0.0, b"", list[Overheard]()
+        listener, now, fed, told = Sniffer(line), 0.0, b"", list[SnifferEvent]()
         for data, step in chunks:
             now += step
             fed += data or b""
@@ -309,10 +309,10 @@ def test_any_bytes_are_told_and_never_raise(chunks: list[tuple[bytes | None, flo
             assert sorted(b"".join(_bytes(event) for event in told)) == sorted(fed)
 
 
-def _bytes(event: Overheard) -> bytes:
-    if isinstance(event, Disturbance):
+def _bytes(event: SnifferEvent) -> bytes:
+    if isinstance(event, NoiseSeen):
         return event.noise.data
-    return b"" if isinstance(event, Unanswered) else encode(event.unit, event.pdu)
+    return b"" if isinstance(event, ResponseMissing) else encode(event.unit, event.pdu)
 
 
 @pytest.mark.parametrize(
@@ -348,18 +348,22 @@ def test_numbered_answers_in_any_order() -> None:
     told = listener.feed(True, tcp_frame(1, unhex(READ), 1) + tcp_frame(1, unhex(WRITE), 2), 1.0)
     told += listener.feed(False, tcp_frame(1, unhex(WRITE), 2) + tcp_frame(1, unhex(VALUES), 1), 1.1)
     told += listener.feed(False, tcp_frame(1, unhex(VALUES), 9), 1.2)
-    assert [event.to and event.to.transaction for event in told if isinstance(event, Answered)] == [2, 1, None]
+    assert [event.request and event.request.transaction for event in told if isinstance(event, ResponseSeen)] == [
+        2,
+        1,
+        None,
+    ]
 
 
 def test_numbered_silence_noise_and_bounds() -> None:
     listener = NumberedSniffer(*lines())
-    told: list[Overheard] = []
+    told: list[SnifferEvent] = []
     for number in range(KEPT + 3):
         told += listener.feed(True, tcp_frame(1, unhex(READ), number), 1.0)
-    assert names(told).count("Unanswered") == 3
-    assert names(listener.feed(True, tcp_frame(1, unhex(READ), 5), 1.0)) == ["Unanswered", "Asked"]
+    assert names(told).count("ResponseMissing") == 3
+    assert names(listener.feed(True, tcp_frame(1, unhex(READ), 5), 1.0)) == ["ResponseMissing", "RequestSeen"]
     told = listener.feed(False, unhex("0001 0007 0000"), 2.5)
-    assert names(told) == ["Unanswered"] * KEPT + ["Disturbance"]
+    assert names(told) == ["ResponseMissing"] * KEPT + ["NoiseSeen"]
     assert listener.end(3.0) == []
-    assert isinstance(told[-1], Disturbance)
+    assert isinstance(told[-1], NoiseSeen)
     assert isinstance(told[-1].noise, Noise)

@@ -15,7 +15,7 @@ from barewire.explain.capture.modbus_packets import MODBUS_PORTS, TcpPair, modbu
 from barewire.explain.capture.pcapng import is_capture, read_packets
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer.numbered import NumberedSniffer
-from barewire.modbus.sniffer.sniffer import WINDOW, Overheard, Sniffer
+from barewire.modbus.sniffer.sniffer import WINDOW, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 
@@ -29,11 +29,11 @@ def rtu_listener() -> Line:
     return RtuLine(_ANY_SPEED, role="listener")
 
 
-def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBUS_PORTS) -> Iterator[Overheard]:
+def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBUS_PORTS) -> Iterator[SnifferEvent]:
     """What a recording says, in the order in which it was said.
 
     >>> [type(event).__name__ for event in replay(b"1.0 01 83 02 C0 F1")]
-    ['Answered']
+    ['ResponseSeen']
 
     Raises DecodeError for what is no recording.
     """
@@ -46,7 +46,7 @@ def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBU
     return _replay_log(text, window)
 
 
-def _replay_log(text: str, window: float) -> Iterator[Overheard]:
+def _replay_log(text: str, window: float) -> Iterator[SnifferEvent]:
     chunks = parse_log(text).chunks
     new_line: Callable[[], Line] = AsciiLine if chunks and chunks[0].data[:1] == b":" else rtu_listener
     sniffer = Sniffer(new_line(), window=window)
@@ -55,7 +55,7 @@ def _replay_log(text: str, window: float) -> Iterator[Overheard]:
     yield from sniffer.end(chunks[-1].at if chunks else 0.0)
 
 
-def _feed(sniffer: Sniffer, data: bytes, at: float) -> Iterator[Overheard]:
+def _feed(sniffer: Sniffer, data: bytes, at: float) -> Iterator[SnifferEvent]:
     """Bytes that came at this time, after whatever was due before."""
     while (deadline := sniffer.deadline) is not None and deadline < at:
         yield from sniffer.feed(None, deadline)
@@ -93,7 +93,7 @@ class _Stream:
         return None
 
 
-def _replay_capture(data: bytes, window: float, ports: Container[int]) -> Iterator[Overheard]:
+def _replay_capture(data: bytes, window: float, ports: Container[int]) -> Iterator[SnifferEvent]:
     serial: dict[TcpPair, Sniffer] = {}
     numbered: dict[TcpPair, NumberedSniffer] = {}
     streams: dict[tuple[TcpPair, bool], _Stream] = {}

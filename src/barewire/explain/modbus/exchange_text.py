@@ -8,46 +8,53 @@ from __future__ import annotations
 
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.sniffer.sniffer import Answered, Asked, Disturbance, Half, Overheard, Unanswered
+from barewire.modbus.sniffer.sniffer import (
+    AmbiguousFrame,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
 
 _SHOWN = 12
 """So many values or bytes of an answer are printed; `exchange_as_dict` has them all."""
 
 
-def exchange_line(event: Overheard) -> str | None:
+def exchange_line(event: SnifferEvent) -> str | None:
     """The line for an event; None for a question whose answer is still to come.
 
-    >>> asked = Asked(1, bytes.fromhex("0300000002"), 1.0)
-    >>> exchange_line(asked), exchange_line(Answered(1, bytes.fromhex("030400170007"), 1.0123, to=asked))
+    >>> asked = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
+    >>> exchange_line(asked), exchange_line(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=asked))
     (None, '1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms')
     """
     match event:
-        case Asked(unit=0):
+        case RequestSeen(unit=0):
             return f"{event.at:.6f}  all     {explain_pdu(event.pdu, 'request').summary} (broadcast)"
-        case Asked():
+        case RequestSeen():
             return None
-        case Unanswered():
-            return f"{_question(event.to)} -> no answer"
-        case Half():
+        case ResponseMissing():
+            return f"{_question(event.request)} -> no answer"
+        case AmbiguousFrame():
             said = explain_pdu(event.pdu, "request").summary
             return f"{event.at:.6f}  unit {event.unit}  {said} -> heard once: the request or its echo"
-        case Disturbance():
+        case NoiseSeen():
             data = event.noise.data
             return f"{event.at:.6f}  noise   {_clipped(data.hex(' ').upper().split())} ({event.noise.text})"
-        case Answered(to=None):
+        case ResponseSeen(request=None):
             said = explain_pdu(event.pdu, "response").summary
             return f"{event.at:.6f}  unit {event.unit}  (request not heard) -> {said}"
-        case Answered(to=asked):
+        case ResponseSeen(request=asked):
             assert asked is not None
             late = ", late: the next one had been asked" if event.late else ""
             return f"{_question(asked)} -> {_said(event, asked)}, after {1e3 * (event.at - asked.at):.1f} ms{late}"
 
 
-def _question(asked: Asked) -> str:
+def _question(asked: RequestSeen) -> str:
     return f"{asked.at:.6f}  unit {asked.unit}  {explain_pdu(asked.pdu, 'request').summary}"
 
 
-def _said(answer: Answered, asked: Asked) -> str:
+def _said(answer: ResponseSeen, asked: RequestSeen) -> str:
     """What an answer says that its question did not."""
     pdu = answer.pdu
     letter = explain_pdu(pdu, "response")
@@ -65,31 +72,31 @@ def _clipped(parts: list[str]) -> str:
     return " ".join(parts if len(parts) <= _SHOWN else [*parts[:_SHOWN], "..."])
 
 
-def exchange_as_dict(event: Overheard) -> dict[str, object]:
+def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
     """For programs: ready for `json.dumps`. `request_at` says which request a response or a silence belongs to.
 
-    >>> exchange_as_dict(Unanswered(Asked(1, bytes.fromhex("0300000002"), 1.0), 2.0))
+    >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
     """
     match event:
-        case Asked():
+        case RequestSeen():
             kind = "request" if event.unit or event.transaction is not None else "broadcast"
             return _frame(kind, event.unit, event.pdu, event.at, event.transaction)
-        case Answered():
+        case ResponseSeen():
             told = _frame("response", event.unit, event.pdu, event.at, event.transaction)
             if event.pdu[0] & EXCEPTION_BIT and len(event.pdu) > 1:
                 told["exception"] = event.pdu[1]
-            asked = event.to
+            asked = event.request
             return told | {
                 "request_at": None if asked is None else asked.at,
                 "seconds": None if asked is None else round(event.at - asked.at, 6),
                 "late": event.late,
             }
-        case Unanswered():
-            return {"event": "unanswered", "at": event.at, "unit": event.to.unit, "request_at": event.to.at}
-        case Half():
+        case ResponseMissing():
+            return {"event": "unanswered", "at": event.at, "unit": event.request.unit, "request_at": event.request.at}
+        case AmbiguousFrame():
             return _frame("half", event.unit, event.pdu, event.at, None)
-        case Disturbance():
+        case NoiseSeen():
             data, reason, text = event.noise
             return {"event": "noise", "at": event.at, "data": data.hex(), "reason": reason, "text": text}
 

@@ -10,9 +10,9 @@ from barewire.codecs import Field
 from barewire.explain.result import Role
 from barewire.modbus.exceptions import EXCEPTIONS, exception_name
 from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.messages.identification import MORE, NO_MORE, OBJECT_NAMES, READ_CODES
 from barewire.modbus.messages.registry import ENCAPSULATED, request_class
-from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
 
 # Public functions by name, also those that have no message class here.                     [MB-APP 5.1]
 PUBLIC = {

@@ -19,8 +19,8 @@ from barewire.explain.modbus.field_text import code_title, function_title, with_
 from barewire.explain.result import LEFT_OVER, Role, counted, fill_gaps
 from barewire.modbus.exceptions import exception_name
 from barewire.modbus.messages.base import EXCEPTION_BIT, Message
+from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.messages.registry import ENCAPSULATED, request_class, response_class
-from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
 
 UNKNOWN_SHAPE = "data"
 

@@ -119,9 +119,9 @@ class AsyncModbusClient(Verbs):
         limit = self.timeout
         return take(await self.connection.ask(1 if self.unit is None else self.unit, request, limit, limit))
 
-    async def tell(self, request: Request[R], *, turnaround: float = 0.1) -> None:
+    async def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> None:
         """Broadcast to every unit of a serial line; nobody answers."""
-        await self.talk(lambda bus: bus.tell(request, turnaround=turnaround))
+        await self.talk(lambda bus: bus.broadcast(request, turnaround=turnaround))
 
     async def read(self, device: Device, *names: str, unit: int | None = None) -> list[Reading]:
         """Named values, with as few requests as the device allows, in the order asked."""

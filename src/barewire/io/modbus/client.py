@@ -232,9 +232,9 @@ class ModbusClient(Verbs):
         limit = self.timeout
         return take(self.connection.ask(1 if self.unit is None else self.unit, request, limit, limit))
 
-    def tell(self, request: Request[R], *, turnaround: float = 0.1) -> None:
+    def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> None:
         """Broadcast to every unit of a serial line; nobody answers."""
-        self.run(self.bus.tell(request, turnaround=turnaround))
+        self.run(self.bus.broadcast(request, turnaround=turnaround))
 
     def read(self, device: Device, *names: str, unit: int | None = None) -> list[Reading]:
         """Named values, with as few requests as the device allows, in the order asked."""

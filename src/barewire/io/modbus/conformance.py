@@ -22,7 +22,7 @@ from barewire.io.modbus.carriers import dialer, modbus_line
 from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
-from barewire.modbus.conformance.model import CLOSED, SILENCE, Case, Heard, Say, Turn, wrong
+from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, Step, StepAnswer, Stimulus, difference
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 
@@ -31,20 +31,20 @@ PATIENCE = 1.0
 takes half a second for an exception."""
 
 LOUD = 4096
-"""Bytes: no turn has as many in its answers."""
+"""Bytes: no step has as many in its answers."""
 
 RESTART = 3.0
 """Seconds in which a server that was there may come back: some are restarted by whoever looks after them."""
 
 _PATIENT, _KEPT = 3, 8
-_PLAIN = Case("a plain question", "", (Turn((Say(bytes.fromhex("0300000001")),)),), ())
+_PLAIN = ServerCase("a plain question", "", (Step((Stimulus(bytes.fromhex("0300000001")),)),), ())
 
 
 class Result(NamedTuple):
     """How a case went: `failure` is None, or the difference as a sentence."""
 
-    case: Case
-    heard: tuple[Heard, ...]
+    case: ServerCase
+    heard: tuple[StepAnswer, ...]
     failure: str | None
 
 
@@ -56,7 +56,7 @@ class Unfinished(NoAnswer):
         self.not_run = not_run
 
 
-def battery(endpoint: Endpoint) -> tuple[Case, ...]:
+def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
     """The cases for what the endpoint is."""
     if endpoint.scheme not in MODBUS:
         known = ", ".join(f"{name}://" for name in MODBUS)
@@ -84,7 +84,7 @@ def conform(endpoint: Endpoint) -> Iterator[Result]:
                 if not place:
                     raise
                 raise Unfinished(f"{error}, in the case {case.name!r}", left + 1) from None
-            failure = f"{case.name}: {tester.loud}" if tester.loud else wrong(case, heard, unit)
+            failure = f"{case.name}: {tester.loud}" if tester.loud else difference(case, heard, unit)
             yield Result(case, tuple(heard), failure)
             if tester.loud_cases >= _PATIENT:
                 raise Unfinished(f"{name} never stops talking: {tester.loud}", left)
@@ -102,13 +102,13 @@ def conform(endpoint: Endpoint) -> Iterator[Result]:
         tester.close()
 
 
-def _must_answer(case: Case) -> bool:
+def _must_answer(case: ServerCase) -> bool:
     """Whether something has to be said in this case, whichever way it goes."""
     return all(any(one not in (SILENCE, CLOSED) for one in way) for way in case.ways)
 
 
 class _Tester:
-    """Says the turns of cases. `loud` is what is wrong with the latest case if the server never stopped talking."""
+    """Says the steps of cases. `loud` is what is wrong with the latest case if the server never stopped talking."""
 
     def __init__(self, endpoint: Endpoint, unit: int, patience: float) -> None:
         self._endpoint = endpoint
@@ -141,34 +141,34 @@ class _Tester:
                     return True
         return False
 
-    def run(self, case: Case) -> Sequence[Heard]:
-        """Say every turn; what came back in each."""
+    def run(self, case: ServerCase) -> Sequence[StepAnswer]:
+        """Say every step; what came back in each."""
         if self._is_tcp:
             self.close()
         self.loud = ""
         heard = []
-        for place, turn in enumerate(case.turns):
-            following = case.turns[place + 1].after if place + 1 < len(case.turns) else 0.0
+        for place, step in enumerate(case.steps):
+            following = case.steps[place + 1].after if place + 1 < len(case.steps) else 0.0
             is_silent = bool(case.ways) and all(way[place] == SILENCE for way in case.ways)
             # Where the next thing is to be said soon, nobody waits longer for an answer that must not come.
-            heard.append(self._turn(turn, following if following and is_silent else self._patience))
+            heard.append(self._turn(step, following if following and is_silent else self._patience))
         self.was_answered |= any(heard)
         self.loud_cases = self.loud_cases + 1 if self.loud else 0
         return heard
 
-    def _turn(self, turn: Turn, patience: float) -> Heard:
+    def _turn(self, step: Step, patience: float) -> StepAnswer:
         if self._port is None:
             self._port, self._line = self._reached(), modbus_line(self._endpoint, "client")
-        quiet_at = max(self._last + turn.after, self._line.quiet_at)
+        quiet_at = max(self._last + step.after, self._line.quiet_at)
         time.sleep(max(0.0, quiet_at - time.monotonic()))
         heard: list[Adu] = []
         try:
-            self._say([self._bytes(say) for say in turn.says])
+            self._say([self._bytes(stimulus) for stimulus in step.stimuli])
             self._last = time.monotonic()
             self._line.sent(self._last)
             until = self._last + patience
             started, count = self._last, 0
-            limit = (4 + len(turn.says)) * self._patience + self._slow
+            limit = (4 + len(step.stimuli)) * self._patience + self._slow
             while (now := time.monotonic()) < until:
                 wake = until if self._line.deadline is None else min(until, self._line.deadline)
                 data = self._port.receive(max(0.0, wake - now))
@@ -181,7 +181,7 @@ class _Tester:
                     self.loud = f"it did not stop talking, {count} bytes in {now - started:.1f} s"
                     self.close()
                     return heard[:_KEPT]
-                if len(heard) >= len(turn.says) and not self._line.held:
+                if len(heard) >= len(step.stimuli) and not self._line.held:
                     # Nobody answers twice; a last look is enough.
                     until = min(until, time.monotonic() + patience / 10)
         except PortError:
@@ -213,11 +213,11 @@ class _Tester:
         for event in self._line.feed(data, time.monotonic()):
             yield Adu(self._unit, event.data) if isinstance(event, Noise) else event
 
-    def _bytes(self, say: Say) -> bytes:
+    def _bytes(self, stimulus: Stimulus) -> bytes:
         self._number = self._number + 1 & 0xFFFF
         frame: dict[str, Callable[[int, bytes], bytes]] = {
             "tcp": lambda unit, pdu: tcp_frame(unit, pdu, self._number),
             "rtu": rtu_frame,
             "ascii": ascii_frame,
         }
-        return say.framed(frame[self._endpoint.envelope], self._unit)
+        return stimulus.framed(frame[self._endpoint.envelope], self._unit)

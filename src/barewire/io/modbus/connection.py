@@ -52,7 +52,7 @@ class AsyncConnection:
         bus = Bus(modbus_line(endpoint, "client"), **options)
         if in_flight > 1 and not bus.line.numbered:
             raise EncodeError("in_flight: answers without numbers cannot be told apart, so one at a time", "in_flight")
-        self.lanes = [Lane(bus), *(Lane(bus.beside(bus.line)) for _ in range(in_flight - 1))]
+        self.lanes = [Lane(bus), *(Lane(bus.sibling_bus(bus.line)) for _ in range(in_flight - 1))]
         self.back_off = back_off
         self._endpoint = endpoint
         self._link: AsyncLink | None = None

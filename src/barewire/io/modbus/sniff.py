@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import dialer, modbus_line
-from barewire.modbus.sniffer.sniffer import WINDOW, Overheard, Sniffer
+from barewire.modbus.sniffer.sniffer import WINDOW, Sniffer, SnifferEvent
 
 _LOOK = 0.1
 """Seconds between two looks at whether to stop."""
@@ -22,7 +22,7 @@ _LOOK = 0.1
 
 def listen(
     endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None, window: float = WINDOW
-) -> Iterator[Overheard]:
+) -> Iterator[SnifferEvent]:
     """What is said on the line, until `stop` is set or so many seconds are over. Times are seconds since 1970.
 
     Raises EncodeError for what is no line, PortError when the port fails.

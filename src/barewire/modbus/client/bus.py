@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from barewire.conversation import Abandoned, Conversation, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu
-from barewire.modbus.client.line_state import NEVER, LineState, UnitState, describe, note, unknown
+from barewire.modbus.client.line_state import NEVER, LineState, UnitState, describe_event, note, unknown
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class Bus(LineState):
         """What is left of `ask` when a frame of `begin` is out: it listens first."""
         return self._exchange(unit, request, timeout, sent_at=sent_at)
 
-    def tell(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
+    def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
         """Broadcast to every unit on a serial line. Nobody answers; `turnaround` is their time to act, in seconds.
 
         [MB-SERIAL 2.4.1]. Raises EncodeError for a request that only reads: nobody would see the answer.
@@ -128,7 +128,7 @@ class Bus(LineState):
         return self._tell(request, turnaround)
 
     def _tell(self, request: Request[R], turnaround: float) -> Conversation[bytes, None]:
-        yield from self.hush(turnaround + 1.0)
+        yield from self.wait_until_idle(turnaround + 1.0)
         heard = yield Send(self.line.request(BROADCAST, request.encode()))
         self.line.sent(heard.now)
         until = heard.now + turnaround
@@ -138,7 +138,7 @@ class Bus(LineState):
 
     def _clear(self, unit: int, request: Request[Any], timeout: float, known: UnitState) -> Conversation[bytes, float]:
         """Until the unit may be asked: the line silent, its pause over, no lost answer under way. Returns the time."""
-        now = yield from self.hush(timeout)
+        now = yield from self.wait_until_idle(timeout)
         if now < known.dead_until:
             left = known.dead_until - now
             raise NoAnswer(f"unit {unit} left {known.silent} questions unanswered: asked again in {left:.1f} s")
@@ -188,7 +188,7 @@ class Bus(LineState):
                             self.answered(unit, now)
                             return response
                     else:
-                        why = describe(event)
+                        why = describe_event(event)
                     self._stray(event, now)
                     note(passed_over, why)
                 if line.broken is not None:
@@ -213,7 +213,7 @@ class Bus(LineState):
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
         raise unknown(text) if request.writes else NoAnswer(text)
 
-    def hush(self, patience: float) -> Conversation[bytes, float]:
+    def wait_until_idle(self, patience: float) -> Conversation[bytes, float]:
         """Hear the line out until it may be spoken on; returns the time. What comes now answers nothing of ours.
 
         Raises NoAnswer if somebody else never stops talking.
@@ -266,7 +266,7 @@ class Bus(LineState):
                 raise NoAnswer(f"{text}: {request.name} was not sent")
             if now >= until:
                 self._forget(unit)
-        return (yield from self.hush(timeout))
+        return (yield from self.wait_until_idle(timeout))
 
     def settle(self) -> Conversation[bytes, None]:
         """Stay on the line until no lost answer can come any more: for whoever leaves it to others."""

@@ -35,6 +35,6 @@ def ask(line: Line, unit: int, request: Request[R], *, timeout: float = 1.0) -> 
     return Bus(line).ask(unit, request, timeout=timeout)
 
 
-def tell(line: Line, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
+def broadcast(line: Line, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
     """Broadcast to every unit on a serial line, and give them `turnaround` seconds to act."""
-    return Bus(line).tell(request, turnaround=turnaround)
+    return Bus(line).broadcast(request, turnaround=turnaround)

@@ -17,7 +17,7 @@ from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
-    from barewire.modbus.framing import Event, Line
+    from barewire.modbus.framing import Line, LineEvent
     from barewire.modbus.messages.base import Request
 
 KEPT = 16
@@ -118,7 +118,7 @@ class LineState:
         """The questions whose answers may still come."""
         return [(lost.unit, lost.request) for lost in self._lost]
 
-    def beside(self, line: Line) -> Self:
+    def sibling_bus(self, line: Line) -> Self:
         """A bus for another line to the same units: several questions under way on one connection.
 
         What is known of the units and the counters are shared.
@@ -172,7 +172,7 @@ class LineState:
             self._stray(event, heard.now)
         return heard.now
 
-    def _stray(self, event: Event, now: float) -> None:
+    def _stray(self, event: LineEvent, now: float) -> None:
         """Something that answers nothing we wait for: a late reply if it fits a lost question, weather otherwise."""
         self.counters.strays += 1
         if not isinstance(event, Adu):
@@ -188,7 +188,7 @@ class LineState:
                 return
 
 
-def describe(event: Event) -> str:
+def describe_event(event: LineEvent) -> str:
     """One event in words, for the text of an error."""
     if isinstance(event, Adu):
         number = "" if event.transaction is None else f", transaction {event.transaction}"

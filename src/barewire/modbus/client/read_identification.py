@@ -32,7 +32,7 @@ class Asker(Protocol):
     def ask(self, unit: int, request: Request[R], *, timeout: float = 1.0) -> Conversation[bytes, R]: ...
 
 
-class Identification(NamedTuple):
+class DeviceIdentification(NamedTuple):
     """What a device said: its conformity (01, 02, 03; with 80h added if it gives single objects too), its objects."""
 
     conformity: int
@@ -41,7 +41,7 @@ class Identification(NamedTuple):
     def texts(self) -> dict[str, str]:
         """The objects by name, as text.
 
-        >>> Identification(1, {0: b"TEM", 0x80: b"42"}).texts()
+        >>> DeviceIdentification(1, {0: b"TEM", 0x80: b"42"}).texts()
         {'VendorName': 'TEM', 'object 80h': '42'}
         """
         return {
@@ -50,9 +50,9 @@ class Identification(NamedTuple):
         }
 
 
-def identify(
+def read_device_identification(
     asker: Asker, unit: int, read_code: int = BASIC, *, timeout: float = 1.0
-) -> Conversation[bytes, Identification]:
+) -> Conversation[bytes, DeviceIdentification]:
     """Read the basic (01), regular (02) or extended (03) objects of a unit, however many answers that takes.
 
     The number of the next object must grow, so this ends after 256 questions at the latest, whatever the device says:
@@ -62,14 +62,14 @@ def identify(
     return _identify(asker, unit, read_code, timeout)
 
 
-def _identify(asker: Asker, unit: int, read_code: int, timeout: float) -> Conversation[bytes, Identification]:
+def _identify(asker: Asker, unit: int, read_code: int, timeout: float) -> Conversation[bytes, DeviceIdentification]:
     objects: dict[int, bytes] = {}
     first = 0
     while True:
         answer = yield from asker.ask(unit, ReadDeviceIdentification(read_code, first), timeout=timeout)
         objects.update(answer.objects)
         if not answer.more_follows:
-            return Identification(answer.conformity, objects)
+            return DeviceIdentification(answer.conformity, objects)
         if answer.next_object <= max(first, *(number for number, _ in answer.objects), 0):
             raise _going_round(answer, first)
         first = answer.next_object

@@ -12,29 +12,29 @@ function that it does not have is exception 01.
 from __future__ import annotations
 
 from barewire.modbus.adu import BROADCAST
-from barewire.modbus.conformance.model import CLOSED, SILENCE, Case, Say, Turn
+from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, Step, Stimulus
 
 
-def _pdu(text: str, unit: int | None = None) -> Say:
-    return Say(bytes.fromhex(text), unit)
+def _pdu(text: str, unit: int | None = None) -> Stimulus:
+    return Stimulus(bytes.fromhex(text), unit)
 
 
-def _raw(text: str) -> Say:
-    return Say(raw=bytes.fromhex(text))
+def _raw(text: str) -> Stimulus:
+    return Stimulus(raw=bytes.fromhex(text))
 
 
-def _one(name: str, clause: str, request: str, *answers: str) -> Case:
+def _one(name: str, clause: str, request: str, *answers: str) -> ServerCase:
     """One request, and what may be answered."""
-    return Case(name, clause, (Turn((_pdu(request),)),), tuple((answer,) for answer in answers))
+    return ServerCase(name, clause, (Step((_pdu(request),)),), tuple((answer,) for answer in answers))
 
 
 READ, VALUE = "03 0000 0001", "03 02 .. .."
-_READ = Turn((_pdu(READ),))
+_READ = Step((_pdu(READ),))
 _TIDY = "06 0000 1234"
 _ECHO = "06 00 00 12 34"
 _DISCARDED = ((SILENCE, VALUE), (CLOSED, VALUE))
 
-ANYWHERE: tuple[Case, ...] = (
+ANYWHERE: tuple[ServerCase, ...] = (
     _one("03 with quantity 0", "MB-APP 6.3", "03 0000 0000", "83 03"),
     _one("03 with quantity 126", "MB-APP 6.3", "03 0000 007E", "83 03"),
     _one("01 with quantity 0", "MB-APP 6.1", "01 0000 0000", "81 03"),
@@ -47,22 +47,22 @@ ANYWHERE: tuple[Case, ...] = (
     _one("10 with a byte count that does not fit", "MB-APP figure 22", "10 0000 0001 04 0001 0002", "90 03"),
     _one("08 with sub-function 99h", "MB-APP figure 18", "08 0099 0000", "88 01"),
     _one("08/0B bus message count, if it has diagnostics", "MB-APP 6.8", "08 000B 0000", "88 01", "08 00 0B .. .."),
-    Case(
+    ServerCase(
         "08/04 listen only: silence from then on, until 08/01",
         "MB-APP 6.8",
-        (Turn((_pdu("08 0004 0000"),)), _READ, Turn((_pdu("08 0001 0000"),)), _READ),
+        (Step((_pdu("08 0004 0000"),)), _READ, Step((_pdu("08 0001 0000"),)), _READ),
         (("88 01", VALUE, "88 01", VALUE), (SILENCE, SILENCE, SILENCE, VALUE)),
     ),
-    Case(
+    ServerCase(
         "16 keeps the bits that the AND mask keeps",
         "MB-APP 6.16",
-        (Turn((_pdu(_TIDY),)), Turn((_pdu("16 0000 00F2 0025"),)), _READ),
+        (Step((_pdu(_TIDY),)), Step((_pdu("16 0000 00F2 0025"),)), _READ),
         ((_ECHO, "16 00 00 00 F2 00 25", "03 02 00 35"), (_ECHO, "96 01", "03 02 12 34")),
     ),
-    Case(
+    ServerCase(
         "17 writes before it reads",
         "MB-APP 6.17",
-        (Turn((_pdu(_TIDY),)), Turn((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
+        (Step((_pdu(_TIDY),)), Step((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
         ((_ECHO, "17 02 AB CD"), (_ECHO, "97 01")),
     ),
     _one("17 with 126 to read", "MB-APP 6.17", "17 0000 007E 0000 0001 02 0001", "97 03", "97 01"),
@@ -74,7 +74,7 @@ ANYWHERE: tuple[Case, ...] = (
 """For a server on whatever wire."""
 
 
-def _cut_short(otherwise: str) -> tuple[Case, ...]:
+def _cut_short(otherwise: str) -> tuple[ServerCase, ...]:
     """Requests that end too early, in a good envelope: 03, or what a server does that takes them for no request."""
     return (
         _one("10 cut short", "MB-APP figure 22", "10 0000 0002 04 0001", "90 03", otherwise),
@@ -82,29 +82,31 @@ def _cut_short(otherwise: str) -> tuple[Case, ...]:
     )
 
 
-CASES_TCP: tuple[Case, ...] = (
+CASES_TCP: tuple[ServerCase, ...] = (
     *ANYWHERE,
     *_cut_short(CLOSED),
     _one("80h is no function", "MB-APP 4.1", "80 00", SILENCE, CLOSED, "80 01"),
-    Case(
+    ServerCase(
         "five requests in one segment",
         "MB-TCP 4.4.2",
-        (Turn((_pdu(READ),) * 5),),
+        (Step((_pdu(READ),) * 5),),
         (("; ".join([VALUE] * 5),),),
     ),
-    Case(
+    ServerCase(
         "another protocol identifier is discarded",
         "MB-TCP 4.4.2",
-        (Turn((_raw("0009 0001 0006 01 03 0000 0001"),)), _READ),
+        (Step((_raw("0009 0001 0006 01 03 0000 0001"),)), _READ),
         _DISCARDED,
     ),
-    Case("length 0", "MB-TCP 3.1.3", (Turn((_raw("0009 0000 0000"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))),
-    Case("length 1", "MB-TCP 3.1.3", (Turn((_raw("0009 0000 0001 01"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))),
+    ServerCase("length 0", "MB-TCP 3.1.3", (Step((_raw("0009 0000 0000"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))),
+    ServerCase(
+        "length 1", "MB-TCP 3.1.3", (Step((_raw("0009 0000 0001 01"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))
+    ),
     *(
-        Case(
+        ServerCase(
             f"unit {unit}, if it is nobody",
             "MB-TCP 4.4.2",
-            (Turn((_pdu(READ, unit),)),),
+            (Step((_pdu(READ, unit),)),),
             ((VALUE,), ("83 0A",), ("83 0B",), (SILENCE,)),
         )
         for unit in (0, 255)
@@ -123,69 +125,69 @@ def _wrong_crc(frame: bytes) -> bytes:
     return frame[:-1] + bytes((frame[-1] ^ 0x10,))
 
 
-_LINE: tuple[Case, ...] = (
-    Case(
+_LINE: tuple[ServerCase, ...] = (
+    ServerCase(
         "a broadcast is carried out and not answered",
         "MB-SERIAL 2.1",
-        (Turn((_pdu(_TIDY),)), Turn((_pdu("06 0000 0055", BROADCAST),)), Turn(_READ.says, 0.3)),
+        (Step((_pdu(_TIDY),)), Step((_pdu("06 0000 0055", BROADCAST),)), Step(_READ.stimuli, 0.3)),
         ((_ECHO, SILENCE, "03 02 00 55"),),
     ),
-    Case(
+    ServerCase(
         "a request to nobody is not answered",
         "MB-SERIAL 2.2",
-        (Turn((_pdu(READ, _NOBODY),)), _READ),
+        (Step((_pdu(READ, _NOBODY),)), _READ),
         ((SILENCE, VALUE),),
     ),
-    Case(
+    ServerCase(
         "somebody else's request and its answer, then ours",
         "MB-SERIAL 2.4.1",
-        (Turn((_pdu(READ, _OTHER),)), Turn((_pdu("03 02 1234", _OTHER),), 0.02), Turn(_READ.says, 0.02)),
+        (Step((_pdu(READ, _OTHER),)), Step((_pdu("03 02 1234", _OTHER),), 0.02), Step(_READ.stimuli, 0.02)),
         ((SILENCE, SILENCE, VALUE),),
     ),
-    Case(
+    ServerCase(
         "somebody else's function 10 and its answer, then ours",
         "MB-SERIAL 2.4.1",
         (
-            Turn((_pdu("10 0000 0002 04 0001 0002", _OTHER),)),
-            Turn((_pdu("10 0000 0002", _OTHER),), 0.02),
-            Turn(_READ.says, 0.02),
+            Step((_pdu("10 0000 0002 04 0001 0002", _OTHER),)),
+            Step((_pdu("10 0000 0002", _OTHER),), 0.02),
+            Step(_READ.stimuli, 0.02),
         ),
         ((SILENCE, SILENCE, VALUE),),
     ),
-    Case(
+    ServerCase(
         "half a frame, 300 ms, a good one",
         "MB-SERIAL 2.5.1.1",
-        (Turn((Say(bytes.fromhex(READ), how=_first_four),)), Turn(_READ.says, 0.3)),
+        (Step((Stimulus(bytes.fromhex(READ), how=_first_four),)), Step(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
-    Case(
+    ServerCase(
         "three bytes of noise, 300 ms, a good one",
         "MB-SERIAL 2.5.1.1",
-        (Turn((_raw("FF 00 55"),)), Turn(_READ.says, 0.3)),
+        (Step((_raw("FF 00 55"),)), Step(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
-    Case(
+    ServerCase(
         "noise right before a frame spoils no more than that one",
         "MB-SERIAL 2.5.1.1",
-        (Turn((_raw("FF 00 55"), _pdu(READ))), Turn(_READ.says, 0.3)),
+        (Step((_raw("FF 00 55"), _pdu(READ))), Step(_READ.stimuli, 0.3)),
         ((VALUE, VALUE), (SILENCE, VALUE)),
     ),
     _one("41h, which nobody has", "MB-APP figure 9", "41 00", "C1 01"),
 )
 """For a server on a line with others."""
 
-CASES_RTU: tuple[Case, ...] = (
+CASES_RTU: tuple[ServerCase, ...] = (
     *_LINE,
-    Case(
+    ServerCase(
         "a wrong CRC is not answered",
         "MB-SERIAL 2.5.1.2",
-        (Turn((Say(bytes.fromhex(READ), how=_wrong_crc),)), Turn(_READ.says, 0.3)),
+        (Step((Stimulus(bytes.fromhex(READ), how=_wrong_crc),)), Step(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
-    Case(
+    ServerCase(
         "300 bytes without a pause are no frame",
         "MB-SERIAL 2.5.1.1",
-        (Turn((Say(raw=b"\x41" * 300),)), Turn(_READ.says, 0.3)),
+        (Step((Stimulus(raw=b"\x41" * 300),)), Step(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
     *ANYWHERE,
@@ -194,10 +196,10 @@ CASES_RTU: tuple[Case, ...] = (
 """For an RTU server."""
 
 
-def _broken(name: str, how: str, *first: str) -> Case:
+def _broken(name: str, how: str, *first: str) -> ServerCase:
     """A read whose characters are changed, then a good one. `first` is what may be answered to the first."""
-    turns = (Turn((Say(bytes.fromhex(READ), how=_HOW[how]),)), Turn(_READ.says, 0.1))
-    return Case(name, "MB-SERIAL 2.5.2.1", turns, tuple((answer, VALUE) for answer in first or (SILENCE,)))
+    turns = (Step((Stimulus(bytes.fromhex(READ), how=_HOW[how]),)), Step(_READ.stimuli, 0.1))
+    return ServerCase(name, "MB-SERIAL 2.5.2.1", turns, tuple((answer, VALUE) for answer in first or (SILENCE,)))
 
 
 _HOW = {
@@ -212,7 +214,7 @@ _HOW = {
 }
 _SEMICOLON = _HOW["semicolon"]
 
-CASES_ASCII: tuple[Case, ...] = (
+CASES_ASCII: tuple[ServerCase, ...] = (
     *_LINE,
     _broken("a wrong LRC is not answered", "wrong LRC"),
     _broken("lower-case digits: answered or not, and the next one is", "lower case", VALUE, SILENCE),
@@ -221,21 +223,21 @@ CASES_ASCII: tuple[Case, ...] = (
     _broken("a G is no digit", "no digit"),
     _broken("a byte with one digit", "a digit less"),
     _broken("a colon inside a frame begins it anew", "twice", VALUE),
-    Case(
+    ServerCase(
         "a frame of more than 513 characters is none",
         "MB-SERIAL 2.5.2.1",
-        (Turn((Say(raw=b":" + b"01" * 300 + b"\r\n"),)), Turn(_READ.says, 0.1)),
+        (Step((Stimulus(raw=b":" + b"01" * 300 + b"\r\n"),)), Step(_READ.stimuli, 0.1)),
         ((SILENCE, VALUE),),
     ),
     *ANYWHERE,
     *_cut_short(SILENCE),
-    Case(
+    ServerCase(
         "08/03 another delimiter, if it can be changed, until 08/01",
         "MB-APP 6.8",
         (
-            Turn((_pdu("08 0003 3B00"),)),
-            Turn((Say(bytes.fromhex(READ), how=_SEMICOLON),)),
-            Turn((Say(bytes.fromhex("08 0001 0000"), how=_SEMICOLON),)),
+            Step((_pdu("08 0003 3B00"),)),
+            Step((Stimulus(bytes.fromhex(READ), how=_SEMICOLON),)),
+            Step((Stimulus(bytes.fromhex("08 0001 0000"), how=_SEMICOLON),)),
             _READ,
         ),
         (("08 00 03 3B 00", VALUE, "08 00 01 00 00", VALUE), ("88 01", SILENCE, SILENCE, VALUE)),

@@ -6,7 +6,7 @@
             answers, SILENCE, or CLOSED
 
 Whoever runs a case puts the PDUs into the envelope, says them, and collects what comes back before it is silent; where
-the peer hung up it opens the next connection for the next turn. `wrong` compares.
+the peer hung up it opens the next connection for the next turn. `difference` compares.
 
 I know: what is said and what may be answered.  I never know: envelopes, ports, clocks.
 """
@@ -21,7 +21,7 @@ from barewire.modbus.adu import Adu
 SILENCE, CLOSED = "", "closed"
 
 
-class Say(NamedTuple):
+class Stimulus(NamedTuple):
     """One frame: a PDU to a unit (None: the one under test), changed by `how` where it is not to be a good one; or raw
     bytes that are no frame."""
 
@@ -38,50 +38,50 @@ class Say(NamedTuple):
         return whole if self.how is None else self.how(whole)
 
 
-class Turn(NamedTuple):
+class Step(NamedTuple):
     """What is said at once, after so many seconds of silence."""
 
-    says: tuple[Say, ...]
+    stimuli: tuple[Stimulus, ...]
     after: float = 0.0
 
 
-class Case(NamedTuple):
+class ServerCase(NamedTuple):
     """One case: `ways` are the accepted ones, each with an answer for each turn."""
 
     name: str
     clause: str
-    turns: tuple[Turn, ...]
+    steps: tuple[Step, ...]
     ways: tuple[tuple[str, ...], ...]
 
 
-Heard = Sequence[Adu] | None
+StepAnswer = Sequence[Adu] | None
 """What came back in one turn; None if the peer hung up."""
 
 
-def wrong(case: Case, heard: Sequence[Heard], unit: int) -> str | None:
+def difference(case: ServerCase, heard: Sequence[StepAnswer], unit: int) -> str | None:
     """None if the peer did as the standard says, the difference as a sentence otherwise.
 
     >>> from barewire.modbus.conformance.cases import CASES_TCP
     >>> case = CASES_TCP[0]
-    >>> wrong(case, [[Adu(1, bytes.fromhex("8303"), 1)]], unit=1)
-    >>> wrong(case, [[Adu(1, bytes.fromhex("8001"), 1)]], unit=1)
+    >>> difference(case, [[Adu(1, bytes.fromhex("8303"), 1)]], unit=1)
+    >>> difference(case, [[Adu(1, bytes.fromhex("8001"), 1)]], unit=1)
     '03 with quantity 0: 80 01, expected 83 03'
     """
-    told = [shown(one) for one in heard]
-    if taken(case, heard) is not None:
+    told = [answer_text(one) for one in heard]
+    if accepted_way(case, heard) is not None:
         strangers = {adu.unit for answers in heard for adu in answers or ()} - _asked(case, unit)
         return f"{case.name}: an answer from unit {min(strangers)}" if strangers else None
     expected = " or ".join(dict.fromkeys(", then ".join(one or "silence" for one in way) for way in case.ways))
     return f"{case.name}: {', then '.join(one or 'silence' for one in told)}, expected {expected}"
 
 
-def taken(case: Case, heard: Sequence[Heard]) -> tuple[str, ...] | None:
+def accepted_way(case: ServerCase, heard: Sequence[StepAnswer]) -> tuple[str, ...] | None:
     """The way that it went, of those that are accepted."""
-    told = [shown(one) for one in heard]
+    told = [answer_text(one) for one in heard]
     return next((way for way in case.ways if len(way) == len(told) and all(map(_fits, way, told))), None)
 
 
-def shown(heard: Heard) -> str:
+def answer_text(heard: StepAnswer) -> str:
     """What was heard in the words of a way."""
     return CLOSED if heard is None else "; ".join(adu.pdu.hex(" ").upper() for adu in heard)
 
@@ -95,6 +95,6 @@ def _fits(expected: str, told: str) -> bool:
     )
 
 
-def _asked(case: Case, unit: int) -> set[int]:
-    says = [say for turn in case.turns for say in turn.says]
+def _asked(case: ServerCase, unit: int) -> set[int]:
+    says = [say for step in case.steps for say in step.stimuli]
     return {unit if say.unit is None else say.unit for say in says if say.pdu}

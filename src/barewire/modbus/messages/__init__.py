@@ -1,1 +1,123 @@
-"""."""
+"""The messages of Modbus: for each function code a request and a response class, each a page with its bytes drawn.
+
+    base                 what a message is, and the exception response
+    coils                01 02 05 0F      bits: coils and discrete inputs
+    registers            03 04 06 10      holding and input registers
+    combined             16 17            mask write; read and write in one request
+    fifo                 18               a queue of registers
+    files                14 15            file records
+    diagnostics          07 08            the state of the server, and of its serial line
+    comm_events          0B 0C            the event counter and the event log of a serial line
+    identification       11 2B/0E         server ID, device identification
+    canopen_reference    2B/0D            an object dictionary behind Modbus; its exception is an SDO abort
+    registry             the class of a PDU, the length of a PDU from its first bytes, function codes of one's own
+
+**This file is the list of the functions.** A new one is a file above (or a class in one) and its line in the two lists
+below: `registry` registers every request class it finds here under its `function_code` (and `mei_type`), and
+`barewire.modbus` offers every name. The first list is for type checkers, which read only import statements.
+
+Depends on: codecs, adu, exceptions. Used by: every room above, and rtu, which counts bytes.
+"""
+
+from typing import TYPE_CHECKING
+
+from barewire._lazy import lazy
+
+if TYPE_CHECKING:
+    from barewire.modbus.messages.canopen_reference import (
+        CanopenReference as CanopenReference,
+        CanopenReferenceResponse as CanopenReferenceResponse,
+        ExtendedExceptionResponse as ExtendedExceptionResponse,
+        SdoAborted as SdoAborted,
+    )
+    from barewire.modbus.messages.coils import (
+        ReadCoils as ReadCoils,
+        ReadCoilsResponse as ReadCoilsResponse,
+        ReadDiscreteInputs as ReadDiscreteInputs,
+        ReadDiscreteInputsResponse as ReadDiscreteInputsResponse,
+        WriteMultipleCoils as WriteMultipleCoils,
+        WriteMultipleCoilsResponse as WriteMultipleCoilsResponse,
+        WriteSingleCoil as WriteSingleCoil,
+        WriteSingleCoilResponse as WriteSingleCoilResponse,
+    )
+    from barewire.modbus.messages.combined import (
+        MaskWriteRegister as MaskWriteRegister,
+        MaskWriteRegisterResponse as MaskWriteRegisterResponse,
+        ReadWriteMultipleRegisters as ReadWriteMultipleRegisters,
+        ReadWriteMultipleRegistersResponse as ReadWriteMultipleRegistersResponse,
+    )
+    from barewire.modbus.messages.comm_events import (
+        GetCommEventCounter as GetCommEventCounter,
+        GetCommEventCounterResponse as GetCommEventCounterResponse,
+        GetCommEventLog as GetCommEventLog,
+        GetCommEventLogResponse as GetCommEventLogResponse,
+        event_text as event_text,
+    )
+    from barewire.modbus.messages.diagnostics import (
+        Diagnostics as Diagnostics,
+        DiagnosticsResponse as DiagnosticsResponse,
+        ReadExceptionStatus as ReadExceptionStatus,
+        ReadExceptionStatusResponse as ReadExceptionStatusResponse,
+        Unanswered as Unanswered,
+    )
+    from barewire.modbus.messages.fifo import (
+        ReadFifoQueue as ReadFifoQueue,
+        ReadFifoQueueResponse as ReadFifoQueueResponse,
+    )
+    from barewire.modbus.messages.files import (
+        FileRecord as FileRecord,
+        ReadFileRecord as ReadFileRecord,
+        ReadFileRecordResponse as ReadFileRecordResponse,
+        RecordPlace as RecordPlace,
+        WriteFileRecord as WriteFileRecord,
+        WriteFileRecordResponse as WriteFileRecordResponse,
+    )
+    from barewire.modbus.messages.identification import (
+        ReadDeviceIdentification as ReadDeviceIdentification,
+        ReadDeviceIdentificationResponse as ReadDeviceIdentificationResponse,
+        ReportServerId as ReportServerId,
+        ReportServerIdResponse as ReportServerIdResponse,
+    )
+    from barewire.modbus.messages.registers import (
+        ReadHoldingRegisters as ReadHoldingRegisters,
+        ReadHoldingRegistersResponse as ReadHoldingRegistersResponse,
+        ReadInputRegisters as ReadInputRegisters,
+        ReadInputRegistersResponse as ReadInputRegistersResponse,
+        WriteMultipleRegisters as WriteMultipleRegisters,
+        WriteMultipleRegistersResponse as WriteMultipleRegistersResponse,
+        WriteSingleRegister as WriteSingleRegister,
+        WriteSingleRegisterResponse as WriteSingleRegisterResponse,
+    )
+
+__getattr__, NAMES = lazy(
+    __name__,
+    {
+        "coils": (
+            "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
+            "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"
+        ),
+        "registers": (
+            "ReadHoldingRegisters ReadHoldingRegistersResponse ReadInputRegisters ReadInputRegistersResponse "
+            "WriteMultipleRegisters WriteMultipleRegistersResponse WriteSingleRegister "
+            "WriteSingleRegisterResponse"
+        ),
+        "combined": (
+            "MaskWriteRegister MaskWriteRegisterResponse ReadWriteMultipleRegisters ReadWriteMultipleRegistersResponse"
+        ),
+        "fifo": "ReadFifoQueue ReadFifoQueueResponse",
+        "files": (
+            "FileRecord RecordPlace ReadFileRecord ReadFileRecordResponse WriteFileRecord WriteFileRecordResponse"
+        ),
+        "diagnostics": "Diagnostics DiagnosticsResponse Unanswered ReadExceptionStatus ReadExceptionStatusResponse",
+        "comm_events": (
+            "GetCommEventCounter GetCommEventCounterResponse GetCommEventLog GetCommEventLogResponse event_text"
+        ),
+        "identification": (
+            "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse"
+        ),
+        "canopen_reference": "CanopenReference CanopenReferenceResponse ExtendedExceptionResponse SdoAborted",
+    },
+)
+
+if not TYPE_CHECKING:
+    __all__ = NAMES  # a type checker would take a list that it cannot read for an empty one

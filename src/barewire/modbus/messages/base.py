@@ -81,6 +81,8 @@ class Request(Message, Generic[R]):
     __slots__ = ()
 
     response: ClassVar[type[Response]]
+    mei_type: ClassVar[int | None] = None
+    """The second byte that tells the functions of code 2B apart [MB-APP 6.19]."""
     writes: ClassVar[bool] = False
     """Whether carrying it out changes something: then a lost answer leaves the outcome unknown."""
 

@@ -25,10 +25,87 @@ from typing import Any, ClassVar, Literal, Self
 
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range
-from barewire.modbus.messages.sdo_abort import MEI_CANOPEN, ExtendedExceptionResponse, SdoAborted
+from barewire.modbus.exceptions import ModbusException
+from barewire.modbus.messages.base import EXCEPTION_BIT, Request, Response, check_range
 
-Dialect = Literal["cia309", "schneider"]
+MEI_CANOPEN = 0x0D
+EXTENDED = 0xFF
+SDO_ABORT = 0xEC
+
+
+class SdoAborted(ModbusException):
+    """The object dictionary behind the server refused: `abort_code` is CANopen's.
+
+    >>> str(SdoAborted(0x06020000))
+    'SDO abort 06020000h to function 2B'
+    """
+
+    def __init__(self, abort_code: int) -> None:
+        super().__init__(EXTENDED, 0x2B)
+        self.abort_code = abort_code
+
+    def __str__(self) -> str:
+        return f"SDO abort {self.abort_code:08X}h to function 2B"
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedExceptionResponse(Response):
+    """The object dictionary refuses. Experimental.
+
+        AB | FF | length 2 | MEI type 0D | EC | SDO abort code 4
+
+    >>> ExtendedExceptionResponse(0x06020000).encode().hex(" ")
+    'ab ff 00 06 0d ec 06 02 00 00'
+    """
+
+    abort_code: int
+
+    BEGINNING: ClassVar[bytes] = bytes([0x2B | EXCEPTION_BIT, EXTENDED])
+    name: ClassVar[str] = "CANopen General Reference"
+    function_code: ClassVar[int] = 0x2B | EXCEPTION_BIT
+    layout: ClassVar[Layout] = Layout(
+        ">BBHBBI", "function_code", "exception_code", "length", "mei_type", "error", "abort_code"
+    )
+
+    def __post_init__(self) -> None:
+        check_range("abort_code", self.abort_code, 0, 0xFFFFFFFF)
+
+    def encode(self) -> bytes:
+        """The PDU."""
+        return self.layout.pack(self.function_code, EXTENDED, 6, MEI_CANOPEN, SDO_ABORT, self.abort_code)
+
+    @classmethod
+    def decode(cls, pdu: bytes) -> Self:
+        """The PDU as a message; each of its fixed fields is as drawn."""
+        cls.check_function(pdu)
+        _, *fixed, abort_code = cls.layout.unpack(pdu)
+        expected = (("exception_code", 1, EXTENDED), ("length", 2, 6), ("mei_type", 4, MEI_CANOPEN), ("error", 5, 0xEC))
+        for (name, at, right), value in zip(expected, fixed):
+            if value != right:
+                raise DecodeError("value", pdu, at, f"{name} = {value:02X}h: expected {right:02X}h")
+        return cls(abort_code)
+
+    @classmethod
+    def measure(cls, pdu: bytes) -> int | None:
+        """The length tells it, once it is in."""
+        return 4 + int.from_bytes(pdu[2:4], "big") if len(pdu) >= 4 else 4
+
+    @classmethod
+    def fields(cls, pdu: bytes) -> list[Field]:
+        """The constants in words."""
+        words = {
+            "exception_code": "extended: the error follows",
+            "length": "so many bytes follow",
+            "error": "SDO abort",
+        }
+        found = [field._replace(meaning=words.get(field.name, field.meaning)) for field in cls.layout.fields(pdu)]
+        return [
+            field._replace(meaning=f"{field.value:08X}h of CANopen") if field.name == "abort_code" else field
+            for field in found
+        ]
+
+
+ReferenceDialect = Literal["cia309", "schneider"]
 
 READ, WRITE = 0x00, 0x01
 
@@ -39,7 +116,7 @@ _LAYOUTS: dict[str, Layout] = {
 }
 
 
-def _dialect(pdu: bytes) -> Dialect:
+def _dialect(pdu: bytes) -> ReferenceDialect:
     """Whose layout these bytes have: no node is number 0."""
     return "cia309" if len(pdu) < 4 or pdu[3] == 0 else "schneider"
 
@@ -115,7 +192,7 @@ class CanopenReferenceResponse(Response):
     count: int = 0
     data: bytes = b""
     write: bool = False
-    dialect: Dialect = "cia309"
+    dialect: ReferenceDialect = "cia309"
 
     name: ClassVar[str] = "CANopen General Reference"
     function_code: ClassVar[int] = 0x2B
@@ -167,10 +244,11 @@ class CanopenReference(Request[CanopenReferenceResponse]):
     count: int = 0
     data: bytes = b""
     write: bool = False
-    dialect: Dialect = "cia309"
+    dialect: ReferenceDialect = "cia309"
 
     name: ClassVar[str] = "CANopen General Reference"
     function_code: ClassVar[int] = 0x2B
+    mei_type: ClassVar[int | None] = MEI_CANOPEN
     layout: ClassVar[Layout] = _LAYOUTS["cia309"]
     response: ClassVar[type[Response]] = CanopenReferenceResponse
     writes: ClassVar[bool] = True  # whether it does is not told by the class, so it is never repeated by itself
@@ -181,12 +259,16 @@ class CanopenReference(Request[CanopenReferenceResponse]):
             raise EncodeError(f"{len(self.data)} bytes of data for a count of {self.count}", "count")
 
     @classmethod
-    def read(cls, node: int, index: int, sub_index: int = 0, *, count: int, dialect: Dialect = "cia309") -> Self:
+    def read(
+        cls, node: int, index: int, sub_index: int = 0, *, count: int, dialect: ReferenceDialect = "cia309"
+    ) -> Self:
         """Ask for at most `count` bytes of an object."""
         return cls(node, index, sub_index, count=count, dialect=dialect)
 
     @classmethod
-    def write_to(cls, node: int, index: int, sub_index: int, data: bytes, *, dialect: Dialect = "cia309") -> Self:
+    def write_to(
+        cls, node: int, index: int, sub_index: int, data: bytes, *, dialect: ReferenceDialect = "cia309"
+    ) -> Self:
         """Write these bytes, in the order in which the device wants them."""
         return cls(node, index, sub_index, count=len(data), data=data, write=True, dialect=dialect)
 

@@ -191,6 +191,7 @@ class ReadDeviceIdentification(Request[ReadDeviceIdentificationResponse]):
 
     name: ClassVar[str] = "Read Device Identification"
     function_code: ClassVar[int] = 0x2B
+    mei_type: ClassVar[int | None] = MEI_DEVICE_IDENTIFICATION
     layout: ClassVar[Layout] = Layout(">BBBB", "function_code", "mei_type", "read_code", "object_id")
     response: ClassVar[type[Response]] = ReadDeviceIdentificationResponse
 

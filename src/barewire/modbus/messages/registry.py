@@ -1,14 +1,10 @@
-"""The table of contents: which message class belongs to which function code.
+"""The registry: the request class of a function code, and from it the response class and the length of a PDU.
 
-    01 Read Coils                05 Write Single Coil          0F Write Multiple Coils        07 Read Exception Status
-    02 Read Discrete Inputs      06 Write Single Register      10 Write Multiple Registers    08 Diagnostics
-    03 Read Holding Registers    16 Mask Write Register        17 Read/Write Multiple         0B Get Comm Event Counter
-    04 Read Input Registers      18 Read FIFO Queue            14 Read File Record            0C Get Comm Event Log
-    11 Report Server ID          2B/0E Read Device             15 Write File Record           2B/0D CANopen General
-                                       Identification                                               Reference
+It is filled from the list in `messages/__init__.py`: every request class there is registered under its `function_code`,
+and under its `mei_type` if it has one (function 2B). Servers, clients, sniffers, `explain` and the byte count of RTU
+lines all ask here, so there is no other table of function codes.
 
-A function code of your own: write a request and a response class, then `register(YourRequest)`. From then on servers,
-clients, `explain` and the byte count of RTU know it.
+A function code of your own: write a request and a response class, then `register(YourRequest)`.
 """
 
 from __future__ import annotations
@@ -16,22 +12,9 @@ from __future__ import annotations
 from typing import Any, TypeAlias
 
 from barewire.errors import DecodeError, EncodeError
+from barewire.modbus import messages
 from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
-from barewire.modbus.messages.canopen_reference import CanopenReference
-from barewire.modbus.messages.coils import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
-from barewire.modbus.messages.combined import MaskWriteRegister, ReadWriteMultipleRegisters
-from barewire.modbus.messages.comm_events import GetCommEventCounter, GetCommEventLog
-from barewire.modbus.messages.diagnostics import Diagnostics, ReadExceptionStatus
-from barewire.modbus.messages.fifo import ReadFifoQueue
-from barewire.modbus.messages.files import ReadFileRecord, WriteFileRecord
-from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId
-from barewire.modbus.messages.registers import (
-    ReadHoldingRegisters,
-    ReadInputRegisters,
-    WriteMultipleRegisters,
-    WriteSingleRegister,
-)
-from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse
+from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 
 AnyRequest: TypeAlias = Request[Any]
 
@@ -43,16 +26,18 @@ _encapsulated: dict[int, type[AnyRequest]] = {}
 
 
 def register(request: type[AnyRequest], mei_type: int | None = None) -> type[AnyRequest]:
-    """Make a request class known under its function code; usable as a decorator. `mei_type` only for 2B.
+    """Register a request class under its function code; also usable as a decorator.
 
-    Raises EncodeError for what is no request, for a code outside 1..127, and for 2B without an MEI type. A code that is
-    taken is replaced: some devices speak their own 07.
+    `mei_type`, only for function 2B, is the class's own unless given. Raises EncodeError for a class that is no
+    request, for a code outside 1..127, and for 2B without an MEI type. A class registered before under the same code
+    is replaced: some devices have a 07 of their own.
     """
     is_request = isinstance(request, type) and issubclass(request, Request)
     if not is_request or not all(hasattr(request, name) for name in ("function_code", "layout", "response")):
         raise EncodeError("register wants a request class, with a function_code, a layout and a response")
     if not 1 <= request.function_code <= 0x7F:
         raise EncodeError(f"function code {request.function_code:02X}h: expected 01h..7Fh", "function_code")
+    mei_type = request.mei_type if mei_type is None else mei_type
     if (mei_type is not None) != (request.function_code == ENCAPSULATED):
         raise EncodeError("an MEI type belongs to function 2Bh, and only to that one", "function_code")
     if mei_type is None:
@@ -62,39 +47,20 @@ def register(request: type[AnyRequest], mei_type: int | None = None) -> type[Any
     return request
 
 
-def forget(request: type[AnyRequest]) -> None:
+def unregister(request: type[AnyRequest]) -> None:
     """Undo `register`: its function code is unknown again. For tests; what was replaced does not come back."""
     for known_by in (_requests, _encapsulated):
-        for number in [number for number, known in known_by.items() if known is request]:
+        for number in [number for number, known_requests in known_by.items() if known_requests is request]:
             del known_by[number]
 
 
-for _request in (
-    ReadCoils,
-    ReadDiscreteInputs,
-    ReadHoldingRegisters,
-    ReadInputRegisters,
-    WriteSingleCoil,
-    WriteSingleRegister,
-    ReadExceptionStatus,
-    Diagnostics,
-    GetCommEventCounter,
-    GetCommEventLog,
-    WriteMultipleCoils,
-    WriteMultipleRegisters,
-    ReportServerId,
-    ReadFileRecord,
-    WriteFileRecord,
-    MaskWriteRegister,
-    ReadWriteMultipleRegisters,
-    ReadFifoQueue,
-):
-    register(_request)
-register(CanopenReference, mei_type=0x0D)
-register(ReadDeviceIdentification, mei_type=0x0E)
+for _name in messages.NAMES:
+    _class = getattr(messages, _name)
+    if isinstance(_class, type) and issubclass(_class, Request):
+        register(_class)
 
 
-def known() -> list[type[AnyRequest]]:
+def known_requests() -> list[type[AnyRequest]]:
     """Every request class there is, by function code."""
     found = [*_requests.values(), *_encapsulated.values()]
     return sorted(found, key=lambda request: request.function_code)

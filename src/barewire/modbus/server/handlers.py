@@ -55,8 +55,8 @@ class Functions:
 
     A function raises `ModbusException(2)` for an address that it does not have. Anything else it raises, a result of
     the wrong length, and a value that does not fit are its own failure: the client gets exception 04, and the reason
-    stands in the server's `tally.failures`. Single and multiple writes arrive at the same function; 16 and 17 are made
-    of a read and a write. `own` answers function codes of your own, by request class.
+    stands in `statistics.failures` of the server. Single and multiple writes arrive at the same function; 16 and 17 are
+    made of a read and a write. `own` answers function codes of your own, by request class.
     """
 
     _: KW_ONLY

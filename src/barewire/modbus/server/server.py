@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -35,12 +36,11 @@ from barewire.modbus.exceptions import (
     SERVER_DEVICE_FAILURE,
     ModbusException,
 )
-from barewire.modbus.framing import Event, Line
+from barewire.modbus.framing import Line, LineEvent
 from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, checked
+from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse, SdoAborted
 from barewire.modbus.messages.registry import AnyRequest, request_class
-from barewire.modbus.messages.sdo_abort import ExtendedExceptionResponse, SdoAborted
 from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
-from barewire.modbus.server.statistics import ServerStatistics
 
 TRANSACTIONS = 16
 """NumberMaxOfServerTransaction: so many requests of one client are worked on at a time [MB-TCP 4.4.2]."""
@@ -73,6 +73,34 @@ class Reply(NamedTuple):
     at: float
 
 
+@dataclass
+class ServerStatistics:
+    """Counts from 0, and the latest errors of units."""
+
+    requests: int = 0
+    replies: int = 0
+    exceptions: int = 0
+    broadcasts: int = 0
+    for_others: int = 0
+    noise_bytes: int = 0
+    not_requests: int = 0
+    """Frames with bit 7 of the function set."""
+    stale: int = 0
+    """Requests that other traffic had followed before they could be answered."""
+    echoes: int = 0
+    """Our own answers, heard."""
+    failures: list[str] = field(default_factory=list)
+    """The latest errors of a unit's own code, at most ten: they were answered with exception 04."""
+
+    def failed(self, error: Exception) -> None:
+        """One more of them. Its text is the user's code as well."""
+        try:
+            text = str(error)
+        except Exception:
+            text = "(no text)"
+        self.failures = [*self.failures[-9:], f"{type(error).__name__}: {text}"]
+
+
 class Server:
     """Several units behind one line. `serial` lines have broadcasts and other units; TCP connections have neither.
 
@@ -94,7 +122,7 @@ class Server:
         self.line = line
         self.units = units
         self.serial = serial
-        self.tally = ServerStatistics()
+        self.statistics = ServerStatistics()
         self.counters: defaultdict[int, SerialCounters] = counters_for(line) if counters is None else counters
         """By unit, on serial lines."""
         self._transactions = transactions
@@ -117,12 +145,12 @@ class Server:
         room = self._transactions
         for event in line.feed(data, now):
             if isinstance(event, Noise):
-                self.tally.noise_bytes += len(event.data)
+                self.statistics.noise_bytes += len(event.data)
                 continue
             pdu = self.answer(event, now) if room > 0 else self._overload(event.pdu)
             room -= 1
             if pdu is not None:
-                self.tally.replies += 1
+                self.statistics.replies += 1
                 replies.append(_new(Reply, (line.response(event, pdu), 0.0)))
         return replies
 
@@ -134,11 +162,11 @@ class Server:
     def _counters(self) -> Iterable[SerialCounters]:
         return [self.counters[number] for number in self.units]
 
-    def _feed_serial(self, events: list[Event], now: float, is_early: bool) -> list[Reply]:
+    def _feed_serial(self, events: list[LineEvent], now: float, is_early: bool) -> list[Reply]:
         """`is_early`: the line was not quiet long enough after our answer for anybody else to speak."""
         for event in events:
             if isinstance(event, Noise):
-                self.tally.noise_bytes += len(event.data)
+                self.statistics.noise_bytes += len(event.data)
                 for counters in self._counters():
                     counters.damaged()
                 if len(event.data) > GLITCH:
@@ -146,7 +174,7 @@ class Server:
                 continue
             if is_early and event == self._said:
                 self._said = None
-                self.tally.echoes += 1
+                self.statistics.echoes += 1
                 continue
             for counters in self._counters():
                 counters.frame()
@@ -171,7 +199,7 @@ class Server:
         if self._waiting is None:
             return
         adu, self._waiting = self._waiting, None
-        self.tally.stale += 1
+        self.statistics.stale += 1
         asked = request_class(adu.pdu)
         if asked is not None and asked.writes:
             self._carry_out(adu.unit, self.units[adu.unit], adu.pdu, now, answered=False)
@@ -184,7 +212,7 @@ class Server:
         pdu = self.answer(adu, now)
         if pdu is None:
             return []
-        self.tally.replies += 1
+        self.statistics.replies += 1
         self._said = Adu(adu.unit, pdu)
         return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
 
@@ -195,10 +223,10 @@ class Server:
         """The PDU that answers this one, or None for silence."""
         number, pdu, _ = adu
         if pdu[0] & EXCEPTION_BIT:
-            self.tally.not_requests += 1
+            self.statistics.not_requests += 1
             return None
         if self.serial and number == BROADCAST:
-            self.tally.broadcasts += 1
+            self.statistics.broadcasts += 1
             for each, unit in self.units.items():
                 self._carry_out(each, unit, pdu, now, answered=False, broadcast=True)
             return None
@@ -206,9 +234,9 @@ class Server:
         if found is None and not self.serial:
             found = self.units.get(255, self.units.get(0))
         if found is None:
-            self.tally.for_others += 1
+            self.statistics.for_others += 1
             return None if self.serial else self._exception(pdu, ModbusException(0x0B))
-        self.tally.requests += 1
+        self.statistics.requests += 1
         return self._carry_out(number, found, pdu, now)
 
     def _carry_out(
@@ -225,7 +253,7 @@ class Server:
         code: int | None = None
         try:
             try:
-                request = read(pdu, unit, counters is not None)
+                request = read_request(pdu, unit, counters is not None)
                 if self._permits is not None and not self._permits(number, request):
                     raise ModbusException(ILLEGAL_FUNCTION)
                 if counters is None:
@@ -238,7 +266,7 @@ class Server:
                 answer, code = self._exception(pdu, declined), declined.code
         except Exception as error:
             # A unit's own code failed. The client gets an answer, the line goes on, and the error is kept to be seen.
-            self.tally.failed(error)
+            self.statistics.failed(error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
         if counters is not None:
@@ -261,7 +289,7 @@ class Server:
         if isinstance(declined, SdoAborted):
             answer = ExtendedExceptionResponse(declined.abort_code)
         data = answer.encode()
-        self.tally.exceptions += 1
+        self.statistics.exceptions += 1
         return data
 
 
@@ -270,7 +298,7 @@ def counters_for(line: Line) -> defaultdict[int, SerialCounters]:
     return defaultdict(partial(SerialCounters, has_delimiter=getattr(line, "has_delimiter", False)))
 
 
-def read(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:
+def read_request(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:
     """The request, or the exception that the standard has for what is wrong with it: 01, 03, for file records 02.
 
     `unit` is asked what it supports, if it can tell; with `diagnostics` functions 08, 0B and 0C are there anyway.

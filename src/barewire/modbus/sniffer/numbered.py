@@ -11,7 +11,15 @@ from __future__ import annotations
 from barewire.modbus.adu import Noise
 from barewire.modbus.framing import Line
 from barewire.modbus.messages.registry import decode_request, decode_response
-from barewire.modbus.sniffer.sniffer import WINDOW, Answered, Asked, Disturbance, Overheard, Unanswered, readable
+from barewire.modbus.sniffer.sniffer import (
+    WINDOW,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+    readable,
+)
 
 KEPT = 256
 """So many questions may be open; the oldest one is told as unanswered when there are more."""
@@ -31,32 +39,32 @@ class NumberedSniffer:
     def __init__(self, client: Line, server: Line, *, window: float = WINDOW) -> None:
         self._lines = {True: client, False: server}
         self._window = window
-        self._open: dict[int | None, Asked] = {}
+        self._open: dict[int | None, RequestSeen] = {}
 
-    def feed(self, from_client: bool, data: bytes, now: float) -> list[Overheard]:
+    def feed(self, from_client: bool, data: bytes, now: float) -> list[SnifferEvent]:
         """Bytes of one direction, heard at `now`. Never raises."""
-        told: list[Overheard] = [*self._expire(now - self._window, now)]
+        told: list[SnifferEvent] = [*self._expire(now - self._window, now)]
         for event in self._lines[from_client].feed(data, now):
             if isinstance(event, Noise):
-                told.append(Disturbance(event, now))
+                told.append(NoiseSeen(event, now))
                 continue
             unit, pdu, number = event
             if from_client:
-                asked = Asked(unit, pdu, now, readable(decode_request, pdu), number)
+                asked = RequestSeen(unit, pdu, now, readable(decode_request, pdu), number)
                 before = self._open.pop(number, None)
-                told += [asked] if before is None else [Unanswered(before, now), asked]
+                told += [asked] if before is None else [ResponseMissing(before, now), asked]
                 self._open[number] = asked
             else:
                 to = self._open.pop(number, None)
-                told.append(Answered(unit, pdu, now, readable(decode_response, pdu), to, transaction=number))
+                told.append(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), to, transaction=number))
         while len(self._open) > KEPT:
-            told.append(Unanswered(self._open.pop(next(iter(self._open))), now))
+            told.append(ResponseMissing(self._open.pop(next(iter(self._open))), now))
         return told
 
-    def end(self, now: float) -> list[Overheard]:
+    def end(self, now: float) -> list[SnifferEvent]:
         """Nothing more will come."""
         return [*self._expire(float("inf"), now)]
 
-    def _expire(self, before: float, now: float) -> list[Unanswered]:
+    def _expire(self, before: float, now: float) -> list[ResponseMissing]:
         gone = [number for number, asked in self._open.items() if asked.at < before]
-        return [Unanswered(self._open.pop(number), now) for number in gone]
+        return [ResponseMissing(self._open.pop(number), now) for number in gone]

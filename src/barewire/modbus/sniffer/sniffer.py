@@ -8,7 +8,7 @@ Nothing on a serial line says which way a frame goes. In this order:
     shape    most messages are either a request or a response: their lengths differ, and so do exceptions
     fit      an answer fits the question before it: unit, function, byte count, echoed fields
     time     a write is answered with its own bytes. Of three equal frames the two that are nearer to each other belong
-             together, unless the unit is known to be slower than that; one that finds no other is told as a `Half`
+             together, unless the unit is known to be slower than that; a single one is an `AmbiguousFrame`
 
 So a frame that is lost, on the line or to us, never shifts the pairs that follow. What is assumed: one client, and one
 question at a time. An answer that comes when the next unit has been asked already is told as `late`.
@@ -34,7 +34,7 @@ _JITTER = 0.005
 """A unit that was never slower than t may take this much longer: t * 1.5 + 5 ms."""
 
 
-class Asked(NamedTuple):
+class RequestSeen(NamedTuple):
     """A request, heard at `at`. `message` is None for what nobody here can read. Unit 0 is a broadcast."""
 
     unit: int
@@ -44,31 +44,31 @@ class Asked(NamedTuple):
     transaction: int | None = None
 
 
-class Answered(NamedTuple):
+class ResponseSeen(NamedTuple):
     """A response. `to` is its request, None if that was not heard; `late` if the client had given it up by then."""
 
     unit: int
     pdu: bytes
     at: float
     message: Response | None = None
-    to: Asked | None = None
+    request: RequestSeen | None = None
     late: bool = False
     transaction: int | None = None
 
     @property
     def seconds(self) -> float | None:
         """From the end of the request to the end of the response."""
-        return None if self.to is None else self.at - self.to.at
+        return None if self.request is None else self.at - self.request.at
 
 
-class Unanswered(NamedTuple):
+class ResponseMissing(NamedTuple):
     """The request that got no answer, told `at` the time when that was certain."""
 
-    to: Asked
+    request: RequestSeen
     at: float
 
 
-class Half(NamedTuple):
+class AmbiguousFrame(NamedTuple):
     """A frame that can be a request or its echo, heard once: the other one was lost, and nothing says which."""
 
     unit: int
@@ -77,14 +77,14 @@ class Half(NamedTuple):
     message: Request[Any] | None = None
 
 
-class Disturbance(NamedTuple):
+class NoiseSeen(NamedTuple):
     """Bytes that are no frame."""
 
     noise: Noise
     at: float
 
 
-Overheard: TypeAlias = Asked | Answered | Unanswered | Half | Disturbance
+SnifferEvent: TypeAlias = RequestSeen | ResponseSeen | ResponseMissing | AmbiguousFrame | NoiseSeen
 
 
 class Sniffer:
@@ -94,8 +94,8 @@ class Sniffer:
     >>> sniffer = Sniffer(RtuLine(Timing.of(19200), role="listener"))
     >>> asked, answer = encode(1, bytes.fromhex("0300000001")), encode(1, bytes.fromhex("03020017"))
     >>> [type(event).__name__ for event in sniffer.feed(asked, 1.0) + sniffer.feed(answer, 1.25)]
-    ['Asked', 'Answered']
-    >>> sniffer.feed(answer, 1.5)[0].to is None
+    ['RequestSeen', 'ResponseSeen']
+    >>> sniffer.feed(answer, 1.5)[0].request is None
     True
 
     It remembers one question, one that was given up, and how slow each unit has been: never more.
@@ -106,10 +106,12 @@ class Sniffer:
             raise EncodeError(f"window {window}: expected seconds, above 0", "window")
         self.line = line
         self._window = window
-        self._asked: Asked | None = None  # told, and not answered yet
-        self._late: Asked | None = None  # given up by the client, which asked the next one
-        self._half: Half | None = None  # not told: it may be a request or an echo
-        self._pair: tuple[Half, Half] | None = None  # not told: a third one may be nearer to the second
+        self._asked: RequestSeen | None = None  # told, and not answered yet
+        self._late: RequestSeen | None = None  # given up by the client, which asked the next one
+        self._half: AmbiguousFrame | None = None  # not told: it may be a request or an echo
+        self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = (
+            None  # not told: a third one may be nearer to the second
+        )
         self._slowest: dict[int, float] = {}
 
     @property
@@ -126,12 +128,12 @@ class Sniffer:
             times.append(2 * self._pair[1].at - self._pair[0].at)
         return min(times, default=None)
 
-    def feed(self, data: bytes | None, now: float) -> list[Overheard]:
+    def feed(self, data: bytes | None, now: float) -> list[SnifferEvent]:
         """Bytes that came, the last of them at `now`, or None: nothing came until then. Never raises."""
-        told: list[Overheard] = []
+        told: list[SnifferEvent] = []
         for event in self.line.feed(data, now):
             if isinstance(event, Noise):
-                told.append(Disturbance(event, now))
+                told.append(NoiseSeen(event, now))
             else:
                 told += self._frame(event, now)
         # What still lies in the line was on its way before the time was up.
@@ -139,78 +141,78 @@ class Sniffer:
             told += self._expire(now)
         return told
 
-    def end(self, now: float) -> list[Overheard]:
+    def end(self, now: float) -> list[SnifferEvent]:
         """Nothing more will come: whatever is held is told."""
         told = self.feed(None, max(now, self.line.deadline or now))
         return told + self._give_up(now)
 
     # Time
 
-    def _expire(self, now: float) -> list[Overheard]:
+    def _expire(self, now: float) -> list[SnifferEvent]:
         if self._asked is not None and now >= self._asked.at + self._window:
-            told, self._asked, self._late = [Unanswered(self._asked, now)], None, None
-            return list[Overheard](told)
+            told, self._asked, self._late = [ResponseMissing(self._asked, now)], None, None
+            return list[SnifferEvent](told)
         if self._pair is not None and now >= 2 * self._pair[1].at - self._pair[0].at:
             return self._settle()
         if self._half is not None and now >= self._half.at + self._window:
             return self._give_up(now)
         return []
 
-    def _give_up(self, now: float) -> list[Overheard]:
+    def _give_up(self, now: float) -> list[SnifferEvent]:
         """Somebody speaks anew, or never again: what waits for its other half waits no more."""
         told = self._settle()
         if self._half is not None:
             told.append(self._half)
         if self._asked is not None:
-            told.append(Unanswered(self._asked, now))
+            told.append(ResponseMissing(self._asked, now))
         self._late, self._asked, self._half = self._asked, None, None
         return told
 
-    def _settle(self) -> list[Overheard]:
+    def _settle(self) -> list[SnifferEvent]:
         """The two equal frames are a request and its answer."""
         if self._pair is None:
             return []
         (first, second), self._pair = self._pair, None
-        asked = Asked(first.unit, first.pdu, first.at, first.message)
-        return [asked, Answered(second.unit, second.pdu, second.at, readable(decode_response, second.pdu), asked)]
+        asked = RequestSeen(first.unit, first.pdu, first.at, first.message)
+        return [asked, ResponseSeen(second.unit, second.pdu, second.at, readable(decode_response, second.pdu), asked)]
 
     # Frames
 
-    def _frame(self, adu: Adu, now: float) -> list[Overheard]:
+    def _frame(self, adu: Adu, now: float) -> list[SnifferEvent]:
         unit, pdu = adu.unit, adu.pdu
         request, response = shapes(pdu)
         if unit == BROADCAST:
-            return [*self._give_up(now), Asked(unit, pdu, now, readable(decode_request, pdu))]
+            return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
         asked = self._asked
         if response and asked is not None and now <= asked.at + self._window and _answers(asked, unit, pdu):
             self._asked = self._late = None
             self._learn(unit, now - asked.at)
-            return [Answered(unit, pdu, now, readable(decode_response, pdu), asked)]
+            return [ResponseSeen(unit, pdu, now, readable(decode_response, pdu), asked)]
         if request and response:
-            return self._either(Half(unit, pdu, now, readable(decode_request, pdu)))
+            return self._either(AmbiguousFrame(unit, pdu, now, readable(decode_request, pdu)))
         if request:
             told = self._give_up(now)
-            self._asked = Asked(unit, pdu, now, readable(decode_request, pdu))
+            self._asked = RequestSeen(unit, pdu, now, readable(decode_request, pdu))
             return [*told, self._asked]
         return self._stray(unit, pdu, now)
 
-    def _stray(self, unit: int, pdu: bytes, now: float) -> list[Overheard]:
+    def _stray(self, unit: int, pdu: bytes, now: float) -> list[SnifferEvent]:
         """A response, and not to the question that is open."""
         message = readable(decode_response, pdu)
         late, half = self._late, self._half
         if late is not None and now <= late.at + self._window and _answers(late, unit, pdu):
             self._late = None
-            return [Answered(unit, pdu, now, message, late, late=True)]
+            return [ResponseSeen(unit, pdu, now, message, late, late=True)]
         # An exception declines a write that was heard as a half.
         if half is not None and self._pair is None and now <= half.at + self._window:
-            asked = Asked(half.unit, half.pdu, half.at, half.message)
+            asked = RequestSeen(half.unit, half.pdu, half.at, half.message)
             if _answers(asked, unit, pdu):
                 self._half = None
                 self._learn(unit, now - half.at)
-                return [asked, Answered(unit, pdu, now, message, asked)]
-        return [*self._give_up(now), Answered(unit, pdu, now, message)]
+                return [asked, ResponseSeen(unit, pdu, now, message, asked)]
+        return [*self._give_up(now), ResponseSeen(unit, pdu, now, message)]
 
-    def _either(self, heard: Half) -> list[Overheard]:
+    def _either(self, heard: AmbiguousFrame) -> list[SnifferEvent]:
         """A frame that can be a request or its echo."""
         if self._pair is not None:
             first, second = self._pair
@@ -266,11 +268,11 @@ def fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
     return True
 
 
-def _answers(asked: Asked, unit: int, pdu: bytes) -> bool:
+def _answers(asked: RequestSeen, unit: int, pdu: bytes) -> bool:
     return unit == asked.unit and fits(asked.message, asked.pdu, pdu)
 
 
-def _twins(first: Half, second: Half) -> bool:
+def _twins(first: AmbiguousFrame, second: AmbiguousFrame) -> bool:
     """Whether one can be the answer to the other: its echo, or of a function that nobody knows anything."""
     return first.unit == second.unit and fits(first.message, first.pdu, second.pdu)
 
