@@ -165,8 +165,8 @@ def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
     order = [requests[0], answers[0], requests[2], requests[1], requests[1], answers[1], answers[2], b"", requests[3]]
     told = list(replay(capture(*((place / 100, data) for place, data in enumerate(order)))))
     assert [(type(event).__name__, getattr(event, "transaction", None)) for event in told] == [
-        ("RequestSeen", 0), ("ResponseSeen", 0), ("RequestSeen", 1), ("RequestSeen", 2), ("ResponseSeen", 1), ("ResponseSeen", 2), ("RequestSeen", 3),
-        ("ResponseMissing", None),
+        ("RequestSeen", 0), ("ResponseSeen", 0), ("RequestSeen", 1), ("RequestSeen", 2),
+        ("ResponseSeen", 1), ("ResponseSeen", 2), ("RequestSeen", 3), ("ResponseMissing", None),
     ]  # fmt: skip
     many = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(100)]
     told = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
