@@ -12,7 +12,7 @@ from contextlib import ExitStack
 import pytest
 
 from barewire.canopen import LocalNode, LssAddress, LssSlave, LssState, ObjectDictionary
-from barewire.canopen.lss.fastscan import FLOOR
+from barewire.canopen.lss.fastscan import _FLOOR
 from barewire.io import open_canopen, open_host
 from bench.race import Many, Race, entries
 
@@ -45,7 +45,7 @@ def theirs(closing: ExitStack) -> Many:
     network.connect(interface="virtual", channel="their lss")
     closing.callback(network.disconnect)
     master = network.lss
-    master.RESPONSE_TIMEOUT = FLOOR
+    master.RESPONSE_TIMEOUT = _FLOOR
 
     def work(count: int) -> None:
         for _ in range(count):

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen import Mapped, PdoMapping
+from barewire.canopen import MappedObject, PdoMapping
 from bench.race import Factory, Race, Work, entries
 
 DATA = bytes.fromhex("3706 E803 6400 9CFF")
@@ -19,7 +19,7 @@ VALUES = dict(zip(NAMES, struct.unpack("<Hhhh", DATA)))
 
 
 def _ours() -> PdoMapping:
-    return PdoMapping([Mapped(index, 0, 16, kind, name) for (index, kind), name in zip(ENTRIES, NAMES)])
+    return PdoMapping([MappedObject(index, 0, 16, kind, name) for (index, kind), name in zip(ENTRIES, NAMES)])
 
 
 def _theirs() -> Any:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from barewire.canopen import Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, PdoConfig, standard_objects
 from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.model import Subject
 from barewire.canopen.conformance.probe import probe
@@ -116,7 +116,7 @@ def subject() -> Subject:
         Entry(0x6040, 0, "controlword", "u16"),
         Entry(0x6041, 0, "statusword", "u16", "ro"),
     ]
-    pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
+    pdos = [PdoConfig("RPDO", 1, (0x60400010,)), PdoConfig("TPDO", 1, (0x60410010,), type=1)]
     device = LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(address))
     device.start(0.0)
     found, _ = play(probe(NODE, large=(0x2100, 0)), lambda frame, now: [(now, one) for one in device.feed(frame, now)])

@@ -17,9 +17,9 @@ from barewire.canopen import (
     NmtSlave,
     NodeState,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     SdoAbort,
-    Sync,
+    SyncMessage,
     upload,
 )
 from barewire.canopen.sdo import decode_sdo_request, decode_sdo_response
@@ -58,7 +58,9 @@ def device() -> LocalNode:
             Entry(0x6041, 0, "statusword", "u16", "ro", 0),
         ]
     )
-    return LocalNode(5, objects, [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010, 0x60400010))], dialect=AZ3)
+    return LocalNode(
+        5, objects, [PdoConfig("RPDO", 1, (0x60400010,)), PdoConfig("TPDO", 1, (0x60410010, 0x60400010))], dialect=AZ3
+    )
 
 
 @settings(max_examples=200, deadline=None)
@@ -82,7 +84,7 @@ def test_machines(weather: list[tuple[CanFrame, float]]) -> None:
 @settings(max_examples=200, deadline=None)
 @given(FRAMES)
 def test_decoders_say_decode_error_and_nothing_else(frame: CanFrame) -> None:
-    for decode in (NmtMessage.decode, NodeState.decode, Sync.decode, Emergency.decode):
+    for decode in (NmtMessage.decode, NodeState.decode, SyncMessage.decode, Emergency.decode):
         with suppress(DecodeError):
             decode(frame)
     for read in (decode_sdo_request, decode_sdo_response):

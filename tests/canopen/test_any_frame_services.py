@@ -20,17 +20,17 @@ from barewire.canopen import (
     LssSlave,
     NmtCommand,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     SyncMonitor,
     TimeConsumer,
     TimeStamp,
+    assign_node_ids,
     classify,
     fastscan,
-    find_all,
     read_pdo,
     scan,
+    send_nmt,
     standard_objects,
-    tell_nmt,
     write_pdo,
 )
 from barewire.canopen.sdo import SdoAbort
@@ -79,7 +79,10 @@ def device(node: int | None) -> LocalNode:
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0),
     ]
-    pdos = [Pdo("RPDO", 1, (0x60400010,), event_timer=100), Pdo("TPDO", 1, (0x60410010, 0x60400010), type=1)]
+    pdos = [
+        PdoConfig("RPDO", 1, (0x60400010,), event_timer=100),
+        PdoConfig("TPDO", 1, (0x60410010, 0x60400010), type=1),
+    ]
     return LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(0, 0, 0, 1), store=lambda *_: True))
 
 
@@ -137,10 +140,10 @@ TALKS = st.sampled_from(
     [
         lambda: scan([5, 6], timeout=0.1),
         lambda: fastscan(timeout=0.1),
-        lambda: find_all([5], timeout=0.1),
-        lambda: tell_nmt(NmtCommand.START, 5, ask_every=0.1, timeout=0.5),
+        lambda: assign_node_ids([5], timeout=0.1),
+        lambda: send_nmt(NmtCommand.START, 5, ask_every=0.1, timeout=0.5),
         lambda: read_pdo(5, "TPDO", 1, timeout=0.1),
-        lambda: write_pdo(5, Pdo("TPDO", 1, (0x60410010,)), timeout=0.1),
+        lambda: write_pdo(5, PdoConfig("TPDO", 1, (0x60410010,)), timeout=0.1),
     ]
 )
 

@@ -8,7 +8,7 @@ from barewire.canopen import (
     CanFrame,
     LocalNode,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     SyncMonitor,
     SyncProducer,
     TimeConsumer,
@@ -18,7 +18,7 @@ from barewire.canopen import (
 )
 from barewire.canopen.object_dictionary import Entry
 from barewire.canopen.sdo import SdoAbort
-from barewire.canopen.time_stamp import EPOCH
+from barewire.canopen.time_stamp import EPOCH_UNIX
 from barewire.errors import DecodeError, EncodeError
 
 
@@ -62,7 +62,7 @@ def test_the_monitor_tells_beat_jump_wrong_and_lost() -> None:
 
 def device(**objects: int) -> LocalNode:
     device = LocalNode(5, ObjectDictionary([*standard_objects(), Entry(0x6041, 0, "status", "u16", "ro", 7)]),
-                    [Pdo("TPDO", 1, (0x60410010,), type=1)])  # fmt: skip
+                    [PdoConfig("TPDO", 1, (0x60410010,), type=1)])  # fmt: skip
     device.start(0.0)
     return device
 
@@ -131,7 +131,7 @@ def test_another_sync_cob_id_even_an_extended_one() -> None:
 
 def test_synchronous_rpdos_outside_the_window_are_not_used() -> None:
     objects = ObjectDictionary([*standard_objects(), Entry(0x6040, 0, "control", "u16", "rw", 0)])
-    one = LocalNode(5, objects, [Pdo("RPDO", 1, (0x60400010,), type=1)])
+    one = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,), type=1)])
     one.start(0.0)
     write(one, 0x1007, 4, 5000)
     for text, now in (("000#0105", 0.0), ("080#", 1.0), ("205#0100", 1.004), ("205#0200", 1.006), ("080#", 2.0)):
@@ -170,7 +170,7 @@ def test_no_time(text: str, reason: str) -> None:
 
 
 def test_time_before_1984_and_after_2163() -> None:
-    for unix in (0, EPOCH - 1, EPOCH + 65536 * 86400):
+    for unix in (0, EPOCH_UNIX - 1, EPOCH_UNIX + 65536 * 86400):
         with pytest.raises(EncodeError):
             TimeStamp.of_unix(unix)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Emergency, Sync, error_text, register_names
+from barewire.canopen import CanFrame, Emergency, SyncMessage, error_text, register_names
 from barewire.errors import DecodeError, EncodeError
 
 
 @pytest.mark.parametrize(("text", "counter"), [("080#", None), ("080#01", 1), ("080#F0", 240)])
 def test_sync(text: str, counter: int | None) -> None:
-    assert Sync.decode(CanFrame.parse(text)) == Sync(counter)
-    assert str(Sync(counter).encode()) == text
+    assert SyncMessage.decode(CanFrame.parse(text)) == SyncMessage(counter)
+    assert str(SyncMessage(counter).encode()) == text
 
 
 @pytest.mark.parametrize(
@@ -27,14 +27,14 @@ def test_sync(text: str, counter: int | None) -> None:
 )
 def test_no_sync(text: str, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
-        Sync.decode(CanFrame.parse(text))
+        SyncMessage.decode(CanFrame.parse(text))
     assert caught.value.reason == reason
 
 
 @pytest.mark.parametrize("counter", [0, 241])
 def test_sync_counter_has_a_range(counter: int) -> None:
     with pytest.raises(EncodeError):
-        Sync(counter).encode()
+        SyncMessage(counter).encode()
 
 
 def test_emergency_heartbeat_of_node_2_lost() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen import AbortCode, Entry, Mapped, ObjectDictionary, PdoMapping, SdoAbort
+from barewire.canopen import AbortCode, Entry, MappedObject, ObjectDictionary, PdoMapping, SdoAbort
 from barewire.canopen.datatypes import BY_CODE, RECORDS, object_codec
 from barewire.canopen.time_types import DAY, TimeDifference, TimeOfDay
 from barewire.errors import DecodeError, EncodeError
@@ -90,12 +90,14 @@ def test_unicode_keeps_halves_of_pairs() -> None:
 
 
 def test_in_a_pdo() -> None:
-    mapping = PdoMapping([Mapped(0x2000, 0, 48, "time_of_day", "at"), Mapped(0x2001, 0, 16, "u16", "speed")])
+    mapping = PdoMapping(
+        [MappedObject(0x2000, 0, 48, "time_of_day", "at"), MappedObject(0x2001, 0, 16, "u16", "speed")]
+    )
     data = mapping.pack({"at": DAY + 1000, "speed": 7})
     assert data.hex(" ").upper() == "E8 03 00 00 01 00 07 00"
     assert mapping.unpack(data) == {"at": DAY + 1000, "speed": 7}
     with pytest.raises(EncodeError, match="expected 48"):
-        PdoMapping([Mapped(0x2000, 0, 32, "time_of_day")])
+        PdoMapping([MappedObject(0x2000, 0, 32, "time_of_day")])
 
 
 def test_the_table_has_every_code_of_the_standard() -> None:

@@ -24,7 +24,7 @@ from barewire.canopen import (
     LssAddress,
     LssSlave,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     standard_objects,
 )
 from barewire.conversation import Conversation
@@ -199,7 +199,7 @@ def device(node: int | None) -> LocalNode:
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
         Entry(0x60FF, 0, "target velocity", "i32", "rw", -25000),
     ]
-    pdos = [Pdo("RPDO", 1, RPDO_MAPPING), Pdo("TPDO", 1, TPDO_MAPPING, type=1)]
+    pdos = [PdoConfig("RPDO", 1, RPDO_MAPPING), PdoConfig("TPDO", 1, TPDO_MAPPING, type=1)]
     return LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS, store=lambda number, rate: True))
 
 

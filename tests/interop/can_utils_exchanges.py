@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from barewire.canopen import CanFrame, NmtCommand, NmtState, download, tell_nmt
+from barewire.canopen import CanFrame, NmtCommand, NmtState, download, send_nmt
 from tests.interop.can_bench import ADDRESS, NODE, Bench
 from tests.interop.canopen_exchanges import exchange
 from tests.interop.guest import ROOT
@@ -159,7 +159,7 @@ def they_talk_to_another_process(bench: Bench) -> None:
         assert node.sdo.upload(0x1017, 0) == (1000).to_bytes(2, "little")
         # Ours last: their client would take an answer to somebody else for one to its next question.
         bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
-        assert [one.state for one in bench.run(tell_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
+        assert [one.state for one in bench.run(send_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
 
 
 @exchange("device", only=ONLY, stranger="nobody")

@@ -20,9 +20,9 @@ from barewire.canopen import (
     HeartbeatConsumer,
     NmtCommand,
     NmtState,
-    Pdo,
+    PdoConfig,
     SdoAbort,
-    Sync,
+    SyncMessage,
     SyncMonitor,
     TimeConsumer,
     TimeStamp,
@@ -30,7 +30,7 @@ from barewire.canopen import (
     mapping_of,
     read_pdo,
     scan,
-    tell_nmt,
+    send_nmt,
     upload,
     write_pdo,
 )
@@ -322,7 +322,7 @@ def we_command_their_node(bench: Bench) -> None:
     bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
     for command, name in ((NmtCommand.START, "OPERATIONAL"), (NmtCommand.STOP, "STOPPED"),
                           (NmtCommand.ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL")):  # fmt: skip
-        bench.run(tell_nmt(command, NODE))
+        bench.run(send_nmt(command, NODE))
         assert local.nmt.state == name
     local.nmt.stop_heartbeat()
 
@@ -360,8 +360,8 @@ def we_hear_and_say_sync(bench: Bench) -> None:
     assert bench.listen(monitor, lambda event: True).counter == 7
     heard: list[bytes] = []
     bench.network.subscribe(0x080, lambda identifier, data, timestamp: heard.append(bytes(data)))
-    bench.port.send(Sync(9).encode())
-    bench.port.send(Sync().encode())
+    bench.port.send(SyncMessage(9).encode())
+    bench.port.send(SyncMessage().encode())
     bench.wait(lambda: len(heard) == 2)
     assert heard == [b"\x09", b""]
 
@@ -386,7 +386,7 @@ def we_read_their_values(bench: Bench) -> None:
     local.tpdo[1]["target velocity"].raw = -2
     local.tpdo[1].transmit()
     frame = bench.listen(_Frames(0x180 + NODE), lambda event: True)
-    told = mapping_of(Pdo("TPDO", 1, TPDO_MAPPING)).unpack(frame.data)
+    told = mapping_of(PdoConfig("TPDO", 1, TPDO_MAPPING)).unpack(frame.data)
     assert list(told.values()) == [0x1237, 0xFFFF_FFFE]  # without a dictionary nobody knows a sign
 
 
@@ -396,7 +396,7 @@ def we_send_their_node_values(bench: Bench) -> None:
     local.rpdo.read()
     heard: list[int] = []
     local.rpdo[1].add_callback(lambda pdo: heard.append(pdo["target velocity"].raw))
-    mapping = mapping_of(Pdo("RPDO", 1, RPDO_MAPPING))
+    mapping = mapping_of(PdoConfig("RPDO", 1, RPDO_MAPPING))
     names = [entry.name for entry in mapping.entries]
     data = mapping.pack(dict(zip(names, (0x000F, 0xFFFE_1DC0))))
     bench.port.send(CanFrame(0x200 + NODE, data))
@@ -408,8 +408,8 @@ def we_send_their_node_values(bench: Bench) -> None:
 @exchange("master", "PDO mapping", "SDO expedited download")
 def we_configure_their_pdos(bench: Bench) -> None:
     local = bench.local()
-    assert bench.run(read_pdo(NODE, "TPDO", 1)) == Pdo("TPDO", 1, TPDO_MAPPING, type=1, cob_id=0x185)
-    wanted = Pdo("TPDO", 1, (0x60FF0020, 0x20010008), type=3, cob_id=0x185)
+    assert bench.run(read_pdo(NODE, "TPDO", 1)) == PdoConfig("TPDO", 1, TPDO_MAPPING, type=1, cob_id=0x185)
+    wanted = PdoConfig("TPDO", 1, (0x60FF0020, 0x20010008), type=3, cob_id=0x185)
     bench.run(write_pdo(NODE, wanted))
     assert bench.run(read_pdo(NODE, "TPDO", 1)) == wanted
     local.tpdo.read()

@@ -9,10 +9,10 @@ from barewire.canopen.emcy.message import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState, consumer_entry
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
-from barewire.canopen.pdo.mapping import Mapped, PdoMapping
+from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
 from barewire.canopen.sdo.aborts import AbortCode
 from barewire.canopen.sdo.messages import codec as messages
-from barewire.canopen.sync import Sync
+from barewire.canopen.sync import SyncMessage
 from barewire.codecs import Value, codec
 from barewire.errors import DecodeError
 from tests.vectors_runner.common import Case, check, octets, whole_or_float
@@ -168,7 +168,7 @@ def pdo(case: Case) -> None:
     rows = list(enumerate(case["entries"]))
 
     def mapping() -> PdoMapping:
-        return PdoMapping(Mapped.of_word(int(row["entry"], 16), row["type"], f"object {at}") for at, row in rows)
+        return PdoMapping(MappedObject.of_word(int(row["entry"], 16), row["type"], f"object {at}") for at, row in rows)
 
     def value_of(row: dict[str, Any]) -> Value:
         value = whole_or_float(row["value"])
@@ -208,8 +208,8 @@ def sync(case: Case) -> None:
     """A SYNC with or without its number."""
     check(
         case,
-        encode=lambda: str(Sync(case["counter"]).encode()),
+        encode=lambda: str(SyncMessage(case["counter"]).encode()),
         wire=wire(case),
-        decode=lambda: Sync.decode(frame_of(case)),
-        value=Sync(case.get("counter")),
+        decode=lambda: SyncMessage.decode(frame_of(case)),
+        value=SyncMessage(case.get("counter")),
     )

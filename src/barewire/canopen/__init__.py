@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.bus.scan import Found as Found, Survey as Survey, scan as scan
+    from barewire.canopen.bus.scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.cob_ids import (
         CobEntry as CobEntry,
         Service as Service,
@@ -58,7 +58,11 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.emcy.producer import EmcyProducer as EmcyProducer
     from barewire.canopen.frame import CanFrame as CanFrame, ErrorFrame as ErrorFrame, FdFrame as FdFrame
-    from barewire.canopen.lss.fastscan import Assigned as Assigned, fastscan as fastscan, find_all as find_all
+    from barewire.canopen.lss.fastscan import (
+        AssignedNode as AssignedNode,
+        assign_node_ids as assign_node_ids,
+        fastscan as fastscan,
+    )
     from barewire.canopen.lss.master import (
         activate_bit_timing as activate_bit_timing,
         configure_bit_timing as configure_bit_timing,
@@ -90,8 +94,8 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.nmt.master import (
         NmtConfirmation as NmtConfirmation,
-        ask_state as ask_state,
-        tell_nmt as tell_nmt,
+        request_state as request_state,
+        send_nmt as send_nmt,
     )
     from barewire.canopen.nmt.messages import (
         NmtChange as NmtChange,
@@ -113,12 +117,12 @@ if TYPE_CHECKING:
         wait_for_state as wait_for_state,
     )
     from barewire.canopen.object_dictionary import Entry as Entry, ObjectDictionary as ObjectDictionary
-    from barewire.canopen.pdo.config import Pdo as Pdo, pdos_of as pdos_of
+    from barewire.canopen.pdo.config import PdoConfig as PdoConfig, pdos_of as pdos_of
     from barewire.canopen.pdo.engine import PdoEngine as PdoEngine
-    from barewire.canopen.pdo.mapping import Mapped as Mapped, PdoMapping as PdoMapping
+    from barewire.canopen.pdo.mapping import MappedObject as MappedObject, PdoMapping as PdoMapping
     from barewire.canopen.pdo.multiplexed import Mpdo as Mpdo
     from barewire.canopen.pdo.named_values import (
-        PdoListener as PdoListener,
+        PdoConsumer as PdoConsumer,
         PdoReceived as PdoReceived,
         RemotePdo as RemotePdo,
         remote_pdo as remote_pdo,
@@ -145,15 +149,15 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.sdo.client.typed_access import read_object as read_object, write_object as write_object
     from barewire.canopen.sync import (
-        Sync as Sync,
         SyncEvent as SyncEvent,
+        SyncMessage as SyncMessage,
         SyncMonitor as SyncMonitor,
         SyncProducer as SyncProducer,
     )
     from barewire.canopen.time_stamp import (
         TimeConsumer as TimeConsumer,
-        TimeHeard as TimeHeard,
         TimeProducer as TimeProducer,
+        TimeReceived as TimeReceived,
         TimeStamp as TimeStamp,
     )
     from barewire.canopen.time_types import TimeDifference as TimeDifference, TimeOfDay as TimeOfDay
@@ -170,7 +174,7 @@ __getattr__, __all__ = lazy(
         "object_dictionary": "Entry ObjectDictionary",
         "time_types": "TimeOfDay TimeDifference",
         "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave",
-        "nmt.master": "tell_nmt ask_state NmtConfirmation",
+        "nmt.master": "send_nmt request_state NmtConfirmation",
         "nmt.wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
         "nmt.heartbeat": (
             "NodeState HeartbeatProducer HeartbeatConsumer HeartbeatEvent consumer_entry guarding_request"
@@ -179,23 +183,23 @@ __getattr__, __all__ = lazy(
         "emcy.message": "Emergency error_text register_names register_of",
         "emcy.producer": "EmcyProducer",
         "emcy.consumer": "EmcyConsumer EmcyEvent",
-        "sync": "Sync SyncProducer SyncMonitor SyncEvent",
-        "time_stamp": "TimeStamp TimeProducer TimeConsumer TimeHeard",
-        "pdo.mapping": "Mapped PdoMapping",
+        "sync": "SyncMessage SyncProducer SyncMonitor SyncEvent",
+        "time_stamp": "TimeStamp TimeProducer TimeConsumer TimeReceived",
+        "pdo.mapping": "MappedObject PdoMapping",
         "pdo.multiplexed": "Mpdo",
-        "pdo.config": "Pdo pdos_of",
+        "pdo.config": "PdoConfig pdos_of",
         "pdo.engine": "PdoEngine",
         "pdo.remote_config": "read_pdo write_pdo mapping_of PdoConfigPolicy",
-        "pdo.named_values": "remote_pdo RemotePdo PdoListener PdoReceived",
+        "pdo.named_values": "remote_pdo RemotePdo PdoConsumer PdoReceived",
         "sdo.client.typed_access": "read_object write_object",
-        "bus.scan": "scan Survey Found",
+        "bus.scan": "scan ScanResult ScannedNode",
         "lss.messages": "LssAddress LssMessage LssService LssState LssRefused Fastscan",
         "lss.slave": "LssSlave",
         "lss.master": (
             "switch_global switch_selective identify_slaves identify_unconfigured inquire_address inquire_node "
             "configure_node configure_bit_timing activate_bit_timing store_configuration"
         ),
-        "lss.fastscan": "fastscan find_all Assigned",
+        "lss.fastscan": "fastscan assign_node_ids AssignedNode",
         "device.device": "LocalNode",
         "device.storage": "StoredParameters",
         "communication_objects": "standard_objects",

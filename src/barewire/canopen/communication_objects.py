@@ -22,10 +22,10 @@ from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import BarewireError
 
-IDENTITY = 0x1018
+IDENTITY_OBJECT = 0x1018
 
 
-def number(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
+def read_integer(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
     """The value of an object, `default` where there is none or none to be had."""
     if (index, sub) not in objects:
         return default
@@ -35,12 +35,12 @@ def number(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0
         return default
 
 
-def identity(objects: ObjectDictionary) -> LssAddress:
+def lss_address(objects: ObjectDictionary) -> LssAddress:
     """1018h: the 128 bits by which LSS knows a device."""
-    return LssAddress(*(number(objects, IDENTITY, sub) for sub in (1, 2, 3, 4)))
+    return LssAddress(*(read_integer(objects, IDENTITY_OBJECT, sub) for sub in (1, 2, 3, 4)))
 
 
-def guard(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int], None]) -> None:
+def validate_writes(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int], None]) -> None:
     """From now on whoever writes the object by SDO must pass `check`, which refuses by raising SdoAbort."""
     if (index, sub) not in objects:
         return
@@ -52,10 +52,10 @@ def guard(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int]
         if before is not None:
             before(value)
 
-    change(objects, replace(entry, on_write=on_write))
+    replace_entry(objects, replace(entry, on_write=on_write))
 
 
-def change(objects: ObjectDictionary, entry: Entry) -> None:
+def replace_entry(objects: ObjectDictionary, entry: Entry) -> None:
     """This entry in place of the one that is there, with the same present value."""
     value = None if entry.on_read is not None else objects.get(entry.index, entry.sub)
     objects.replace(entry)
@@ -63,7 +63,7 @@ def change(objects: ObjectDictionary, entry: Entry) -> None:
         objects.set(entry.index, entry.sub, value)
 
 
-def guard_cob_id(
+def validate_cob_id_writes(
     objects: ObjectDictionary,
     index: int,
     in_use: Callable[[CobEntry], bool],
@@ -78,13 +78,13 @@ def guard_cob_id(
     """
 
     def check(word: int) -> None:
-        new, old = CobEntry.unpack(word), CobEntry.unpack(number(objects, index, sub))
+        new, old = CobEntry.unpack(word), CobEntry.unpack(read_integer(objects, index, sub))
         same = (new.identifier, new.extended) == (old.identifier, old.extended)
         taken = not new.extended and is_restricted(new.identifier) and (heard or in_use(new))
         if (taken and not (same and in_use(old))) or (not same and in_use(old) and in_use(new)):
             raise SdoAbort(AbortCode.INVALID_VALUE, index, sub)
 
-    guard(objects, index, sub, check)
+    validate_writes(objects, index, sub, check)
 
 
 def standard_objects(
@@ -105,7 +105,7 @@ def standard_objects(
     beyond the first are switched off until somebody gives them a channel.
 
     >>> objects = ObjectDictionary(standard_objects(LssAddress(0x360, 1, 2, 3), heartbeat=1000))
-    >>> objects.get(0x1017), identity(objects).vendor == 0x360
+    >>> objects.get(0x1017), lss_address(objects).vendor == 0x360
     (1000, True)
     """
     entries = [
@@ -124,7 +124,7 @@ def standard_objects(
         *(Entry(0x1016, sub, f"consumer heartbeat time {sub}", "u32", "rw") for sub in range(1, watched + 1)),
         Entry(0x1017, 0, "producer heartbeat time", "u16", "rw", heartbeat),
         *(
-            Entry(IDENTITY, sub, what, "u32", "const", value)
+            Entry(IDENTITY_OBJECT, sub, what, "u32", "const", value)
             for sub, (what, value) in enumerate(
                 zip(("vendor-ID", "product code", "revision number", "serial number"), address), start=1
             )

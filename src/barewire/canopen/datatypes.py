@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from barewire.canopen.time_types import Time
+from barewire.canopen.time_types import TimeCodec
 from barewire.codecs import Number, Value, codec
 from barewire.errors import DecodeError, EncodeError
 
@@ -67,7 +67,7 @@ BY_NAME = {row.name: row for row in DATA_TYPES}
 BY_CODE = {row.code: row for row in DATA_TYPES}
 
 
-class Bool:
+class BooleanCodec:
     """BOOLEAN as one byte, 0 or 1."""
 
     name, size = "bool", 1
@@ -87,7 +87,7 @@ class Bool:
         return data == b"\1"
 
 
-class Bytes:
+class BytesCodec:
     """VISIBLE_STRING, OCTET_STRING, DOMAIN: bytes of any length. A text is given and taken as latin-1."""
 
     size = None
@@ -111,7 +111,7 @@ class Bytes:
         return data.decode("latin-1") if self.name == "string" else bytes(data)
 
 
-class Unicode:
+class UnicodeCodec:
     """UNICODE_STRING: 16 bits a character, the low byte first. Halves of a pair are kept as they are."""
 
     name, size = "unicode", None
@@ -129,13 +129,13 @@ class Unicode:
         return bytes(data).decode("utf-16-le", "surrogatepass")
 
 
-ObjectCodec = Number | Bool | Bytes | Unicode | Time
+ObjectCodec = Number | BooleanCodec | BytesCodec | UnicodeCodec | TimeCodec
 
 _SINGLE: dict[str, ObjectCodec] = {
-    "bool": Bool(),
-    "unicode": Unicode(),
-    **{name: Bytes(name) for name in ("string", "octets", "domain")},
-    **{name: Time(name) for name in ("time_of_day", "time_difference")},
+    "bool": BooleanCodec(),
+    "unicode": UnicodeCodec(),
+    **{name: BytesCodec(name) for name in ("string", "octets", "domain")},
+    **{name: TimeCodec(name) for name in ("time_of_day", "time_difference")},
 }
 
 

@@ -145,7 +145,7 @@ class FdFrame(NamedTuple):
         return f"{identifier}##{self.flags:X}{self.data.hex().upper()}"
 
 
-ERROR_CLASSES = (
+_ERROR_CLASSES = (
     "send time-out",
     "arbitration lost",
     "controller problem",
@@ -172,7 +172,7 @@ class ErrorFrame(NamedTuple):
     @property
     def text(self) -> str:
         """The classes in words."""
-        words = [name for bit, name in enumerate(ERROR_CLASSES) if self.classes >> bit & 1]
+        words = [name for bit, name in enumerate(_ERROR_CLASSES) if self.classes >> bit & 1]
         return ", ".join(words) or f"error class {self.classes:X}h"
 
 

@@ -26,8 +26,8 @@ from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 
-Access = Literal["ro", "wo", "rw", "const"]
-Place = str | int | tuple[int, int]
+ObjectAccess = Literal["ro", "wo", "rw", "const"]
+ObjectRef = str | int | tuple[int, int]
 """Where a value is, for people: a name, an index, or an index and a sub-index."""
 
 
@@ -45,7 +45,7 @@ class Entry:
     sub: int
     name: str
     type: str
-    access: Access = "rw"
+    access: ObjectAccess = "rw"
     default: Value = 0
     minimum: float | None = None
     maximum: float | None = None
@@ -149,7 +149,7 @@ class ObjectDictionary:
         places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in found[:5])
         raise EncodeError(f"{name!r} is in several places: {places}" if found else f"no object is called {name!r}")
 
-    def at(self, place: Place) -> Entry:
+    def at(self, place: ObjectRef) -> Entry:
         """The entry of that name or number. EncodeError if there is none."""
         if isinstance(place, str):
             return self.find(place)
@@ -240,19 +240,19 @@ class ObjectDictionary:
         self._values[index, sub] = value
         self.changes += 1
 
-    def __getitem__(self, place: Place) -> Value:
+    def __getitem__(self, place: ObjectRef) -> Value:
         """`get`, by name too."""
         entry = self.at(place)
         return self.get(entry.index, entry.sub)
 
-    def __setitem__(self, place: Place, value: Value) -> None:
+    def __setitem__(self, place: ObjectRef, value: Value) -> None:
         """`set`, by name too."""
         entry = self.at(place)
         self.set(entry.index, entry.sub, value)
 
     def hook(
         self,
-        place: Place,
+        place: ObjectRef,
         *,
         on_read: Callable[[], Value] | None = None,
         on_write: Callable[[Value], None] | None = None,
@@ -290,7 +290,7 @@ class ObjectDictionary:
         return entry.default
 
 
-_ACCESSES = get_args(Access)
+_ACCESSES = get_args(ObjectAccess)
 
 
 def _fold(name: str) -> str:

@@ -25,10 +25,10 @@ LOST_AFTER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Sync:
+class SyncMessage:
     """One beat, with its number if the producer counts.
 
-    >>> str(Sync().encode()), str(Sync(1).encode())
+    >>> str(SyncMessage().encode()), str(SyncMessage(1).encode())
     ('080#', '080#01')
     """
 
@@ -43,7 +43,7 @@ class Sync:
         return CanFrame(key[0], bytes([self.counter]), key[1])
 
     @classmethod
-    def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> Sync:
+    def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> SyncMessage:
         """Raises DecodeError for another identifier, for more than one byte, for a counter of 0 or above 240."""
         if frame.key != key or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: that has COB-ID {key[0]:03X}h")
@@ -141,7 +141,7 @@ class SyncMonitor:
     `longest` are the intervals seen, so `longest - shortest` is the jitter.
 
     >>> monitor = SyncMonitor(0.015)
-    >>> [monitor.feed(Sync(number).encode(), number / 100)[0].kind for number in (1, 2, 4)]
+    >>> [monitor.feed(SyncMessage(number).encode(), number / 100)[0].kind for number in (1, 2, 4)]
     ['beat', 'beat', 'jump']
     """
 

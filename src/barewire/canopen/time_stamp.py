@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import TIME_KEY
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.time_types import Time, TimeOfDay
+from barewire.canopen.time_types import TimeCodec, TimeOfDay
 from barewire.errors import DecodeError, EncodeError
 
-EPOCH = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
+EPOCH_UNIX = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
 """1 January 1984 in seconds of Unix."""
 
-_CODEC = Time("time_of_day")
+_CODEC = TimeCodec("time_of_day")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class TimeStamp:
     def of_unix(cls, seconds: float) -> TimeStamp:
         """The time so many seconds after 1 January 1970, to the nearest millisecond. Raises EncodeError."""
         try:
-            moment = TimeOfDay(round((seconds - EPOCH) * 1000))
+            moment = TimeOfDay(round((seconds - EPOCH_UNIX) * 1000))
         except (ValueError, OverflowError):
             raise EncodeError(f"{seconds} s is no moment") from None
         _CODEC.encode(moment)
@@ -49,7 +49,7 @@ class TimeStamp:
     @property
     def unix(self) -> float:
         """Seconds since 1 January 1970."""
-        return EPOCH + int(self.moment) / 1000
+        return EPOCH_UNIX + int(self.moment) / 1000
 
     def encode(self, key: tuple[int, bool] = TIME_KEY) -> CanFrame:
         """The frame, with COB-ID 100h if no other was agreed upon. EncodeError for a day that it does not reach."""
@@ -71,7 +71,7 @@ class TimeProducer:
 
     It has no clock but `now`: `unix_at_zero` is what time it was when `now` was 0.
 
-    >>> producer = TimeProducer(60.0, unix_at_zero=EPOCH)
+    >>> producer = TimeProducer(60.0, unix_at_zero=EPOCH_UNIX)
     >>> [str(frame) for frame in producer.feed(None, 0.0)], producer.deadline
     (['100#000000000000'], 60.0)
     """
@@ -99,7 +99,7 @@ class TimeProducer:
         return [TimeStamp.of_unix(self.unix_at_zero + now).encode(self.key)]
 
 
-class TimeHeard(NamedTuple):
+class TimeReceived(NamedTuple):
     """A TIME message: `unix_at_zero` is what a clock that shows `now` lacks to the time told."""
 
     stamp: TimeStamp
@@ -111,8 +111,8 @@ class TimeConsumer:
     """Keeps the time that others say. A machine.
 
     >>> consumer = TimeConsumer()
-    >>> heard = consumer.feed(TimeStamp.of_unix(EPOCH + 1.5).encode(), 10.0)
-    >>> consumer.unix(12.0) == EPOCH + 1.5 + 2.0
+    >>> heard = consumer.feed(TimeStamp.of_unix(EPOCH_UNIX + 1.5).encode(), 10.0)
+    >>> consumer.unix(12.0) == EPOCH_UNIX + 1.5 + 2.0
     True
     """
 
@@ -120,7 +120,7 @@ class TimeConsumer:
 
     def __init__(self, key: tuple[int, bool] = TIME_KEY) -> None:
         self.key = key
-        self.last: TimeHeard | None = None
+        self.last: TimeReceived | None = None
         self.unreadable = 0
 
     @property
@@ -132,7 +132,7 @@ class TimeConsumer:
         """What time it is now, None before anybody told."""
         return None if self.last is None else self.last.unix_at_zero + now
 
-    def feed(self, frame: CanFrame | None, now: float) -> list[TimeHeard]:
+    def feed(self, frame: CanFrame | None, now: float) -> list[TimeReceived]:
         """The time that the frame tells, if it tells one."""
         if frame is None or frame.key != self.key or frame.remote:
             return []
@@ -141,5 +141,5 @@ class TimeConsumer:
         except DecodeError:
             self.unreadable += 1
             return []
-        self.last = TimeHeard(stamp, now, stamp.unix - now)
+        self.last = TimeReceived(stamp, now, stamp.unix - now)
         return [self.last]

@@ -74,12 +74,12 @@ class TimeOfDay(int):
         return f"TimeOfDay({self.datetime})"
 
 
-class Time:
+class TimeCodec:
     """The codec of both: milliseconds, a datetime or a timedelta in; TimeOfDay or TimeDifference out.
 
-    >>> Time("time_of_day").encode(datetime(1984, 1, 2, 0, 0, 1)).hex(" ").upper()
+    >>> TimeCodec("time_of_day").encode(datetime(1984, 1, 2, 0, 0, 1)).hex(" ").upper()
     'E8 03 00 00 01 00'
-    >>> Time("time_difference").decode(bytes.fromhex("E80300000100"))
+    >>> TimeCodec("time_difference").decode(bytes.fromhex("E80300000100"))
     TimeDifference(1 day, 0:00:01)
     """
 

@@ -208,7 +208,7 @@ def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
 
 def _until_there(client: CanopenClient) -> None:
     """Until the node has said its boot-up message, which it may have done already."""
-    if not client.bus.presence.frames:
+    if not client.bus.monitor.frames:
         with suppress(NoAnswer):
             client.wait_for_boot_up(timeout=0.5)
 

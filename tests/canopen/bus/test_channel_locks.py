@@ -1,4 +1,4 @@
-"""Who may talk now: in order, without overtaking, and nobody waits for himself."""
+"""Locks are granted in order, without overtaking, and no owner can wait for itself."""
 
 from __future__ import annotations
 
@@ -7,69 +7,71 @@ from functools import partial
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, Keys
+from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
 from barewire.errors import EncodeError
 
 FIVE, SIX = frozenset({5}), frozenset({6})
 
 
-def test_one_at_a_time_on_a_key_and_others_beside_it() -> None:
-    claims = ChannelLocks()
+def test_one_lock_per_key_at_a_time_and_other_keys_are_independent() -> None:
+    locks = ChannelLocks()
     woken: list[str] = []
     first, second, third, other = (
-        claims.join(keys, wake=partial(woken.append, name))
+        locks.request(keys, wake=partial(woken.append, name))
         for name, keys in (("first", FIVE), ("second", FIVE), ("third", FIVE), ("other", SIX))
     )
-    assert [claim.going for claim in (first, second, third, other)] == [True, False, False, True]
-    claims.leave(first)
+    assert [lock.granted for lock in (first, second, third, other)] == [True, False, False, True]
+    locks.release(first)
     assert woken == ["second"]
-    claims.leave(third)  # gave up
-    claims.leave(second)
+    locks.release(third)  # a waiting request is given up
+    locks.release(second)
     assert woken == ["second"]
-    assert len(claims) == 1
+    assert len(locks) == 1
 
 
-def test_everything_waits_for_all_and_is_not_overtaken() -> None:
-    claims = ChannelLocks()
-    first, everything, late, beside = (claims.join(keys) for keys in (FIVE, None, SIX, frozenset[int]()))
-    assert (everything.going, late.going, beside.going) == (False, False, True)
-    claims.leave(first)
-    assert (everything.going, late.going) == (True, False)
-    claims.leave(everything)
-    assert late.going
+def test_a_lock_on_everything_waits_for_all_and_is_not_overtaken() -> None:
+    locks = ChannelLocks()
+    first, everything, late, beside = (locks.request(keys) for keys in (FIVE, None, SIX, frozenset[int]()))
+    assert (everything.granted, late.granted, beside.granted) == (False, False, True)
+    locks.release(first)
+    assert (everything.granted, late.granted) == (True, False)
+    locks.release(everything)
+    assert late.granted
 
 
-def test_several_keys_are_claimed_at_once() -> None:
-    claims = ChannelLocks()
-    both, five = claims.join(FIVE | SIX), claims.join(FIVE)
-    assert not five.going
-    claims.leave(both)
-    assert five.going
+def test_several_keys_are_locked_at_once() -> None:
+    locks = ChannelLocks()
+    both, five = locks.request(FIVE | SIX), locks.request(FIVE)
+    assert not five.granted
+    locks.release(both)
+    assert five.granted
 
 
-def test_who_would_wait_for_himself_is_told() -> None:
-    claims = ChannelLocks()
-    claims.join(FIVE, owner="me")
-    claims.join(SIX, owner="me")
+def test_a_request_that_would_wait_for_its_own_owner_raises() -> None:
+    locks = ChannelLocks()
+    locks.request(FIVE, owner="first")
+    locks.request(SIX, owner="first")
     with pytest.raises(EncodeError, match="begun inside another one"):
-        claims.join(FIVE, owner="me")
+        locks.request(FIVE, owner="first")
     with pytest.raises(EncodeError, match="begun inside another one"):
-        claims.join(None, owner="me")
-    assert not claims.join(FIVE, owner="you").going
+        locks.request(None, owner="first")
+    assert not locks.request(FIVE, owner="second").granted
 
 
 @given(st.lists(st.one_of(st.none(), st.frozensets(st.integers(0, 3))), max_size=12), st.randoms())
-def test_whatever_the_order_all_get_their_turn_and_never_two_on_a_key(wanted: list[Keys | None], dice: object) -> None:
-    claims = ChannelLocks()
-    standing: list[ChannelLock] = [claims.join(keys) for keys in wanted]
-    while standing:
-        going = [claim for claim in standing if claim.going]
-        assert going, "nobody goes, so nobody ever will"
-        for claim in going:
-            assert not any(claim.meets(other) for other in going if other is not claim)
-        for place, claim in enumerate(standing):
-            assert claim.going or any(claim.meets(older) for older in standing[:place])
-        leaving = dice.choice(standing)  # type: ignore[attr-defined]
-        standing.remove(leaving)
-        claims.leave(leaving)
-    assert len(claims) == 0
+def test_in_any_order_every_request_is_granted_and_never_two_on_one_key(
+    wanted: list[LockKeys | None], random: object
+) -> None:
+    locks = ChannelLocks()
+    queue: list[ChannelLock] = [locks.request(keys) for keys in wanted]
+    while queue:
+        granted = [lock for lock in queue if lock.granted]
+        assert granted, "no request is granted: a deadlock"
+        for lock in granted:
+            assert not any(lock.conflicts_with(other) for other in granted if other is not lock)
+        for place, lock in enumerate(queue):
+            assert lock.granted or any(lock.conflicts_with(older) for older in queue[:place])
+        ended = random.choice(queue)  # type: ignore[attr-defined]
+        queue.remove(ended)
+        locks.release(ended)
+    assert len(locks) == 0

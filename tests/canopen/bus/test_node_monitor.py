@@ -12,10 +12,10 @@ from barewire.errors import NoAnswer
 
 
 def heard(*lines: tuple[float, str]) -> NodeMonitor:
-    presence = NodeMonitor()
+    monitor = NodeMonitor()
     for at, text in lines:
-        assert presence.feed(CanFrame.parse(text), at) == []
-    return presence
+        assert monitor.feed(CanFrame.parse(text), at) == []
+    return monitor
 
 
 @pytest.mark.parametrize(
@@ -36,29 +36,29 @@ def heard(*lines: tuple[float, str]) -> NodeMonitor:
 )
 def test_why_a_node_was_silent(lines: tuple[tuple[float, str], ...], told: str) -> None:
     mark = NodeMonitor().mark(0x585)
-    assert told in heard(*lines).explain(5, 0x585, mark, 10.0, answers=0)
+    assert told in heard(*lines).explain_silence(5, 0x585, mark, 10.0, answers=0)
 
 
 def test_the_controller_s_report_is_told_while_it_is_fresh() -> None:
-    presence = NodeMonitor()
-    presence.report(ErrorFrame(0x60), 10.0)
-    mark = presence.mark(0x585)
+    monitor = NodeMonitor()
+    monitor.report(ErrorFrame(0x60), 10.0)
+    mark = monitor.mark(0x585)
     report = "the controller reported no acknowledgement, bus off 0.5 s ago"
-    assert report in presence.explain(5, 0x585, mark, 10.5, answers=0)
-    assert report[:14] not in presence.explain(5, 0x585, mark, 30.0, answers=0)
+    assert report in monitor.explain_silence(5, 0x585, mark, 10.5, answers=0)
+    assert report[:14] not in monitor.explain_silence(5, 0x585, mark, 30.0, answers=0)
 
 
 def test_a_foreign_protocol_does_not_fill_the_memory() -> None:
-    presence = NodeMonitor()
+    monitor = NodeMonitor()
     for number in range(10_000):
-        presence.feed(CanFrame(0x18F00000 + number, b"", True), 0.0)
-    assert (presence.foreign, presence.frames, len(presence._extended)) == (10_000, 10_000, 0)
+        monitor.feed(CanFrame(0x18F00000 + number, b"", True), 0.0)
+    assert (monitor.foreign, monitor.frames, len(monitor._extended)) == (10_000, 10_000, 0)
 
 
 def test_a_channel_explains_with_what_the_bus_knows() -> None:
-    presence = heard((-3.0, "705#7F"))
+    monitor = heard((-3.0, "705#7F"))
     with pytest.raises(NoAnswer) as caught:
-        play(upload(Channel(5, node_monitor=presence), 0x6041), lambda frame, now: [])
+        play(upload(Channel(5, node_monitor=monitor), 0x6041), lambda frame, now: [])
     assert str(caught.value) == (
         "node 5 did not answer the upload of 6041h:00 within 1 s: node 5 last heard 4 s ago, pre-operational, "
         "0 frames on 585h, nothing at all on the bus meanwhile"
@@ -98,11 +98,11 @@ def test_waiting_for_what_a_node_says() -> None:
 
 
 def test_a_wrong_node_id_shows() -> None:
-    presence = NodeMonitor()
-    mark = presence.mark(0x585)
-    presence.feed(CanFrame.parse("581#0000000000000000"), 1.0)
+    monitor = NodeMonitor()
+    mark = monitor.mark(0x585)
+    monitor.feed(CanFrame.parse("581#0000000000000000"), 1.0)
     text = "node 5 was never heard (heard so far: node {}), 0 frames on 585h, {} on the bus meanwhile"
-    assert presence.explain(5, 0x585, mark, 2.0, answers=0) == text.format("1", "1 frame")
+    assert monitor.explain_silence(5, 0x585, mark, 2.0, answers=0) == text.format("1", "1 frame")
     for node in (2, 3, 4, 6, 7):
-        presence.feed(CanFrame.parse(f"{0x700 + node:03X}#05"), 1.0)
-    assert presence.explain(5, 0x585, mark, 2.0, answers=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")
+        monitor.feed(CanFrame.parse(f"{0x700 + node:03X}#05"), 1.0)
+    assert monitor.explain_silence(5, 0x585, mark, 2.0, answers=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")

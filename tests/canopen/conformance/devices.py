@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import (
+    CanFrame,
+    Entry,
+    LocalNode,
+    LssAddress,
+    LssSlave,
+    ObjectDictionary,
+    PdoConfig,
+    standard_objects,
+)
 from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.model import NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import probe
@@ -26,7 +35,7 @@ def plain() -> LocalNode:
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
     ]
-    pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
+    pdos = [PdoConfig("RPDO", 1, (0x60400010,)), PdoConfig("TPDO", 1, (0x60410010,), type=1)]
     return LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS))
 
 

@@ -15,7 +15,16 @@ import re
 
 import pytest
 
-from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import (
+    CanFrame,
+    Entry,
+    LocalNode,
+    LssAddress,
+    LssSlave,
+    ObjectDictionary,
+    PdoConfig,
+    standard_objects,
+)
 
 OK = "585#60.............."
 READ, VALUE = "605#4000100000000000", "585#4300100000000000"
@@ -141,7 +150,7 @@ def device() -> LocalNode:
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
         Entry(0x6064, 0, "position", "i32", "ro", -2),
     ]
-    pdos = [Pdo("RPDO", 1, (0x60400010,)), Pdo("TPDO", 1, (0x60410010,), type=1)]
+    pdos = [PdoConfig("RPDO", 1, (0x60400010,)), PdoConfig("TPDO", 1, (0x60410010,), type=1)]
     device = LocalNode(5, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(1, 2, 3, 4)))
     assert [str(frame) for frame in device.start(0.0)] == ["705#00"]
     return device

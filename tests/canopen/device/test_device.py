@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Entry, LocalNode, NmtCommand, NmtState, ObjectDictionary, Pdo
+from barewire.canopen import CanFrame, Entry, LocalNode, NmtCommand, NmtState, ObjectDictionary, PdoConfig
 from barewire.codecs import Value
 from barewire.errors import EncodeError
 
 # The PDOs with which an AZ3 leaves the factory: all of them wait for SYNC.
 AZ3_PDOS = (
-    Pdo("RPDO", 1, (0x60400010, 0x60FF0020), type=0),
-    Pdo("RPDO", 2, (0x60400010, 0x607A0020), type=0),
-    Pdo("RPDO", 3, (0x60400010, 0x206A0120), type=0),
-    Pdo("RPDO", 4, (0x60400010, 0x60710010), type=0),
-    Pdo("TPDO", 1, (0x60410010, 0x20050010, 0x20020010, 0x20060010), type=1),
-    Pdo("TPDO", 2, (0x60410010, 0x60640020, 0x20690010), type=1),
-    Pdo("TPDO", 3, (0x60410010, 0x606C0020, 0x20690010), type=1),
-    Pdo("TPDO", 4, (0x60410010, 0x60770010, 0x20690010), type=1),
+    PdoConfig("RPDO", 1, (0x60400010, 0x60FF0020), type=0),
+    PdoConfig("RPDO", 2, (0x60400010, 0x607A0020), type=0),
+    PdoConfig("RPDO", 3, (0x60400010, 0x206A0120), type=0),
+    PdoConfig("RPDO", 4, (0x60400010, 0x60710010), type=0),
+    PdoConfig("TPDO", 1, (0x60410010, 0x20050010, 0x20020010, 0x20060010), type=1),
+    PdoConfig("TPDO", 2, (0x60410010, 0x60640020, 0x20690010), type=1),
+    PdoConfig("TPDO", 3, (0x60410010, 0x606C0020, 0x20690010), type=1),
+    PdoConfig("TPDO", 4, (0x60410010, 0x60770010, 0x20690010), type=1),
 )
 
 
@@ -44,7 +44,7 @@ def az3_objects() -> ObjectDictionary:
     )
 
 
-def device_with(*pdos: Pdo, start: bool = True, operational: bool = True) -> LocalNode:
+def device_with(*pdos: PdoConfig, start: bool = True, operational: bool = True) -> LocalNode:
     device = LocalNode(5, az3_objects(), pdos)
     if start:
         device.start(0.0)
@@ -156,7 +156,7 @@ def test_what_an_rpdo_left_behind_is_forgotten_with_the_state() -> None:
 def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
     seen: list[Value] = []
     objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0, maximum=100, on_write=seen.append)])
-    device = LocalNode(5, objects, [Pdo("RPDO", 1, (0x60400010,))])
+    device = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,))])
     device.start(0.0)
     hear(device, "000#0105")
     hear(device, "205#0F00")
@@ -165,7 +165,7 @@ def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
 
 
 def test_wrong_lengths_of_an_rpdo_are_said_once() -> None:
-    device = device_with(Pdo("RPDO", 1, (0x60400010,)))
+    device = device_with(PdoConfig("RPDO", 1, (0x60400010,)))
     assert hear(device, "205#0F") == ["085#1082110102000000"]
     assert hear(device, "205#0E") == []
     assert (device.objects.get(0x6040), device.objects.get(0x1001)) == (0, 0x11)
@@ -176,18 +176,18 @@ def test_wrong_lengths_of_an_rpdo_are_said_once() -> None:
 
 
 def test_tpdo_at_every_third_sync() -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=3))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=3))
     assert [hear(device, "080#") for _ in range(6)] == [[], [], ["185#3706"], [], [], ["185#3706"]]
 
 
 def test_tpdo_waits_for_its_sync_start_value() -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=2, sync_start=3))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=2, sync_start=3))
     said = [len(hear(device, f"080#{counter:02X}")) for counter in (1, 2, 3, 4, 1, 2)]
     assert said == [0, 0, 0, 1, 0, 1]
 
 
 def test_acyclic_tpdo_is_sent_at_sync_if_something_changed() -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=0))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=0))
     assert hear(device, "080#") == ["185#3706"]
     assert hear(device, "080#") == []
     device.objects.set(0x6041, 0, 0x0231)
@@ -196,7 +196,7 @@ def test_acyclic_tpdo_is_sent_at_sync_if_something_changed() -> None:
 
 
 def test_event_driven_tpdo_with_inhibit_time_and_event_timer() -> None:
-    pdo = Pdo("TPDO", 1, (0x60410010,), type=255, inhibit=1000, event_timer=500)
+    pdo = PdoConfig("TPDO", 1, (0x60410010,), type=255, inhibit=1000, event_timer=500)
     device = device_with(pdo, operational=False)
     assert hear(device, "000#0105", 10.0) == ["185#3706"]
     assert device.deadline == 10.5
@@ -209,7 +209,7 @@ def test_event_driven_tpdo_with_inhibit_time_and_event_timer() -> None:
 
 
 def test_a_value_that_its_bits_cannot_hold_does_not_stop_the_device() -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410008,), type=1))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410008,), type=1))
     assert hear(device, "080#") == ["185#00"]
     assert device.pdo.refused
 
@@ -277,7 +277,7 @@ def test_what_may_not_be_changed_while_switched_on(request_: str, code: str) -> 
     ],
 )
 def test_what_may_not_be_mapped(request_: str, code: str) -> None:
-    device = device_with(Pdo("RPDO", 1, (0x60400010, 0x60FF0020, 0x607A0010)), operational=False)
+    device = device_with(PdoConfig("RPDO", 1, (0x60400010, 0x60FF0020, 0x607A0010)), operational=False)
     assert answer(device, "23 00 14 01 05 02 00 80") == "ok"
     if request_.startswith("23 00 16"):
         assert answer(device, "2F 00 16 00 00 00 00 00") == "ok"
@@ -289,11 +289,11 @@ def test_what_may_not_be_mapped(request_: str, code: str) -> None:
 
 def test_factory_settings_are_checked_too() -> None:
     with pytest.raises(EncodeError, match="no such object"):
-        LocalNode(5, ObjectDictionary(), [Pdo("TPDO", 1, (0x60410010,))])
+        LocalNode(5, ObjectDictionary(), [PdoConfig("TPDO", 1, (0x60410010,))])
     with pytest.raises(EncodeError, match="expected a number"):
-        LocalNode(5, az3_objects(), [Pdo("TPDO", 0, (0x60410010,))])
+        LocalNode(5, az3_objects(), [PdoConfig("TPDO", 0, (0x60410010,))])
     with pytest.raises(EncodeError, match="there twice"):
-        LocalNode(5, az3_objects(), [Pdo("TPDO", 1, ()), Pdo("TPDO", 1, ())])
+        LocalNode(5, az3_objects(), [PdoConfig("TPDO", 1, ()), PdoConfig("TPDO", 1, ())])
 
 
 def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
@@ -301,7 +301,7 @@ def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
     objects.add(Entry(0x1800, 1, "TPDO1 COB-ID", "u32", "rw", 0x181))
     objects.add(Entry(0x1800, 4, "TPDO1 COMPATIBILITY ENTRY", "u8", "rw", 0))
     objects.add(Entry(0x1A00, 0, "highest sub-index supported", "u8", "const", 1))
-    device = LocalNode(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1)])
+    device = LocalNode(5, objects, [PdoConfig("TPDO", 1, (0x60410010,), type=1)])
     device.start(0.0)
     assert objects.entry(0x1800, 1).name == "TPDO1 COB-ID"
     assert answer(device, "40 00 18 01 00 00 00 00") == "185"
@@ -311,14 +311,14 @@ def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
 
 
 def test_a_fifth_pdo_is_off_until_it_gets_an_identifier() -> None:
-    device = device_with(Pdo("TPDO", 5, (0x60410010,), type=1), operational=False)
+    device = device_with(PdoConfig("TPDO", 5, (0x60410010,), type=1), operational=False)
     assert answer(device, "40 04 18 01 00 00 00 00") == "80000000"
     assert answer(device, "23 04 18 01 A0 06 00 00") == "ok"
     hear(device, "000#0105")
     assert hear(device, "080#") == ["6A0#3706"]
 
 
-def in_a_block(*pdos: Pdo) -> LocalNode:
+def in_a_block(*pdos: PdoConfig) -> LocalNode:
     """A device to which a long value is on its way, in blocks."""
     objects = ObjectDictionary([*az3_objects(), Entry(0x2F00, 0, "long", "domain", "rw", b"")])
     device = LocalNode(5, objects, pdos)
@@ -337,7 +337,7 @@ def segment(device: LocalNode, now: float) -> list[str]:
 
 
 def test_inside_a_block_everything_else_goes_on() -> None:
-    device = in_a_block(Pdo("TPDO", 1, (0x60410010,)))
+    device = in_a_block(PdoConfig("TPDO", 1, (0x60410010,)))
     assert [segment(device, 0.01) for _ in range(3)] == [[], [], []]
     device.objects.set(0x6041, 0, 0x1237)
     assert segment(device, 0.02) == ["185#3712"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, SdoAbort
+from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, PdoConfig, SdoAbort
 from barewire.canopen.communication_objects import standard_objects
 
 SUBS = range(1, 5)
@@ -84,7 +84,7 @@ def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> N
     objects = ObjectDictionary(
         [*standard_objects(address), Entry(0x1010, 1, "store", "u32"), Entry(0x6041, 0, "statusword", "u16", "ro", 7)]
     )
-    device = LocalNode(5, objects, [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("TPDO", 2, ())], lss=slave)
+    device = LocalNode(5, objects, [PdoConfig("TPDO", 1, (0x60410010,), type=1), PdoConfig("TPDO", 2, ())], lss=slave)
     device.start(0.0)
     objects.write(0x1800, 2, b"\x03")
     for word in (0x8000_0285, 0x2AB):

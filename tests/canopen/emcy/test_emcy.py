@@ -16,7 +16,7 @@ from barewire.canopen import (
     standard_objects,
 )
 from barewire.canopen.emcy.consumer import ERRORS_MAX
-from barewire.canopen.emcy.producer import WAITING_MAX
+from barewire.canopen.emcy.producer import _WAITING_MAX
 from barewire.canopen.sdo import SdoAbort
 
 
@@ -90,9 +90,9 @@ def test_inhibit_time() -> None:
 
 def test_what_waits_does_not_grow() -> None:
     errors = EmcyProducer(5, ObjectDictionary([Entry(0x1015, 0, "inhibit", "u16", "rw", 60_000)]))
-    for code in range(0x1000, 0x1000 + 3 * WAITING_MAX):
+    for code in range(0x1000, 0x1000 + 3 * _WAITING_MAX):
         errors.come(code, 0.0)
-    assert errors.dropped == 2 * WAITING_MAX - 1
+    assert errors.dropped == 2 * _WAITING_MAX - 1
     assert len(errors.history) == 8
 
 

@@ -7,8 +7,17 @@ from functools import partial
 
 import pytest
 
-from barewire.canopen import Assigned, CanFrame, LocalNode, LssAddress, LssSlave, ObjectDictionary, fastscan, find_all
-from barewire.canopen.lss.fastscan import Progress
+from barewire.canopen import (
+    AssignedNode,
+    CanFrame,
+    LocalNode,
+    LssAddress,
+    LssSlave,
+    ObjectDictionary,
+    assign_node_ids,
+    fastscan,
+)
+from barewire.canopen.lss.fastscan import FastscanProgress
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.virtual_bus import VirtualBus, never
 
@@ -36,7 +45,7 @@ def test_128_bits_in_five_seconds(address: LssAddress, latency: float) -> None:
 
 
 def test_how_the_time_is_spent() -> None:
-    steps: list[Progress] = []
+    steps: list[FastscanProgress] = []
     bus = VirtualBus()
     add(bus, ADDRESS)
     bus.run(fastscan(progress=steps.append))
@@ -55,11 +64,11 @@ def test_nobody_there() -> None:
 def test_what_is_known_is_not_asked_bit_by_bit() -> None:
     bus = VirtualBus()
     add(bus, ADDRESS)
-    steps: list[Progress] = []
+    steps: list[FastscanProgress] = []
     known = (ADDRESS.vendor, ADDRESS.product, None, None)
     assert bus.run(fastscan(known, progress=steps.append)) == ADDRESS
     assert {step.part for step in steps} == {2, 3}
-    assert [one.node for one in bus.run(find_all([5], known))] == [5]
+    assert [one.node for one in bus.run(assign_node_ids([5], known))] == [5]
 
 
 def test_known_parts_that_nobody_has() -> None:
@@ -76,8 +85,8 @@ def test_several_devices_get_their_node_ids(latencies: tuple[float, ...]) -> Non
     bus = VirtualBus()
     addresses = [ADDRESS, LssAddress(0x12345678, 0x9ABCDEF0, 7, 8), LssAddress(0x12345678, 0x9ABCDEF0, 7, 9)]
     devices = [add(bus, address, latency) for address, latency in zip(addresses, latencies)]
-    told: list[Assigned] = []
-    result = bus.run(find_all(range(10, 20), found=told.append))
+    told: list[AssignedNode] = []
+    result = bus.run(assign_node_ids(range(10, 20), found=told.append))
     assert result == told
     assert sorted(one.address for one in result) == sorted(addresses)
     assert [(one.node, one.booted) for one in result] == [(10, True), (11, True), (12, True)]
@@ -88,7 +97,7 @@ def test_no_more_devices_than_node_ids() -> None:
     bus = VirtualBus()
     for serial in range(3):
         add(bus, LssAddress(1, 2, 3, serial))
-    assert len(bus.run(find_all([5, 6]))) == 2
+    assert len(bus.run(assign_node_ids([5, 6]))) == 2
 
 
 def is_number(missing: int, number: int, frame: CanFrame) -> bool:

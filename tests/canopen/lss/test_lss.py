@@ -24,11 +24,11 @@ from barewire.canopen import (
     identify_unconfigured,
     inquire_address,
     inquire_node,
+    send_nmt,
     standard_objects,
     store_configuration,
     switch_global,
     switch_selective,
-    tell_nmt,
 )
 from barewire.canopen.lss.messages import ANSWER_KEY, REQUEST_KEY
 from barewire.errors import DecodeError, EncodeError, NoAnswer
@@ -124,12 +124,12 @@ def test_a_configured_device_takes_its_new_node_id_at_the_next_reset(
     bus.run(switch_global(LssState.WAITING))
     assert bus.pass_time(0.1) == []
     assert one.node == 5
-    obeyed = bus.run(tell_nmt(NmtCommand.RESET_COMMUNICATION, 5, confirmed_by=[6]))
+    obeyed = bus.run(send_nmt(NmtCommand.RESET_COMMUNICATION, 5, confirmed_by=[6]))
     assert [(told.node, told.state) for told in obeyed] == [(6, 0)]
     assert one.objects.get(0x1014) == 0x86
     bus.run(switch_global(LssState.CONFIGURATION))
     bus.run(configure_node(None))
-    bus.run(tell_nmt(NmtCommand.RESET_NODE, 6, confirmed_by=[]))
+    bus.run(send_nmt(NmtCommand.RESET_NODE, 6, confirmed_by=[]))
     assert bus.pass_time(1.0) == []
     assert one.node is None
 

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import LocalNode, NmtCommand, NmtState, ObjectDictionary, ask_state, standard_objects, tell_nmt
+from barewire.canopen import (
+    LocalNode,
+    NmtCommand,
+    NmtState,
+    ObjectDictionary,
+    request_state,
+    send_nmt,
+    standard_objects,
+)
 from barewire.errors import NoAnswer
 from tests.canopen.virtual_bus import VirtualBus
 
@@ -29,7 +37,7 @@ def bus_with(*nodes: int, heartbeat: int = 100) -> VirtualBus:
     ],
 )
 def test_every_command_is_confirmed(command: NmtCommand, state: NmtState) -> None:
-    (obeyed,) = bus_with(5).run(tell_nmt(command, 5))
+    (obeyed,) = bus_with(5).run(send_nmt(command, 5))
     assert (obeyed.node, obeyed.state) == (5, state)
     assert obeyed.after < 0.11
 
@@ -37,17 +45,17 @@ def test_every_command_is_confirmed(command: NmtCommand, state: NmtState) -> Non
 def test_a_node_without_heartbeat_is_asked() -> None:
     bus = bus_with(5, heartbeat=0)
     with pytest.raises(NoAnswer, match="start was not confirmed within 1 s: node 5: it said nothing of its state"):
-        bus.run(tell_nmt(NmtCommand.START, 5, timeout=1.0))
-    assert bus.run(tell_nmt(NmtCommand.STOP, 5, ask_every=0.05))[0].after < 0.06
-    assert bus.run(ask_state(5)).name == "stopped"
+        bus.run(send_nmt(NmtCommand.START, 5, timeout=1.0))
+    assert bus.run(send_nmt(NmtCommand.STOP, 5, ask_every=0.05))[0].after < 0.06
+    assert bus.run(request_state(5)).name == "stopped"
     with pytest.raises(NoAnswer, match="node 6 did not tell its state"):
-        bus.run(ask_state(6))
+        bus.run(request_state(6))
 
 
 def test_all_of_them() -> None:
     bus = bus_with(5, 6, 7)
-    assert bus.run(tell_nmt(NmtCommand.START)) == []  # nobody is waited for
-    obeyed = bus.run(tell_nmt(NmtCommand.STOP, 0, confirmed_by=[5, 6, 7]))
+    assert bus.run(send_nmt(NmtCommand.START)) == []  # nobody is waited for
+    obeyed = bus.run(send_nmt(NmtCommand.STOP, 0, confirmed_by=[5, 6, 7]))
     assert sorted(told.node for told in obeyed) == [5, 6, 7]
 
 
@@ -56,4 +64,4 @@ def test_the_last_word_of_a_node_that_does_not_obey_is_told() -> None:
     for tick in range(30):
         bus.inject("705#04", tick / 10)
     with pytest.raises(NoAnswer, match=r"its last word was stopped, 1\.\d+ s after the command"):
-        bus.run(tell_nmt(NmtCommand.START, 5))
+        bus.run(send_nmt(NmtCommand.START, 5))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, PdoConfig, standard_objects
 from barewire.errors import EncodeError
 from tests.canopen.virtual_bus import VirtualBus
 
 
-def device_with(*pdos: Pdo) -> LocalNode:
+def device_with(*pdos: PdoConfig) -> LocalNode:
     objects = [
         *standard_objects(),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
@@ -27,7 +27,7 @@ def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
 
 
 def test_type_253_is_sampled_when_it_is_asked() -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=253))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=253))
     assert hear(device, None, 100.0) == hear(device, "080#", 100.0) == []
     assert hear(device, "185#R2", 100.0) == ["185#3706"]
     device.objects.set(0x6041, 0, 1)
@@ -36,7 +36,7 @@ def test_type_253_is_sampled_when_it_is_asked() -> None:
 
 
 def test_type_252_is_sampled_at_sync() -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=252))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=252))
     assert hear(device, "185#R2") == []  # there was no SYNC yet
     assert hear(device, "080#") == []
     device.objects.set(0x6041, 0, 1)
@@ -47,17 +47,17 @@ def test_type_252_is_sampled_at_sync() -> None:
 
 @pytest.mark.parametrize("type_", [0, 1, 255])
 def test_any_tpdo_is_said_on_request_unless_bit_30_forbids_it(type_: int) -> None:
-    device = device_with(Pdo("TPDO", 1, (0x60410010,), type=type_))
+    device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=type_))
     hear(device, None, 1.0)
     assert hear(device, "185#R2", 2.0) == ["185#3706"]
     assert hear(device, "00000185#R2", 2.0) == hear(device, "205#R2", 2.0) == []
-    deaf = device_with(Pdo("TPDO", 1, (0x60410010,), type=type_, cob_id=0x4000_0185))
+    deaf = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=type_, cob_id=0x4000_0185))
     hear(deaf, None, 1.0)
     assert hear(deaf, "185#R2", 2.0) == []
 
 
 def test_an_rpdo_that_stays_away() -> None:
-    device = device_with(Pdo("RPDO", 1, (0x60400010,), event_timer=100))
+    device = device_with(PdoConfig("RPDO", 1, (0x60400010,), event_timer=100))
     assert hear(device, None, 50.0) == []  # it never came: nobody waits
     hear(device, "205#0100", 60.0)
     assert device.deadline == pytest.approx(60.1)
@@ -69,8 +69,10 @@ def test_an_rpdo_that_stays_away() -> None:
 
 
 def test_an_extended_identifier_is_another_one() -> None:
-    device = device_with(Pdo("RPDO", 1, (0x60400010,), cob_id=0x2000_0205), Pdo("TPDO", 1, (0x60410010,), type=1,
-                         cob_id=0x2000_0185))  # fmt: skip
+    device = device_with(
+        PdoConfig("RPDO", 1, (0x60400010,), cob_id=0x2000_0205),
+        PdoConfig("TPDO", 1, (0x60410010,), type=1, cob_id=0x2000_0185),
+    )
     hear(device, "205#0100")
     assert device.objects.get(0x6040) == 0
     hear(device, "00000205#0100")
@@ -79,19 +81,23 @@ def test_an_extended_identifier_is_another_one() -> None:
 
 
 def test_settings_that_do_not_exist() -> None:
-    for pdo in (Pdo("RPDO", 1, (), type=252), Pdo("TPDO", 1, (), type=241), Pdo("TPDO", 1, (), type=256)):
+    for pdo in (
+        PdoConfig("RPDO", 1, (), type=252),
+        PdoConfig("TPDO", 1, (), type=241),
+        PdoConfig("TPDO", 1, (), type=256),
+    ):
         with pytest.raises(EncodeError, match="there is no transmission type"):
             device_with(pdo)
     with pytest.raises(EncodeError, match="is not meant for an RPDO"):
-        device_with(Pdo("RPDO", 1, (0x60420010,)))
+        device_with(PdoConfig("RPDO", 1, (0x60420010,)))
 
 
 def test_one_device_drives_another() -> None:
     """The TPDO of node 5 is the RPDO of node 6; SYNC is produced by a third."""
     bus = VirtualBus()
-    sender = device_with(Pdo("TPDO", 1, (0x60410010,), type=2))
+    sender = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=2))
     objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0)])
-    receiver = LocalNode(6, objects, [Pdo("RPDO", 1, (0x60400010,), type=1, cob_id=0x185)])
+    receiver = LocalNode(6, objects, [PdoConfig("RPDO", 1, (0x60400010,), type=1, cob_id=0x185)])
     receiver.start(0.0)
     beat = LocalNode(7, ObjectDictionary(standard_objects()))
     beat.start(0.0)

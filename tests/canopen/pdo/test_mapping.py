@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from barewire.canopen import Mapped, PdoMapping
+from barewire.canopen import MappedObject, PdoMapping
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 
@@ -13,7 +13,7 @@ from barewire.errors import DecodeError, EncodeError
 def row(*entries: tuple[str | None, int]) -> PdoMapping:
     """A mapping of invented objects called a, b, c ..., each (type, bits)."""
     return PdoMapping(
-        Mapped(0x2000 + place, 0, bits, type_, "abcdefgh"[place]) for place, (type_, bits) in enumerate(entries)
+        MappedObject(0x2000 + place, 0, bits, type_, "abcdefgh"[place]) for place, (type_, bits) in enumerate(entries)
     )
 
 
@@ -44,35 +44,35 @@ def test_packing_both_ways(entries: list[tuple[str, int]], values: list[Value], 
     }
 
 
-CONTROL = Mapped(0x6040, 0, 16, "u16", "controlword")
-STATUS = Mapped(0x6041, 0, 16, "u16", "statusword")
-ERROR = Mapped(0x2069, 0, 16, "u16", "error")
+CONTROL = MappedObject(0x6040, 0, 16, "u16", "controlword")
+STATUS = MappedObject(0x6041, 0, 16, "u16", "statusword")
+ERROR = MappedObject(0x2069, 0, 16, "u16", "error")
 
 
 # The factory settings of the AZ3, guide 4.5.1.
 @pytest.mark.parametrize(
     ("entries", "values", "data"),
     [
-        ((CONTROL, Mapped(0x60FF, 0, 32, "i32", "x")), (15, -25000), "0F 00 58 9E FF FF"),
-        ((CONTROL, Mapped(0x607A, 0, 32, "i32", "x")), (31, 25000), "1F 00 A8 61 00 00"),
-        ((CONTROL, Mapped(0x206A, 1, 32, "f32", "x")), (15, 1.5), "0F 00 00 00 C0 3F"),
-        ((CONTROL, Mapped(0x6071, 0, 16, "i16", "x")), (15, -5), "0F 00 FB FF"),
+        ((CONTROL, MappedObject(0x60FF, 0, 32, "i32", "x")), (15, -25000), "0F 00 58 9E FF FF"),
+        ((CONTROL, MappedObject(0x607A, 0, 32, "i32", "x")), (31, 25000), "1F 00 A8 61 00 00"),
+        ((CONTROL, MappedObject(0x206A, 1, 32, "f32", "x")), (15, 1.5), "0F 00 00 00 C0 3F"),
+        ((CONTROL, MappedObject(0x6071, 0, 16, "i16", "x")), (15, -5), "0F 00 FB FF"),
         (
             (
                 STATUS,
-                Mapped(0x2005, 0, 16, "i16", "v"),
-                Mapped(0x2002, 0, 16, "i16", "i"),
-                Mapped(0x2006, 0, 16, "i16", "p"),
+                MappedObject(0x2005, 0, 16, "i16", "v"),
+                MappedObject(0x2002, 0, 16, "i16", "i"),
+                MappedObject(0x2006, 0, 16, "i16", "p"),
             ),
             (0x0637, -1000, 25, 1),
             "37 06 18 FC 19 00 01 00",
         ),
-        ((STATUS, Mapped(0x6064, 0, 32, "i32", "x"), ERROR), (0x0637, -2, 3), "37 06 FE FF FF FF 03 00"),
-        ((STATUS, Mapped(0x606C, 0, 32, "i32", "x"), ERROR), (0x0637, 25000, 0), "37 06 A8 61 00 00 00 00"),
-        ((STATUS, Mapped(0x6077, 0, 16, "i16", "x"), ERROR), (0x0637, -5, 0), "37 06 FB FF 00 00"),
+        ((STATUS, MappedObject(0x6064, 0, 32, "i32", "x"), ERROR), (0x0637, -2, 3), "37 06 FE FF FF FF 03 00"),
+        ((STATUS, MappedObject(0x606C, 0, 32, "i32", "x"), ERROR), (0x0637, 25000, 0), "37 06 A8 61 00 00 00 00"),
+        ((STATUS, MappedObject(0x6077, 0, 16, "i16", "x"), ERROR), (0x0637, -5, 0), "37 06 FB FF 00 00"),
     ],
 )
-def test_the_eight_pdos_of_the_az3(entries: tuple[Mapped, ...], values: tuple[Value, ...], data: str) -> None:
+def test_the_eight_pdos_of_the_az3(entries: tuple[MappedObject, ...], values: tuple[Value, ...], data: str) -> None:
     mapping = PdoMapping(entries)
     named = dict(zip((entry.name for entry in entries), values))
     assert mapping.pack(named) == bytes.fromhex(data)
@@ -82,21 +82,21 @@ def test_the_eight_pdos_of_the_az3(entries: tuple[Mapped, ...], values: tuple[Va
 def test_entries_as_they_lie_in_the_dictionary() -> None:
     # The eight PDOs again as the guide prints them: index, sub-index, bits in hexadecimal.
     assert CONTROL.word == 0x60400010
-    assert Mapped.of_word(0x206A0120, "f32") == Mapped(0x206A, 1, 32, "f32")
+    assert MappedObject.of_word(0x206A0120, "f32") == MappedObject(0x206A, 1, 32, "f32")
 
 
 def test_dummies_and_unknown_objects_never_move_an_offset() -> None:
-    mapping = PdoMapping([Mapped(0x0005, 0, 8), Mapped(0x2ABC, 3, 4), Mapped(0x0001, 0, 4), STATUS])
+    mapping = PdoMapping([MappedObject(0x0005, 0, 8), MappedObject(0x2ABC, 3, 4), MappedObject(0x0001, 0, 4), STATUS])
     assert mapping.unpack(bytes.fromhex("FF A5 37 06")) == {"2ABCh:03": 5, "statusword": 0x0637}
     assert mapping.pack({"statusword": 0x0637}) == bytes.fromhex("00 00 37 06")
     assert mapping.pack({"2ABCh:03": 15}) == bytes.fromhex("00 0F 00 00")
-    whole_bytes = PdoMapping([Mapped(0x0006, 0, 16), STATUS])
+    whole_bytes = PdoMapping([MappedObject(0x0006, 0, 16), STATUS])
     assert whole_bytes.unpack(bytes.fromhex("FFFF 3706")) == {"statusword": 0x0637}
     assert whole_bytes.pack({"statusword": 0x0637}) == bytes.fromhex("0000 3706")
 
 
 def test_64_entries_of_one_bit() -> None:
-    mapping = PdoMapping(Mapped(0x2000, sub, 1, "bool") for sub in range(64))
+    mapping = PdoMapping(MappedObject(0x2000, sub, 1, "bool") for sub in range(64))
     values: dict[str, Value] = {f"2000h:{sub:02X}": sub % 3 == 0 for sub in range(64)}
     assert mapping.unpack(mapping.pack(values)) == values
 
@@ -110,17 +110,17 @@ def test_the_same_object_twice_is_one_value() -> None:
 @pytest.mark.parametrize(
     ("entries", "text"),
     [
-        ([Mapped(0x2000, sub, 1) for sub in range(65)], "at most 64"),
-        ([Mapped(0x2000, 0, 64), Mapped(0x2001, 0, 1)], "65 bits"),
-        ([Mapped(0x2000, 0, 0)], "expected 1..64"),
-        ([Mapped(0x2000, 0, 16, "f32")], "expected 32"),
-        ([Mapped(0x2000, 0, 17, "u16")], "at most 16"),
-        ([Mapped(0x2000, 0, 12, "string")], "whole bytes"),
-        ([Mapped(0x2000, 0, 8, "u9")], "type 'u9'"),
-        ([Mapped(0x2000, 0, 8, "u8", "a"), Mapped(0x2001, 0, 8, "u8", "a")], "called 'a'"),
+        ([MappedObject(0x2000, sub, 1) for sub in range(65)], "at most 64"),
+        ([MappedObject(0x2000, 0, 64), MappedObject(0x2001, 0, 1)], "65 bits"),
+        ([MappedObject(0x2000, 0, 0)], "expected 1..64"),
+        ([MappedObject(0x2000, 0, 16, "f32")], "expected 32"),
+        ([MappedObject(0x2000, 0, 17, "u16")], "at most 16"),
+        ([MappedObject(0x2000, 0, 12, "string")], "whole bytes"),
+        ([MappedObject(0x2000, 0, 8, "u9")], "type 'u9'"),
+        ([MappedObject(0x2000, 0, 8, "u8", "a"), MappedObject(0x2001, 0, 8, "u8", "a")], "called 'a'"),
     ],
 )
-def test_mappings_that_cannot_be(entries: list[Mapped], text: str) -> None:
+def test_mappings_that_cannot_be(entries: list[MappedObject], text: str) -> None:
     with pytest.raises(EncodeError, match=text):
         PdoMapping(entries)
 
@@ -170,7 +170,7 @@ def test_whatever_is_packed_is_unpacked(data: st.DataObject) -> None:
             break
         used += bits
         signed = data.draw(st.booleans())
-        mapped = Mapped(0x2000 + place, 0, bits, "i16" if signed else "u16")
+        mapped = MappedObject(0x2000 + place, 0, bits, "i16" if signed else "u16")
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
         entries.append(mapped)
         values[mapped.name] = data.draw(st.integers(low, high))

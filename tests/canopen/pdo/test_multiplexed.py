@@ -9,7 +9,7 @@ from barewire.canopen import (
     Entry,
     LocalNode,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     PdoConfigPolicy,
     RemotePdo,
     read_pdo,
@@ -17,7 +17,7 @@ from barewire.canopen import (
     write_pdo,
 )
 from barewire.canopen.pdo.config import pdos_of
-from barewire.canopen.pdo.multiplexed import Mpdo, dispatched, scanned
+from barewire.canopen.pdo.multiplexed import Mpdo, dispatcher_list, scanner_list
 from barewire.errors import DecodeError, EncodeError
 from tests.canopen.virtual_bus import VirtualBus
 
@@ -48,7 +48,7 @@ def dispatcher(*words: int) -> list[Entry]:
     return [Entry(DISPATCHER, sub, "dispatcher", "u64", "rw", word) for sub, word in enumerate(words, start=1)]
 
 
-def node(number: int, pdo: Pdo, *more: Entry) -> LocalNode:
+def node(number: int, pdo: PdoConfig, *more: Entry) -> LocalNode:
     device = LocalNode(number, objects(*more), [pdo])
     device.start(0.0)
     device.feed(CanFrame.parse(f"000#01{number:02X}"), 0.0)
@@ -101,8 +101,8 @@ def test_lists() -> None:
         *scanner(0x01_6401_02, 0, 0x03_6401_01, 0xFF_2000_FE),
         *dispatcher(0x02_2000_01_6401_03_07, 0, 0x00_2102_00_6041_00_08, 0x01_2000_01_6401_03_07),
     )
-    assert scanned(both) == [(0x6401, 2), (0x6401, 1), (0x6401, 3), (0x2000, 0xFE), (0x2000, 0xFF)]
-    assert dispatched(both) == {
+    assert scanner_list(both) == [(0x6401, 2), (0x6401, 1), (0x6401, 3), (0x2000, 0xFE), (0x2000, 0xFF)]
+    assert dispatcher_list(both) == {
         (7, 0x6401, 3): (0x2000, 1),
         (7, 0x6401, 4): (0x2000, 2),
         (8, 0x6041, 0): (0x2102, 0),
@@ -113,7 +113,7 @@ def test_lists() -> None:
 
 
 def test_a_source_says_everything_once_and_then_what_changes() -> None:
-    source = node(7, Pdo("TPDO", 1, (), multiplexed="SAM"), *scanner(0x02_6401_01, 0x01_2100_00, 0x01_5000_00))
+    source = node(7, PdoConfig("TPDO", 1, (), multiplexed="SAM"), *scanner(0x02_6401_01, 0x01_2100_00, 0x01_5000_00))
     said = [text for _ in range(5) for text in hear(source, None)]
     # The first went out with the start command; what is too long or missing is counted and left out.
     assert said == ["187#0701640202000000"]
@@ -126,7 +126,7 @@ def test_a_source_says_everything_once_and_then_what_changes() -> None:
 
 
 def test_the_inhibit_time_lies_between_two_of_them() -> None:
-    source = node(7, Pdo("TPDO", 1, (), inhibit=100, multiplexed="SAM"), *scanner(0x03_6401_01))
+    source = node(7, PdoConfig("TPDO", 1, (), inhibit=100, multiplexed="SAM"), *scanner(0x03_6401_01))
     assert (hear(source, None, 0.005), source.deadline) == ([], 0.01)
     assert hear(source, None, 0.01) == ["187#0701640202000000"]
     assert hear(source, None, 0.02) == ["187#0701640303000000"]
@@ -134,8 +134,8 @@ def test_the_inhibit_time_lies_between_two_of_them() -> None:
 
 
 def test_from_a_source_to_who_lists_it() -> None:
-    source = node(7, Pdo("TPDO", 1, (), multiplexed="SAM"), *scanner(0x04_6401_01))
-    into = Pdo("RPDO", 1, (), cob_id=0x187, multiplexed="SAM")
+    source = node(7, PdoConfig("TPDO", 1, (), multiplexed="SAM"), *scanner(0x04_6401_01))
+    into = PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="SAM")
     listener = node(5, into, *dispatcher(0x02_2000_03_6401_01_07, 0x01_2102_00_6401_04_07, 0x01_2101_00_6401_03_08))
     stranger = node(6, into, *dispatcher(0x01_2000_01_6401_01_09))
     bus = VirtualBus()
@@ -154,7 +154,7 @@ def test_from_a_source_to_who_lists_it() -> None:
 
 
 def test_a_destination_takes_what_is_for_it_or_for_all() -> None:
-    device = node(5, Pdo("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
+    device = node(5, PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
     for text in ("187#85002001FEFF0000", "187#800020020300FFFF", "187#8600200304000000", "187#0500200304000000"):
         assert hear(device, text) == []
     assert [device.objects.get(0x2000, sub) for sub in (1, 2, 3)] == [-2, 3, 0]
@@ -163,7 +163,7 @@ def test_a_destination_takes_what_is_for_it_or_for_all() -> None:
 
 
 def test_a_destination_that_is_not_there_is_told() -> None:
-    device = node(5, Pdo("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
+    device = node(5, PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
     assert hear(device, "187#8500500100000000") == ["085#3082110050010000"]
     assert hear(device, "187#8600500100000000") == []
     assert hear(device, "187#8500210001000000") == []  # u64 does not fit: the error is there already
@@ -174,8 +174,8 @@ def test_a_destination_that_is_not_there_is_told() -> None:
 
 
 def test_telling_another_node() -> None:
-    source = node(7, Pdo("TPDO", 1, (), inhibit=100, multiplexed="DAM"))
-    device = node(5, Pdo("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
+    source = node(7, PdoConfig("TPDO", 1, (), inhibit=100, multiplexed="DAM"))
+    device = node(5, PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
     said = source.pdo.tell(1, Mpdo("DAM", 5, 0x2000, 1, b"\x01\x00"), 0.0)
     said += source.pdo.tell(1, Mpdo("DAM", 0, 0x2000, 2, b"\x02\x00"), 0.0)
     assert [str(frame) for frame in said] == ["187#8500200101000000"]
@@ -198,7 +198,7 @@ def test_telling_another_node() -> None:
 
 
 def test_configured_by_sdo_and_read_from_a_dictionary() -> None:
-    device = LocalNode(5, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (), type=1)])
+    device = LocalNode(5, objects(*scanner(0x01_6401_01)), [PdoConfig("TPDO", 1, (), type=1)])
     device.start(0.0)
     ok = "585#6000{}0000000000"
     assert hear(device, "605#2F001A00FE000000") == ["585#80001A0000000106"]  # it is on
@@ -214,32 +214,32 @@ def test_configured_by_sdo_and_read_from_a_dictionary() -> None:
 
 
 def test_a_type_that_does_not_go_with_it_is_refused_and_not_silently_off() -> None:
-    device = node(7, Pdo("TPDO", 1, (), multiplexed="SAM"), *scanner(0x01_6401_01))
+    device = node(7, PdoConfig("TPDO", 1, (), multiplexed="SAM"), *scanner(0x01_6401_01))
     for number in ("00", "01", "F0", "FC", "FD"):
         assert hear(device, f"607#2F001802{number}000000") == ["587#8000180230000906"]
     assert hear(device, "607#2F001802FE000000")[0] == "587#6000180200000000"
     for type in (1, 252, 253):
         with pytest.raises(EncodeError, match=f"TPDO1 is multiplexed: expected type 254 or 255, here is {type}"):
-            LocalNode(7, objects(), [Pdo("TPDO", 1, (), type=type, multiplexed="SAM")])
+            LocalNode(7, objects(), [PdoConfig("TPDO", 1, (), type=type, multiplexed="SAM")])
     with pytest.raises(EncodeError, match="TPDO1 is multiplexed, so it maps nothing"):
-        Pdo("TPDO", 1, (0x20000110,), multiplexed="DAM")
+        PdoConfig("TPDO", 1, (0x20000110,), multiplexed="DAM")
 
 
 @pytest.mark.parametrize(
-    "manner", [PdoConfigPolicy(), PdoConfigPolicy(skip_equal=True), PdoConfigPolicy(order="first")]
+    "policy", [PdoConfigPolicy(), PdoConfigPolicy(skip_equal=True), PdoConfigPolicy(order="first")]
 )
-def test_a_master_reads_and_writes_it(manner: PdoConfigPolicy) -> None:
-    device = LocalNode(7, objects(*scanner(0x01_6401_01)), [Pdo("TPDO", 1, (0x64010110,), type=1)])
+def test_a_master_reads_and_writes_it(policy: PdoConfigPolicy) -> None:
+    device = LocalNode(7, objects(*scanner(0x01_6401_01)), [PdoConfig("TPDO", 1, (0x64010110,), type=1)])
     bus = VirtualBus()
     bus.add(device, said=device.start(0.0))
-    wanted = Pdo("TPDO", 1, (), type=254, cob_id=0x187, inhibit=100, multiplexed="SAM")
-    bus.run(write_pdo(7, wanted, manner=manner))
+    wanted = PdoConfig("TPDO", 1, (), type=254, cob_id=0x187, inhibit=100, multiplexed="SAM")
+    bus.run(write_pdo(7, wanted, policy=policy))
     assert bus.run(read_pdo(7, "TPDO", 1)) == wanted
-    bus.run(write_pdo(7, wanted, manner=manner))
+    bus.run(write_pdo(7, wanted, policy=policy))
     assert "187#0701640101000000" in [str(frame) for frame in device.feed(CanFrame.parse("000#0107"), bus.now)]
     with pytest.raises(EncodeError, match="TPDO1 of node 7 is a multiplexed PDO"):
         RemotePdo.of(7, wanted)
     device.feed(CanFrame.parse("000#8007"), bus.now)
-    plain = Pdo("TPDO", 1, (0x64010110,), type=254, cob_id=0x187)
-    bus.run(write_pdo(7, plain, manner=manner))
+    plain = PdoConfig("TPDO", 1, (0x64010110,), type=254, cob_id=0x187)
+    bus.run(write_pdo(7, plain, policy=policy))
     assert bus.run(read_pdo(7, "TPDO", 1)) == plain

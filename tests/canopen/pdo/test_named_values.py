@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Channel, Entry, ObjectDictionary, Pdo, SdoServer
-from barewire.canopen.pdo.named_values import PdoListener, RemotePdo, remote_pdo
+from barewire.canopen import CanFrame, Channel, Entry, ObjectDictionary, PdoConfig, SdoServer
+from barewire.canopen.pdo.named_values import PdoConsumer, RemotePdo, remote_pdo
 from barewire.errors import EncodeError
 from tests.canopen.sdo.sdo_bus import Bus, Store
 
@@ -21,7 +21,7 @@ def test_the_pdo_of_a_device_with_names() -> None:
     remote = bus.run(remote_pdo(Channel(5), "TPDO", 1, objects))
     assert remote.key == (0x185, False)
     assert remote.decode(CanFrame.parse("185#3706FF")) == {"statusword": 0x0637, "mode": -1}
-    listener = PdoListener([remote])
+    listener = PdoConsumer([remote])
     assert listener.deadline is None
     (good,) = listener.feed(CanFrame.parse("185#3706FF"), 1.5)
     (bad,) = listener.feed(CanFrame.parse("185#3706"), 2.5)
@@ -32,4 +32,4 @@ def test_the_pdo_of_a_device_with_names() -> None:
 
 def test_a_pdo_that_is_switched_off_has_no_identifier() -> None:
     with pytest.raises(EncodeError, match="RPDO5 of node 5 is switched off"):
-        RemotePdo.of(5, Pdo("RPDO", 5, (0x60400010,)))
+        RemotePdo.of(5, PdoConfig("RPDO", 5, (0x60400010,)))

@@ -9,7 +9,7 @@ from barewire.canopen import (
     Entry,
     LocalNode,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     PdoConfigPolicy,
     SdoAbort,
     mapping_of,
@@ -21,10 +21,10 @@ from barewire.canopen.sdo import SdoServer
 from barewire.errors import DecodeError, EncodeError
 from tests.canopen.virtual_bus import VirtualBus
 
-TPDO1 = Pdo("TPDO", 1, (0x60410010, 0x60640020), type=1, inhibit=10, event_timer=500, sync_start=3)
+TPDO1 = PdoConfig("TPDO", 1, (0x60410010, 0x60640020), type=1, inhibit=10, event_timer=500, sync_start=3)
 
 
-def bus_with(*pdos: Pdo) -> tuple[VirtualBus, LocalNode]:
+def bus_with(*pdos: PdoConfig) -> tuple[VirtualBus, LocalNode]:
     objects = [
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
@@ -48,10 +48,10 @@ def writes(bus: VirtualBus) -> list[str]:
 
 
 def test_what_was_written_is_read() -> None:
-    bus, _ = bus_with(Pdo("TPDO", 1, ()), Pdo("RPDO", 1, (0x60400010,)))
+    bus, _ = bus_with(PdoConfig("TPDO", 1, ()), PdoConfig("RPDO", 1, (0x60400010,)))
     bus.run(write_pdo(5, TPDO1))
     read = bus.run(read_pdo(5, "TPDO", 1))
-    assert read == Pdo("TPDO", 1, TPDO1.mapping, type=1, cob_id=0x185, inhibit=10, event_timer=500, sync_start=3)
+    assert read == PdoConfig("TPDO", 1, TPDO1.mapping, type=1, cob_id=0x185, inhibit=10, event_timer=500, sync_start=3)
     assert bus.run(read_pdo(5, "RPDO", 1)).cob_id == 0x205
     bus.inject("000#0105", bus.now)
     bus.inject("080#03", bus.now)
@@ -59,19 +59,19 @@ def test_what_was_written_is_read() -> None:
 
 
 def test_the_order_is_the_safe_one() -> None:
-    bus, _ = bus_with(Pdo("TPDO", 1, (0x60410010,), cob_id=0x195))
+    bus, _ = bus_with(PdoConfig("TPDO", 1, (0x60410010,), cob_id=0x195))
     bus.run(write_pdo(5, TPDO1))
     mapping = ["1A00:0=0", "1A00:1=60410010", "1A00:2=60640020", "1A00:0=2"]
     parameters = ["1800:2=1", "1800:3=A", "1800:5=1F4", "1800:6=3"]
     assert writes(bus) == ["1800:1=80000195", *mapping, *parameters, "1800:1=185"]
     bus.log.clear()
-    bus.run(write_pdo(5, TPDO1, manner=PdoConfigPolicy(order="first")))
+    bus.run(write_pdo(5, TPDO1, policy=PdoConfigPolicy(order="first")))
     assert writes(bus) == ["1800:1=80000185", *parameters, *mapping, "1800:1=185"]
 
 
 def test_what_is_equal_is_left_out_where_the_device_wants_it_so() -> None:
     bus, _ = bus_with(TPDO1)
-    bus.run(write_pdo(5, TPDO1, manner=PdoConfigPolicy(skip_equal=True)))
+    bus.run(write_pdo(5, TPDO1, policy=PdoConfigPolicy(skip_equal=True)))
     assert writes(bus) == ["1800:1=80000185", "1800:1=185"]
 
 
@@ -99,16 +99,16 @@ class Locked:
 
 
 @pytest.mark.parametrize(
-    "manner", [PdoConfigPolicy(), PdoConfigPolicy(mapping="fixed"), PdoConfigPolicy(skip_equal=True)]
+    "policy", [PdoConfigPolicy(), PdoConfigPolicy(mapping="fixed"), PdoConfigPolicy(skip_equal=True)]
 )
-def test_a_constant_mapping_is_compared(manner: PdoConfigPolicy) -> None:
+def test_a_constant_mapping_is_compared(policy: PdoConfigPolicy) -> None:
     bus, device = VirtualBus(), Locked()
     bus.add(device)
-    bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,), type=1), manner=manner))
+    bus.run(write_pdo(5, PdoConfig("TPDO", 1, (0x60410010,), type=1), policy=policy))
     assert (device.objects.get(0x1800, 1), device.objects.get(0x1800, 2)) == (0x185, 1)
     assert bus.run(read_pdo(5, "TPDO", 1)).event_timer == 0
     with pytest.raises(EncodeError, match="TPDO1 maps 60410010 and cannot be changed; wanted is nothing") as caught:
-        bus.run(write_pdo(5, Pdo("TPDO", 1, ()), manner=manner))
+        bus.run(write_pdo(5, PdoConfig("TPDO", 1, ()), policy=policy))
     assert caught.value.__notes__ == ["TPDO1 of node 5 is left switched off"]
     assert device.objects.get(0x1800, 1) == 0x80000185
 
@@ -117,9 +117,9 @@ def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
     bus, device = VirtualBus(), Locked()
     bus.add(device)
     with pytest.raises(SdoAbort, match="1800h:05: 0609 0011h"):
-        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,), event_timer=100)))
+        bus.run(write_pdo(5, PdoConfig("TPDO", 1, (0x60410010,), event_timer=100)))
     with pytest.raises(SdoAbort, match="0601 0002h"):
-        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010,)), manner=PdoConfigPolicy(mapping="variable")))
+        bus.run(write_pdo(5, PdoConfig("TPDO", 1, (0x60410010,)), policy=PdoConfigPolicy(mapping="variable")))
     with pytest.raises(SdoAbort):
         bus.run(read_pdo(5, "RPDO", 1))
     assert bus.run(read_pdo(5, "TPDO", 2)).multiplexed == "DAM"
@@ -131,14 +131,14 @@ def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
 def test_what_cannot_be_mapped_is_known_before_anything_is_said() -> None:
     bus, _ = bus_with(TPDO1)
     with pytest.raises(EncodeError, match="80 bits"):
-        bus.run(write_pdo(5, Pdo("TPDO", 1, (0x60410010, 0x60640020, 0x60640020))))
+        bus.run(write_pdo(5, PdoConfig("TPDO", 1, (0x60410010, 0x60640020, 0x60640020))))
     assert writes(bus) == []
 
 
 def test_names_and_placeholders() -> None:
     objects = ObjectDictionary([Entry(0x6041, 0, "statusword", "u16"), Entry(0x6064, 0, "position", "i32")])
     words = (0x60410010, 0x00050008, 0x2FFF0004, 0x60640014, 0x60640008, 0x60410008)
-    mapping = mapping_of(Pdo("TPDO", 1, words), objects)
+    mapping = mapping_of(PdoConfig("TPDO", 1, words), objects)
     assert mapping.unpack(bytes.fromhex("3706 AA F5FFFF FF 12")) == {
         "statusword": 0x0637,
         "2FFFh:00": 5,
@@ -150,9 +150,9 @@ def test_names_and_placeholders() -> None:
 
 def test_pdos_out_of_a_dictionary() -> None:
     pdos = [
-        Pdo("RPDO", 1, (0x60400010,), event_timer=7),
-        Pdo("TPDO", 2, (0x60410010,), type=1, cob_id=0x1A0),
-        Pdo("TPDO", 5, ()),
+        PdoConfig("RPDO", 1, (0x60400010,), event_timer=7),
+        PdoConfig("TPDO", 2, (0x60410010,), type=1, cob_id=0x1A0),
+        PdoConfig("TPDO", 5, ()),
     ]
     _, device = bus_with(*pdos)
     device.objects.replace(Entry(0x1A01, 0, "entries", "u8", "rw", 1))

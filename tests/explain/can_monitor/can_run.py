@@ -17,7 +17,7 @@ from barewire.canopen import (
     NmtCommand,
     NmtMessage,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
     SyncProducer,
     TimeStamp,
     download,
@@ -72,7 +72,7 @@ def plain() -> LocalNode:
             Entry(0x6001, 0, "alarm", "i16", "rw", 800, minimum=0, maximum=1500),
         ]
     )
-    return LocalNode(PLAIN, objects, [Pdo("TPDO", 1, (0x60000010,), type=255)], lss=LssSlave(IDENTITY))
+    return LocalNode(PLAIN, objects, [PdoConfig("TPDO", 1, (0x60000010,), type=255)], lss=LssSlave(IDENTITY))
 
 
 def refused(conversation: Conversation[CanFrame, Any]) -> Conversation[CanFrame, SdoAbort]:
@@ -105,7 +105,7 @@ def recorded() -> tuple[tuple[float, CanFrame], ...]:
     bus.run(upload(channel, 0x2100, 0, block=BlockSettings(size=100)))
     bus.run(upload(channel, 0x2101, 0))
     bus.run(refused(download(channel, 0x6001, 0, b"\x08\x07")))
-    write = write_pdo(channel, Pdo("TPDO", 1, (0x60010010, 0x60000010), type=255))
+    write = write_pdo(channel, PdoConfig("TPDO", 1, (0x60010010, 0x60000010), type=255))
     bus.run(write)
     bus.inject(str(NmtMessage(NmtCommand.START, 0).encode()), bus.now)
     bus.inject(str(TimeStamp.of_unix(EPOCH_2024).encode()), bus.now + 0.001)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame
-from barewire.canopen.lss.messages import ANSWERS, REQUESTS
+from barewire.canopen.lss.messages import LSS_ANSWERS, LSS_REQUESTS
 from barewire.errors import EncodeError
 from barewire.explain import Explanation, Role, explain, explain_text
 from barewire.explain.canopen.frame import explain_segment
@@ -219,9 +219,9 @@ def test_an_abort_is_80h_and_nothing_else() -> None:
     assert explain_segment(CanFrame.parse("585#8341600000000206")).verdict.endswith("segment 3 of a block, the last")
 
 
-@pytest.mark.parametrize("service", sorted(REQUESTS | ANSWERS))
+@pytest.mark.parametrize("service", sorted(LSS_REQUESTS | LSS_ANSWERS))
 def test_every_service_of_lss_is_known_in_its_directions_only(service: int) -> None:
-    for identifier, known in ((0x7E5, REQUESTS), (0x7E4, ANSWERS)):
+    for identifier, known in ((0x7E5, LSS_REQUESTS), (0x7E4, LSS_ANSWERS)):
         said = explain("can", CanFrame(identifier, bytes([service]) + bytes(7)))
         assert said.valid == (service in known), said.lines()
         assert (said.fields[1].meaning == "unknown") == (service not in known)

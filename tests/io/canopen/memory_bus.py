@@ -16,7 +16,7 @@ from barewire.canopen import (
     LssAddress,
     LssSlave,
     ObjectDictionary,
-    Pdo,
+    PdoConfig,
 )
 from barewire.canopen.communication_objects import standard_objects
 from barewire.errors import PortError
@@ -82,7 +82,7 @@ def objects() -> ObjectDictionary:
 
 def device(node: int | None = 5) -> LocalNode:
     """With two PDOs and LSS."""
-    pdos = [Pdo("RPDO", 1, (0x60400010, 0x60FF0020)), Pdo("TPDO", 1, (0x60410010, 0x60FF0020), type=1)]
+    pdos = [PdoConfig("RPDO", 1, (0x60400010, 0x60FF0020)), PdoConfig("TPDO", 1, (0x60410010, 0x60FF0020), type=1)]
     return LocalNode(node, objects(), pdos, lss=LssSlave(IDENTITY, store=lambda node, rate: True))
 
 

@@ -21,7 +21,7 @@ from barewire.canopen import (
     LssState,
     NmtCommand,
     NmtState,
-    Pdo,
+    PdoConfig,
     SdoAbort,
     scan,
 )
@@ -30,7 +30,7 @@ from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
 from barewire.canopen.pdo.named_values import PdoReceived
 from barewire.canopen.sync import SyncEvent
-from barewire.canopen.time_stamp import TimeHeard
+from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io import CanopenClient, open_canopen, open_host
@@ -172,7 +172,7 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
             await get(client.send_sync(3))
             clock = client.start_time(60.0)
             heard = await get(times.get(30.0))
-            assert isinstance(heard, TimeHeard)
+            assert isinstance(heard, TimeReceived)
             clock.stop()
             await get(client.send_time(1709210096.789))
             assert (await get(times.get(30.0))).stamp.unix == 1709210096.789
@@ -243,7 +243,7 @@ def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, LocalNo
                 other.send_sync(key=sync)
                 other.send_time(1.5e9, key=clock)
             assert isinstance(await get(beats.get(30.0)), SyncEvent)
-            assert isinstance(await get(times.get(30.0)), TimeHeard)
+            assert isinstance(await get(times.get(30.0)), TimeReceived)
 
     walk(tour, kind, url)
 
@@ -270,7 +270,7 @@ def test_pdos_by_name(kind: str, thing: tuple[str, LocalNode]) -> None:
 
     async def tour(client: Any) -> None:
         rpdo = await get(client.remote_pdo("RPDO", 1, objects=node.objects))
-        await get(client.write_pdo(Pdo("TPDO", 1, (0x60FF0020, 0x60410010), type=1)))
+        await get(client.write_pdo(PdoConfig("TPDO", 1, (0x60FF0020, 0x60410010), type=1)))
         tpdo = await get(client.remote_pdo("TPDO", 1, objects=node.objects))
         assert tpdo.pdo.mapping == (await get(client.read_pdo("TPDO", 1))).mapping == (0x60FF0020, 0x60410010)
         with client.pdos(tpdo) as stream:
@@ -509,7 +509,7 @@ async def types(client: CanopenClient, awaited: AsyncCanopenClient) -> None:
     """For mypy, which knows what each word gives on either client; not run."""
     assert_type(client.upload(0x6041), bytes)
     assert_type(await awaited.upload(0x6041), bytes)
-    assert_type(client.read_pdo("TPDO", 1), Pdo)
+    assert_type(client.read_pdo("TPDO", 1), PdoConfig)
     assert_type(await awaited.fastscan(), LssAddress | None)
     assert_type(client.emergencies(), Stream[EmcyEvent])
     assert_type(awaited.emergencies(), AsyncStream[EmcyEvent])

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen import CanFrame, Pdo
+from barewire.canopen import CanFrame, PdoConfig
 from barewire.errors import EncodeError
 from barewire.io import CanopenClient
 from barewire.io.canopen.async_client import AsyncCanopenClient
@@ -39,7 +39,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "no PDO before the first": lambda c: c.read_pdo("TPDO", 0),
     "no PDO behind the last": lambda c: c.read_pdo("RPDO", 513),
     "no such direction": lambda c: c.read_pdo("XPDO", 1),
-    "a mapping is no PDO": lambda c: c.write_pdo(Pdo("TPDO", 513, ())),
+    "a mapping is no PDO": lambda c: c.write_pdo(PdoConfig("TPDO", 513, ())),
     "node 0": lambda c: c.upload(0x1000, node=0),
 }
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.canopen import CanFrame, Entry, ErrorFrame, LocalNode, NmtCommand, NmtState, ObjectDictionary, Pdo
+from barewire.canopen import CanFrame, Entry, ErrorFrame, LocalNode, NmtCommand, NmtState, ObjectDictionary, PdoConfig
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
@@ -29,7 +29,7 @@ PATIENCE = 30.0
 def thermometer() -> LocalNode:
     """It has no heartbeat: nothing brings it to speak but its value."""
     objects = ObjectDictionary([*standard_objects(), Entry(0x6000, 0, "temperature", "i16", "ro", 215)])
-    return LocalNode(5, objects, [Pdo("TPDO", 1, (0x60000010,))])
+    return LocalNode(5, objects, [PdoConfig("TPDO", 1, (0x60000010,))])
 
 
 def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:

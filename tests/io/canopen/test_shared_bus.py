@@ -33,7 +33,7 @@ def test_frames_go_to_who_wants_their_identifier_and_kind() -> None:
             assert [str(everything.receive(30.0)) for _ in texts] == texts
         assert [str(ours.receive(30.0)), str(ours.receive(30.0)), ours.receive(0.0)] == ["585#01", "585#R1", None]
         assert [str(foreign.receive(30.0)), foreign.receive(0.0)] == ["00000585#02", None]
-        assert (bus.presence.frames, bus.presence.count(0x585)) == (4, 2)
+        assert (bus.monitor.frames, bus.monitor.count(0x585)) == (4, 2)
 
 
 def test_what_one_sends_the_others_on_the_bus_object_hear() -> None:

@@ -1,14 +1,15 @@
-"""Who may talk now: some talks on a bus disturb each other, most do not.
+"""Locks on SDO channels and on LSS: which conversations of one bus may run at the same time.
 
-        waiting, the oldest first       605h/585h    605h/585h    606h/586h    everything    607h/587h
-        who goes ahead                  now          waits        now          waits         waits
+        requests, the oldest first      605h/585h    605h/585h    606h/586h    everything    607h/587h
+                                        granted      waits        granted      waits         waits
 
-A transfer claims its SDO channel, because two at once on one pair of identifiers would take each other's answers; LSS
-claims the one master that a bus has. Whoever does not say what it needs claims everything. A claim goes ahead when no
-older one wants any of the same, so nobody is overtaken for ever, and since all keys are claimed at once, no two wait
-for each other.
+An SDO transfer locks its channel, because two transfers on one pair of identifiers would take each other's answers.
+LSS locks the role of the master, of which a bus has one. A conversation without keys locks everything.
 
-I know: who wants what, in which order.  I never know: threads, tasks, what a key stands for.
+No starvation: a lock is granted as soon as no older request shares a key with it, so no request is overtaken for ever.
+No deadlock: a conversation requests all of its keys at once, so no two wait for each other.
+
+Depends on: nothing but keys and their order; waiting is the caller's. Used by: the shared bus of `barewire.io`.
 """
 
 from __future__ import annotations
@@ -17,77 +18,77 @@ from collections.abc import Callable, Hashable
 
 from barewire.errors import EncodeError
 
-Keys = frozenset[Hashable]
+LockKeys = frozenset[Hashable]
 
 
 def _ignore() -> None:
-    """Nobody waits."""
+    """The default of `wake`."""
 
 
 class ChannelLock:
-    """One talk's place in the line. `keys` None is everything; `wake` is called when it may go ahead after waiting."""
+    """One request in the queue. `keys` None locks everything; `wake` is called when a waiting lock is granted."""
 
-    __slots__ = ("going", "keys", "owner", "wake")
+    __slots__ = ("granted", "keys", "owner", "wake")
 
-    def __init__(self, keys: Keys | None, owner: Hashable, wake: Callable[[], None]) -> None:
+    def __init__(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> None:
         self.keys = keys
         self.owner = owner
         self.wake = wake
-        self.going = False
+        self.granted = False
 
-    def meets(self, other: ChannelLock) -> bool:
-        """Whether the two want something of the same."""
+    def conflicts_with(self, other: ChannelLock) -> bool:
+        """Whether the two share a key."""
         if self.keys is None or other.keys is None:
             return (self.keys is None or bool(self.keys)) and (other.keys is None or bool(other.keys))
         return not self.keys.isdisjoint(other.keys)
 
 
 class ChannelLocks:
-    """The line.
+    """The queue of requests.
 
-    >>> claims = ChannelLocks()
-    >>> first, second, other = (claims.join(frozenset({node})) for node in (5, 5, 6))
-    >>> first.going, second.going, other.going
+    >>> locks = ChannelLocks()
+    >>> first, second, other = (locks.request(frozenset({node})) for node in (5, 5, 6))
+    >>> first.granted, second.granted, other.granted
     (True, False, True)
-    >>> claims.leave(first)
-    >>> second.going
+    >>> locks.release(first)
+    >>> second.granted
     True
     """
 
-    __slots__ = ("_line",)
+    __slots__ = ("_queue",)
 
     def __init__(self) -> None:
-        self._line: dict[ChannelLock, None] = {}  # in the order in which they came
+        self._queue: dict[ChannelLock, None] = {}  # in the order of the requests
 
     def __len__(self) -> int:
-        return len(self._line)
+        return len(self._queue)
 
-    def join(self, keys: Keys | None, owner: Hashable = None, wake: Callable[[], None] = _ignore) -> ChannelLock:
-        """Stand in the line. Whoever joins leaves, whether it went ahead or gave up before.
+    def request(self, keys: LockKeys | None, owner: Hashable = None, wake: Callable[[], None] = _ignore) -> ChannelLock:
+        """Append a request. Every request must be released, whether it was granted or given up.
 
-        `owner` is who talks, if that is known: EncodeError if it holds already what it would wait for, because then
-        it would wait for itself.
+        `owner` is the thread or task of the conversation, if known. EncodeError if the owner already holds a lock that
+        this request would wait for, because then it would wait for itself.
         """
-        claim = ChannelLock(keys, owner, wake)
-        going = True
-        for older in self._line:
-            if older.meets(claim):
-                going = False
-                if owner is not None and older.owner == owner and older.going:
-                    raise EncodeError("a talk on this bus was begun inside another one that has to end first")
-        claim.going = going
-        self._line[claim] = None
-        return claim
+        lock = ChannelLock(keys, owner, wake)
+        granted = True
+        for older in self._queue:
+            if older.conflicts_with(lock):
+                granted = False
+                if owner is not None and older.owner == owner and older.granted:
+                    raise EncodeError("a conversation on this bus was begun inside another one that has to end first")
+        lock.granted = granted
+        self._queue[lock] = None
+        return lock
 
-    def leave(self, claim: ChannelLock) -> None:
-        """The talk is over, or no longer wanted: whoever waited for it only goes ahead."""
-        self._line.pop(claim, None)
+    def release(self, lock: ChannelLock) -> None:
+        """Remove a request, granted or waiting, and grant those that waited for nothing else."""
+        self._queue.pop(lock, None)
         taken: set[Hashable] = set()
-        for waiting in self._line:
+        for waiting in self._queue:
             keys = waiting.keys
-            if not waiting.going and (not taken if keys is None else taken.isdisjoint(keys)):
-                waiting.going = True
+            if not waiting.granted and (not taken if keys is None else taken.isdisjoint(keys)):
+                waiting.granted = True
                 waiting.wake()
             if keys is None:
-                return  # whoever came behind one that wants everything stays behind it
+                return  # every request behind one for everything waits for it
             taken |= keys

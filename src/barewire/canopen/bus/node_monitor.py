@@ -26,7 +26,7 @@ RECENT = 10.0
 """Seconds for which a report of the controller is worth telling."""
 
 
-class Mark(NamedTuple):
+class TrafficMark(NamedTuple):
     """A moment in what was heard, to count from."""
 
     frames: int
@@ -36,11 +36,11 @@ class Mark(NamedTuple):
 class NodeMonitor:
     """Listens to everybody. A machine without events: it is asked.
 
-    >>> presence = NodeMonitor()
-    >>> mark = presence.mark(0x585)
-    >>> presence.feed(CanFrame.parse("705#7F"), 1.0)
+    >>> monitor = NodeMonitor()
+    >>> mark = monitor.mark(0x585)
+    >>> monitor.feed(CanFrame.parse("705#7F"), 1.0)
     []
-    >>> presence.explain(5, 0x585, mark, 4.0, answers=0)
+    >>> monitor.explain_silence(5, 0x585, mark, 4.0, answers=0)
     'node 5 last heard 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus meanwhile'
     """
 
@@ -102,11 +102,11 @@ class NodeMonitor:
         except DecodeError:
             return None
 
-    def mark(self, answer_id: int) -> Mark:
+    def mark(self, answer_id: int) -> TrafficMark:
         """The counts as they are now."""
-        return Mark(self.frames, self._extended.get(answer_id, 0))
+        return TrafficMark(self.frames, self._extended.get(answer_id, 0))
 
-    def explain(self, node: int, answer_id: int, since: Mark, now: float, *, answers: int) -> str:
+    def explain_silence(self, node: int, answer_id: int, since: TrafficMark, now: float, *, answers: int) -> str:
         """Why a node may have been silent: everything that was heard, in one sentence. `answers` is how many frames
         came on `answer_id` since then."""
         frames = self.frames - since.frames

@@ -30,7 +30,7 @@ DEVICE_TYPE = 0x1000
 
 
 @dataclass(slots=True)
-class Found:
+class ScannedNode:
     """A node, and why.
 
     `device_type` is 1000h if it was told, `abort` the code of a node that refused to tell, `answered_after` how many
@@ -53,17 +53,17 @@ class Found:
     def why(self) -> str:
         """The evidence in words.
 
-        >>> Found(5, evidence={"answered": 1, "heartbeat": 3}).why
+        >>> ScannedNode(5, evidence={"answered": 1, "heartbeat": 3}).why
         'answered, heartbeat (3 times)'
         """
         return ", ".join(what + (f" ({times} times)" if times > 1 else "") for what, times in self.evidence.items())
 
 
 @dataclass(slots=True)
-class Survey:
+class ScanResult:
     """The result: the nodes by number, and what was heard beside them."""
 
-    nodes: dict[int, Found] = field(default_factory=dict)
+    nodes: dict[int, ScannedNode] = field(default_factory=dict)
     frames: int = 0
     extended: int = 0  # of another protocol
     unknown: int = 0  # base frames that are nobody's sign of life
@@ -77,8 +77,8 @@ def scan(
     timeout: float = 0.1,
     listen: float = 0.0,
     ask: bool = True,
-    progress: Callable[[int, Survey], None] | None = None,
-) -> Conversation[CanFrame, Survey]:
+    progress: Callable[[int, ScanResult], None] | None = None,
+) -> Conversation[CanFrame, ScanResult]:
     """Ask the nodes for their device type and listen to everybody meanwhile.
 
     `listen` so many seconds before the first question: with a little more than the longest heartbeat time, stopped
@@ -91,7 +91,7 @@ def scan(
     >>> [(found.node, f"{found.device_type:08X}h", found.why) for found in survey.nodes.values()]
     [(5, '00020192h', 'answered')]
     """
-    survey = Survey()
+    survey = ScanResult()
     asked: dict[int, float] = {}  # node -> when
     left = [check_node(node) for node in nodes] if ask else []
     left.reverse()
@@ -122,7 +122,7 @@ def scan(
 _QUESTION = InitiateUpload(DEVICE_TYPE, 0).encode()
 
 
-def _note(survey: Survey, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
+def _note(survey: ScanResult, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
     """What the frame is evidence of. Returned is what must be said to it: the end of a transfer that nobody wants."""
     survey.frames += 1
     survey.extended += frame.extended
@@ -149,7 +149,9 @@ def _note(survey: Survey, frame: CanFrame, asked: dict[int, float], now: float) 
     return None
 
 
-def _note_answer(survey: Survey, node: int, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
+def _note_answer(
+    survey: ScanResult, node: int, frame: CanFrame, asked: dict[int, float], now: float
+) -> CanFrame | None:
     answer = decode_sdo_response(frame.data)
     found = _at(survey, node)
     ours = node in asked and (getattr(answer, "index", None), getattr(answer, "sub", None)) == (DEVICE_TYPE, 0)
@@ -167,5 +169,5 @@ def _note_answer(survey: Survey, node: int, frame: CanFrame, asked: dict[int, fl
     return None
 
 
-def _at(survey: Survey, node: int) -> Found:
-    return survey.nodes.setdefault(node, Found(node))
+def _at(survey: ScanResult, node: int) -> ScannedNode:
+    return survey.nodes.setdefault(node, ScannedNode(node))

@@ -9,7 +9,7 @@ While TIME is heard or produced, its identifier stays as it is: 0609 0030h.
 from __future__ import annotations
 
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.communication_objects import guard_cob_id, number
+from barewire.canopen.communication_objects import read_integer, validate_cob_id_writes
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
@@ -30,14 +30,14 @@ class DeviceConsumers:
         self.objects = objects
         self.time = TimeConsumer()
         self.emergencies = EmcyConsumer(listed_only=True, history=HISTORY)
-        guard_cob_id(objects, TIME, lambda entry: entry.bit30 or entry.bit31)
+        validate_cob_id_writes(objects, TIME, lambda entry: entry.bit30 or entry.bit31)
 
     def follow(self) -> None:
         """What the objects say now."""
-        entry = CobEntry.unpack(number(self.objects, TIME, default=TIME_HEARD))
+        entry = CobEntry.unpack(read_integer(self.objects, TIME, default=TIME_HEARD))
         self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
         listed = {
-            sub: CobEntry.unpack(number(self.objects, EMERGENCIES, sub)) for sub in self.objects.subs(EMERGENCIES)
+            sub: CobEntry.unpack(read_integer(self.objects, EMERGENCIES, sub)) for sub in self.objects.subs(EMERGENCIES)
         }
         self.emergencies.cob_ids = {
             (entry.identifier, entry.extended): node for node, entry in listed.items() if node and not entry.bit31
@@ -50,5 +50,5 @@ class DeviceConsumers:
 
     def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
         """The TIME message, if 1012h lets this device produce it."""
-        entry = CobEntry.unpack(number(self.objects, TIME))
+        entry = CobEntry.unpack(read_integer(self.objects, TIME))
         return [stamp.encode((entry.identifier, entry.extended))] if entry.bit30 else []

@@ -32,10 +32,10 @@ from collections.abc import Callable, Hashable, Iterable
 
 from barewire.canopen.cob_ids import NODE_MAX, check_node
 from barewire.canopen.device.consumers import DeviceConsumers
-from barewire.canopen.device.error_control import HEARTBEAT_ERROR, ErrorControl, guard_consumer_entries
-from barewire.canopen.device.sdo_channels import FurtherServers, guard_channels
+from barewire.canopen.device.error_control import HEARTBEAT_ERROR, ErrorControl, validate_consumer_writes
+from barewire.canopen.device.sdo_channels import AdditionalServers, validate_channel_writes
 from barewire.canopen.device.storage import StoredParameters
-from barewire.canopen.device.sync import WRONG_LENGTH, DeviceSync, guard_sync_objects
+from barewire.canopen.device.sync import WRONG_LENGTH, DeviceSync, validate_sync_writes
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.emcy.producer import EmcyProducer
 from barewire.canopen.frame import CanFrame
@@ -43,7 +43,7 @@ from barewire.canopen.lss.slave import LssSlave
 from barewire.canopen.nmt.heartbeat import HeartbeatProducer
 from barewire.canopen.nmt.messages import NmtCommand, NmtSlave, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.config import Pdo
+from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.pdo.engine import PdoEngine
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
@@ -80,7 +80,7 @@ class LocalNode:
         self,
         node: int | None,
         objects: ObjectDictionary,
-        pdos: Iterable[Pdo] = (),
+        pdos: Iterable[PdoConfig] = (),
         *,
         dialect: SdoDialect = STANDARD,
         on_reset: Callable[[NmtCommand], None] | None = None,
@@ -96,9 +96,9 @@ class LocalNode:
         self.stored = StoredParameters(objects)
         self.sync = DeviceSync(objects)
         self.ears = DeviceConsumers(objects)
-        guard_sync_objects(objects)
-        guard_consumer_entries(objects)
-        guard_channels(objects)
+        validate_sync_writes(objects)
+        validate_consumer_writes(objects)
+        validate_channel_writes(objects)
         self._pdos = tuple(pdos)
         self._on = False
         self._silent_until = self._due = _PAST
@@ -115,7 +115,7 @@ class LocalNode:
         self.errors.renumber(place)
         self.nmt = NmtSlave(place)
         self.sdo = SdoServer(place, self.objects, self.dialect)
-        self.channels = FurtherServers(place, self.objects, self.dialect)
+        self.channels = AdditionalServers(place, self.objects, self.dialect)
         self.pdo = PdoEngine(place, self.objects, self._pdos, self.errors)
         self.control = ErrorControl(place, self.objects)
         self.stored.put_back()

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from barewire.canopen.communication_objects import guard, number
+from barewire.canopen.communication_objects import read_integer, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatProducer, consumer_entry
 from barewire.canopen.nmt.messages import NmtState
@@ -28,24 +28,24 @@ HEARTBEAT_ERROR = 0x8130
 _LEADS_TO = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 
 
-class Missed(NamedTuple):
+class ErrorControlEvent(NamedTuple):
     """A node that is missed, or heard again (`gone`: the error is gone). Node 0 is the master that guards us."""
 
     node: int
     gone: bool
 
 
-def guard_consumer_entries(objects: ObjectDictionary) -> None:
+def validate_consumer_writes(objects: ObjectDictionary) -> None:
     """No node twice in 1016h: 0604 0043h."""
     for sub in objects.subs(CONSUMER)[1:]:
 
         def check(word: int, sub: int = sub) -> None:
             entry = consumer_entry(word)
-            others = [number(objects, CONSUMER, other) for other in objects.subs(CONSUMER)[1:] if other != sub]
+            others = [read_integer(objects, CONSUMER, other) for other in objects.subs(CONSUMER)[1:] if other != sub]
             if entry is not None and entry[0] in {other[0] for other in map(consumer_entry, others) if other}:
                 raise SdoAbort(AbortCode.INCOMPATIBLE_PARAMETER, CONSUMER, sub)
 
-        guard(objects, CONSUMER, sub, check)
+        validate_writes(objects, CONSUMER, sub, check)
 
 
 class ErrorControl:
@@ -88,11 +88,11 @@ class ErrorControl:
     def follow(self, now: float) -> None:
         """What the objects say now."""
         objects = self.objects
-        self.heartbeat.set_period(number(objects, HEARTBEAT_TIME) / 1000, now)
-        self.guarded.life_time = number(objects, GUARD_TIME) * number(objects, LIFE_FACTOR) / 1000
+        self.heartbeat.set_period(read_integer(objects, HEARTBEAT_TIME) / 1000, now)
+        self.guarded.life_time = read_integer(objects, GUARD_TIME) * read_integer(objects, LIFE_FACTOR) / 1000
         subs = objects.subs(CONSUMER)
         if subs:
-            entries = [consumer_entry(number(objects, CONSUMER, sub)) for sub in subs if sub]
+            entries = [consumer_entry(read_integer(objects, CONSUMER, sub)) for sub in subs if sub]
             times = dict(entry for entry in reversed(entries) if entry is not None)
             if times != self.consumer.times:
                 self.consumer.watch(times)
@@ -101,25 +101,25 @@ class ErrorControl:
         """Where an error of the communication leads a device in this state."""
         if state is not NmtState.OPERATIONAL:
             return state
-        return _LEADS_TO.get(number(self.objects, BEHAVIOUR, 1), state)
+        return _LEADS_TO.get(read_integer(self.objects, BEHAVIOUR, 1), state)
 
-    def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[Missed]]:
+    def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[ErrorControlEvent]]:
         """Frames to say, and who is missed or heard again."""
         said: list[CanFrame] = []
-        missed: list[Missed] = []
+        missed: list[ErrorControlEvent] = []
         if frame is None or frame.id >> 7 == 0x700 >> 7 or self.consumer.deadline is not None:
             for event in self.consumer.feed(frame, now):
                 if event.kind == "lost":
                     self._missing.add(event.node)
-                    missed.append(Missed(event.node, gone=False))
+                    missed.append(ErrorControlEvent(event.node, gone=False))
                 elif event.kind == "active" and event.node in self._missing:
                     self._missing.discard(event.node)
-                    missed.append(Missed(event.node, gone=True))
+                    missed.append(ErrorControlEvent(event.node, gone=True))
         if not self.heartbeat.period:
             for item in self.guarded.feed(frame, now):
                 if isinstance(item, CanFrame):
                     said.append(item)
                 else:
-                    missed.append(Missed(0, gone=item.kind == "resolved"))
+                    missed.append(ErrorControlEvent(0, gone=item.kind == "resolved"))
         said += self.heartbeat.feed(None, now)
         return said, missed

@@ -21,7 +21,7 @@ from dataclasses import replace
 
 from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.cob_ids import NODE_MAX, CobEntry, cob_id
-from barewire.canopen.communication_objects import change, guard, guard_cob_id, number
+from barewire.canopen.communication_objects import read_integer, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
@@ -39,22 +39,22 @@ ASKED, ANSWERED, NODE = 1, 2, 3
 Pair = tuple[CobEntry, CobEntry]
 
 
-def guard_channels(objects: ObjectDictionary) -> None:
+def validate_channel_writes(objects: ObjectDictionary) -> None:
     """The rules for writing 1201h to 12FFh, wherever the dictionary has them."""
     for index in range(SERVER_1 + 1, CLIENT_1 + CLIENTS_MAX):
         for sub in (ASKED, ANSWERED):
-            guard_cob_id(objects, index, lambda entry: not entry.bit31, sub)
+            validate_cob_id_writes(objects, index, lambda entry: not entry.bit31, sub)
 
         def node(value: int, index: int = index) -> None:
             if value > NODE_MAX:
                 raise SdoAbort(AbortCode.INVALID_VALUE, index, NODE)
 
-        guard(objects, index, NODE, node)
+        validate_writes(objects, index, NODE, node)
 
 
 def _pair(objects: ObjectDictionary, index: int) -> Pair | None:
     """The two COB-IDs of a channel, None while it is not in use."""
-    words = [number(objects, index, sub, default=-1) for sub in (ASKED, ANSWERED)]
+    words = [read_integer(objects, index, sub, default=-1) for sub in (ASKED, ANSWERED)]
     if -1 in words:
         return None
     asked, answered = map(CobEntry.unpack, words)
@@ -85,10 +85,10 @@ def client_channel(
     pair = _pair(objects, index)
     if pair is None:
         raise EncodeError(f"SDO client {client} is not in use: {index:04X}h is missing or has bit 31 set")
-    return Channel(number(objects, index, NODE), dialect, cob_ids=pair, node_monitor=node_monitor)
+    return Channel(read_integer(objects, index, NODE), dialect, cob_ids=pair, node_monitor=node_monitor)
 
 
-class FurtherServers:
+class AdditionalServers:
     """The SDO servers beyond the first of one device. `follow` obeys the objects. A machine.
 
     `servers` are those in use now, by number: 2 to 128.
@@ -96,7 +96,7 @@ class FurtherServers:
     >>> from barewire.canopen.object_dictionary import Entry
     >>> words = {1: 0x6A0, 2: 0x6A1}
     >>> objects = ObjectDictionary([Entry(0x1201, sub, "server 2", "u32", "rw", word) for sub, word in words.items()])
-    >>> more = FurtherServers(5, objects)
+    >>> more = AdditionalServers(5, objects)
     >>> more.follow()
     >>> [str(frame) for frame in more.feed(CanFrame.parse("6A0#4001120100000000"), 0.0)]
     ['6A1#43011201A0060000']
@@ -118,7 +118,7 @@ class FurtherServers:
     def _show(self, sub: int, word: int) -> None:
         if (SERVER_1, sub) in self.objects:
             entry = self.objects.entry(SERVER_1, sub)
-            change(self.objects, replace(entry, access="ro", on_read=lambda: word))
+            replace_entry(self.objects, replace(entry, access="ro", on_read=lambda: word))
 
     @property
     def deadline(self) -> float | None:

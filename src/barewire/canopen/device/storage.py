@@ -18,7 +18,7 @@ from dataclasses import replace
 from functools import partial
 
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.communication_objects import guard
+from barewire.canopen.communication_objects import validate_writes
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
@@ -30,7 +30,7 @@ ON_COMMAND = 1
 _AREAS = {1: (0x1000, 0x9FFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
 _MANUFACTURER = (0x2000, 0x5FFF)
 
-Place = tuple[int, int]
+ObjectAddress = tuple[int, int]
 
 
 class StoredParameters:
@@ -51,13 +51,13 @@ class StoredParameters:
 
     def __init__(self, objects: ObjectDictionary) -> None:
         self.objects = objects
-        self.values: dict[Place, Value] = {}
+        self.values: dict[ObjectAddress, Value] = {}
         for index, signature, act in ((STORE, SAVE, self._save), (RESTORE, LOAD, self._load)):
             for sub in objects.subs(index):
                 entry = objects.entry(index, sub)
                 if sub and entry.type == "u32" and entry.on_write is None and entry.on_read is None:
                     objects.replace(replace(entry, on_read=lambda: ON_COMMAND))
-                    guard(objects, index, sub, partial(self._command, index, sub, signature, act))
+                    validate_writes(objects, index, sub, partial(self._command, index, sub, signature, act))
 
     @staticmethod
     def _command(index: int, sub: int, signature: int, act: Callable[[int, int], None], word: int) -> None:

@@ -21,7 +21,7 @@ from barewire.canopen.cob_ids import check_node
 from barewire.canopen.datatypes import BY_CODE, RECORDS, object_codec
 from barewire.canopen.eds.diagnostics import Diagnostic
 from barewire.canopen.eds.value_syntax import Expression, Formula, read_integer
-from barewire.canopen.object_dictionary import Access, Entry, ObjectDictionary
+from barewire.canopen.object_dictionary import Entry, ObjectAccess, ObjectDictionary
 from barewire.codecs import Value
 from barewire.errors import EncodeError
 
@@ -142,7 +142,7 @@ def entries(document: Document, node: int | None) -> Iterator[Entry]:
         place = described.index, item.sub
         default = _counted(item.default, *place, node)
         low, high = _counted(item.low, *place, node), _counted(item.high, *place, node)
-        access: Access = "rw" if item.access == "rwr" or item.access == "rww" else item.access
+        access: ObjectAccess = "rw" if item.access == "rwr" or item.access == "rww" else item.access
         yield Entry(
             *place,
             item.name,

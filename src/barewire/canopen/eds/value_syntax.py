@@ -15,7 +15,7 @@ import struct
 from typing import NamedTuple
 
 from barewire.canopen.datatypes import BY_NAME, object_codec
-from barewire.canopen.time_types import DAY, Time, TimeDifference, TimeOfDay
+from barewire.canopen.time_types import DAY, TimeCodec, TimeDifference, TimeOfDay
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
 
@@ -231,7 +231,7 @@ def _of_integer(reading: ReadValue, type: str, text: str) -> ReadValue:
     if value is None or "bad-number" in rules:
         return ReadValue(None, rules)
     codec, number = object_codec(type), int(value.offset if isinstance(value, Formula) else value)
-    if isinstance(codec, Time):
+    if isinstance(codec, TimeCodec):
         try:
             return ReadValue(codec.decode(number.to_bytes(codec.size, "little")), rules)
         except (OverflowError, DecodeError):
@@ -265,8 +265,8 @@ def write_value(value: Expression, type: str, like: str = "") -> str:
         return written
     if type in ("octets", "domain"):
         return data.hex().upper()
-    if like[:2].lower() == "0x" or isinstance(codec, Time):
-        width = 2 * len(data) if type[0] == "f" or isinstance(codec, Time) else len(like) - 2
+    if like[:2].lower() == "0x" or isinstance(codec, TimeCodec):
+        width = 2 * len(data) if type[0] == "f" or isinstance(codec, TimeCodec) else len(like) - 2
         return f"0x{int.from_bytes(data, 'little'):0{width}X}"
     if isinstance(value, float) and type[0] != "f":
         return str(int(value))

@@ -18,7 +18,7 @@ from dataclasses import replace
 from functools import partial
 
 from barewire.canopen.cob_ids import CobEntry, cob_id
-from barewire.canopen.communication_objects import change, guard, guard_cob_id, number
+from barewire.canopen.communication_objects import read_integer, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.emcy.message import Emergency, register_of
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
@@ -26,7 +26,7 @@ from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 
 REGISTER, HISTORY, COB_ID, INHIBIT = 0x1001, 0x1003, 0x1014, 0x1015
 COMMUNICATION_ERRORS = range(0x8000, 0x9000)
-WAITING_MAX = 32
+_WAITING_MAX = 32
 """How many emergencies may wait for the inhibit time; then the oldest are dropped and counted."""
 
 
@@ -61,20 +61,20 @@ class EmcyProducer:
         """Let the objects show what is here."""
         objects = self.objects
         if (REGISTER, 0) in objects and not self._own_register:
-            change(objects, replace(objects.entry(REGISTER), on_read=lambda: self.register))
+            replace_entry(objects, replace(objects.entry(REGISTER), on_read=lambda: self.register))
         for sub in objects.subs(HISTORY):
             entry = objects.entry(HISTORY, sub)
             if sub == 0:
-                change(objects, replace(entry, access="rw", on_read=lambda: len(self._history)))
-                guard(objects, HISTORY, 0, self._clear)
+                replace_entry(objects, replace(entry, access="rw", on_read=lambda: len(self._history)))
+                validate_writes(objects, HISTORY, 0, self._clear)
             else:
-                change(objects, replace(entry, on_read=partial(self._past, sub)))
-        guard_cob_id(objects, COB_ID, lambda entry: not entry.bit31)
+                replace_entry(objects, replace(entry, on_read=partial(self._past, sub)))
+        validate_cob_id_writes(objects, COB_ID, lambda entry: not entry.bit31)
         self.renumber(self.node)
 
     def renumber(self, node: int) -> None:
         """The device has another node-ID. A 1014h of 80h, or of the node-ID before, stands for the default."""
-        if number(self.objects, COB_ID) in (cob_id("SYNC"), cob_id("EMCY", self.node)):
+        if read_integer(self.objects, COB_ID) in (cob_id("SYNC"), cob_id("EMCY", self.node)):
             self.objects.replace(replace(self.objects.entry(COB_ID), default=cob_id("EMCY", node)))
         self.node = node
 
@@ -102,7 +102,7 @@ class EmcyProducer:
     def register(self) -> int:
         """The error register: the bits of all errors; bit 0 whenever there is one."""
         if self._own_register:
-            return number(self.objects, REGISTER)
+            return read_integer(self.objects, REGISTER)
         bits = 0
         for more in self._active.values():
             bits |= more | 1
@@ -144,7 +144,7 @@ class EmcyProducer:
             self._waiting.clear()
         if not self._waiting or now < self._free_at:
             return []
-        inhibit = number(self.objects, INHIBIT) / 10_000
+        inhibit = read_integer(self.objects, INHIBIT) / 10_000
         if inhibit:
             self._free_at = now + inhibit
             return [self._waiting.popleft()]
@@ -155,11 +155,11 @@ class EmcyProducer:
     def _say(self, code: int, info: bytes, now: float) -> list[CanFrame]:
         if not self.allowed:
             return []
-        entry = CobEntry.unpack(number(self.objects, COB_ID, default=cob_id("EMCY", self.node)))
+        entry = CobEntry.unpack(read_integer(self.objects, COB_ID, default=cob_id("EMCY", self.node)))
         if entry.bit31:
             return []
         frame = Emergency(self.node, code, self.register, info).encode()
-        if len(self._waiting) >= WAITING_MAX:
+        if len(self._waiting) >= _WAITING_MAX:
             self._waiting.popleft()
             self.dropped += 1
         self._waiting.append(frame._replace(id=entry.identifier, extended=entry.extended))

@@ -17,9 +17,9 @@ from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.requests import LssCommand
-from barewire.canopen.lss.fastscan import fastscan, find_all
+from barewire.canopen.lss.fastscan import assign_node_ids, fastscan
 from barewire.canopen.lss.master import (
-    TIMEOUT,
+    LSS_TIMEOUT,
     activate_bit_timing,
     configure_bit_timing,
     configure_node,
@@ -126,13 +126,13 @@ def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1) -> Convers
     """Find every device without a node-ID and give it one, from `first` upwards."""
     if not 1 <= first <= NODE_MAX or store > 1:
         raise GatewayError(GatewayCode.SYNTAX, "lss_allnodes: expected [timeout_ms [first_node 1..127 [store 0|1]]]")
-    found = yield from find_all(range(first, NODE_MAX + 1), store=bool(store), timeout=_seconds(milliseconds))
+    found = yield from assign_node_ids(range(first, NODE_MAX + 1), store=bool(store), timeout=_seconds(milliseconds))
     given = ", ".join(f"node {device.node}: {_shown(device.address)}" for device in found)
     return f"OK #{len(found)} found{': ' if given else ''}{given}"
 
 
 def _seconds(milliseconds: int) -> float:
-    return min(milliseconds, 60_000) / 1000 if milliseconds else TIMEOUT
+    return min(milliseconds, 60_000) / 1000 if milliseconds else LSS_TIMEOUT
 
 
 def _shown(address: LssAddress) -> str:

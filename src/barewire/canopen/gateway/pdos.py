@@ -17,7 +17,7 @@ from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.requests import SetPdo
 from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text, width, words_of
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-from barewire.canopen.pdo.config import Pdo
+from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.pdo.engine import PdoEngine
 from barewire.codecs import Value
 
@@ -43,7 +43,7 @@ class GatewayPdo:
         if transmission is None:
             transmission = int(request.transmission.removeprefix("sync"))
         # The gateway's RPDO comes to it, so for the engine it is an RPDO too; likewise the TPDO.
-        pdo = Pdo(
+        pdo = PdoConfig(
             "TPDO" if request.send else "RPDO",
             1,
             mapping,

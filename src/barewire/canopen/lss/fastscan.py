@@ -26,28 +26,28 @@ from typing import NamedTuple
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import (
-    TIMEOUT,
+    LSS_TIMEOUT,
     configure_node,
     read_answer,
+    send_lss,
     store_configuration,
     switch_global,
-    tell_lss,
 )
 from barewire.canopen.lss.messages import BEGIN, Fastscan, LssAddress, LssMessage, LssService, LssState
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
-FLOOR = 0.010
+_FLOOR = 0.010
 """The shortest wait for a "no". A device answers within a millisecond or two; the rest is for the adapter."""
 
-Known = Sequence[int | None]
+KnownAddress = Sequence[int | None]
 """What is known beforehand of vendor-ID, product code, revision, serial number."""
 
-ANYTHING: Known = (None, None, None, None)
+_NOTHING_KNOWN: KnownAddress = (None, None, None, None)
 
 
-class Progress(NamedTuple):
+class FastscanProgress(NamedTuple):
     """Where a scan stands: bit `bit` of part `part`, `number` so far; `wait` is what a "no" costs, in seconds."""
 
     part: int
@@ -84,12 +84,12 @@ class _Pace:
 
 
 def fastscan(
-    known: Known = ANYTHING,
+    known: KnownAddress = _NOTHING_KNOWN,
     *,
-    timeout: float = TIMEOUT,
-    floor: float = FLOOR,
+    timeout: float = LSS_TIMEOUT,
+    floor: float = _FLOOR,
     attempts: int = 10,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[FastscanProgress], None] | None = None,
 ) -> Conversation[CanFrame, LssAddress | None]:
     """The address of one device without a node-ID, which is in configuration afterwards. None: there is none.
 
@@ -131,7 +131,7 @@ def _begin(pace: _Pace, timeout: float) -> Conversation[CanFrame, bool]:
 
 
 def _scan(
-    known: Known, found: list[int | None], pace: _Pace, progress: Callable[[Progress], None] | None
+    known: KnownAddress, found: list[int | None], pace: _Pace, progress: Callable[[FastscanProgress], None] | None
 ) -> Conversation[CanFrame, int | None]:
     """One pass over the four parts. The part that nobody confirmed, None if all were; those are left in `found`."""
     for part in range(4):
@@ -145,11 +145,13 @@ def _scan(
     return None
 
 
-def _scan_part(part: int, pace: _Pace, progress: Callable[[Progress], None] | None) -> Conversation[CanFrame, int]:
+def _scan_part(
+    part: int, pace: _Pace, progress: Callable[[FastscanProgress], None] | None
+) -> Conversation[CanFrame, int]:
     number = 0
     for bit in range(31, -1, -1):
         if progress is not None:
-            progress(Progress(part, bit, number, pace.wait, pace.restarts))
+            progress(FastscanProgress(part, bit, number, pace.wait, pace.restarts))
         if not (yield from _is_so(Fastscan(number, bit, part, part), pace)):
             number |= 1 << bit
     return number
@@ -180,7 +182,7 @@ def _question(question: Fastscan, wait: float, linger: float | None) -> Conversa
             return times
 
 
-class Assigned(NamedTuple):
+class AssignedNode(NamedTuple):
     """A device that was found and given a node-ID. `booted`: its boot-up message was heard."""
 
     address: LssAddress
@@ -188,21 +190,21 @@ class Assigned(NamedTuple):
     booted: bool
 
 
-def find_all(
+def assign_node_ids(
     nodes: Iterable[int],
-    known: Known = ANYTHING,
+    known: KnownAddress = _NOTHING_KNOWN,
     *,
     store: bool = True,
-    timeout: float = TIMEOUT,
-    floor: float = FLOOR,
-    progress: Callable[[Progress], None] | None = None,
-    found: Callable[[Assigned], None] | None = None,
-) -> Conversation[CanFrame, list[Assigned]]:
+    timeout: float = LSS_TIMEOUT,
+    floor: float = _FLOOR,
+    progress: Callable[[FastscanProgress], None] | None = None,
+    found: Callable[[AssignedNode], None] | None = None,
+) -> Conversation[CanFrame, list[AssignedNode]]:
     """Find every device without a node-ID and give it the next of `nodes`, until there is silence or no node-ID left.
 
     Raises LssRefused if a device does not take its node-ID or, with `store`, cannot keep it.
     """
-    every: list[Assigned] = []
+    every: list[AssignedNode] = []
     yield from switch_global(LssState.WAITING)
     for node in nodes:
         address = yield from fastscan(known, timeout=timeout, floor=floor, progress=progress)
@@ -211,8 +213,8 @@ def find_all(
         yield from configure_node(node, timeout=timeout)
         if store:
             yield from store_configuration(timeout=timeout)
-        now = yield from tell_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
-        every.append(Assigned(address, node, (yield from _boots(node, now + timeout))))
+        now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
+        every.append(AssignedNode(address, node, (yield from _boots(node, now + timeout))))
         if found is not None:
             found(every[-1])
     return every

@@ -25,24 +25,26 @@ from barewire.canopen.lss.messages import (
     LssRefused,
     LssService,
     LssState,
-    numbered,
+    with_number,
 )
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
-TIMEOUT = 0.5
+LSS_TIMEOUT = 0.5
 """Seconds to wait for an answer. Devices need about a millisecond; an adapter behind USB needs up to 20."""
 
 
-def tell_lss(message: LssMessage) -> Conversation[CanFrame, float]:
+def send_lss(message: LssMessage) -> Conversation[CanFrame, float]:
     """Say something that nobody answers. Returns when it was out."""
     sent: Heard[CanFrame] = yield Send(message.encode())
     return sent.now
 
 
-def ask_lss(message: LssMessage, wanted: int, timeout: float = TIMEOUT) -> Conversation[CanFrame, LssMessage | None]:
+def request_lss(
+    message: LssMessage, wanted: int, timeout: float = LSS_TIMEOUT
+) -> Conversation[CanFrame, LssMessage | None]:
     """Say something and return the first answer of the service `wanted`, None if none came in time."""
-    now = yield from tell_lss(message)
+    now = yield from send_lss(message)
     until = now + timeout
     while True:
         heard: Heard[CanFrame] = yield Listen(until)
@@ -65,7 +67,7 @@ def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
 
 def count_answers(message: LssMessage, wanted: int, timeout: float) -> Conversation[CanFrame, int]:
     """Say something and count the answers until the time is up. On a wire answers of one moment are one frame."""
-    now = yield from tell_lss(message)
+    now = yield from send_lss(message)
     until, count = now + timeout, 0
     while True:
         heard: Heard[CanFrame] = yield Listen(until)
@@ -77,16 +79,16 @@ def count_answers(message: LssMessage, wanted: int, timeout: float) -> Conversat
 
 def switch_global(state: LssState) -> Conversation[CanFrame, None]:
     """Every device to waiting or to configuration. Configuration for all is for a bus with one device on it."""
-    yield from tell_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([state])))
+    yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([state])))
 
 
-def switch_selective(address: LssAddress, *, timeout: float = TIMEOUT) -> Conversation[CanFrame, bool]:
+def switch_selective(address: LssAddress, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, bool]:
     """The device with this address to configuration. False: nobody said that it is him."""
     parts = (LssService.SELECT_VENDOR, LssService.SELECT_PRODUCT, LssService.SELECT_REVISION)
     for service, number in zip(parts, address):
-        yield from tell_lss(numbered(service, number))
-    last = numbered(LssService.SELECT_SERIAL, address.serial)
-    return (yield from ask_lss(last, LssService.SELECTED, timeout)) is not None
+        yield from send_lss(with_number(service, number))
+    last = with_number(LssService.SELECT_SERIAL, address.serial)
+    return (yield from request_lss(last, LssService.SELECTED, timeout)) is not None
 
 
 def identify_slaves(
@@ -95,23 +97,23 @@ def identify_slaves(
     revisions: tuple[int, int] = (0, 0xFFFF_FFFF),
     serials: tuple[int, int] = (0, 0xFFFF_FFFF),
     *,
-    timeout: float = TIMEOUT,
+    timeout: float = LSS_TIMEOUT,
 ) -> Conversation[CanFrame, int]:
     """How many answers came from devices within these limits, both ends included."""
     numbers = (vendor, product, *revisions, *serials)
     services = [LssService(LssService.IDENTIFY_VENDOR + step) for step in range(6)]
     for service, number in list(zip(services, numbers))[:-1]:
-        yield from tell_lss(numbered(service, number))
-    return (yield from count_answers(numbered(services[-1], numbers[-1]), LssService.IDENTIFIED, timeout))
+        yield from send_lss(with_number(service, number))
+    return (yield from count_answers(with_number(services[-1], numbers[-1]), LssService.IDENTIFIED, timeout))
 
 
-def identify_unconfigured(*, timeout: float = TIMEOUT) -> Conversation[CanFrame, int]:
+def identify_unconfigured(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int]:
     """How many answers came from devices that have no node-ID."""
     question = LssMessage(LssService.IDENTIFY_UNCONFIGURED)
     return (yield from count_answers(question, LssService.UNCONFIGURED_IDENTIFIED, timeout))
 
 
-def inquire_address(*, timeout: float = TIMEOUT) -> Conversation[CanFrame, LssAddress]:
+def inquire_address(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, LssAddress]:
     """The address of the one device in configuration. Raises NoAnswer."""
     parts = []
     for step in range(4):
@@ -120,19 +122,19 @@ def inquire_address(*, timeout: float = TIMEOUT) -> Conversation[CanFrame, LssAd
     return LssAddress(*parts)
 
 
-def inquire_node(*, timeout: float = TIMEOUT) -> Conversation[CanFrame, int | None]:
+def inquire_node(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int | None]:
     """The node-ID of the device in configuration, None if it has none. Raises NoAnswer."""
     answer = yield from _must_answer(LssMessage(LssService.INQUIRE_NODE), timeout)
     return None if answer.body[0] == UNCONFIGURED else answer.body[0]
 
 
-def configure_node(node: int | None, *, timeout: float = TIMEOUT) -> Conversation[CanFrame, None]:
+def configure_node(node: int | None, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
     """Give the device in configuration this node-ID, or none. Raises LssRefused and NoAnswer."""
     number = UNCONFIGURED if node is None else check_node(node)
     yield from _must_agree(LssMessage(LssService.CONFIGURE_NODE, bytes([number])), timeout)
 
 
-def configure_bit_timing(entry: int, table: int = 0, *, timeout: float = TIMEOUT) -> Conversation[CanFrame, None]:
+def configure_bit_timing(entry: int, table: int = 0, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
     """Give the device in configuration this bit rate, an entry of `BIT_RATES`. Raises LssRefused and NoAnswer."""
     if not (0 <= entry <= 255 and 0 <= table <= 255):
         raise EncodeError(f"bit timing {table}, {entry}: expected two numbers in 0..255")
@@ -148,17 +150,17 @@ def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
     if not 0 <= milliseconds <= 0xFFFF:
         raise EncodeError(f"a switch delay of {delay} s: expected 0..65.535")
     body = milliseconds.to_bytes(2, "little")
-    now = yield from tell_lss(LssMessage(LssService.ACTIVATE_BIT_TIMING, body))
+    now = yield from send_lss(LssMessage(LssService.ACTIVATE_BIT_TIMING, body))
     return now + 2 * delay
 
 
-def store_configuration(*, timeout: float = TIMEOUT) -> Conversation[CanFrame, None]:
+def store_configuration(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
     """Let the device in configuration keep what it was given. Raises LssRefused and NoAnswer."""
     yield from _must_agree(LssMessage(LssService.STORE), timeout)
 
 
 def _must_answer(message: LssMessage, timeout: float) -> Conversation[CanFrame, LssMessage]:
-    answer = yield from ask_lss(message, message.service, timeout)
+    answer = yield from request_lss(message, message.service, timeout)
     if answer is None:
         what = LssService(message.service).name.lower().replace("_", " ")
         raise NoAnswer(f"nobody in the LSS state configuration answered {what} within {timeout:g} s")

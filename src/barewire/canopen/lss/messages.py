@@ -31,7 +31,7 @@ ANSWER_KEY = (cob_id("LSS answer"), False)
 UNCONFIGURED = 0xFF
 """The node-ID of a device that has none yet."""
 
-BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
+LSS_BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
 """Table 0 of the bit timings: entry -> bits in a second. 5 is reserved, 9 finds out by itself."""
 AUTOMATIC_BIT_RATE = 9
 
@@ -117,7 +117,7 @@ class LssMessage:
             wrong: Reason = "short" if len(frame.data) < 8 else "long"
             raise DecodeError(wrong, frame.data, min(len(frame.data), 8), "an LSS message has 8 bytes")
         answer = frame.key == ANSWER_KEY
-        if frame.data[0] not in (ANSWERS if answer else REQUESTS):
+        if frame.data[0] not in (LSS_ANSWERS if answer else LSS_REQUESTS):
             raise DecodeError("function", frame.data, 0, f"{frame.data[0]:02X}h is no LSS service of this direction")
         return cls(frame.data[0], frame.data[1:], answer)
 
@@ -127,11 +127,11 @@ class LssMessage:
         return int.from_bytes(self.body[:4], "little")
 
 
-ANSWERS = frozenset({0x11, 0x13, 0x17, 0x44, 0x4F, 0x50, *range(0x5A, 0x5F)})
-REQUESTS = frozenset(int(service) for service in LssService) - {0x44, 0x4F, 0x50}
+LSS_ANSWERS = frozenset({0x11, 0x13, 0x17, 0x44, 0x4F, 0x50, *range(0x5A, 0x5F)})
+LSS_REQUESTS = frozenset(int(service) for service in LssService) - {0x44, 0x4F, 0x50}
 
 
-def numbered(service: LssService, number: int) -> LssMessage:
+def with_number(service: LssService, number: int) -> LssMessage:
     """A message with a number of 32 bits. EncodeError if it has more."""
     return LssMessage(service, Layout("<I", "number").pack(number))
 

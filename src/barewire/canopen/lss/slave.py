@@ -23,7 +23,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import (
     AUTOMATIC_BIT_RATE,
     BEGIN,
-    BIT_RATES,
+    LSS_BIT_RATES,
     REQUEST_KEY,
     UNCONFIGURED,
     Fastscan,
@@ -65,7 +65,7 @@ class LssSlave:
         node: int | None = None,
         *,
         store: StoreConfiguration | None = None,
-        rates: frozenset[int] = frozenset({*BIT_RATES, AUTOMATIC_BIT_RATE}),
+        rates: frozenset[int] = frozenset({*LSS_BIT_RATES, AUTOMATIC_BIT_RATE}),
         on_bit_timing: Callable[[int | None, float], None] | None = None,
     ) -> None:
         self.address = address

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
-from barewire.canopen.nmt.messages import LEADS_TO, NmtCommand, NmtMessage
+from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, NoAnswer
 
@@ -28,7 +28,7 @@ class NmtConfirmation(NamedTuple):
     after: float
 
 
-def tell_nmt(
+def send_nmt(
     command: NmtCommand,
     node: int = 0,
     *,
@@ -44,7 +44,7 @@ def tell_nmt(
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.1, CanFrame.parse("705#7F")), (now + 0.6, CanFrame.parse("705#05"))]
-    >>> play(tell_nmt(NmtCommand.START, 5), node)[0]
+    >>> play(send_nmt(NmtCommand.START, 5), node)[0]
     [NmtConfirmation(node=5, state=5, after=0.6)]
 
     Raises NoAnswer with the last word of each node that did not confirm.
@@ -62,7 +62,7 @@ def tell_nmt(
             told = _state(heard.item)
             if told is not None and told.node in waiting:
                 waiting[told.node] = f"its last word was {told.name}, {heard.now - sent.now:.3g} s after the command"
-                if told.state == LEADS_TO[command]:
+                if told.state == STATE_AFTER[command]:
                     del waiting[told.node]
                     obeyed.append(NmtConfirmation(told.node, told.state, heard.now - sent.now))
         if heard.now >= until and waiting:
@@ -74,7 +74,7 @@ def tell_nmt(
     return obeyed
 
 
-def ask_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, NodeState]:
+def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, NodeState]:
     """The state of a node, asked by node guarding; a heartbeat that comes meanwhile is as good. Raises NoAnswer."""
     sent: Heard[CanFrame] = yield Send(guarding_request(check_node(node)))
     until = sent.now + timeout

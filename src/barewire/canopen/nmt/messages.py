@@ -45,7 +45,7 @@ class NmtState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
-LEADS_TO = {
+STATE_AFTER = {
     NmtCommand.START: NmtState.OPERATIONAL,
     NmtCommand.STOP: NmtState.STOPPED,
     NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
@@ -97,7 +97,7 @@ class NmtMessage:
         if frame.key != (cob_id("NMT"), False) or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: those have COB-ID 000h")
         command, node = cls.layout.unpack(frame.data)
-        if command not in LEADS_TO:
+        if command not in STATE_AFTER:
             raise DecodeError("function", frame.data, 0, f"{command:02X}h is no NMT command")
         if node > 127:
             raise DecodeError("value", frame.data, 1, f"node {node}: expected 0..127")
@@ -150,7 +150,7 @@ class NmtSlave:
             return []
         if message.node not in (0, self.node):
             return []
-        before, self.state = self.state, LEADS_TO[message.command]
+        before, self.state = self.state, STATE_AFTER[message.command]
         return [NmtChange(message.command, before, self.state)]
 
     def may(self, service: ServiceName) -> bool:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.config import LAST_CYCLIC, RTR_AT_ONCE, RTR_AT_SYNC, Pdo, resolve
+from barewire.canopen.pdo.config import LAST_CYCLIC, RTR_AT_ONCE, RTR_AT_SYNC, PdoConfig, resolve
 from barewire.canopen.pdo.mapping import PdoMapping
-from barewire.canopen.pdo.multiplexed import COUNTS, MpdoIn, MpdoOut
+from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, MpdoConsumer, MpdoProducer
 from barewire.codecs import Value
 from barewire.errors import BarewireError
 
@@ -21,7 +21,7 @@ class ActivePdo:
                  "objects", "out", "pdo", "refused", "sent", "sent_at", "start", "syncs", "type",
                  "waits_for_start")  # fmt: skip
 
-    def __init__(self, pdo: Pdo, objects: ObjectDictionary, node: int) -> None:
+    def __init__(self, pdo: PdoConfig, objects: ObjectDictionary, node: int) -> None:
         def number(index: int, sub: int) -> int:
             return int(objects.get(index, sub))
 
@@ -35,9 +35,9 @@ class ActivePdo:
         self.event_timer = number(pdo.communication, 5) / 1000
         self.start = number(pdo.communication, 6)
         count = number(pdo.map, 0)
-        kind = COUNTS.get(count)
-        self.out = MpdoOut(kind, node, objects) if kind and self.is_tpdo else None
-        self.into = MpdoIn(kind, node, objects) if kind and not self.is_tpdo else None
+        kind = MPDO_COUNTS.get(count)
+        self.out = MpdoProducer(kind, node, objects) if kind and self.is_tpdo else None
+        self.into = MpdoConsumer(kind, node, objects) if kind and not self.is_tpdo else None
         words = () if kind else tuple(number(pdo.map, sub) for sub in range(1, count + 1))
         self.mapping: PdoMapping = resolve(objects, pdo.direction, words)
         # The rules of the records let no other type be multiplexed; a value set past them must not bring it to SYNC.

@@ -30,22 +30,22 @@ from typing import Literal
 
 from barewire.canopen.cob_ids import CobEntry, ServiceName, cob_id, is_restricted
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX, Mapped, PdoMapping
-from barewire.canopen.pdo.multiplexed import COUNTS, Addressing
+from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX, MappedObject, PdoMapping
+from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import EncodeError
 
-Direction = Literal["RPDO", "TPDO"]
+PdoDirection = Literal["RPDO", "TPDO"]
 
 PDOS_MAX = 512
 """PDOs of each direction."""
 LAST_CYCLIC, RTR_AT_SYNC, RTR_AT_ONCE = 240, 252, 253
 
-_DIRECTIONS: tuple[Direction, ...] = ("RPDO", "TPDO")
+_DIRECTIONS: tuple[PdoDirection, ...] = ("RPDO", "TPDO")
 _COMMUNICATION = {"RPDO": 0x1400, "TPDO": 0x1800}
 _MAPPING = {"RPDO": 0x1600, "TPDO": 0x1A00}
-_DEFAULT_SERVICE: dict[tuple[Direction, int], ServiceName] = {
+_DEFAULT_SERVICE: dict[tuple[PdoDirection, int], ServiceName] = {
     ("RPDO", 1): "RPDO1",
     ("RPDO", 2): "RPDO2",
     ("RPDO", 3): "RPDO3",
@@ -58,19 +58,19 @@ _DEFAULT_SERVICE: dict[tuple[Direction, int], ServiceName] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Pdo:
+class PdoConfig:
     """The factory setting of one PDO: what it maps, when it goes, on which COB-ID.
 
     `mapping` are the 32-bit entries. Without a `cob_id` PDO 1 to 4 have theirs from the predefined connection set,
     and any further one is switched off until somebody gives it an identifier.
 
-    >>> Pdo("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
+    >>> PdoConfig("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
     True
-    >>> Pdo("TPDO", 1, (0x60410010,), 1, 0x185)
+    >>> PdoConfig("TPDO", 1, (0x60410010,), 1, 0x185)
     Pdo('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
     """
 
-    direction: Direction
+    direction: PdoDirection
     number: int
     mapping: tuple[int, ...]
     type: int = 255
@@ -98,7 +98,7 @@ class Pdo:
             said.append(f"cob_id=0x{self.cob_id:X}")
         others = {"inhibit": 0, "event_timer": 0, "sync_start": 0, "slots": 8, "multiplexed": None}
         said += [f"{name}={value!r}" for name in others if (value := getattr(self, name)) != others[name]]
-        return f"Pdo({', '.join(said)})"
+        return f"PdoConfig({', '.join(said)})"
 
     @property
     def communication(self) -> int:
@@ -113,7 +113,7 @@ class Pdo:
     @property
     def count(self) -> int:
         """What stands in sub-index 00 of the mapping."""
-        return next((count for count, kind in COUNTS.items() if kind == self.multiplexed), len(self.mapping))
+        return next((count for count, kind in MPDO_COUNTS.items() if kind == self.multiplexed), len(self.mapping))
 
     def cob_entry(self, node: int) -> CobEntry:
         """The COB-ID with the node-ID in it."""
@@ -123,7 +123,7 @@ class Pdo:
         return CobEntry(0, bit31=True) if service is None else CobEntry(cob_id(service, node))
 
 
-def pdos_of(objects: ObjectDictionary, node: int) -> list[Pdo]:
+def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
     """The PDOs that a dictionary describes by itself, as one out of an EDS does: what `Device` wants to be given.
 
     A COB-ID of the predefined connection set stays tied to the node-ID.
@@ -131,19 +131,21 @@ def pdos_of(objects: ObjectDictionary, node: int) -> list[Pdo]:
     found = []
     for direction in _DIRECTIONS:
         for number in range(1, PDOS_MAX + 1):
-            pdo = Pdo(direction, number, ())
+            pdo = PdoConfig(direction, number, ())
             if (pdo.communication, 1) not in objects or (pdo.map, 0) not in objects:
                 continue
             told = {sub: _number(objects, pdo.communication, sub) for sub in (1, 2, 3, 5, 6)}
             count = _number(objects, pdo.map, 0)
-            multiplexed = COUNTS.get(count)
+            multiplexed = MPDO_COUNTS.get(count)
             if count > ENTRIES_MAX and multiplexed is None:
                 continue
             words = () if multiplexed else tuple(_number(objects, pdo.map, sub) for sub in range(1, count + 1))
             own = number <= 4 and told[1] == pdo.cob_entry(node).pack()
             slots = max(objects.subs(pdo.map))
             times = told[3], told[5], told[6]
-            found.append(Pdo(direction, number, words, told[2], None if own else told[1], *times, slots, multiplexed))
+            found.append(
+                PdoConfig(direction, number, words, told[2], None if own else told[1], *times, slots, multiplexed)
+            )
     return found
 
 
@@ -151,7 +153,7 @@ def _number(objects: ObjectDictionary, index: int, sub: int) -> int:
     return int(objects.get(index, sub)) if (index, sub) in objects else 0
 
 
-def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callable[[], object]) -> None:
+def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: Callable[[], object]) -> None:
     """Put the two records of a PDO into the dictionary, with the rules for changing them.
 
     Where the dictionary has an entry of the records already (a device description lists them too), it keeps its name
@@ -186,16 +188,16 @@ def add_records(objects: ObjectDictionary, node: int, pdo: Pdo, changed: Callabl
         put(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
 
 
-def has_type(direction: Direction, type: int) -> bool:
+def has_type(direction: PdoDirection, type: int) -> bool:
     """Whether there is such a transmission type: 241 to 251 are reserved, and nobody asks for an RPDO."""
     return not LAST_CYCLIC < type < RTR_AT_SYNC and not (direction == "RPDO" and type in (RTR_AT_SYNC, RTR_AT_ONCE))
 
 
-def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, ...]) -> PdoMapping:
+def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int, ...]) -> PdoMapping:
     """The mapping behind the entries, with the types that the dictionary has for them. Raises EncodeError."""
     entries = []
     for word in words:
-        mapped = Mapped.of_word(word)
+        mapped = MappedObject.of_word(word)
         if not mapped.is_dummy:
             place = mapped.index, mapped.sub
             if place not in objects:
@@ -205,7 +207,7 @@ def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, .
                 raise EncodeError(f"{mapped.name} is {entry.access} and cannot be mapped to an {direction}")
             if direction not in entry.mappable:
                 raise EncodeError(f"{mapped.name} is not meant for an {direction}")
-            mapped = Mapped.of_word(word, entry.type)
+            mapped = MappedObject.of_word(word, entry.type)
         entries.append(mapped)
     return PdoMapping(entries)
 
@@ -213,7 +215,7 @@ def resolve(objects: ObjectDictionary, direction: Direction, words: tuple[int, .
 class _Rules:
     """What may be written to the records of one PDO, and when."""
 
-    def __init__(self, objects: ObjectDictionary, pdo: Pdo, changed: Callable[[], object]) -> None:
+    def __init__(self, objects: ObjectDictionary, pdo: PdoConfig, changed: Callable[[], object]) -> None:
         self.objects = objects
         self.pdo = pdo
         self.changed = changed
@@ -237,7 +239,7 @@ class _Rules:
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 1)
 
     def type(self, value: int) -> None:
-        multiplexed = int(self.objects.get(self.pdo.map, 0)) in COUNTS
+        multiplexed = int(self.objects.get(self.pdo.map, 0)) in MPDO_COUNTS
         if not has_type(self.pdo.direction, value) or (multiplexed and value <= RTR_AT_ONCE):
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 2)
 
@@ -252,7 +254,7 @@ class _Rules:
         index = self.pdo.map
         if self._is_on():
             raise SdoAbort(AbortCode.UNSUPPORTED_ACCESS, index, 0)
-        if value in COUNTS and int(self.objects.get(self.pdo.communication, 2)) > RTR_AT_ONCE:
+        if value in MPDO_COUNTS and int(self.objects.get(self.pdo.communication, 2)) > RTR_AT_ONCE:
             return
         if (index, value) not in self.objects:
             raise SdoAbort(AbortCode.PDO_TOO_LONG, index, 0)

@@ -29,8 +29,8 @@ from barewire.canopen.emcy.producer import EmcyProducer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.active import ActivePdo
-from barewire.canopen.pdo.config import RTR_AT_SYNC, Pdo, add_records
-from barewire.canopen.pdo.multiplexed import SIZE, Mpdo, MpdoIn
+from barewire.canopen.pdo.config import RTR_AT_SYNC, PdoConfig, add_records
+from barewire.canopen.pdo.multiplexed import MPDO_SIZE, Mpdo, MpdoConsumer
 from barewire.canopen.sync import sync_counter
 from barewire.errors import DecodeError, EncodeError
 
@@ -49,7 +49,7 @@ class PdoEngine:
                  "outside_window", "pdos", "sync_key", "window")  # fmt: skip
 
     def __init__(
-        self, node: int, objects: ObjectDictionary, pdos: Iterable[Pdo], errors: EmcyProducer | None = None
+        self, node: int, objects: ObjectDictionary, pdos: Iterable[PdoConfig], errors: EmcyProducer | None = None
     ) -> None:
         self.node = node
         self.objects = objects
@@ -61,7 +61,7 @@ class PdoEngine:
         self._refused = 0
         self._running = False
         self._synced_at: float | None = None
-        self._live: dict[Pdo, ActivePdo] = {}
+        self._live: dict[PdoConfig, ActivePdo] = {}
         self._pdos_changed = True
         numbers = [(pdo.direction, pdo.number) for pdo in self.pdos]
         for direction, number in numbers:
@@ -70,7 +70,7 @@ class PdoEngine:
         for pdo in self.pdos:
             add_records(objects, node, pdo, partial(self._forget, pdo))
 
-    def _forget(self, pdo: Pdo) -> None:
+    def _forget(self, pdo: PdoConfig) -> None:
         """A record was written: that PDO begins anew, the others go on."""
         gone = self._live.pop(pdo, None)
         self._refused += 0 if gone is None else gone.all_refused
@@ -140,7 +140,7 @@ class PdoEngine:
         for live in self.live:
             if live.is_tpdo or not live.is_on or frame.key != live.key:
                 continue
-            size = live.mapping.size if live.into is None else SIZE
+            size = live.mapping.size if live.into is None else MPDO_SIZE
             said += self._judge(live, len(frame.data), size, now)
             if len(frame.data) < size:
                 continue
@@ -155,7 +155,7 @@ class PdoEngine:
                 live.held = frame.data[:size]
         return said
 
-    def _dispatch(self, live: ActivePdo, into: MpdoIn, frame: CanFrame, now: float) -> list[CanFrame]:
+    def _dispatch(self, live: ActivePdo, into: MpdoConsumer, frame: CanFrame, now: float) -> list[CanFrame]:
         """A multiplexed RPDO: to where it says itself, or our list."""
         try:
             message = Mpdo.decode(frame)

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from barewire.canopen.datatypes import BY_NAME, object_codec
-from barewire.canopen.time_types import Time
+from barewire.canopen.time_types import TimeCodec
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
 
@@ -36,10 +36,10 @@ _STRUCT |= {"f32": "f", "f64": "d"}
 
 
 @dataclass(frozen=True, slots=True)
-class Mapped:
+class MappedObject:
     """One object in a PDO. Without a type it is a placeholder, packed and unpacked as plain bits.
 
-    >>> f"{Mapped(0x6040, 0, 16, 'u16').word:08X}", Mapped.of_word(0x60FF0020).name
+    >>> f"{MappedObject(0x6040, 0, 16, 'u16').word:08X}", MappedObject.of_word(0x60FF0020).name
     ('60400010', '60FFh:00')
     """
 
@@ -65,7 +65,7 @@ class Mapped:
         return self.index in DUMMIES and self.sub == 0
 
     @classmethod
-    def of_word(cls, word: int, type: str | None = None, name: str = "") -> Mapped:
+    def of_word(cls, word: int, type: str | None = None, name: str = "") -> MappedObject:
         """The entry behind the 32 bits of the object dictionary."""
         return cls(word >> 16 & 0xFFFF, word >> 8 & 0xFF, word & 0xFF, type, name)
 
@@ -77,7 +77,7 @@ class _Step(NamedTuple):
     offset: int
     mask: int
     sign: int  # the value of the sign bit, 0 for an unsigned object
-    codec: Number | Time | None  # for floats and times; the rest is arithmetic
+    codec: Number | TimeCodec | None  # for floats and times; the rest is arithmetic
     is_bool: bool
     length: int  # bytes of a string, 0 for a number
 
@@ -85,7 +85,8 @@ class _Step(NamedTuple):
 class PdoMapping:
     """A packed row of objects, planned once.
 
-    >>> rpdo1 = PdoMapping([Mapped(0x6040, 0, 16, "u16", "controlword"), Mapped(0x60FF, 0, 32, "i32", "velocity")])
+    >>> controlword = MappedObject(0x6040, 0, 16, "u16", "controlword")
+    >>> rpdo1 = PdoMapping([controlword, MappedObject(0x60FF, 0, 32, "i32", "velocity")])
     >>> rpdo1.pack({"controlword": 15, "velocity": -25000}).hex(" ").upper()
     '0F 00 58 9E FF FF'
     >>> rpdo1.unpack(bytes.fromhex("0F00 A8610000"))
@@ -97,7 +98,7 @@ class PdoMapping:
 
     __slots__ = ("_names", "_steps", "_struct", "bits", "entries", "size")
 
-    def __init__(self, entries: Iterable[Mapped]) -> None:
+    def __init__(self, entries: Iterable[MappedObject]) -> None:
         self.entries = tuple(entries)
         if len(self.entries) > ENTRIES_MAX:
             raise EncodeError(f"{len(self.entries)} objects: a PDO maps at most {ENTRIES_MAX}")
@@ -158,7 +159,7 @@ class PdoMapping:
                 raise EncodeError(f"{name!r} is not in this PDO: it has {', '.join(sorted(known)) or 'nothing'}")
 
 
-def _struct_of(entries: tuple[Mapped, ...]) -> struct.Struct | None:
+def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:
     """The whole mapping as one struct, if every object is whole bytes of a usual width."""
     kinds = ""
     for entry in entries:
@@ -172,7 +173,7 @@ def _struct_of(entries: tuple[Mapped, ...]) -> struct.Struct | None:
     return struct.Struct(f"<{kinds}")
 
 
-def _step(entry: Mapped, offset: int) -> _Step:
+def _step(entry: MappedObject, offset: int) -> _Step:
     """Whether type and bits fit each other is decided here, once."""
     if not 1 <= entry.bits <= BITS_MAX:
         raise EncodeError(f"{entry.name} has {entry.bits} bits: expected 1..{BITS_MAX}")
@@ -183,7 +184,7 @@ def _step(entry: Mapped, offset: int) -> _Step:
     codec = object_codec(entry.type)
     if entry.type == "bool":
         return plain._replace(is_bool=True)
-    if isinstance(codec, Time):
+    if isinstance(codec, TimeCodec):
         if entry.bits != 8 * codec.size:
             raise EncodeError(f"{entry.name} is a {entry.type} of {entry.bits} bits: expected {8 * codec.size}")
         return plain._replace(codec=codec)

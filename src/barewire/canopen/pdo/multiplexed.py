@@ -31,14 +31,14 @@ from barewire.codecs import Layout
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
 Addressing = Literal["SAM", "DAM"]
-Place = tuple[int, int]
+ObjectAddress = tuple[int, int]
 
-COUNTS: dict[int, Addressing] = {0xFE: "SAM", 0xFF: "DAM"}
+MPDO_COUNTS: dict[int, Addressing] = {0xFE: "SAM", 0xFF: "DAM"}
 """What stands in sub-index 00 of the mapping."""
-SCANNER, DISPATCHER = range(0x1FA0, 0x1FD0), range(0x1FD0, 0x2000)
-SIZE = 8
-DATA = 4
-WAITING_MAX = 32
+_SCANNER, _DISPATCHER = range(0x1FA0, 0x1FD0), range(0x1FD0, 0x2000)
+MPDO_SIZE = 8
+_DATA_SIZE = 4
+_WAITING_MAX = 32
 """How many DAM messages may wait for the inhibit time."""
 
 
@@ -70,47 +70,49 @@ class Mpdo:
         least = 1 if self.addressing == "SAM" else 0
         if not least <= self.node <= NODE_MAX:
             raise EncodeError(f"node {self.node} in a {self.addressing} MPDO: expected {least}..{NODE_MAX}")
-        if len(self.data) > DATA:
-            raise EncodeError(f"{len(self.data)} bytes of data: an MPDO carries at most {DATA}")
+        if len(self.data) > _DATA_SIZE:
+            raise EncodeError(f"{len(self.data)} bytes of data: an MPDO carries at most {_DATA_SIZE}")
         address = self.node | (self.addressing == "DAM") << 7
-        return self.layout.pack(address, self.index, self.sub, tail=self.data.ljust(DATA, b"\0"))
+        return self.layout.pack(address, self.index, self.sub, tail=self.data.ljust(_DATA_SIZE, b"\0"))
 
     @classmethod
     def decode(cls, frame: CanFrame) -> Mpdo:
         """Raises DecodeError for a frame that has not 8 bytes, or a source that is no node."""
         data = frame.data
-        if len(data) != SIZE or frame.remote:
-            raise DecodeError("length", data, min(len(data), SIZE), f"an MPDO has {SIZE} bytes, here are {len(data)}")
+        if len(data) != MPDO_SIZE or frame.remote:
+            raise DecodeError(
+                "length", data, min(len(data), MPDO_SIZE), f"an MPDO has {MPDO_SIZE} bytes, here are {len(data)}"
+            )
         address, index, sub, value = cls.layout.unpack(data)
         if not address:
             raise DecodeError("value", data, 0, "a SAM MPDO of node 0: that is nobody")
         return cls("DAM" if address & 0x80 else "SAM", address & 0x7F, index, sub, value)
 
 
-def scanned(objects: ObjectDictionary) -> list[Place]:
+def scanner_list(objects: ObjectDictionary) -> list[ObjectAddress]:
     """What the scanner list of a dictionary names, in its order, each place once.
 
     >>> from barewire.canopen.object_dictionary import Entry
-    >>> scanned(ObjectDictionary([Entry(0x1FA0, 1, "scanner", "u32", "rw", 0x02_6401_01)]))
+    >>> scanner_list(ObjectDictionary([Entry(0x1FA0, 1, "scanner", "u32", "rw", 0x02_6401_01)]))
     [(25601, 1), (25601, 2)]
     """
-    places: dict[Place, None] = {}
-    for word in _words(objects, SCANNER):
+    places: dict[ObjectAddress, None] = {}
+    for word in _words(objects, _SCANNER):
         index, sub = word >> 8 & 0xFFFF, word & 0xFF
         places |= dict.fromkeys((index, sub + more) for more in range(word >> 24 or 1) if index and sub + more <= 0xFF)
     return list(places)
 
 
-def dispatched(objects: ObjectDictionary) -> dict[tuple[int, int, int], Place]:
+def dispatcher_list(objects: ObjectDictionary) -> dict[tuple[int, int, int], ObjectAddress]:
     """Where what comes goes, as the dispatcher list says: (node, index, sub) of the producer -> our place.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> word = 0x01_2000_02_6401_01_07
-    >>> dispatched(ObjectDictionary([Entry(0x1FD0, 1, "dispatcher", "u64", "rw", word)]))
+    >>> dispatcher_list(ObjectDictionary([Entry(0x1FD0, 1, "dispatcher", "u64", "rw", word)]))
     {(7, 25601, 1): (8192, 2)}
     """
-    table: dict[tuple[int, int, int], Place] = {}
-    for word in _words(objects, DISPATCHER):
+    table: dict[tuple[int, int, int], ObjectAddress] = {}
+    for word in _words(objects, _DISPATCHER):
         ours, our_sub = word >> 40 & 0xFFFF, word >> 32 & 0xFF
         index, sub, node = word >> 16 & 0xFFFF, word >> 8 & 0xFF, word & 0xFF
         for more in range(word >> 56 or 1):
@@ -127,7 +129,7 @@ def _words(objects: ObjectDictionary, indices: range) -> Iterator[int]:
                 yield word
 
 
-class MpdoOut:
+class MpdoProducer:
     """What an MPDO of this device has to say: `next` tells it, `said` that it is out.
 
     A SAM producer says every object of its scanner list at first, and from then on what has changed. Of a DAM producer
@@ -141,14 +143,14 @@ class MpdoOut:
         self.node = node
         self.objects = objects
         self.refused = 0
-        self._places = scanned(objects) if addressing == "SAM" else []
-        self._heard: dict[Place, bytes] = {}  # what the others know of it
+        self._places = scanner_list(objects) if addressing == "SAM" else []
+        self._heard: dict[ObjectAddress, bytes] = {}  # what the others know of it
         self._waiting: deque[bytes] = deque()
 
     def tell(self, message: Mpdo) -> None:
         """One more to be said; the oldest is given up where too many wait."""
         data = message.pack()
-        if len(self._waiting) >= WAITING_MAX:
+        if len(self._waiting) >= _WAITING_MAX:
             self._waiting.popleft()
             self.refused += 1
         self._waiting.append(data)
@@ -165,12 +167,12 @@ class MpdoOut:
                 return Mpdo("SAM", self.node, *place, value).pack()
         return None
 
-    def _value(self, place: Place) -> bytes | None:
+    def _value(self, place: ObjectAddress) -> bytes | None:
         try:
             value = self.objects.read(*place)
         except BarewireError:
             value = None
-        if value is None or len(value) > DATA:
+        if value is None or len(value) > _DATA_SIZE:
             self.refused += 1
             return None
         return value
@@ -184,7 +186,7 @@ class MpdoOut:
         self._heard[index, sub] = value[: len(self._value((index, sub)) or b"")]
 
 
-class MpdoIn:
+class MpdoConsumer:
     """Where an MPDO that this device receives goes."""
 
     __slots__ = ("_table", "addressing", "node", "objects", "refused")
@@ -194,14 +196,14 @@ class MpdoIn:
         self.node = node
         self.objects = objects
         self.refused = 0
-        self._table = dispatched(objects) if addressing == "SAM" else {}
+        self._table = dispatcher_list(objects) if addressing == "SAM" else {}
 
     def take(self, message: Mpdo) -> bool | None:
         """True: written. False: it was for us, and there is no such object here, or it does not take the value. None:
         it was for others."""
         if message.addressing != self.addressing:
             return None
-        place: Place | None = (message.index, message.sub)
+        place: ObjectAddress | None = (message.index, message.sub)
         if self.addressing == "SAM":
             place = self._table.get((message.node, message.index, message.sub))
         elif message.node not in (0, self.node):

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.config import Direction, Pdo
+from barewire.canopen.pdo.config import PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import PdoMapping
 from barewire.canopen.pdo.remote_config import mapping_of, read_pdo
 from barewire.canopen.sdo.client.channel import Channel
@@ -27,18 +27,18 @@ from barewire.errors import DecodeError, EncodeError
 class RemotePdo:
     """One PDO of one node, with names.
 
-    >>> remote = RemotePdo.of(5, Pdo("RPDO", 1, (0x60400010,)))
+    >>> remote = RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,)))
     >>> str(remote.encode({"6040h:00": 15}))
     '205#0F00'
     """
 
     node: int
-    pdo: Pdo
+    pdo: PdoConfig
     mapping: PdoMapping
     key: tuple[int, bool]
 
     @classmethod
-    def of(cls, node: int, pdo: Pdo, objects: ObjectDictionary | None = None) -> Self:
+    def of(cls, node: int, pdo: PdoConfig, objects: ObjectDictionary | None = None) -> Self:
         """With the names and types of a dictionary. EncodeError if the PDO is switched off and has no identifier, or is
         multiplexed: then each of its frames says itself what it carries (`Mpdo`)."""
         entry = pdo.cob_entry(node)
@@ -62,7 +62,7 @@ class RemotePdo:
 
 def remote_pdo(
     channel: Channel,
-    direction: Direction,
+    direction: PdoDirection,
     number: int,
     objects: ObjectDictionary | None = None,
     *,
@@ -83,10 +83,10 @@ class PdoReceived(NamedTuple):
     why: str = ""
 
 
-class PdoListener:
+class PdoConsumer:
     """Listens to some PDOs. A machine.
 
-    >>> listener = PdoListener([RemotePdo.of(5, Pdo("TPDO", 1, (0x60410010,)))])
+    >>> listener = PdoConsumer([RemotePdo.of(5, PdoConfig("TPDO", 1, (0x60410010,)))])
     >>> [(event.source.node, event.values) for event in listener.feed(CanFrame.parse("185#3706"), 0.0)]
     [(5, {'6041h:00': 1591})]
     """

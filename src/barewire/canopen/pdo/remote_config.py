@@ -25,9 +25,9 @@ from typing import Literal, NamedTuple
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.config import Direction, Pdo
-from barewire.canopen.pdo.mapping import ENTRIES_MAX, Mapped, PdoMapping
-from barewire.canopen.pdo.multiplexed import COUNTS, Addressing
+from barewire.canopen.pdo.config import PdoConfig, PdoDirection
+from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
+from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
 from barewire.canopen.sdo import AbortCode, Channel, SdoAbort, download, upload
 from barewire.canopen.sdo.client.channel import channel_to
 from barewire.conversation import Conversation
@@ -55,21 +55,21 @@ class PdoConfigPolicy(NamedTuple):
     skip_equal: bool = False
 
 
-USUAL = PdoConfigPolicy()
+_DEFAULT_POLICY = PdoConfigPolicy()
 
 
 def read_pdo(
-    node: int | Channel, direction: Direction, number: int, *, timeout: float = 1.0
-) -> Conversation[CanFrame, Pdo]:
+    node: int | Channel, direction: PdoDirection, number: int, *, timeout: float = 1.0
+) -> Conversation[CanFrame, PdoConfig]:
     """One PDO of a device as its records say, with its COB-ID as it is there. Raises SdoAbort if it has none, and
     DecodeError("value") if what it says of its mapping is nothing."""
     channel = channel_to(node, None)
-    blank = Pdo(direction, number, ())
+    blank = PdoConfig(direction, number, ())
     told = {}
     for sub in _SIZES:
         told[sub] = yield from _read(channel, blank.communication, sub, timeout, needed=sub in (_COB_ID, _TYPE))
     mapping, multiplexed = yield from _read_mapping(channel, blank, timeout)
-    return Pdo(
+    return PdoConfig(
         direction,
         number,
         mapping,
@@ -83,7 +83,7 @@ def read_pdo(
 
 
 def write_pdo(
-    node: int | Channel, pdo: Pdo, *, manner: PdoConfigPolicy = USUAL, timeout: float = 1.0
+    node: int | Channel, pdo: PdoConfig, *, policy: PdoConfigPolicy = _DEFAULT_POLICY, timeout: float = 1.0
 ) -> Conversation[CanFrame, None]:
     """Make a PDO of the device the one that is given. The device should be pre-operational.
 
@@ -92,43 +92,45 @@ def write_pdo(
     """
     channel = channel_to(node, None)
     entry = pdo.cob_entry(channel.node)
-    PdoMapping(Mapped.of_word(word) for word in pdo.mapping)  # more than 64 bits fail here, not half-way
-    return _write_pdo(channel, pdo, entry, manner, timeout)
+    PdoMapping(MappedObject.of_word(word) for word in pdo.mapping)  # more than 64 bits fail here, not half-way
+    return _write_pdo(channel, pdo, entry, policy, timeout)
 
 
 def _write_pdo(
-    channel: Channel, pdo: Pdo, entry: CobEntry, manner: PdoConfigPolicy, timeout: float
+    channel: Channel, pdo: PdoConfig, entry: CobEntry, policy: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
     at = pdo.communication
     # Off with the identifier that it has: some devices do not take another one in the same step.
     before = (yield from _read(channel, at, _COB_ID, timeout, needed=True)) or 0
-    if not (manner.skip_equal and before & _OFF):
+    if not (policy.skip_equal and before & _OFF):
         yield from _write(channel, at, _COB_ID, before | _OFF, 4, timeout)
     try:
-        first = manner.order == "first" or pdo.multiplexed is not None
+        first = policy.order == "first" or pdo.multiplexed is not None
         if first:
-            yield from _write_parameters(channel, pdo, manner, timeout)
-        yield from _write_mapping(channel, pdo, manner, timeout)
+            yield from _write_parameters(channel, pdo, policy, timeout)
+        yield from _write_mapping(channel, pdo, policy, timeout)
         if not first:
-            yield from _write_parameters(channel, pdo, manner, timeout)
-        if not (manner.skip_equal and entry.pack() == before | _OFF):
+            yield from _write_parameters(channel, pdo, policy, timeout)
+        if not (policy.skip_equal and entry.pack() == before | _OFF):
             yield from _write(channel, at, _COB_ID, entry.pack(), 4, timeout)
     except BarewireError as error:
         error.add_note(f"{pdo.direction}{pdo.number} of node {channel.node} is left switched off")
         raise
 
 
-def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoConfigPolicy, timeout: float) -> Conversation[CanFrame, None]:
-    if manner.skip_equal or manner.mapping == "fixed":
+def _write_mapping(
+    channel: Channel, pdo: PdoConfig, policy: PdoConfigPolicy, timeout: float
+) -> Conversation[CanFrame, None]:
+    if policy.skip_equal or policy.mapping == "fixed":
         has = yield from _read_mapping(channel, pdo, timeout)
         if has == (pdo.mapping, pdo.multiplexed):
             return
-        if manner.mapping == "fixed":
+        if policy.mapping == "fixed":
             raise _other_mapping(pdo, has)
     try:
         yield from _write(channel, pdo.map, 0, 0, 1, timeout)
     except SdoAbort as refusal:
-        if manner.mapping == "variable" or refusal.code not in _LOCKED:
+        if policy.mapping == "variable" or refusal.code not in _LOCKED:
             raise
         has = yield from _read_mapping(channel, pdo, timeout)
         if has != (pdo.mapping, pdo.multiplexed):
@@ -141,11 +143,11 @@ def _write_mapping(channel: Channel, pdo: Pdo, manner: PdoConfigPolicy, timeout:
 
 
 def _write_parameters(
-    channel: Channel, pdo: Pdo, manner: PdoConfigPolicy, timeout: float
+    channel: Channel, pdo: PdoConfig, policy: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
     wanted = {_TYPE: pdo.type, _INHIBIT: pdo.inhibit, _EVENT_TIMER: pdo.event_timer, _SYNC_START: pdo.sync_start}
     for sub, value in wanted.items():
-        if manner.skip_equal:
+        if policy.skip_equal:
             has = yield from _read(channel, pdo.communication, sub, timeout, needed=False)
             if (has or 0) == value:
                 continue
@@ -169,9 +171,9 @@ def _read(
     return int.from_bytes(data[: _SIZES[sub]], "little")
 
 
-def _read_mapping(channel: Channel, pdo: Pdo, timeout: float) -> Conversation[CanFrame, _Content]:
+def _read_mapping(channel: Channel, pdo: PdoConfig, timeout: float) -> Conversation[CanFrame, _Content]:
     data = yield from upload(channel, pdo.map, 0, timeout=timeout, size=1)
-    multiplexed = COUNTS.get(data[0])
+    multiplexed = MPDO_COUNTS.get(data[0])
     if multiplexed is not None:
         return (), multiplexed
     if data[0] > ENTRIES_MAX:
@@ -189,7 +191,7 @@ def _write(
     yield from download(channel, index, sub, value.to_bytes(size, "little"), timeout=timeout)
 
 
-def _other_mapping(pdo: Pdo, has: _Content) -> EncodeError:
+def _other_mapping(pdo: PdoConfig, has: _Content) -> EncodeError:
     shown, wanted = (
         kind or " ".join(f"{word:08X}" for word in words) or "nothing"
         for words, kind in (has, (pdo.mapping, pdo.multiplexed))
@@ -197,27 +199,27 @@ def _other_mapping(pdo: Pdo, has: _Content) -> EncodeError:
     return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; wanted is {wanted}")
 
 
-def mapping_of(pdo: Pdo, objects: ObjectDictionary | None = None) -> PdoMapping:
+def mapping_of(pdo: PdoConfig, objects: ObjectDictionary | None = None) -> PdoMapping:
     """The mapping of a PDO with the names and types of a dictionary, by which values are packed and unpacked.
 
     What the dictionary does not know, or has with another width, is a placeholder under the name of its place: it
     keeps its bits, so nothing behind it moves.
 
-    >>> mapping_of(Pdo("TPDO", 1, (0x60410010, 0x20050010))).unpack(bytes.fromhex("3706 18FC"))
+    >>> mapping_of(PdoConfig("TPDO", 1, (0x60410010, 0x20050010))).unpack(bytes.fromhex("3706 18FC"))
     {'6041h:00': 1591, '2005h:00': 64536}
     """
     return PdoMapping(_mapped(pdo.mapping, objects))
 
 
-def _mapped(words: tuple[int, ...], objects: ObjectDictionary | None) -> Iterator[Mapped]:
+def _mapped(words: tuple[int, ...], objects: ObjectDictionary | None) -> Iterator[MappedObject]:
     names: set[str] = set()
     for word in words:
-        plain = Mapped.of_word(word)
+        plain = MappedObject.of_word(word)
         if objects is None or plain.is_dummy or (plain.index, plain.sub) not in objects:
             yield plain
             continue
         entry = objects.entry(plain.index, plain.sub)
-        known = Mapped.of_word(word, entry.type, "" if entry.name in names else entry.name)
+        known = MappedObject.of_word(word, entry.type, "" if entry.name in names else entry.name)
         names.add(entry.name)
         try:
             PdoMapping([known])

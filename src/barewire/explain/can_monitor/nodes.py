@@ -13,7 +13,7 @@ from statistics import median
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.nmt.messages import LEADS_TO, NmtCommand, NmtState
+from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtState
 from barewire.explain.can_monitor.events import MonitorEvent, NmtCommandReport, NodeReport, Violation
 
 LEARNED, TOLD = 2.5, 2.0
@@ -137,7 +137,7 @@ class NodeTracker:
             return [Violation(now, "NMT-LENGTH", 0, f"{len(data)} bytes", str(frame))]
         if data[1] > 127:
             return [Violation(now, "NMT-NODE", 0, f"node {data[1]}", str(frame))]
-        if data[0] not in LEADS_TO:
+        if data[0] not in STATE_AFTER:
             return [Violation(now, "NMT-COMMAND", data[1], f"{data[0]:02X}h is no command", str(frame))]
         for number in [data[1]] if data[1] else list(self.nodes):
             node = self._node(number)
@@ -153,7 +153,7 @@ class NodeTracker:
         if node is None:
             return None
         if node.commanded is not None:
-            after = LEADS_TO[node.commanded]
+            after = STATE_AFTER[node.commanded]
             return int(after) if after and now - node.commanded_at > GRACE else None
         return None if node.missing else node.state
 
@@ -230,7 +230,7 @@ class NodeTracker:
         """Whether the node is where it was told to go; the first state that it tells in good time decides."""
         if node.commanded is None:
             return []
-        expected, since = LEADS_TO[node.commanded], now - node.commanded_at
+        expected, since = STATE_AFTER[node.commanded], now - node.commanded_at
         if state == expected:
             node.commanded = None
         elif since > GRACE:

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.pdo.config import Direction, Pdo
-from barewire.canopen.pdo.mapping import ENTRIES_MAX, Mapped, PdoMapping
+from barewire.canopen.pdo.config import PdoConfig, PdoDirection
+from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.codecs import Value
 from barewire.devices.parameter import show
 from barewire.errors import DecodeError, EncodeError
@@ -27,13 +27,13 @@ SHOWN_MAX = 512
 """So many PDOs' last data are remembered, to know what is new."""
 
 FrameKey = tuple[int, bool]
-_BASES: tuple[tuple[int, int, Direction], ...] = ((0x1400, 0x1600, "RPDO"), (0x1800, 0x1A00, "TPDO"))
+_BASES: tuple[tuple[int, int, PdoDirection], ...] = ((0x1400, 0x1600, "RPDO"), (0x1800, 0x1A00, "TPDO"))
 
 
 class _Record:
     """One PDO of one node, as it is now."""
 
-    def __init__(self, node: int, direction: Direction, number: int, factory: Pdo | None) -> None:
+    def __init__(self, node: int, direction: PdoDirection, number: int, factory: PdoConfig | None) -> None:
         self.node = node
         self.direction = direction
         self.number = number
@@ -75,7 +75,7 @@ class _Record:
             for word in words:
                 known = objects.get((word >> 16, word >> 8 & 0xFF)) if typed else None
                 kind = None if known is None or known.type == "text" else known.type
-                entries.append(Mapped.of_word(word, kind, "" if known is None else known.name))
+                entries.append(MappedObject.of_word(word, kind, "" if known is None else known.name))
             try:
                 self.mapping = PdoMapping(entries)
                 return
@@ -88,7 +88,7 @@ class PdoTracker:
 
     def __init__(self, known: tuple[KnownNode, ...] = ()) -> None:
         self._objects: dict[int, dict[tuple[int, int], KnownObject]] = {one.node: dict(one.objects) for one in known}
-        self._records: dict[tuple[int, Direction, int], _Record] = {}
+        self._records: dict[tuple[int, PdoDirection, int], _Record] = {}
         self._by_key: dict[FrameKey, _Record] = {}
         self._last: dict[FrameKey, bytes] = {}
         self._stored: set[int] = set()
@@ -96,7 +96,7 @@ class PdoTracker:
             for pdo in one.pdos:
                 self._add(one.node, pdo.direction, pdo.number, pdo)
 
-    def _add(self, node: int, direction: Direction, number: int, factory: Pdo | None) -> _Record | None:
+    def _add(self, node: int, direction: PdoDirection, number: int, factory: PdoConfig | None) -> _Record | None:
         place = node, direction, number
         if place not in self._records and len(self._records) < RECORDS_MAX:
             self._records[place] = record = _Record(node, direction, number, factory)

@@ -20,9 +20,9 @@ from barewire.canopen.emcy.message import Emergency, error_text, register_names
 from barewire.canopen.frame import DATA_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.nmt.heartbeat import STATE_BYTE, NodeState
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
-from barewire.canopen.pdo.mapping import Mapped, PdoMapping
+from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
 from barewire.canopen.sdo.messages.block import LAST
-from barewire.canopen.sync import Sync
+from barewire.canopen.sync import SyncMessage
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
@@ -152,7 +152,7 @@ def _process_data(frame: CanFrame, pdos: PdoTracker, node: int, name: str, mappi
 
 
 def _mapped_fields(mapping: PdoMapping, data: bytes, words: Mapping[str, str]) -> list[Field]:
-    fields, begin, end, held = list[Field](), 0, 0, list[Mapped]()
+    fields, begin, end, held = list[Field](), 0, 0, list[MappedObject]()
     for place, entry in enumerate(mapping.entries, start=1):
         held.append(entry)
         end += entry.bits
@@ -258,7 +258,7 @@ def _nmt(frame: CanFrame) -> Found:
 def _sync(frame: CanFrame) -> Found:
     fields = [Field(0, 1, "counter", frame.data[0]) for _ in frame.data[:1]]
     try:
-        message = Sync.decode(frame)
+        message = SyncMessage.decode(frame)
     except DecodeError as error:
         return fields, error, ""
     return fields, None, "" if message.counter is None else f"number {message.counter}"

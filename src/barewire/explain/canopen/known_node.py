@@ -13,7 +13,7 @@ from barewire.canopen.cob_ids import check_node, classify
 from barewire.canopen.datatypes import object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.config import Direction, Pdo, pdos_of
+from barewire.canopen.pdo.config import PdoConfig, PdoDirection, pdos_of
 from barewire.canopen.sdo.dialect import STANDARD
 from barewire.canopen.time_types import TimeDifference, TimeOfDay
 from barewire.codecs import Value
@@ -62,7 +62,7 @@ class KnownNode(NamedTuple):
     node: int
     title: str
     objects: Mapping[tuple[int, int], KnownObject]
-    pdos: tuple[Pdo, ...]
+    pdos: tuple[PdoConfig, ...]
     commands: tuple[int, ...] = ()
     """Requests of its dialect that the standard says otherwise."""
 
@@ -88,9 +88,9 @@ def of_device(device: Device, node: int | None = None) -> KnownNode:
         owner = classify(CanFrame(described.cob_id + number))
         if owner is None or "PDO" not in owner[0].name:
             continue
-        direction: Direction = "TPDO" if owner[0].name.startswith("T") else "RPDO"
+        direction: PdoDirection = "TPDO" if owner[0].name.startswith("T") else "RPDO"
         words = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
-        pdos.append(Pdo(direction, int(owner[0].name[4:]), words, described.transmission))
+        pdos.append(PdoConfig(direction, int(owner[0].name[4:]), words, described.transmission))
     dialect = DIALECTS.get(device.canopen.dialect, STANDARD)
     commands = tuple(command for _, command in dialect.read_commands)
     return KnownNode(number, device.title, objects, tuple(pdos), commands)

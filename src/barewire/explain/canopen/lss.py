@@ -9,11 +9,11 @@ Which services there are, and in which direction, `canopen.lss` knows; here are 
 from __future__ import annotations
 
 from barewire.canopen.lss.messages import (
-    ANSWERS,
     AUTOMATIC_BIT_RATE,
     BEGIN,
-    BIT_RATES,
-    REQUESTS,
+    LSS_ANSWERS,
+    LSS_BIT_RATES,
+    LSS_REQUESTS,
     UNCONFIGURED,
     Fastscan,
     LssAddress,
@@ -82,7 +82,7 @@ def explain_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | Non
     """
     if not data:
         return [], DecodeError("short", data, 0, "the service is byte 0, but there are none"), ""
-    if data[0] not in (REQUESTS if role == "request" else ANSWERS):
+    if data[0] not in (LSS_REQUESTS if role == "request" else LSS_ANSWERS):
         error = DecodeError("function", data, 0, f"{data[0]:02X}h is no service of an LSS {role}")
         return fill_gaps([Field(0, 1, "service", data[0], "unknown")], len(data)), error, "unknown service"
     service = LssService(data[0])
@@ -112,8 +112,8 @@ def _words(service: LssService, name: str, value: int) -> str:
             return {0: "done", 0xFF: "failed, see details"}.get(value, "refused")
         case "delay":
             return "ms before the change, and the same again after it"
-        case "entry" if value in BIT_RATES:
-            return f"{BIT_RATES[value] // 1000} kbit/s"
+        case "entry" if value in LSS_BIT_RATES:
+            return f"{LSS_BIT_RATES[value] // 1000} kbit/s"
         case "entry":
             return "finds out by itself" if value == AUTOMATIC_BIT_RATE else "reserved"
         case "bit check" if value == BEGIN:

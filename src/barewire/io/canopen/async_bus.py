@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Iterable
 from typing import TypeVar
 
-from barewire.canopen.bus.channel_locks import Keys
+from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.event_stream import ROOM, Hearing, Listener, Report
@@ -144,7 +144,7 @@ async def wait_open(bus: CanBus, patience: float) -> None:
 
 
 @contextlib.asynccontextmanager
-async def turn(bus: CanBus, keys: Keys | None) -> AsyncIterator[None]:
+async def turn(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[None]:
     """Wait until nobody talks who would be disturbed, and then be the one who talks."""
     loop = asyncio.get_running_loop()
     waiter: asyncio.Future[None] = loop.create_future()
@@ -157,13 +157,13 @@ async def turn(bus: CanBus, keys: Keys | None) -> AsyncIterator[None]:
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(go)
 
-    claim = bus.join(keys, asyncio.current_task(), wake)
+    lock = bus.join(keys, asyncio.current_task(), wake)
     try:
-        if not claim.going:
+        if not lock.granted:
             await waiter
         yield
     finally:
-        bus.leave(claim)
+        bus.leave(lock)
 
 
 class AsyncStream(Hearing[E]):

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 from weakref import WeakSet
 
 from barewire.canopen import CanFrame
-from barewire.canopen.bus.channel_locks import Keys
+from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, EncodeError, PortError
@@ -134,17 +134,17 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
 
 
 @contextlib.contextmanager
-def turn(bus: CanBus, keys: Keys | None) -> Iterator[None]:
+def turn(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
     """Wait until nobody talks who would be disturbed, and then be the one who talks."""
     bell = threading.Lock()
     bell.acquire()
-    claim = bus.join(keys, threading.get_ident(), bell.release)
+    lock = bus.join(keys, threading.get_ident(), bell.release)
     try:
-        if not claim.going:
+        if not lock.granted:
             bell.acquire()
         yield
     finally:
-        bus.leave(claim)
+        bus.leave(lock)
 
 
 Client: TypeAlias = "ModbusClient | CanopenClient"

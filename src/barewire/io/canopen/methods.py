@@ -39,7 +39,7 @@ from barewire.io.canopen.operations import (
 )
 
 if TYPE_CHECKING:
-    from barewire.canopen.object_dictionary import Place
+    from barewire.canopen.object_dictionary import ObjectRef
     from barewire.canopen.sdo.client.block_options import BlockMode
     from barewire.canopen.sdo.stream import SdoProgress
     from barewire.codecs import Value
@@ -126,7 +126,7 @@ class MasterVerbs(Words):
     def read_object(
         self,
         objects: canopen.ObjectDictionary,
-        place: Place,
+        place: ObjectRef,
         *,
         node: At = None,
         block: BlockMode = False,
@@ -140,7 +140,7 @@ class MasterVerbs(Words):
     def write_object(
         self,
         objects: canopen.ObjectDictionary,
-        place: Place,
+        place: ObjectRef,
         value: Value,
         *,
         node: At = None,
@@ -189,13 +189,13 @@ class MasterVerbs(Words):
     ) -> Talk[list[canopen.NmtConfirmation]]:
         """Send an NMT command and wait until the node, or every node of `confirmed_by`, says that it is there."""
         at = self.node_id(node)
-        telling = canopen.tell_nmt(command, at, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
+        telling = canopen.send_nmt(command, at, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
         return Talk(telling, NOBODY, STATES)
 
     @Verb
     def ask_state(self, *, node: int | None = None, timeout: float = 0.5) -> Talk[canopen.NodeState]:
         """The state of a node, asked by node guarding."""
-        return Talk(canopen.ask_state(self.node_id(node), timeout=timeout), NOBODY, STATES)
+        return Talk(canopen.request_state(self.node_id(node), timeout=timeout), NOBODY, STATES)
 
     @Verb
     def wait_for_boot_up(self, *, node: int | None = None, timeout: float = 10.0) -> Talk[canopen.NodeState]:
@@ -236,7 +236,7 @@ class MasterVerbs(Words):
     @Verb
     def send_sync(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> Talk[None]:
         """One SYNC. `key` is its (identifier, extended) where 1005h of the devices says another than 80h."""
-        return say(canopen.Sync(counter).encode(key))
+        return say(canopen.SyncMessage(counter).encode(key))
 
     @Going
     def start_sync(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY) -> tuple[Speaker, frozenset[Key]]:
@@ -263,7 +263,7 @@ class MasterVerbs(Words):
         return canopen.TimeProducer(period, time.time() - time.monotonic(), key=key), SILENCE
 
     @Watching
-    def times(self, *, key: Key = TIME_KEY) -> Watch[canopen.TimeHeard]:
+    def times(self, *, key: Key = TIME_KEY) -> Watch[canopen.TimeReceived]:
         """The TIME messages of somebody else."""
         return Watch(canopen.TimeConsumer(key), frozenset({key}))
 
@@ -291,8 +291,8 @@ class MasterVerbs(Words):
         *,
         listen: float = 0.0,
         timeout: float = 0.1,
-        progress: Callable[[int, canopen.Survey], None] | None = None,
-    ) -> Talk[canopen.Survey]:
+        progress: Callable[[int, canopen.ScanResult], None] | None = None,
+    ) -> Talk[canopen.ScanResult]:
         """Who is on the bus, and why we believe it. Transfers of others of us with these nodes are waited for."""
         claims = frozenset(("SDO", 0x580 + node, False) for node in nodes)
         return Talk(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), claims, None)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Self, TypeAlias, TypeVar, overload
 from weakref import WeakSet
 
-from barewire.canopen.bus.channel_locks import Keys
+from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
@@ -46,7 +46,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 E = TypeVar("E")
 
-NOBODY: Keys = frozenset()
+NOBODY: LockKeys = frozenset()
 """The claims of what disturbs nobody."""
 SILENCE: frozenset[Key] = frozenset()
 """What a word hears that waits for nothing."""
@@ -56,7 +56,7 @@ class Talk(NamedTuple, Generic[T]):
     """A conversation, whom it would disturb, and the identifiers that it has to hear; None is everything."""
 
     conversation: Conversation[CanFrame, T]
-    claims: Keys | None
+    claims: LockKeys | None
     hears: frozenset[Key] | None
 
 

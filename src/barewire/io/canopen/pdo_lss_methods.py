@@ -22,8 +22,8 @@ from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
 from barewire.io.canopen.operations import At, Talk, Verb, Watch, Watching, Words, say, sdo
 
 if TYPE_CHECKING:
-    from barewire.canopen import CanFrame, ObjectDictionary, Pdo, PdoConfigPolicy, PdoReceived, RemotePdo
-    from barewire.canopen.pdo.config import Direction
+    from barewire.canopen import CanFrame, ObjectDictionary, PdoConfig, PdoConfigPolicy, PdoReceived, RemotePdo
+    from barewire.canopen.pdo.config import PdoDirection
     from barewire.codecs import Value
     from barewire.conversation import Conversation
     from barewire.devices.device import Device
@@ -56,27 +56,27 @@ class PdoVerbs(Words):
 
     @Verb
     def read_pdo(
-        self, direction: Direction, number: int, *, node: At = None, timeout: float | None = None
-    ) -> Talk[Pdo]:
+        self, direction: PdoDirection, number: int, *, node: At = None, timeout: float | None = None
+    ) -> Talk[PdoConfig]:
         """One PDO of a device as its records say."""
         channel = self.channel(node)
         return sdo(channel, canopen.read_pdo(channel, direction, number, timeout=self.patience(timeout)))
 
     @Verb
     def write_pdo(
-        self, pdo: Pdo, *, manner: PdoConfigPolicy | None = None, node: At = None, timeout: float | None = None
+        self, pdo: PdoConfig, *, policy: PdoConfigPolicy | None = None, node: At = None, timeout: float | None = None
     ) -> Talk[None]:
         """Make a PDO of the device the one that is given, in the safe order. The device should be pre-operational."""
         channel = self.channel(node)
         return sdo(
             channel,
-            canopen.write_pdo(channel, pdo, manner=manner or canopen.PdoConfigPolicy(), timeout=self.patience(timeout)),
+            canopen.write_pdo(channel, pdo, policy=policy or canopen.PdoConfigPolicy(), timeout=self.patience(timeout)),
         )
 
     @Verb
     def remote_pdo(
         self,
-        direction: Direction,
+        direction: PdoDirection,
         number: int,
         *,
         objects: ObjectDictionary | Device | None = None,
@@ -95,7 +95,7 @@ class PdoVerbs(Words):
     @Watching
     def pdos(self, *pdos: RemotePdo) -> Watch[PdoReceived]:
         """The values of these PDOs, as they come."""
-        listener = canopen.PdoListener(pdos)
+        listener = canopen.PdoConsumer(pdos)
         return Watch(listener, frozenset(listener.sources))
 
 
@@ -123,4 +123,4 @@ class LssVerbs(Words):
     activate_bit_timing = _lss(lss_master.activate_bit_timing)
     store_configuration = _lss(lss_master.store_configuration)
     fastscan = _lss(lss_scan.fastscan)
-    find_all = _lss(lss_scan.find_all)
+    find_all = _lss(lss_scan.assign_node_ids)

@@ -23,7 +23,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
-from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, Keys
+from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
 from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.sdo.client.channel import Channel
@@ -56,7 +56,7 @@ class CanBus:
     def __init__(self, port: Port[CanFrame], *, watch: Watch | None = None, dial: Dial | None = None) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
-        self.presence = NodeMonitor()
+        self.monitor = NodeMonitor()
         self.failure: str | None = None
         self._receive = taker(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
@@ -68,7 +68,7 @@ class CanBus:
         self._changing = threading.Lock()
         self._sending = threading.Lock()
         self._channels: dict[tuple[int, SdoDialect], Channel] = {}
-        self._claims = ChannelLocks()
+        self._locks = ChannelLocks()
         self._line = threading.Lock()
         self._closed = False
         self._over = False  # it failed, or was closed, and does not come back
@@ -113,7 +113,7 @@ class CanBus:
 
     def _hand_out(self, frame: CanFrame, at: float, by: Subscriber | None) -> None:
         if by is None or by.node:
-            self.presence.feed(frame, at)
+            self.monitor.feed(frame, at)
         for tap in self._by_id[frame.extended].get(frame.id, ()):
             if tap is not by:
                 tap.put(frame, at)
@@ -123,7 +123,7 @@ class CanBus:
 
     def _report(self, item: Item, at: float) -> None:
         if isinstance(item, ErrorFrame):
-            self.presence.report(item, at)
+            self.monitor.report(item, at)
         for tap in tuple(self._taps):
             if tap.reports:
                 tap.put(item, at)
@@ -257,18 +257,18 @@ class CanBus:
         with self._line:
             channel = self._channels.get((node, dialect))
             if channel is None:
-                channel = self._channels[node, dialect] = Channel(node, dialect, node_monitor=self.presence)
+                channel = self._channels[node, dialect] = Channel(node, dialect, node_monitor=self.monitor)
             return channel
 
-    def join(self, keys: Keys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
+    def join(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
         """A place in the line of those who want to talk; see `ChannelLocks`."""
         with self._line:
-            return self._claims.join(keys, owner, wake)
+            return self._locks.request(keys, owner, wake)
 
-    def leave(self, claim: ChannelLock) -> None:
+    def leave(self, lock: ChannelLock) -> None:
         """The talk is over."""
         with self._line:
-            self._claims.leave(claim)
+            self._locks.release(lock)
 
     def close(self) -> None:
         """End the reader and leave the bus."""

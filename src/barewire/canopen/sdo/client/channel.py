@@ -17,7 +17,7 @@ I know: one node, what is heard of it.  I never know: clocks, buses, what an obj
 
 from __future__ import annotations
 
-from barewire.canopen.bus.node_monitor import Mark, NodeMonitor
+from barewire.canopen.bus.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
@@ -78,7 +78,7 @@ class Channel:
             self.request_id, self.request_extended = cob_ids[0][:2]
             self.answer_id, self.answer_extended = cob_ids[1][:2]
         self.node_monitor = node_monitor
-        self._mark: Mark | None = None
+        self._mark: TrafficMark | None = None
         self.blocks = True  # until the server says that it has none: then `block="auto"` does not ask again
         self.quiet_until: float | None = None
         self.busy = False
@@ -131,7 +131,9 @@ class Channel:
         """Why there was no answer, as far as what was heard tells."""
         if self.node_monitor is None or self._mark is None:
             return self.counters.explain(self.node, self.answer_id)
-        told = self.node_monitor.explain(self.node, self.answer_id, self._mark, now, answers=self.counters.answers)
+        told = self.node_monitor.explain_silence(
+            self.node, self.answer_id, self._mark, now, answers=self.counters.answers
+        )
         return ", ".join([told, *self.counters.oddities()])
 
     def settle(self) -> Conversation[CanFrame, None]:

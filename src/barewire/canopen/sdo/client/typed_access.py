@@ -10,7 +10,7 @@ abort code. Only what is no value of the type at all is refused here, before any
 from __future__ import annotations
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.object_dictionary import ObjectDictionary, Place
+from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
 from barewire.canopen.sdo import Channel, SdoDialect, download, upload
 from barewire.canopen.sdo.client.block_options import BlockMode
 from barewire.codecs import Value
@@ -21,7 +21,7 @@ from barewire.errors import DecodeError, EncodeError
 def read_object(
     node: int | Channel,
     objects: ObjectDictionary,
-    place: Place,
+    place: ObjectRef,
     *,
     timeout: float = 1.0,
     dialect: SdoDialect | None = None,
@@ -57,7 +57,7 @@ def read_object(
 def write_object(
     node: int | Channel,
     objects: ObjectDictionary,
-    place: Place,
+    place: ObjectRef,
     value: Value,
     *,
     timeout: float = 1.0,

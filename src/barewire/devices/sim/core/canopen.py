@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 from barewire.canopen.device.device import LocalNode as Node
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand, NmtState
-from barewire.canopen.object_dictionary import Access, Entry, ObjectDictionary
-from barewire.canopen.pdo.config import Pdo
+from barewire.canopen.object_dictionary import Entry, ObjectAccess, ObjectDictionary
+from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import STANDARD
 from barewire.codecs import Value, get_bit, set_bit
@@ -164,11 +164,11 @@ class CanopenAdapter:
         self.machine.reset_communication()
 
 
-def _pdo(described: DevicePdo, node: int) -> Pdo:
+def _pdo(described: DevicePdo, node: int) -> PdoConfig:
     """The factory setting of a PDO. The descriptions give COB-IDs without the node-ID, which is added."""
     number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
-    pdo = Pdo(
+    pdo = PdoConfig(
         "TPDO" if described.cob_id & 0x80 else "RPDO",
         number,
         mapping,
@@ -247,7 +247,7 @@ def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
                 _declined(partial(cell.check, on), index, sub)
                 cell.put(on)
 
-    access: Access = "rw" if any(cell.parameter.writable for cell in cells) else "ro"
+    access: ObjectAccess = "rw" if any(cell.parameter.writable for cell in cells) else "ro"
     return Entry(index, sub, f"{index:04X}h", "u16", access, on_read=read, on_write=write)
 
 
