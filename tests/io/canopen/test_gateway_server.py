@@ -292,7 +292,7 @@ def test_whose_connection_breaks_in_mid_transfer_waits_for_nothing() -> None:
             person = await Person.at(made)
             assert await person.ask("[1] set sdo_timeout 60000") == "[1] OK"
             person.say("[2] 9 r 0x1000 0 u32\n")  # nobody is there
-            while not made.client.bus._locks._line:
+            while not made.client.bus._locks._queue:
                 await asyncio.sleep(0.01)
             sock = person.writer.get_extra_info("socket")
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, no farewell
@@ -300,7 +300,7 @@ def test_whose_connection_breaks_in_mid_transfer_waits_for_nothing() -> None:
             while made._connections:
                 await asyncio.sleep(0.01)
             other = await Person.at(made)
-            assert not made.client.bus._locks._line
+            assert not made.client.bus._locks._queue
             assert await other.ask("[3] 5 r 0x1000 0 x32") == "[3] 0x00020192"
             await other.leave()
 

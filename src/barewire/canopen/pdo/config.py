@@ -67,7 +67,7 @@ class PdoConfig:
     >>> PdoConfig("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
     True
     >>> PdoConfig("TPDO", 1, (0x60410010,), 1, 0x185)
-    Pdo('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
+    PdoConfig('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
     """
 
     direction: PdoDirection
