@@ -1,29 +1,42 @@
-"""SDO overheard: the frames of one channel, put together to transfers.   [CiA 301, SDO]
+"""The frames of one SDO channel, assembled into transfers.   [CiA 301, SDO]
 
         605h  client -> server     585h  server -> client          one transfer at a time
 
-A frame means what the one before it makes it mean, so this is a machine with the state of both sides. What does not
-fit is one of three things, and which one is often told by what the other side says next:
+A frame has its meaning from the frames before it, so this is a machine with the state of both sides. A frame that
+does not fit is one of three things; often the next frame of the other side decides which:
 
-    the recording lacks a frame     both go on as if it had been there: they heard it            Gap
-    the bus lost a frame            one of them says the same again                              Loss
-    somebody broke a rule           the other one aborts, or nothing else can explain it         Violation
+    the recording lacks a frame     both sides go on, so both have it                            Gap
+    the bus lost a frame            one side sends the same again                                Loss
+    a side broke a rule             the other side aborts, or nothing else can explain it        Violation
+
+A recording may begin in the middle of a transfer:
+
+    answer without a request        late, if the transfer was given up; or the request is not in the recording
+    consecutive numbers, one side   a block: no other transfer has two frames of one side in a row
+    A2, C1, A1                      the end of a block transfer
+
+Depends on: the SDO messages, channel_state, segments, block. Used by: channels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.aborts import AbortCode, abort_text
 from barewire.canopen.sdo.messages.block import (
     BLOCK_MAX,
+    BlockAck,
     BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
     BlockUploadInitiated,
     InitiateBlockDownload,
     InitiateBlockUpload,
+    StartBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import decode_one_of, has_reserved_bits
+from barewire.canopen.sdo.messages.codec import SdoMessage, decode_one_of, has_reserved_bits
 from barewire.canopen.sdo.messages.initiate import (
     Abort,
     DownloadInitiated,
@@ -34,124 +47,133 @@ from barewire.canopen.sdo.messages.initiate import (
 )
 from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.errors import DecodeError
-from barewire.explain.can_monitor.block import BlockTracker
-from barewire.explain.can_monitor.events import Gap, Loss, MonitorEvent, TransferDirection, TransferOutcome, Violation
-from barewire.explain.can_monitor.message_directions import (
-    BEGINS,
-    CLIENT_SAYS,
-    SERVER_SAYS,
+from barewire.explain.can_monitor.channel_state import ChannelState
+from barewire.explain.can_monitor.events import (
+    Gap,
+    MonitorEvent,
+    SdoTransferReport,
+    TransferDirection,
+    TransferManner,
+    TransferOutcome,
+    Violation,
+)
+from barewire.explain.can_monitor.segments import feed_segment
+from barewire.explain.can_monitor.transfer import (
+    CLIENT_MESSAGES,
+    SERVER_MESSAGES,
+    TRANSFER_OF,
+    HeldBytes,
     InitiateAnswer,
     InitiateRequest,
-)
-from barewire.explain.can_monitor.segments import hear_segment
-from barewire.explain.can_monitor.transfer import HeldBytes, OpenTransfer, SdoSide, object_name
-from barewire.explain.can_monitor.unheard import (
-    answer_to_nobody,
-    begin_unheard,
-    block_unheard,
-    first_segment_of_block,
-    is_block_under_way,
+    OpenTransfer,
+    SdoSide,
+    object_name,
 )
 
-PATIENCE = 3.0
-"""After so many seconds without a word a transfer is given up."""
+GIVE_UP = 3.0
+"""After so many seconds without a frame a transfer is given up."""
+
+_UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
 
 
 class SdoTracker:
-    """One channel of one node. A machine: its frames in, events out."""
+    """One channel of one node. A machine: its frames in, events out.
+
+    `dialect` has command bytes with reserved bits set that the device is known to use.
+    """
 
     def __init__(
-        self, node: int, channel: int, memory: HeldBytes, patience: float = PATIENCE, dialect: Iterable[int] = ()
+        self, node: int, channel: int, held: HeldBytes, give_up: float = GIVE_UP, dialect: Iterable[int] = ()
     ) -> None:
-        self.node, self.channel = node, channel
-        self.open: OpenTransfer | None = None
-        self.memory, self._patience = memory, patience
-        self.heard = False
-        self.given_up: OpenTransfer | None = None
-        self._reserved = set(dialect)  # command bytes with reserved bits that were told already, or are agreed upon
-        self.held_back: list[MonitorEvent] = []
-        self.last = (False, b"")
-        self.run = 0  # so often in a row the same side has said a frame with the next higher number
-        self.now, self._frame = 0.0, ""
-        self.out: list[MonitorEvent] = []
+        self.node = node
+        self._state = ChannelState(node, channel, held)
+        self._give_up = give_up
+        self._reserved = set(dialect)  # command bytes whose reserved bits are not reported, or not again
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a transfer is under way."""
+        return self._state.open is not None
 
     @property
     def deadline(self) -> float | None:
         """When the transfer under way is given up."""
-        return None if self.open is None else self.open.heard + self._patience
+        transfer = self._state.open
+        return None if transfer is None else transfer.last_frame_at + self._give_up
 
-    def feed(self, asks: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """A frame of the client (`asks`) or of the server."""
-        self.now, self._frame = now, str(frame)
-        data = frame.data
+    def feed(self, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a frame of the client or of the server."""
+        state, data = self._state, frame.data
+        state.now, state.frame = now, str(frame)
         if len(data) != 8:
-            self.broken("SDO-LENGTH", f"{len(data)} bytes")
+            state.violation("SDO-LENGTH", f"{len(data)} bytes")
         if data:
-            self._hear("client" if asks else "server", data)
-            if self.open is not None:
-                self.open.heard = now
-        before = self.last[1] if self.last[0] == asks else b""
-        self.run = self.run + 1 if data and before and data[0] & 0x7F == before[0] + 1 else 0
-        self.heard, self.last = True, (asks, data)
-        return self._told()
+            self._take("client" if from_client else "server", data)
+            if state.open is not None:
+                state.open.last_frame_at = now
+        before = state.last_frame[1] if state.last_frame[0] == from_client else b""
+        state.run = state.run + 1 if data and before and data[0] & 0x7F == before[0] + 1 else 0
+        state.has_frames, state.last_frame = True, (from_client, data)
+        return state.take_events()
 
     def pass_time(self, now: float) -> list[MonitorEvent]:
-        """What was due by now: a transfer that nobody goes on with."""
-        deadline = self.deadline
-        if deadline is not None and now >= deadline:
-            self.now = deadline
-            self.release()
-            self.close(self._silent_outcome())
-        return self._told()
+        """Give up a transfer whose deadline has passed."""
+        deadline, transfer = self.deadline, self._state.open
+        if deadline is not None and transfer is not None and now >= deadline:
+            self._state.now = deadline
+            self._state.release()
+            self._state.close(_outcome_of_silence(transfer))
+        return self._state.take_events()
 
     def interrupt(self) -> None:
-        """The recording has a hole here: what is under way may go on behind it, and may have ended in it."""
-        if self.open is not None:
-            self.open.gapped = True
-        self.given_up, self.heard = None, False
+        """The recording has a hole here: the transfer under way may go on after it, or may have ended in it."""
+        if self._state.open is not None:
+            self._state.open.gapped = True
+        self._state.given_up, self._state.has_frames = None, False
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """The recording is over."""
-        self.now = now
-        self.close("cut")
-        self.release()
-        return self._told()
+        """The recording ends."""
+        self._state.now = now
+        self._state.close("cut")
+        self._state.release()
+        return self._state.take_events()
 
-    def takes_segment(self, asks: bool, data: bytes) -> bool:
+    def takes_segment(self, from_client: bool, data: bytes) -> bool:
         """Whether this frame, coming now, would be a segment of a block."""
-        block = None if self.open is None else self.open.block
+        block = self._state.block
         if block is None or block.state != "segments" or not data or data[0] == 0x80:
             return False
-        return block.sender == ("client" if asks else "server")
+        return block.sender == ("client" if from_client else "server")
 
-    # What it is
+    # Which message it is
 
-    def _hear(self, speaker: SdoSide, data: bytes) -> None:
-        if is_block_under_way(self, speaker, data):
-            begun = begin_unheard(self, "upload" if speaker == "server" else "download", "block")
-            begun.block = BlockTracker(begun, self.node, speaker, None, crc=None)
-        self.release()
-        first_segment_of_block(self, speaker, data)
-        block = None if self.open is None else self.open.block
-        if block is not None and block.feed(speaker, data, self.now):
-            self.take_told(block)
-            if block.state == "over":
-                self.done()
-            return
+    def _take(self, speaker: SdoSide, data: bytes) -> None:
+        state = self._state
+        if self._continues_unrecorded_block(speaker, data):
+            begun = state.begin_unrecorded("upload" if speaker == "server" else "download", "block")
+            state.begin_blocks(begun, speaker)
+        state.release()
+        self._begin_unanswered_block(speaker, data)
+        block = state.block
         if block is not None:
-            self.take_told(block)
+            belongs = block.feed(speaker, data, state.now)
+            state.collect_findings(block)
+            if belongs:
+                if block.state == "over":
+                    state.done(block.transfer)
+                return
         try:
-            message = decode_one_of(data, CLIENT_SAYS if speaker == "client" else SERVER_SAYS)
+            message = decode_one_of(data, CLIENT_MESSAGES if speaker == "client" else SERVER_MESSAGES)
         except DecodeError as error:
             if error.reason == "function":
-                self.broken("SDO-COMMAND", f"{data[0]:02X}h is no command of the {speaker}")
+                state.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {speaker}")
             return
         if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
             self._reserved.add(data[0])
             standard = message.pattern.encode(**message.pattern.decode(data[0]))
-            text = f"{data[0]:02X}h for what the standard says with {standard:02X}h"
+            text = f"{data[0]:02X}h instead of {standard:02X}h"
             # The next frame may show that this was a segment of a block that began in a hole of the recording.
-            self.held_back.append(Violation(self.now, "SDO-RESERVED", self.node, text, self._frame))
+            state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
         if isinstance(message, Abort):
             self._aborted(speaker, message)
         elif isinstance(message, InitiateAnswer):
@@ -159,148 +181,182 @@ class SdoTracker:
         elif isinstance(message, InitiateRequest):
             self._begin(message, data)
         elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
-            hear_segment(self, speaker, message, self.now)
+            feed_segment(state, speaker, message, state.now)
         else:
-            block_unheard(self, speaker, message, data)
+            self._unmatched_block_message(speaker, message, data)
 
-    def release(self) -> None:
-        """What was held back was what it seemed."""
-        self.out += self.held_back
-        self.held_back = []
-
-    def _told(self) -> list[MonitorEvent]:
-        out, self.out = self.out, []
-        return out
-
-    def take_told(self, block: BlockTracker) -> None:
-        """What the segments of a block have shown."""
-        for told in block.told:
-            if isinstance(told, Gap | Loss):
-                self.out.append(told)
-            else:
-                self.broken(*told)
-        block.told = []
-
-    # Beginnings
-
-    @property
-    def _current(self) -> OpenTransfer:
-        assert self.open is not None
-        return self.open
+    # Requests and answers
 
     def _begin(self, request: InitiateRequest, data: bytes) -> None:
-        if self.open is not None:
-            self.close(self._silent_outcome() if self.open.asked else "cut")
-        direction, manner, answers = BEGINS[type(request)]
-        self.open = new = OpenTransfer(direction, manner, (request.index, request.sub), self.now, self.memory)
-        new.asked, new.answers = data, answers
+        state = self._state
+        if state.open is not None:
+            state.close(_outcome_of_silence(state.open) if state.open.request else "cut")
+        direction, manner, answers = TRANSFER_OF[type(request)]
+        new = state.begin(OpenTransfer(direction, manner, (request.index, request.sub), state.now, state.held))
+        new.request, new.answers = data, answers
         if isinstance(request, ExpeditedDownload):
             new.take(request.data)
         elif isinstance(request, InitiateDownload | InitiateBlockDownload):
             new.size = request.size
-            new.crc_asked = request.crc if isinstance(request, InitiateBlockDownload) else None
+            new.client_crc = request.crc if isinstance(request, InitiateBlockDownload) else None
         elif isinstance(request, InitiateBlockUpload):
-            new.switch, new.crc_asked, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
-            if not 1 <= request.blksize <= BLOCK_MAX:
-                self.broken("SDO-BLOCK-SIZE", f"blocks of {request.blksize} segments are wanted")
+            new.switch, new.client_crc, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
+            self._check_blksize(request.blksize)
+
+    def _check_blksize(self, blksize: int) -> None:
+        if not 1 <= blksize <= BLOCK_MAX:
+            self._state.violation("SDO-BLOCK-SIZE", f"blocks of {blksize} segments are requested")
 
     def _answered(self, answer: InitiateAnswer) -> None:
-        transfer = self.open
-        place = answer.index, answer.sub
-        if transfer is None or not transfer.asked:
-            answer_to_nobody(self, answer)
-            return
-        if place != (transfer.index, transfer.sub):
-            given = self.given_up
+        state, place = self._state, (answer.index, answer.sub)
+        transfer, given = state.open, state.given_up
+        if transfer is None or not transfer.request:
+            self._unmatched_answer(answer)
+        elif place != (transfer.index, transfer.sub):
             if given is not None and (given.index, given.sub) == place and isinstance(answer, given.answers):
                 text = f"the answer about {object_name(*place)} comes after the request for {transfer}"
-                self.broken("SDO-OVERLAP", text)
-                self.given_up = None
+                state.violation("SDO-OVERLAP", text)
+                state.given_up = None
             else:
-                self.broken("SDO-MUX", f"asked for {transfer}, the answer is about {object_name(*place)}")
-            return
-        if not isinstance(answer, transfer.answers):
-            self.broken("SDO-WRONG-SCS", f"{transfer.direction} ({transfer.manner}) of {transfer} asked for")
-            return
-        transfer.asked, transfer.turn = b"", "client"
-        self.go_on(transfer, answer)
+                text = f"the request is for {transfer}, the answer is about {object_name(*place)}"
+                state.violation("SDO-MUX", text)
+        elif not isinstance(answer, transfer.answers):
+            text = f"the request is {transfer.direction} ({transfer.manner}) of {transfer}"
+            state.violation("SDO-WRONG-SCS", text)
+        else:
+            transfer.request, transfer.next_sender = b"", "client"
+            self._go_on(transfer, answer)
 
-    def go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
-        """The answer that the request wants: the value, or how it will come."""
+    def _go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
+        """Take an answer that the request can have: the value, or how it will be transferred."""
+        state = self._state
         if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
             size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
             if transfer.switch is not None and (not transfer.switch or (size or 0) > transfer.switch):
-                text = f"an ordinary answer of {size} bytes, and the protocol switch is {transfer.switch}"
-                self.broken("SDO-BLOCK-SWITCH", text)
+                text = f"an ordinary upload of {size} bytes, but the protocol switch is {transfer.switch}"
+                state.violation("SDO-BLOCK-SWITCH", text)
         match answer:
             case ExpeditedUpload():
                 transfer.manner = "expedited"
                 transfer.take(answer.data)
-                self.done()
+                state.done(transfer)
             case UploadInitiated():
                 transfer.manner, transfer.size = "segmented", answer.size
             case DownloadInitiated():
                 if transfer.manner == "expedited":
-                    self.done()
+                    state.done(transfer)
             case BlockUploadInitiated():
-                crc = transfer.crc_asked and answer.crc if answer.crc else False
                 transfer.manner, transfer.size = "block", answer.size
-                transfer.block = BlockTracker(transfer, self.node, "server", transfer.blksize, crc=crc)
-                transfer.block.state = "ready"
+                crc = transfer.client_crc and answer.crc if answer.crc else False
+                state.begin_blocks(transfer, "server", transfer.blksize, crc=crc).state = "ready"
             case BlockDownloadInitiated():
-                if not 1 <= answer.blksize <= BLOCK_MAX:
-                    self.broken("SDO-BLOCK-SIZE", f"blocks of {answer.blksize} segments are wanted")
+                self._check_blksize(answer.blksize)
                 size = answer.blksize if 1 <= answer.blksize <= BLOCK_MAX else BLOCK_MAX
-                crc = transfer.crc_asked and answer.crc if answer.crc else False
                 transfer.manner = "block"
-                transfer.block = BlockTracker(transfer, self.node, "client", size, crc=crc)
-
-    # Ends
+                crc = transfer.client_crc and answer.crc if answer.crc else False
+                state.begin_blocks(transfer, "client", size, crc=crc)
 
     def _aborted(self, speaker: SdoSide, abort: Abort) -> None:
+        state = self._state
         if abort.code not in tuple(AbortCode):
-            self.broken("SDO-ABORT-CODE", abort_text(abort.code))
-        transfer = self.open
-        if transfer is None:
-            place, given = (abort.index, abort.sub), self.given_up
+            state.violation("SDO-ABORT-CODE", abort_text(abort.code))
+        if state.open is None:
+            place, given = (abort.index, abort.sub), state.given_up
             late = given is not None and (given.index, given.sub) == place
             direction: TransferDirection = given.direction if late and given is not None else "unknown"
-            self.open = OpenTransfer(direction, "unknown", place, None, self.memory)
-        else:
-            doubt = transfer.doubt
-            if doubt == "toggle" and abort.code == AbortCode.TOGGLE:
-                self.broken("SDO-TOGGLE", "the client did not alternate the bit, and the server says so")
-            if doubt == "unasked" and abort.code == AbortCode.COMMAND:
-                self.broken("SDO-UNASKED", "a segment without a transfer, and the server says so")
-        self.close("aborted", abort=abort.code, by=speaker)
+            state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
+        elif state.open.doubt == "toggle" and abort.code == AbortCode.TOGGLE:
+            state.violation("SDO-TOGGLE", "the client did not alternate the toggle bit, and the server aborted")
+        elif state.open.doubt == "unasked" and abort.code == AbortCode.COMMAND:
+            state.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
+        state.close("aborted", abort=abort.code, by=speaker)
 
-    def done(self) -> None:
-        """The transfer has come to its good end."""
-        one = self._current
-        if one.size is not None and one.size != one.count and one.whole and not one.gapped:
-            self.broken("SDO-SIZE", f"{one.size} bytes announced, {one.count} came")
-        self.close("done")
+    # Transfers whose beginning is not in the recording
 
-    def _silent_outcome(self) -> TransferOutcome:
-        transfer = self._current
-        if transfer.gapped or transfer.began is None:
-            return "cut"
-        return "unanswered" if transfer.turn == "server" else "left"
+    def _continues_unrecorded_block(self, speaker: SdoSide, data: bytes) -> bool:
+        """Whether two consecutive frames of one side have consecutive numbers, which only a block has.
 
-    def close(self, outcome: TransferOutcome, *, abort: int | None = None, by: SdoSide | None = None) -> None:
-        transfer, self.open = self.open, None
-        if transfer is None:
+        Three are needed, or a first one that would be wrong, while a transfer is under way that may have ended
+        unrecorded.
+        """
+        state, transfer = self._state, self._state.open
+        from_client, last = state.last_frame
+        enough = (transfer is None and not state.given_up) or (transfer is not None and transfer.began is None)
+        enough = enough or state.run > 0 or bool(state.held_back)
+        if not enough or not last or state.block is not None:
+            return False
+        return from_client == (speaker == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
+
+    def _begin_unanswered_block(self, speaker: SdoSide, data: bytes) -> None:
+        """The client begins to send segments, so it has the answer to its request, which is not in the recording."""
+        transfer = self._state.open
+        if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
             return
-        self.out.append(transfer.closed(self.now, self.node, self.channel, outcome, abort=abort, by=by))
-        self.given_up = transfer if outcome in ("unanswered", "left") else None
+        if speaker == "client" and data[0] in (0x01, 0x81):
+            self._state.lacks(transfer, 1, _UNANSWERED, data=False)
+            transfer.request = b""
+            self._state.begin_blocks(transfer, "client")
 
-    # What the segments tell, too
+    def _unmatched_answer(self, answer: InitiateAnswer) -> None:
+        """An answer without a request: it is late, or the request is not in the recording."""
+        state = self._state
+        given, first = state.given_up, not state.has_frames
+        matches = given is not None and (given.index, given.sub) == (answer.index, answer.sub)
+        late = given if given is not None and matches and state.open is None else None
+        late = late if late is not None and isinstance(answer, late.answers) else None
+        state.close("cut")
+        manner: TransferManner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
+        upload = isinstance(answer, ExpeditedUpload | UploadInitiated | BlockUploadInitiated)
+        direction: TransferDirection = "upload" if upload else "download"
+        began = None if late is None else late.began
+        new = state.begin(OpenTransfer(direction, manner, (answer.index, answer.sub), began, state.held))
+        new.next_sender = "client"
+        if late is not None:
+            state.given_up = None
+            new.manner, new.size, new.switch = late.manner, late.size, late.switch
+        elif not first:
+            new.missing = 1
+            text = "an answer, but its request is not in the recording"
+            state.events.append(Gap(state.now, None, 1, text, self.node))
+        new.complete = upload or late is not None
+        if isinstance(answer, DownloadInitiated) and late is None:
+            new.manner = "unknown"  # the value was in the request, or follows in segments
+        before = len(state.events)
+        self._go_on(new, answer)
+        if late is not None or first:
+            answered, state.events[before:] = state.events[before:], []
+            state.held_back += [
+                replace(event, late=late is not None) if isinstance(event, SdoTransferReport) else event
+                for event in answered
+            ]
+            if late is not None:
+                state.release()
 
-    def broken(self, rule: str, text: str) -> None:
-        """A rule was broken by this frame."""
-        self.out.append(Violation(self.now, rule, self.node, text, self._frame))
+    def _unmatched_block_message(self, speaker: SdoSide, message: SdoMessage, data: bytes) -> None:
+        """A message of a block transfer while none is under way."""
+        state, transfer = self._state, self._state.open
+        if transfer is not None and transfer.request:
+            if speaker == "client":  # it goes on, so it has the answer; the server may go on without the client
+                state.lacks(transfer, 1, _UNANSWERED, data=False)
+            transfer.request, transfer.manner = b"", "block"
+        else:
+            receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)
+            upload = speaker == "client" if receives else isinstance(message, BlockEnd) and speaker == "server"
+            transfer = state.begin_unrecorded("upload" if upload else "download", "block")
+        block = state.begin_blocks(transfer, "server" if transfer.direction == "upload" else "client")
+        if isinstance(message, BlockEnd | BlockEnded):
+            block.state = "end"
+            transfer.complete = False
+        elif isinstance(message, StartBlockUpload):
+            block.state = "ready"
+        block.feed(speaker, data, state.now)
+        state.collect_findings(block)
+        if block.state == "over":
+            state.done(transfer)
 
-    def lack(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
-        """So many frames are not in the recording."""
-        transfer.lacks(frames, data=data)
-        self.out.append(Gap(self.now, None, frames, evidence, self.node))
+
+def _outcome_of_silence(transfer: OpenTransfer) -> TransferOutcome:
+    """How a transfer ended that neither side goes on with."""
+    if transfer.gapped or transfer.began is None:
+        return "cut"
+    return "unanswered" if transfer.next_sender == "server" else "left"

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 
 from barewire.canopen.cob_ids import Service, classify, is_restricted
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
-from barewire.explain.can_monitor.channel import PATIENCE, SdoTracker
+from barewire.explain.can_monitor.channel import GIVE_UP, SdoTracker
 from barewire.explain.can_monitor.channels import SdoChannels
 from barewire.explain.can_monitor.events import (
     BusErrorReport,
@@ -68,7 +68,7 @@ class CanMonitor:
     [('upload', b'7\\x06')]
     """
 
-    def __init__(self, known: Iterable[KnownNode] = (), *, patience: float = PATIENCE, held: int = HELD_MAX) -> None:
+    def __init__(self, known: Iterable[KnownNode] = (), *, give_up: float = GIVE_UP, held: int = HELD_MAX) -> None:
         self.frames = 0
         self.counts: Counter[str] = Counter()
         self.memory = HeldBytes(held)
@@ -78,7 +78,7 @@ class CanMonitor:
         self.sync = SyncTracker()
         self.lss = LssTracker()
         dialects = {one.node: one.commands for one in described}
-        self.channels = SdoChannels(self.memory, patience, dialects, self.pdos)
+        self.channels = SdoChannels(self.memory, give_up, dialects, self.pdos)
         self.violations: Counter[str] = Counter()
         self._broken: set[tuple[str, int, str]] = set()
         self._first: float | None = None

@@ -1,25 +1,79 @@
-"""An SDO transfer that is going on, as somebody sees it who only listens; and how much of all of them is remembered."""
+"""An SDO transfer under way as a listener knows it, and the messages that begin one.   [CiA 301, SDO]
+
+        request                 transfer                possible answers
+        initiate upload         upload, expedited       the value, or the announcement of segments
+        initiate download       download, expedited     confirmation (expedited: the value is in the request)
+        initiate block ...      upload or download      confirmation; a block upload may be answered as an ordinary one
+
+The bytes that all transfers hold together are bounded (`HeldBytes`).
+
+Depends on: the SDO messages. Used by: block, segments, channel_state, channel.
+"""
 
 from __future__ import annotations
 
 from binascii import crc_hqx
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from barewire.explain.can_monitor.events import SdoTransferReport, TransferDirection, TransferManner, TransferOutcome
-
-if TYPE_CHECKING:
-    from barewire.explain.can_monitor.block import BlockTracker
+from barewire.canopen.sdo.messages.block import (
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockUploadInitiated,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+    StartBlockUpload,
+)
+from barewire.canopen.sdo.messages.codec import SdoMessage
+from barewire.canopen.sdo.messages.initiate import (
+    Abort,
+    DownloadInitiated,
+    ExpeditedDownload,
+    ExpeditedUpload,
+    InitiateDownload,
+    InitiateUpload,
+    UploadInitiated,
+)
+from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
+from barewire.explain.can_monitor.events import (
+    SdoTransferReport,
+    TransferDirection,
+    TransferManner,
+    TransferOutcome,
+)
 
 SdoSide = Literal["client", "server"]
 
+InitiateRequest = InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload
+InitiateAnswer = ExpeditedUpload | UploadInitiated | DownloadInitiated | BlockUploadInitiated | BlockDownloadInitiated
+
+_UPLOADED = (ExpeditedUpload, UploadInitiated)
+TRANSFER_OF: dict[type, tuple[TransferDirection, TransferManner, tuple[type, ...]]] = {
+    InitiateUpload: ("upload", "expedited", _UPLOADED),
+    ExpeditedDownload: ("download", "expedited", (DownloadInitiated,)),
+    InitiateDownload: ("download", "segmented", (DownloadInitiated,)),
+    InitiateBlockUpload: ("upload", "block", (BlockUploadInitiated, *_UPLOADED)),
+    InitiateBlockDownload: ("download", "block", (BlockDownloadInitiated,)),
+}
+"""Request -> direction and manner of the transfer that it begins, and the answers that it can have."""
+CLIENT_MESSAGES: tuple[type[SdoMessage], ...] = (
+    *(InitiateUpload, ExpeditedDownload, InitiateDownload, NextSegment, SdoSegment, Abort),
+    *(InitiateBlockUpload, InitiateBlockDownload, StartBlockUpload, BlockAck, BlockEnd, BlockEnded),
+)
+SERVER_MESSAGES: tuple[type[SdoMessage], ...] = (
+    *(ExpeditedUpload, UploadInitiated, DownloadInitiated, SdoSegment, SegmentTaken, Abort),
+    *(BlockUploadInitiated, BlockDownloadInitiated, BlockAck, BlockEnd, BlockEnded),
+)
+
 VALUE_MAX = 1 << 20
-"""So many bytes of one value are held; of a longer one they are counted only."""
+"""The longest value that is held, in bytes; of a longer one the bytes are only counted."""
 HELD_MAX = 16 << 20
-"""So many bytes of all values under way are held."""
+"""The most bytes that all transfers under way hold together."""
 
 
 class HeldBytes:
-    """How many bytes are held by all transfers together; `refused` counts those that found no room."""
+    """The number of bytes held by all transfers together; `refused` counts bytes above the limit."""
 
     def __init__(self, limit: int = HELD_MAX) -> None:
         self.limit = limit
@@ -27,7 +81,7 @@ class HeldBytes:
         self.refused = 0
 
     def take(self, count: int) -> bool:
-        """Room for so many more, or not."""
+        """Reserve `count` more bytes. False if they exceed the limit."""
         if self.used + count > self.limit:
             self.refused += count
             return False
@@ -36,7 +90,7 @@ class HeldBytes:
 
 
 def object_name(index: int | None, sub: int | None) -> str:
-    """An object as people write it.
+    """Index and sub-index in the usual notation.
 
     >>> object_name(0x6041, 0), object_name(None, None)
     ('6041h:00', 'an object')
@@ -45,27 +99,7 @@ def object_name(index: int | None, sub: int | None) -> str:
 
 
 class OpenTransfer:
-    """What is known so far. `began` is None where the beginning is not in the recording."""
-
-    __slots__ = (
-        *(
-            "again",
-            "answers",
-            "asked",
-            "began",
-            "blksize",
-            "block",
-            "count",
-            "crc",
-            "crc_asked",
-            "crc_told",
-            "data",
-            "direction",
-            "doubt",
-        ),
-        *("gapped", "heard", "held", "index", "last", "lost", "manner", "memory", "missing", "previous", "size", "sub"),
-        *("switch", "toggle", "turn", "whole"),
-    )
+    """The state of one transfer. `began` is None if its beginning is not in the recording."""
 
     def __init__(
         self,
@@ -73,85 +107,85 @@ class OpenTransfer:
         manner: TransferManner,
         place: tuple[int, int] | None,
         began: float | None,
-        memory: HeldBytes,
+        held: HeldBytes,
     ) -> None:
         self.direction = direction
         self.manner: TransferManner = manner
         self.index = None if place is None else place[0]
         self.sub = None if place is None else place[1]
         self.began = began
-        self.memory = memory
-        self.heard = 0.0
-        self.asked = b""  # the request, while no answer to it was heard
-        self.answers: tuple[type, ...] = ()
-        self.turn: SdoSide = "server"
+        self.last_frame_at = 0.0
+        self.request = b""  # until its answer was seen
+        self.answers: tuple[type, ...] = ()  # that the request can have
+        self.next_sender: SdoSide = "server"
         self.toggle = 0  # of the segment that is under way, or comes next
-        self.last = False  # the last segment was sent
-        self.previous = b""
-        self.switch: int | None = None
-        self.blksize: int | None = None  # that the client wants
-        self.block: BlockTracker | None = None
-        self.size: int | None = None
-        self.data = bytearray()
+        self.last_sent = False  # whether the last segment of a download was sent
+        self.previous = b""  # the data of the segment before
+        self.switch: int | None = None  # the protocol switch threshold of a block upload
+        self.blksize: int | None = None  # that the client requested
+        self.size: int | None = None  # as announced
         self.count = 0
+        self.data = bytearray()
         self.crc = 0
-        self.crc_asked: bool | None = None  # whether the client can calculate one; None: not heard
-        self.crc_told: Literal["ok", "wrong", "unused", "unknown", ""] = ""
-        self.whole = began is not None
-        self.held = True
-        self.gapped = False
-        self.doubt: Literal["", "toggle", "unasked"] = ""
-        self.again = self.lost = self.missing = 0
+        self.client_crc: bool | None = None  # whether the client supports a CRC; None if its request was not seen
+        self.crc_result: Literal["ok", "wrong", "unused", "unknown", ""] = ""
+        self.complete = began is not None  # no byte of the value is missing so far
+        self.gapped = False  # the recording has a hole within this transfer
+        self.doubt: Literal["", "toggle", "unasked"] = ""  # a fault that the next frame proves or disproves
+        self.repeats = self.lost = self.missing = 0
+        self._held = held
+        self._holds = True
 
     def __str__(self) -> str:
         return object_name(self.index, self.sub)
 
     def take(self, data: bytes) -> None:
-        """The next bytes of the value."""
+        """Append the next bytes of the value."""
         self.count += len(data)
         self.crc = crc_hqx(data, self.crc)
-        if self.held and (self.count > VALUE_MAX or not self.memory.take(len(data))):
+        if self._holds and (self.count > VALUE_MAX or not self._held.take(len(data))):
             self.forget()
-        if self.held:
+        if self._holds:
             self.data += data
 
     def forget(self) -> None:
-        """Hold the value no longer."""
-        self.memory.used -= len(self.data)
+        """Release the bytes that are held; later ones are only counted."""
+        self._held.used -= len(self.data)
         self.data.clear()
-        self.held = False
+        self._holds = False
 
     def lacks(self, frames: int, *, data: bool = True) -> None:
-        """So many frames are not in the recording; with `data`, bytes of the value were in them."""
+        """Count frames that are not in the recording; with `data`, they carried bytes of the value."""
         self.missing += frames
         if data:
-            self.whole = False
+            self.complete = False
 
-    def closed(
+    def report(
         self,
         at: float,
         node: int,
         channel: int,
         outcome: TransferOutcome,
         *,
+        blocks: int = 0,
         abort: int | None = None,
         by: SdoSide | None = None,
     ) -> SdoTransferReport:
-        """The transfer as an event. What it held is free again."""
-        proved = self.crc_told == "ok" or (self.size is not None and self.size == self.count)
-        known = self.held and self.whole and (proved or not self.gapped)
-        event = SdoTransferReport(
+        """End the transfer: its report. The bytes that it held are released."""
+        proved = self.crc_result == "ok" or (self.size is not None and self.size == self.count)
+        known = self._holds and self.complete and (proved or not self.gapped)
+        report = SdoTransferReport(
             *(at, node, channel, self.direction, self.manner, self.index, self.sub, outcome, self.began),
             data=bytes(self.data) if known and (self.count or outcome == "done") else None,
             count=self.count,
             size=self.size,
             abort=abort,
             by=by or "",
-            crc=self.crc_told,
-            blocks=0 if self.block is None else self.block.blocks,
-            again=self.again,
+            crc=self.crc_result,
+            blocks=blocks,
+            again=self.repeats,
             lost=self.lost,
             missing=self.missing,
         )
         self.forget()
-        return event
+        return report

@@ -1,0 +1,107 @@
+"""The state of one SDO channel that its parts share: the transfer under way, and the events that frames gave rise to.
+
+        channel      every frame; what it means        -.
+        segments     segmented transfers                 >-- ChannelState: open transfer, block, events
+        block        block transfers (no access)       -'
+
+The first frame of a channel may be ambiguous; its events are held back until the next frame settles it.
+"""
+
+from __future__ import annotations
+
+from barewire.explain.can_monitor.block import BlockTracker
+from barewire.explain.can_monitor.events import (
+    Gap,
+    Loss,
+    MonitorEvent,
+    TransferDirection,
+    TransferManner,
+    TransferOutcome,
+    Violation,
+)
+from barewire.explain.can_monitor.transfer import HeldBytes, OpenTransfer, SdoSide
+
+
+class ChannelState:
+    """One channel of one node. `channel` is the COB-ID of the requests."""
+
+    def __init__(self, node: int, channel: int, held: HeldBytes) -> None:
+        self.node, self.channel, self.held = node, channel, held
+        self.open: OpenTransfer | None = None
+        self.block: BlockTracker | None = None  # of the open transfer
+        self.given_up: OpenTransfer | None = None  # the last one without an end: its answer may be late
+        self.has_frames = False  # since the start, or since a hole in the recording
+        self.last_frame = (False, b"")  # whether it was the client's, and its data
+        self.run = 0  # consecutive frames of one side, each with the next higher number
+        self.now, self.frame = 0.0, ""
+        self.events: list[MonitorEvent] = []
+        self.held_back: list[MonitorEvent] = []
+
+    def begin(self, transfer: OpenTransfer) -> OpenTransfer:
+        """Make this the transfer under way."""
+        self.open, self.block = transfer, None
+        return transfer
+
+    def begin_unrecorded(self, direction: TransferDirection, manner: TransferManner) -> OpenTransfer:
+        """Begin a transfer whose beginning is not in the recording."""
+        if self.open is not None and self.open.began is not None:
+            self.close("cut")
+        elif self.open is not None:
+            self.open.forget()
+        self.held_back = []
+        transfer = self.begin(OpenTransfer(direction, manner, None, None, self.held))
+        transfer.doubt = "unasked" if self.has_frames else ""
+        return transfer
+
+    def begin_blocks(
+        self, transfer: OpenTransfer, sender: SdoSide, blksize: int | None = None, *, crc: bool | None = None
+    ) -> BlockTracker:
+        """The transfer goes on in blocks. None stands for what is not in the recording."""
+        self.block = BlockTracker(transfer, self.node, sender, blksize, crc=crc)
+        return self.block
+
+    def collect_findings(self, block: BlockTracker) -> None:
+        """Move the findings of the block tracker to the events."""
+        for finding in block.findings:
+            if isinstance(finding, Gap | Loss):
+                self.events.append(finding)
+            else:
+                self.violation(*finding)
+        block.findings = []
+
+    def violation(self, rule: str, text: str) -> None:
+        """This frame breaks a rule."""
+        self.events.append(Violation(self.now, rule, self.node, text, self.frame))
+
+    def lacks(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
+        """So many frames are not in the recording; with `data`, they carried bytes of the value."""
+        transfer.lacks(frames, data=data)
+        self.events.append(Gap(self.now, None, frames, evidence, self.node))
+
+    def done(self, transfer: OpenTransfer) -> None:
+        """The transfer has succeeded."""
+        size = transfer.size
+        if size is not None and size != transfer.count and transfer.complete and not transfer.gapped:
+            self.violation("SDO-SIZE", f"{size} bytes announced, {transfer.count} transferred")
+        self.close("done")
+
+    def close(self, outcome: TransferOutcome, *, abort: int | None = None, by: SdoSide | None = None) -> None:
+        """Report the transfer under way, if there is one, and forget it."""
+        transfer, block = self.open, self.block
+        if transfer is None:
+            return
+        self.open = self.block = None
+        blocks = 0 if block is None else block.blocks
+        report = transfer.report(self.now, self.node, self.channel, outcome, blocks=blocks, abort=abort, by=by)
+        self.events.append(report)
+        self.given_up = transfer if outcome in ("unanswered", "left") else None
+
+    def release(self) -> None:
+        """The events held back are certain now."""
+        self.events += self.held_back
+        self.held_back = []
+
+    def take_events(self) -> list[MonitorEvent]:
+        """The events since the last call."""
+        events, self.events = self.events, []
+        return events
