@@ -2,7 +2,7 @@
 
 raw             a blocking socket in a thread: what came is answered with prepared bytes, nothing is looked at
 raw asyncio     the floor of servers: header and request unpacked, the registers cut out of bytes
-barewire        our server without asyncio: what `open_host` runs behind tcp://
+barewire        our server without asyncio: what `ModbusServer` runs behind tcp://
 barewire, asyncio, and the others   each library's own server, started as its documentation says
 """
 
@@ -112,18 +112,19 @@ def _table() -> Any:
 
 
 def barewire() -> None:
-    from barewire.io import open_host
+    from barewire import ModbusServer
 
-    host = open_host("tcp://127.0.0.1:0", units={1: _table()})
+    host = ModbusServer("tcp://127.0.0.1:0", units={1: _table()})
     print(host.url.rpartition(":")[2], flush=True)
     host.run(threading.Event())
 
 
 def barewire_asyncio() -> None:
-    from barewire.io import serve_tcp
+    from barewire import AsyncModbusServer
 
     async def main() -> None:
-        server = await serve_tcp({1: _table()}, port=0)
+        server = AsyncModbusServer("tcp://127.0.0.1:0", {1: _table()})
+        await server.start()
         print(server.port, flush=True)
         await asyncio.Event().wait()
 

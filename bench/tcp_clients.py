@@ -75,9 +75,9 @@ def socket_with_timeout(port: int, closing: ExitStack) -> Work:
 
 
 def barewire(port: int, closing: ExitStack) -> Work:
-    from barewire.io import open_modbus
+    from barewire import ModbusClient
 
-    client = closing.enter_context(open_modbus(f"tcp://127.0.0.1:{port}"))
+    client = closing.enter_context(ModbusClient(f"tcp://127.0.0.1:{port}"))
     return lambda: client.read_holding_registers(0, 10)
 
 
@@ -185,9 +185,9 @@ async def raw_protocol(port: int, flight: int, closing: ExitStack) -> Ask:
 
 
 async def barewire_async(port: int, flight: int, closing: ExitStack) -> Ask:
-    from barewire.io import open_async
+    from barewire import AsyncModbusClient
 
-    client = await open_async(f"tcp://127.0.0.1:{port}", in_flight=flight)
+    client = AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=flight)
     closing.callback(client.close)
     return lambda: client.read_holding_registers(0, 10)
 

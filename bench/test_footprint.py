@@ -56,11 +56,11 @@ IMPORTS = {
     "barewire.tcp": "import barewire.tcp",
     "barewire.codecs": "import barewire.codecs",
     "barewire.modbus messages": "from barewire.modbus import ReadHoldingRegisters",
-    "barewire blocking TCP client": "from barewire.io import open_modbus; import barewire.io.ports.tcp",
-    "barewire blocking TCP client, a URL and its first message": "from barewire.io import open_modbus; "
-    "open_modbus('tcp://127.0.0.1:1', lazy=True); import barewire.io.ports.tcp; "
+    "barewire blocking TCP client": "from barewire import ModbusClient; import barewire.io.ports.tcp",
+    "barewire blocking TCP client, a URL and its first message": "from barewire import ModbusClient; "
+    "ModbusClient('tcp://127.0.0.1:1', lazy=True); import barewire.io.ports.tcp; "
     "from barewire.modbus import ReadHoldingRegisters",
-    "barewire asyncio client": "from barewire.io import open_async",
+    "barewire asyncio client": "from barewire import AsyncModbusClient",
     "can": "import can",
     "canopen": "import canopen",
     "barewire CANopen client": "from barewire.io import open_canopen",
@@ -117,18 +117,19 @@ async def _raw() -> tuple[int, Callable[[], Any]]:
 
 
 async def _with_asyncio() -> tuple[int, Callable[[], Any]]:
-    from barewire.io import serve_tcp
+    from barewire import AsyncModbusServer
     from barewire.modbus import Table
 
-    server = await serve_tcp({1: Table(100)}, port=0)
+    server = AsyncModbusServer("tcp://127.0.0.1:0", {1: Table(100)})
+    await server.start()
     return server.port, lambda: asyncio.ensure_future(server.close())
 
 
 async def _in_a_thread() -> tuple[int, Callable[[], Any]]:
-    from barewire.io import open_host
+    from barewire import ModbusServer
     from barewire.modbus import Table
 
-    host = open_host("tcp://127.0.0.1:0", units={1: Table(100)})
+    host = ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)})
     host.start()
     return int(host.url.rpartition(":")[2]), host.close
 

@@ -13,7 +13,7 @@ import pytest
 
 from barewire.canopen import LocalNode, LssAddress, LssSlave, LssState, ObjectDictionary
 from barewire.canopen.lss.fastscan import _FLOOR
-from barewire.io import open_canopen, open_host
+from barewire.io import open_can_host, open_canopen
 from bench.race import Many, Race, entries
 
 ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)
@@ -22,7 +22,7 @@ ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)
 
 def _device(channel: str, closing: ExitStack) -> None:
     nameless = LocalNode(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
-    closing.enter_context(open_host(f"can://virtual/{channel}", node=nameless))
+    closing.enter_context(open_can_host(f"can://virtual/{channel}", node=nameless))
 
 
 def ours(closing: ExitStack) -> Many:

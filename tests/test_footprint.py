@@ -12,13 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from barewire import ModbusServer
 from barewire.errors import REASONS
-from barewire.io import open_host
 from barewire.modbus import Table
 
 SRC = Path(__file__).parent.parent / "src"
 
-ENVELOPE = {"barewire", "barewire._lazy", "barewire.errors", "barewire.modbus", "barewire.modbus.adu"}
+DOOR = {"barewire", "barewire._lazy"}
+ENVELOPE = {*DOOR, "barewire.errors", "barewire.modbus", "barewire.modbus.adu"}
 ENVELOPE |= {"barewire.modbus.messages"}  # the list of message names, and no message
 HEAVY = {"asyncio", "dataclasses", "inspect", "ast", "ssl", "socket", "logging", "tomllib", "subprocess", "json"}
 """What a room of pure bytes does not need. (`enum` and `re` come with `typing` on CPython 3.11 and 3.12.)"""
@@ -36,7 +37,7 @@ def loaded(statement: str) -> set[str]:
 @pytest.mark.parametrize(
     ("room", "needs"),
     [
-        ("codecs", {"barewire", "barewire.errors"}),
+        ("codecs", {*DOOR, "barewire.errors"}),
         ("rtu", ENVELOPE),
         ("ascii", ENVELOPE),
         ("tcp", ENVELOPE),
@@ -56,7 +57,7 @@ def test_the_line_of_rtu_is_loaded_when_it_is_asked_for() -> None:
 
 NO_CLIENT_NEEDS = {"asyncio", "ssl", "logging", "tomllib", "fractions", "subprocess", "json", "pathlib", "random"}
 NO_CLIENT_NEEDS |= {"urllib.parse", "ipaddress"}
-BLOCKING = "from barewire.io import open_modbus; import barewire.io.ports.tcp"
+BLOCKING = "from barewire import ModbusClient; import barewire.io.ports.tcp"
 MESSAGE = "from barewire.modbus import ReadHoldingRegisters"
 OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "barewire.ascii", "barewire.rtu")
 
@@ -85,9 +86,9 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
 
 def test_a_client_that_has_its_answer_has_loaded_no_more() -> None:
     """Over a real connection: the URL is taken apart, the name looked up, a register read."""
-    with open_host("tcp://127.0.0.1:0", units={1: Table(1)}) as host:
-        asked = f"open_modbus('{host.url}?timeout=30').read_holding_registers(0, 1)"
-        found = loaded(f"from barewire.io import open_modbus; {asked}")
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table(1)}) as host:
+        asked = f"ModbusClient('{host.url}?timeout=30').read_holding_registers(0, 1)"
+        found = loaded(f"from barewire import ModbusClient; {asked}")
     assert not NO_CLIENT_NEEDS & found
     assert not set(OTHER_ROOMS) & found
 
@@ -105,7 +106,7 @@ def test_the_first_message_loads_its_file_and_what_makes_a_message() -> None:
 
 def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
     """What asyncio brings differs by version. Nothing but our own may come on top, as little as for the other one."""
-    found = loaded("import asyncio; there = set(sys.modules); from barewire.io import open_async")
+    found = loaded("import asyncio; there = set(sys.modules); from barewire import AsyncModbusClient")
     assert not (NO_CLIENT_NEEDS - {"asyncio", "ssl", "logging", "subprocess"}) & found - {"pathlib", "random"}
     assert not set(OTHER_ROOMS) & found
     assert "barewire.codecs" not in found
@@ -121,8 +122,8 @@ def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
 
 
 def test_the_tcp_server_needs_no_loop_either() -> None:
-    server = "open_host('tcp://127.0.0.1:0', units={1: Table()}).close()"
-    found = loaded(f"from barewire.io import open_host; from barewire.modbus import Table; {server}")
+    server = "ModbusServer('tcp://127.0.0.1:0', units={1: Table()}).close()"
+    found = loaded(f"from barewire import ModbusServer, Table; {server}")
     assert not NO_CLIENT_NEEDS & found
     assert not [name for name in found if name.startswith(OTHER_ROOMS)]
     assert {"server.tcp", "server.connection_limits"} < files(found, "barewire.io")
@@ -168,17 +169,22 @@ def test_a_word_of_canopen_loads_its_file_when_it_is_said() -> None:
 
 def test_a_name_of_the_shells_loads_no_other_client() -> None:
     for name, strangers in {
-        "Endpoint": ("engine", "modbus", "canopen", "server"),
-        "open_modbus": ("engine.asyncio", "canopen", "server"),
-        "open_async": ("modbus.client", "canopen", "server"),
-        "serve": ("modbus.client", "modbus.async_client", "canopen", "server.open"),
+        "io.Endpoint": ("engine", "modbus", "canopen", "server"),
+        "ModbusClient": ("engine.asyncio", "modbus.async_client", "canopen", "server"),
+        "AsyncModbusClient": ("modbus.client", "canopen", "server"),
+        "AsyncModbusServer": ("modbus.client", "modbus.async_client", "canopen", "fault_injection"),
     }.items():
-        found = files(loaded(f"from barewire.io import {name}"), "barewire.io")
+        room, _, what = f"barewire.{name}".rpartition(".")
+        found = files(loaded(f"from {room} import {what}"), "barewire.io")
         assert not found & set(strangers), name
 
 
 def test_reading_registers_loads_the_file_of_that_message_only_when_said() -> None:
-    found = loaded("from barewire.io.modbus.methods import Verbs; Verbs.read_holding_registers")
+    found = loaded(
+        "from barewire import ModbusClient; "
+        "client = ModbusClient('tcp://127.0.0.1:1', lazy=True)\n"
+        "try: client.read_holding_registers(0, 1)\nexcept OSError: pass"
+    )
     assert "barewire.modbus.messages.registers" in found
     assert "barewire.modbus.messages.files" not in found
 

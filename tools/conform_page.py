@@ -20,7 +20,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from barewire.io import open_host  # noqa: E402
+from barewire import ModbusServer  # noqa: E402
 from barewire.io.endpoint import Endpoint  # noqa: E402
 from barewire.io.modbus.conformance import conform  # noqa: E402
 from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
@@ -74,7 +74,7 @@ def in_words(way: Sequence[str]) -> str:
 
 def ours(kind: str) -> dict[str, str]:
     """Our own server of this kind."""
-    with open_host(OURS[kind], units={1: Table(100)}) as host:
+    with ModbusServer(OURS[kind], units={1: Table(100)}) as host:
         return measure(host.url)
 
 

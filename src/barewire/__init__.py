@@ -1,19 +1,70 @@
 """barewire: Modbus (RTU, ASCII, TCP) and CANopen in pure Python, from the first bit of a CRC to a named value.
 
-The map. Which room for which question:
+    with barewire.ModbusClient("tcp://10.0.0.7", unit=1, timeout=0.5) as plc:
+        plc.read_holding_registers(0, 2)
+    async with barewire.AsyncModbusClient("rtu:///dev/ttyUSB0?baudrate=19200") as line:
+        await line.at(unit=3).read_coils(0, 8)
+    with barewire.ModbusServer("tcp://127.0.0.1:0", units={1: barewire.Table()}) as server:
+        print(server.url)
 
-    barewire.codecs     value <-> bytes: which bits make this number?
-    barewire.modbus     the letter: what does a Modbus message say, whatever carries it?
-    barewire.rtu        the envelope ended by silence or by count: CRC-16, character times
-    barewire.ascii      the envelope ended by CR LF: LRC, hexadecimal
-    barewire.tcp        the envelope ended by a length: MBAP
-    barewire.canopen    CAN frames and what CANopen says with them: NMT, SDO, PDO, heartbeat
-    barewire.devices    meaning: names, units, scales, places; the three machines and their simulators
-    barewire.explain    any frame, field by field, in words
-    barewire.io     the only room with clocks and sockets: blocking, asyncio, serial ports, TCP, CAN buses
+The options of a URL and keyword arguments are the same options. Behind this door, in the order to read them:
+
+    barewire.codecs     values and bytes: orders, floats, text
+    barewire.modbus     Modbus messages, the client's and the server's side of a line
+    barewire.rtu, barewire.ascii, barewire.tcp     the three kinds of frame that carry a Modbus message
+    barewire.canopen    CAN frames, SDO, PDO, NMT, EMCY, SYNC, LSS, EDS
+    barewire.devices    names, units and places of the values of a device; drives; simulators
+    barewire.explain    any frame or recording, field by field, in words
+    barewire.io         the only room with clocks and sockets: ports, clients, servers
     barewire.cli        the command `barewire`
 
-Rooms are loaded when you enter them: `import barewire` costs nothing.
+`import barewire` loads none of them: a name loads its file when it is first used.
 """
 
+from typing import TYPE_CHECKING
+
+from barewire._lazy import lazy
+
+if TYPE_CHECKING:
+    from barewire.canopen.sdo.aborts import SdoAbort as SdoAbort
+    from barewire.devices.description.load import load as load
+    from barewire.devices.drive.report import DriveStuck as DriveStuck
+    from barewire.errors import (
+        BarewireError as BarewireError,
+        DecodeError as DecodeError,
+        EncodeError as EncodeError,
+        NoAnswer as NoAnswer,
+        PortError as PortError,
+        Refused as Refused,
+    )
+    from barewire.io.modbus.async_client import AsyncModbusClient as AsyncModbusClient
+    from barewire.io.modbus.client import ModbusClient as ModbusClient
+    from barewire.io.server.asyncio_modbus import AsyncModbusServer as AsyncModbusServer
+    from barewire.io.server.modbus import ModbusServer as ModbusServer
+    from barewire.modbus.client.line_state import WriteOutcomeUnknown as WriteOutcomeUnknown
+    from barewire.modbus.exceptions import ModbusException as ModbusException
+    from barewire.modbus.server.table import Table as Table
+
 __version__ = "0.1.0"
+
+__getattr__, __all__ = lazy(
+    __name__,
+    {
+        # Modbus
+        "io.modbus.client": "ModbusClient",
+        "io.modbus.async_client": "AsyncModbusClient",
+        "io.server.modbus": "ModbusServer",
+        "io.server.asyncio_modbus": "AsyncModbusServer",
+        "modbus.server.table": "Table",
+        # CANopen
+        # A machine by name
+        "devices.description.load": "load",
+        # Errors
+        "errors": "BarewireError EncodeError DecodeError Refused NoAnswer PortError",
+        "modbus.exceptions": "ModbusException",
+        "modbus.client.line_state": "WriteOutcomeUnknown",
+        "canopen.sdo.aborts": "SdoAbort",
+        "devices.drive.report": "DriveStuck",
+    },
+)
+__all__ += ["__version__"]

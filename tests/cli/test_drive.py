@@ -11,11 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from barewire import ModbusServer
 from barewire.devices import load
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress
 from barewire.devices.sim import CsdMt, simulator
-from barewire.io import connect, open_host
+from barewire.io import connect
 from tests.cli.test_command import COMMAND, failing, free_port, out, simulated
 
 
@@ -91,7 +92,7 @@ def test_a_fault_is_one_line_that_says_which() -> None:
     machine = simulator("csd-mt", time.monotonic())
     assert isinstance(machine, CsdMt)
     assert machine.modbus is not None
-    with open_host("tcp://127.0.0.1:0", units={1: machine.modbus}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as host:
         machine.supply(False, time.monotonic())
         said = failing_while_talking("drive", host.url, "csd-mt", "enable", "--timeout", "0.3")
         assert "enable: stuck in 'ready to switch on' after 0.3 s" in said
@@ -121,7 +122,7 @@ def test_a_client_has_a_drive() -> None:
     machine = simulator("csd-mt", time.monotonic())
     told: list[DriveProgress] = []
     assert machine.modbus is not None
-    with open_host("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect(host.url) as client:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect(host.url) as client:
         drive = client.drive(load("csd-mt"), progress=told.append)
         assert drive.look().state is State.SWITCH_ON_DISABLED
         assert drive.move(3000, velocity=20_000).position == 3000

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from barewire import ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
-from barewire.io import open_host
+from barewire.io import open_can_host
 from barewire.io.fault_injection.faults import KINDS
 from tests.cli.test_command import COMMAND, ENVIRONMENT, asked_with, failing, free_port, out
 
@@ -97,8 +98,8 @@ def test_a_drive_without_high_voltage_says_so_on_both_wires(tmp_path: Path) -> N
     assert "expected NAME=NUMBER with a name of volts" in failing("simulate", "az3", "rtu://pty", "--world", "volt=1")
     assert "nothing around a table" in failing("simulate", "table", "tcp://127.0.0.1:0", "--world", "volts=1")
     with (
-        open_host("rtu://pty", units=MachineUnits(machine)) as serial,
-        open_host(bus, node=machine.canopen) as can,
+        ModbusServer("rtu://pty", units=MachineUnits(machine)) as serial,
+        open_can_host(bus, node=machine.canopen) as can,
     ):
         for url in (serial.url, can.url):
             command = [*COMMAND, "drive", url, "az3", "enable", "--timeout", "0.3"]

@@ -15,12 +15,12 @@ from typing import Any, cast
 
 import pytest
 
+from barewire import ModbusServer
 from barewire.cli.plot import check, draw
 from barewire.cli.polling import Poll, Source, due, polls
 from barewire.devices import Device, Reading, load
 from barewire.devices.raw_address import device_with
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import open_host
 from barewire.modbus import ModbusException, Table
 from tests.cli.test_command import COMMAND, ENVIRONMENT, barewire, failing, free_port, out, simulated
 from tests.helpers import refused
@@ -66,7 +66,7 @@ def test_a_poll_that_failed_is_told_and_polling_goes_on() -> None:
 
 def test_a_name_that_is_refused_takes_no_other_with_it() -> None:
     """The first eight registers are there, number 100 is not; a coil is, in another table."""
-    with open_host("tcp://127.0.0.1:0", units={1: Table(8)}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table(8)}) as host:
         watch = ("watch", host.url, "raw", "holding:0", "holding:100", "coil:0", "--count", "3", "--period", "0.05")
         plain = out(*watch).splitlines()
         assert len(plain) == 3

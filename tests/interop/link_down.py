@@ -13,7 +13,7 @@ import time
 
 from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, standard_objects
 from barewire.errors import NoAnswer, PortError
-from barewire.io import BusDown, BusUp, CanopenClient, FramesLost, open_canopen, open_host
+from barewire.io import BusDown, BusUp, CanopenClient, FramesLost, open_can_host, open_canopen
 from barewire.io.canopen.event_stream import Stream
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
@@ -49,7 +49,7 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
 def main() -> None:
     """Down and up, twice."""
     objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
-    with open_host("can://socketcan/vcan0", node=LocalNode(5, objects)), open_canopen(URL) as client:
+    with open_can_host("can://socketcan/vcan0", node=LocalNode(5, objects)), open_canopen(URL) as client:
         for _ in range(2):
             with client.frames((0x705, False)) as stream:
                 until(stream, CanFrame)

@@ -14,8 +14,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from barewire.io import Host, open_async, open_host, open_modbus, serve
-from barewire.io.modbus.methods import Verbs
+from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
+from barewire.io.modbus.methods import ModbusMethods
 from barewire.modbus import CanopenReference, Diagnostics, Response, SerialCounters, Table
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.canopen_reference import CanopenReferenceResponse
@@ -97,7 +97,7 @@ def server_url(carrier: str, certificates: Path) -> str:
 def our_server(carrier: str, certificates: Path, seen: Seen) -> Iterator[tuple[str, Known]]:
     """Our server, and its unit 1; gives PATH or HOST:PORT."""
     unit = Known(carrier, seen)
-    with open_host(server_url(carrier, certificates), units={1: unit}) as host:
+    with ModbusServer(server_url(carrier, certificates), units={1: unit}) as host:
         yield place_of(host), unit
 
 
@@ -108,14 +108,14 @@ def our_asyncio_server(carrier: str, seen: Seen) -> Iterator[tuple[str, Known]]:
 
     @contextlib.asynccontextmanager
     async def serving() -> AsyncIterator[None]:
-        async with await serve(f"{carrier}://{here}{LINE}", {1: unit}):
+        async with AsyncModbusServer(f"{carrier}://{here}{LINE}", {1: unit}):
             yield
 
     with relayed() as (here, there), in_its_own_loop(serving):
         yield there, unit
 
 
-def place_of(host: Host) -> str:
+def place_of(host: ModbusServer) -> str:
     """PATH or HOST:PORT of a URL."""
     return host.url.partition("://")[2].partition("?")[0]
 
@@ -152,12 +152,13 @@ class Asker:
 
     async def talk(self, make: Callable[..., Any]) -> Any:
         """Any conversation."""
-        return await _value(self._client.talk(make))
+        return await _value(self._client.run_with_bus(make))
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Any]]:
         async def said(*values: Any, **named: Any) -> Any:
             answer = await _value(getattr(self._client, name)(*values, **named))
-            self._seen.add(service(getattr(Verbs, name).request(*values, **named)))
+            exchange = getattr(ModbusMethods, name).__wrapped__(self._client, *values, **named)
+            self._seen.add(service(exchange.request))
             return answer
 
         return said
@@ -179,10 +180,10 @@ def with_both(url: str, seen: Seen, talk: Callable[[Asker], Awaitable[None]]) ->
     """Have the same conversation with the blocking client, then with the asyncio one."""
 
     async def main() -> None:
-        with open_modbus(url) as blocking:
+        with ModbusClient(url) as blocking:
             await talk(Asker(blocking, seen))
             blocking.settle()
-        async with await open_async(url) as waiting:
+        async with AsyncModbusClient(url) as waiting:
             await talk(Asker(waiting, seen))
 
     asyncio.run(main())

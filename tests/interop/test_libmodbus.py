@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire.io import open_modbus
+from barewire import ModbusClient
 from barewire.modbus import ModbusException, WriteMultipleRegisters
 from tests.helpers import refused
 from tests.interop.exchanges import Answers, everything
@@ -113,7 +113,7 @@ def test_our_clients_use_their_server(
 def test_their_server_hears_our_broadcast(programs: dict[str, Path], carrier: str, certificates: Path) -> None:
     with (
         their_server(programs, carrier, certificates) as (place, _),
-        open_modbus(client_url(carrier, place, certificates)) as client,
+        ModbusClient(client_url(carrier, place, certificates)) as client,
     ):
         client.broadcast(WriteMultipleRegisters(70, (7, 8)))
         assert client.read_holding_registers(69, 3) == (0, 7, 8)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire.io import open_host
+from barewire import ModbusServer
 from barewire.modbus import Table
 from tests.interop.ours import our_server, place_of, port_of
 from tests.interop.relay import serial_at, tls_from
@@ -64,7 +64,7 @@ def test_it_reads_and_writes_every_table(carrier: str, certificates: Path, witne
 
 
 def test_it_is_told_of_an_exception() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table(size=10)}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table(size=10)}) as host:
         declined = _mbpoll(place_of(host), "-t", "4", "-r", "9", "-c", "2")
         assert declined.returncode == 1
         assert "Illegal data address" in declined.stderr + declined.stdout

@@ -25,7 +25,7 @@ from pymodbus.pdu.file_message import FileRecord
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer, ModbusUdpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from barewire.io import open_modbus
+from barewire import ModbusClient
 from barewire.modbus import Diagnostics, RecordPlace
 from barewire.modbus.messages.diagnostics import Unanswered
 from tests.interop.exchanges import Answers, everything
@@ -244,7 +244,7 @@ def test_their_server_answers_what_is_not_answered(certificates: Path) -> None:
     """08/04: two bytes short, so it is no answer at all and passed over; and the server does not listen only."""
     with (
         their_server("tcp", certificates) as place,
-        open_modbus(f"tcp://{place}?unit=1&timeout=1") as client,
+        ModbusClient(f"tcp://{place}?unit=1&timeout=1") as client,
     ):
         assert isinstance(client.ask(Diagnostics(0x04)), Unanswered)
         assert client.bus.counters.strays == 1

@@ -7,12 +7,9 @@ from typing import Any
 
 import pytest
 
-from barewire.io import open_tcp
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.client import CanopenClient
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.async_client import AsyncModbusClient
-from barewire.io.modbus.client import ModbusClient
 from tests.certificates import authority, leaf
 
 
@@ -44,6 +41,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
         return seconds(endpoint, name, 30.0 if name == "timeout" else default)
 
     monkeypatch.setattr(Endpoint, "seconds", at_least)
-    clients: list[Any] = [ModbusClient, AsyncModbusClient, CanopenClient, AsyncCanopenClient]
-    for way in (*(client.__init__ for client in clients), open_tcp):
-        monkeypatch.setitem(way.__kwdefaults__, "timeout", 30.0)
+    clients: list[Any] = [CanopenClient, AsyncCanopenClient]
+    for client in clients:
+        monkeypatch.setitem(client.__init__.__kwdefaults__, "timeout", 30.0)

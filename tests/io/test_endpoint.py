@@ -40,7 +40,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("tcp://a..b:502", "cannot be the name of a host"),
         ("tcp://127.0.0.1:99999", "is not a number in 0..65535"),
         ("rtu:///tmp/a%00b", "it names no port"),
-        ("rtu:///dev/x?unit=1&unit=2", "an option is said twice"),
+        ("rtu:///dev/x?unit=1&unit=2", "an option is given twice"),
         ("rtu:///dev/x?unit=256", "expected 0..255"),
         ("rtu:///dev/x?bytesize=7", "RTU needs 8 data bits"),
         ("rtu:///dev/tty#1", "'#' begins nothing in an endpoint, a name has %23 for it"),

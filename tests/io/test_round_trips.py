@@ -9,9 +9,11 @@ import time
 
 import pytest
 
+from barewire import ModbusServer
 from barewire.devices import Device, Parameter, load
 from barewire.devices.sim import MachineUnits, simulator
-from barewire.io import connect, open_host
+from barewire.io import connect, open_can_host
+from barewire.io.server.base import ThreadedServer
 from tests.cli.test_command import free_port
 from tests.devices.sim.test_round_trips import MENU, PDO_RECORDS, PUSHED, in_range, same, wanted
 
@@ -50,9 +52,13 @@ def patient(url: str) -> str:
 def test_every_parameter_over_every_real_port(name: str, url: str) -> None:
     device, machine = load(name), simulator(name, time.monotonic())
     where = f"can://socketcand/127.0.0.1:{free_port()}/can0" if url == "can" else url
-    units = None if url == "can" else MachineUnits(machine, 255, 0)
+    server: ThreadedServer
+    if url == "can":
+        server = open_can_host(where, machine.canopen)
+    else:
+        server = ModbusServer(where, MachineUnits(machine, 255, 0))
     wrong, done = [], 0
-    with open_host(where, units=units, node=machine.canopen) as host, connect(patient(host.url)) as client:
+    with server as host, connect(patient(host.url)) as client:
         if name == "adxl":
             client.write(device, MENU)
         for parameter in [one for one in device.parameters if travels(device, one, url)]:

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from typing import Any
 
 import click
@@ -16,10 +15,11 @@ from barewire.cli.arguments import EndpointArgument, device_argument
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.devices.value_text import parse_value
 from barewire.errors import EncodeError
-from barewire.io import Host, open_host
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, parse_faults
-from barewire.io.fault_injection.ports import open_faulty
+from barewire.io.server.base import ThreadedServer
+from barewire.io.server.can import open_can_host
+from barewire.io.server.modbus import ModbusServer
 from barewire.modbus import Table, Unit
 
 TABLE = "table"
@@ -93,11 +93,11 @@ def simulate(
     faults = None if fault is None else parse_faults(fault)
     machine = None if device == TABLE else delivered(device, [Endpoint.parse(endpoint) for endpoint in endpoints])
     _preset(device, machine, values, world)
-    opened = partial(host_device, device, machine=machine, table=Table())
-    if faults is None:
-        hosts = [opened(endpoint) for endpoint in endpoints]
-    else:
-        hosts = [open_faulty(one, opened, faults, seed=seed, late=late, told=_tell_fault) for one in endpoints]
+    spoiled: dict[str, Any] = {}
+    if faults is not None:
+        spoiled = {"faults": faults, "fault_seed": seed, "fault_delay": late, "on_fault": _print_fault}
+    table = Table()
+    hosts = [host_device(device, endpoint, machine, table, **spoiled) for endpoint in endpoints]
     # Only now: opening a port may wait for somebody, and an interrupt must end that as well.
     for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
         signal.signal(number, end)
@@ -106,7 +106,7 @@ def simulate(
     _serve(hosts, stop)
 
 
-def _serve(hosts: list[Host], stop: threading.Event) -> None:
+def _serve(hosts: list[ThreadedServer], stop: threading.Event) -> None:
     """All of them until `stop`; the end of one is the end of all."""
     first, *others = hosts
     with ExitStack() as stack:
@@ -119,7 +119,7 @@ def _serve(hosts: list[Host], stop: threading.Event) -> None:
             raise host.failure
 
 
-def _tell_fault(kind: str) -> None:
+def _print_fault(kind: str) -> None:
     print(f"fault {kind}", flush=True)
 
 
@@ -140,20 +140,23 @@ def _preset(device: str, machine: Simulator | None, values: tuple[str, ...], wor
         cell.set(cell.free.check(parse_value(cell.parameter, value)))
 
 
-def host_device(device: str, endpoint: str, machine: Simulator | None = None, table: Table | None = None) -> Host:
-    """The host of a simulated device (or of `machine`, one that exists already) at a URL."""
+def host_device(
+    device: str, endpoint: str, machine: Simulator | None = None, table: Table | None = None, **faults: Any
+) -> ThreadedServer:
+    """The server of a simulated device (or of `machine`, one that exists already) at a URL. `faults` are the options of
+    that name of `ModbusServer`."""
     at = Endpoint.parse(endpoint)
     if device == TABLE:
-        return open_host(endpoint, units=units_at(at, table or Table(), 1))
+        return ModbusServer(endpoint, units_at(at, table or Table(), 1), **faults)
     if machine is None:
         machine = delivered(device, [at])
     if at.scheme == "can":
         if machine.canopen is None:
             raise EncodeError(f"{device} has no CANopen: it speaks Modbus")
-        return open_host(endpoint, node=machine.canopen)
+        return open_can_host(endpoint, machine.canopen, **faults)
     units = MachineUnits(machine, *((255, 0) if at.envelope == "tcp" else ()))
     _check_unit(at, machine.address)
-    return open_host(endpoint, units=units)
+    return ModbusServer(endpoint, units, **faults)
 
 
 def delivered(device: str, places: Sequence[Endpoint]) -> Simulator:

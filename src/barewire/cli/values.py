@@ -23,8 +23,9 @@ from barewire.devices.raw_address import device_with
 from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
 from barewire.errors import BarewireError, NoAnswer
-from barewire.io import ModbusClient, connect
+from barewire.io import connect
 from barewire.io.canopen.client import Client
+from barewire.io.modbus.client import ModbusClient
 
 
 @click.command()

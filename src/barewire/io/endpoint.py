@@ -27,8 +27,10 @@ can        node (the device's own, or 1), timeout (1), bitrate (125000 bit/s), w
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from os import PathLike, fspath
 from typing import NamedTuple
 
+from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
 from barewire.io.url import pairs, split, unquote
 
@@ -108,14 +110,25 @@ def can_be_host(name: str) -> bool:
         return False
 
 
-Turn = Callable[[bool], None]
-"""Turns the direction of a two-wire line: called with True before the first bit is sent, with False after the last."""
+SetDirection = Callable[[bool], None]
+"""Sets the direction of a two-wire line: called with True before the first bit is sent, with False after the last."""
+
+
+def _text(url: str, key: str, value: object) -> str:
+    """A keyword argument as the text that a URL has for it: True is 1, 0.5 is 0.5, a path is its text."""
+    if isinstance(value, (str, PathLike)):
+        return str(fspath(value))
+    if isinstance(value, float):
+        return str(int(value)) if value.is_integer() else str(value)
+    if isinstance(value, int):
+        return str(int(value))
+    raise EncodeError(f"endpoint {url!r}: {key}={shown(value)}: expected a text, a number, a boolean or a path", key)
 
 
 class Endpoint(NamedTuple):
     """A URL, taken apart. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
-    `turn` is what no URL can say: who turns the direction of a two-wire line, see `turned_by`.
+    `set_direction` is a function, which no URL can hold: see `with_direction`.
 
     >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
     >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)
@@ -125,11 +138,19 @@ class Endpoint(NamedTuple):
     scheme: str
     place: str
     options: Mapping[str, str]
-    turn: Turn | None = None
+    set_direction: SetDirection | None = None
 
     @classmethod
-    def parse(cls, url: str) -> Endpoint:
-        """The URL taken apart; EncodeError says what is wrong with it and what was expected."""
+    def parse(cls, url: str, options: Mapping[str, object] | None = None) -> Endpoint:
+        """The parts of a URL. `options` are added to those of the URL and override them; None is no option.
+
+        Raises EncodeError, which names what is wrong and what was expected.
+
+        >>> Endpoint.parse("tcp://10.0.0.5?unit=1", {"unit": 7, "any_unit": True}).options
+        {'unit': '7', 'any_unit': '1'}
+        """
+        if not isinstance(url, str):
+            raise EncodeError(f"endpoint {shown(url)}: expected a URL as a string, such as 'tcp://10.0.0.5:502'")
         scheme, place, query = split(url)
         if scheme not in SCHEMES:
             forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
@@ -139,14 +160,16 @@ class Endpoint(NamedTuple):
             raise EncodeError(f"endpoint {url!r}: '#' begins nothing in an endpoint, a name has %23 for it")
         if "?" in query:
             raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&', a name has %3F for it")
-        said = pairs(query)
-        options = dict(said)
-        if len(options) < len(said):
-            raise EncodeError(f"endpoint {url!r}: an option is said twice")
+        in_url = pairs(query)
+        merged = dict(in_url)
+        if len(merged) < len(in_url):
+            raise EncodeError(f"endpoint {url!r}: an option is given twice")
+        given = {key: value for key, value in (options or {}).items() if value is not None}
         known = _KNOWN.get(scheme)
-        for key in options:
+        for key in (*merged, *given):
             if known is not None and key not in known:
                 raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
+        merged |= {key: _text(url, key, value) for key, value in given.items()}
         place = unquote(place)
         if scheme == "can":
             interface, _, channel = place.partition("/")
@@ -156,14 +179,14 @@ class Endpoint(NamedTuple):
             place = PSEUDO_TERMINAL
         if not place.strip("/") or "\0" in place:
             raise EncodeError(f"endpoint {url!r}: it names no port")
-        endpoint = cls(scheme, place, options)
+        endpoint = cls(scheme, place, merged)
         if scheme == "can":
             socketcand_address(place.partition("/")[2])
         elif not endpoint.is_serial_port:
-            _ = endpoint.host_and_port  # a wrong one is told before anything is opened
-        for key in options:
+            _ = endpoint.host_and_port  # a wrong one is reported before anything is opened
+        for key in merged:
             endpoint._check(key)
-        if endpoint.scheme == "rtu" and options.get("bytesize") == "7":
+        if endpoint.scheme == "rtu" and merged.get("bytesize") == "7":
             raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
         return endpoint
 
@@ -180,15 +203,25 @@ class Endpoint(NamedTuple):
         query = "&".join(f"{key}={value}" for key, value in self.options.items())
         return f"{self.scheme}://{self.place}" + (f"?{query}" if query else "")
 
-    def turned_by(self, turn: Turn | None) -> Endpoint:
-        """The same, its line turned by this function (a GPIO pin). EncodeError where that makes no sense."""
-        if turn is None:
+    def with_direction(self, set_direction: SetDirection | None) -> Endpoint:
+        """The same endpoint, the direction of its two-wire line set by this function (a GPIO pin, for example).
+
+        Raises EncodeError if the endpoint is not a serial port, or has `rs485=` already.
+        """
+        if set_direction is None:
             return self
         if not self.is_serial_port:
-            raise EncodeError(f"endpoint {str(self)!r}: turn= is for serial ports, rtu:// and ascii://", "turn")
+            text = "set_direction= is for serial ports, rtu:// and ascii://"
+            raise EncodeError(f"endpoint {str(self)!r}: {text}", "set_direction")
         if self.options.get("rs485", "off") != "off":
-            raise EncodeError(f"endpoint {str(self)!r}: rs485= and turn= both turn the line, say one of them", "turn")
-        return self._replace(turn=turn)
+            text = "rs485= and set_direction= both set the direction of the line, give one of them"
+            raise EncodeError(f"endpoint {str(self)!r}: {text}", "set_direction")
+        return self._replace(set_direction=set_direction)
+
+    @property
+    def timeout(self) -> float:
+        """How many seconds a request waits for its response."""
+        return self.seconds("timeout", DEFAULT_TIMEOUT)
 
     @property
     def envelope(self) -> str:

@@ -33,7 +33,7 @@ from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import CanopenClient, open_canopen, open_host
+from barewire.io import CanopenClient, open_can_host, open_canopen
 from barewire.io.canopen.async_bus import AsyncStream
 from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
 from barewire.io.canopen.async_node_runner import AsyncRunning
@@ -73,7 +73,7 @@ def thing(request: pytest.FixtureRequest) -> Iterator[tuple[str, LocalNode]]:
     """A device on a bus of its own; the URL of a client for it."""
     node = device()
     channel = f"can://virtual/{request.node.name}"
-    with open_host(channel, node=node):
+    with open_can_host(channel, node=node):
         yield f"{channel}?node=5&timeout=30", node
 
 
@@ -303,7 +303,7 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
             await get(client.write(az3, {"TARGET VELOCITY": 10**9}))
 
     machine = simulator("az3")
-    with open_host(channel, node=machine.canopen):
+    with open_can_host(channel, node=machine.canopen):
         walk(tour, kind, f"{channel}?node=1")
 
 
@@ -347,7 +347,7 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
         assert await get(client.at(node=12).upload(0x6041)) == bytes.fromhex("3706")
         assert await get(client.find_all([20], timeout=0.05)) == []
 
-    with open_host(channel, node=bare):
+    with open_can_host(channel, node=bare):
         walk(tour, kind, channel)
     assert bare.node == 12
 

@@ -11,7 +11,7 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import open_canopen, open_host
+from barewire.io import open_can_host, open_canopen
 from barewire.io.canopen import conformance as shell
 from barewire.io.canopen.conformance import Result, conform_can
 from barewire.io.endpoint import Endpoint
@@ -26,7 +26,7 @@ URL = f"can://virtual/conform?node={NODE}"
 
 @pytest.fixture
 def device() -> Iterator[str]:
-    with open_host(URL, node=plain()):
+    with open_can_host(URL, node=plain()):
         yield f"{URL}&timeout=1"
 
 
@@ -34,7 +34,7 @@ def held(**which: Any) -> list[Result]:
     """Our device against cases."""
 
     def run(patience: str) -> list[Result]:
-        with open_host(URL, node=plain()):
+        with open_can_host(URL, node=plain()):
             return list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
 
     return again(run, "0.1", "1")
@@ -128,7 +128,7 @@ def test_a_device_that_dies_in_mid_battery_ends_the_run(monkeypatch: pytest.Monk
     monkeypatch.setattr(shell, "BOOT", 0.3)
     whole: list[Result] = []
     results: list[Result] = []
-    with open_host(URL, node=plain()) as host:
+    with open_can_host(URL, node=plain()) as host:
         hold_on(only, whole)
         with pytest.raises(Unfinished, match=f"node {NODE} answers no more behind the case {only[:3]}-") as caught:
             hold_on(only, results, 3, host.close)
@@ -141,11 +141,11 @@ def test_a_device_that_is_started_anew_is_held_on() -> None:
     """The case in which it comes back may hear its boot-up message, and fail; the others are as ever."""
     results: list[Result] = []
     with ExitStack() as stack:
-        host = stack.enter_context(open_host(URL, node=plain()))
+        host = stack.enter_context(open_can_host(URL, node=plain()))
 
         def anew() -> None:
             host.close()
-            stack.enter_context(open_host(URL, node=plain()))
+            stack.enter_context(open_can_host(URL, node=plain()))
 
         hold_on("NMT-1", results, 3, anew)
     assert [result.failure for result in results[4:] if result.failure] == []

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from barewire.errors import PortError
-from barewire.io import open_canopen, open_host
+from barewire.io import open_can_host, open_canopen
 from barewire.io.ports.python_can import CanPort
 from tests.io.canopen.memory_bus import device
 
@@ -38,7 +38,7 @@ def test_transfers_and_strangers_in_the_group() -> None:
             open_canopen(url)
         return
     value = bytes(number % 251 for number in range(700))
-    with open_host(url, node=device()), open_canopen(url) as client:
+    with open_can_host(url, node=device()), open_canopen(url) as client:
         assert client.upload(0x6041) == b"\x37\x06"
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)

@@ -15,7 +15,7 @@ from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError
-from barewire.io import open_canopen, open_canopen_async, open_host
+from barewire.io import open_can_host, open_canopen, open_canopen_async
 from barewire.io.canopen.client import CanopenClient
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.server.can import CanHost
@@ -34,7 +34,10 @@ def thermometer() -> LocalNode:
 
 def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:
     node = thermometer()
-    with open_host("can://virtual/outside", node=node) as host, open_canopen("can://virtual/outside?node=5") as client:
+    with (
+        open_can_host("can://virtual/outside", node=node) as host,
+        open_canopen("can://virtual/outside?node=5") as client,
+    ):
         assert isinstance(host, CanHost)
         client.tell_nmt(NmtCommand.START, ask_every=0.05)
         pdo = client.remote_pdo("TPDO", 1, objects=node.objects)
@@ -82,7 +85,7 @@ def test_and_with_asyncio() -> None:
 
 def test_a_hosted_device_that_was_bus_off_obeys_1029h_and_says_that_it_is_back() -> None:
     node, port = device(), MemoryPort()
-    host = open_host("can://virtual/off", node=node)
+    host = open_can_host("can://virtual/off", node=node)
     assert isinstance(host, CanHost)
     host.port.close()
     host.port = port
@@ -109,9 +112,9 @@ def wait(condition: Callable[[], bool]) -> None:
 def test_the_url_of_a_host_names_no_other_node() -> None:
     for node in (device(7), simulator("az3").canopen):
         with pytest.raises(EncodeError, match=r"node 5 is asked for, and the device is node (7|1)"):
-            open_host("can://virtual/other?node=5", node=node)
-    open_host("can://virtual/other?node=7", node=device(7)).close()
-    open_host("can://virtual/other?node=7", node=device(None)).close()
+            open_can_host("can://virtual/other?node=5", node=node)
+    open_can_host("can://virtual/other?node=7", node=device(7)).close()
+    open_can_host("can://virtual/other?node=7", node=device(None)).close()
 
 
 def test_what_a_word_is_given_by_mistake_is_told() -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from barewire.canopen import CanFrame, ErrorFrame, NmtCommand, NmtState
 from barewire.errors import NoAnswer, PortError
-from barewire.io import CanopenClient, open_canopen, open_host
+from barewire.io import CanopenClient, open_can_host, open_canopen
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.event_stream import Frames, Stream
 from barewire.io.canopen.reconnect import LASTED, Reopening
@@ -271,7 +271,7 @@ def test_a_hosted_node_whose_socketcand_server_is_restarted() -> None:
     hub = SocketcandHub("127.0.0.1", place)
     node = device()
     try:
-        with open_host(url, node=node) as host:
+        with open_can_host(url, node=node) as host:
             with open_canopen(url) as client:
                 client.download(0x2001, 0, b"\x07")
             hub.close()

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from barewire.io import CanopenClient, open_canopen, open_host
+from barewire.io import CanopenClient, open_can_host, open_canopen
 from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
 from barewire.io.canopen.shared_bus import CanBus
 from tests.io.canopen.memory_bus import device, memory_bus
@@ -74,7 +74,7 @@ def test_the_same_on_python_can_s_bus() -> None:
         async with await open_canopen_async(url) as client:
             return await by_tasks(client, 50, 20)
 
-    with open_host("can://virtual/soak", node=device()):
+    with open_can_host("can://virtual/soak", node=device()):
         with open_canopen(url) as client:
             assert by_threads(client, 3, 500) == [500] * 3
         assert asyncio.run(main()) == [20] * 50

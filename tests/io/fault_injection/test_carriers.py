@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
+from barewire import ModbusServer
 from barewire.devices import load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, EncodeError, NoAnswer
-from barewire.io import connect, open_host
+from barewire.io import connect
 from barewire.io.fault_injection.faults import Bytes, Faults
-from barewire.io.fault_injection.ports import open_faulty
 from barewire.modbus import ModbusException
 from tests.certificates import tls_url
 from tests.helpers import refused
@@ -49,7 +49,7 @@ def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iter
         url = tls_url(files, "server", roles="any")
     elif scheme in ("rtu", "ascii"):
         url = f"{scheme}://pty"
-    with open_faulty(url, lambda one: open_host(one, units=MachineUnits(machine, 255, 0)), **how) as host:
+    with ModbusServer(url, MachineUnits(machine, 255, 0), **how) as host:
         at = host.url.partition("?")[0]
         query = tls_url(files, "operator").partition("?")[2] + "&" if scheme == "tls" else ""
         yield f"{at}?{query}timeout={timeout:g}"
@@ -70,7 +70,7 @@ def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.Fixtur
     expected = EXPECTED[kind]
     # Short where nothing comes anyway; where an answer must come, a slow machine has its time.
     timeout = 0.15 if expected is NoAnswer else 5.0
-    spoils = spoiled(scheme, files, timeout, faults={kind: 1.0}, seed=1, late=0.3, told=told.append)
+    spoils = spoiled(scheme, files, timeout, faults={kind: 1.0}, fault_seed=1, fault_delay=0.3, on_fault=told.append)
     with spoils as url, connect(url) as client:
         if expected is None:
             assert client.read(ADXL, "Frequency")[0].value == 50
@@ -85,7 +85,7 @@ def test_noise_and_flipped_bits_never_become_values(scheme: str, request: pytest
     files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
     told: list[str] = []
     values, errors = set(), 0
-    how: dict[str, Any] = {"faults": {"noise": 0.3, "flip": 0.3}, "seed": 3, "told": told.append}
+    how: dict[str, Any] = {"faults": {"noise": 0.3, "flip": 0.3}, "fault_seed": 3, "on_fault": told.append}
     with spoiled(scheme, files, **how) as url, connect(url) as client:
         for _ in range(12):
             try:
@@ -102,7 +102,7 @@ def test_noise_and_flipped_bits_never_become_values(scheme: str, request: pytest
 def test_a_late_answer_comes_and_is_not_taken_for_another() -> None:
     answered: list[float] = []
     # Several late ones in a row hold each other up, so the window is long.
-    faulty = spoiled("rtu+tcp", Path(), faults={"late": 0.4}, seed=2, late=0.2)
+    faulty = spoiled("rtu+tcp", Path(), faults={"late": 0.4}, fault_seed=2, fault_delay=0.2)
     with faulty as url, connect(f"{url}&late_window=5") as client:
         for name, value in [("Frequency", 50), ("Start counter", 0)] * 5:
             with contextlib.suppress(NoAnswer):

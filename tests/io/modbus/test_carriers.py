@@ -10,8 +10,8 @@ from typing import Any, TypeVar, assert_type
 
 import pytest
 
+from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import AsyncModbusClient, ModbusClient, open_async, open_host, open_modbus, serve
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import timing_in_words
 from barewire.io.ports.pty import PseudoTerminal
@@ -33,7 +33,7 @@ def urls(certificates: Path) -> Iterator[URLs]:
     wanted = {scheme: f"{scheme}://127.0.0.1:0" for scheme in NETWORK}
     wanted |= {scheme: f"{scheme}://pty?baudrate=115200" for scheme in SERIAL}
     wanted["tls"] = tls_url(certificates, "server", roles="any")
-    hosts = {scheme: open_host(url, units={1: Table(), 2: Table()}) for scheme, url in wanted.items()}
+    hosts = {scheme: ModbusServer(url, units={1: Table(), 2: Table()}) for scheme, url in wanted.items()}
     for host in hosts.values():
         host.start()
     found = {scheme: host.url for scheme, host in hosts.items()}
@@ -63,7 +63,7 @@ def blocking(url: str, talk: Callable[[Any], Any]) -> None:
         def at(self, **how: Any) -> Any:
             return Answered(self._client.at(**how))
 
-    with open_modbus(url) as client:
+    with ModbusClient(url) as client:
         asyncio.run(talk(Answered(client)))
 
 
@@ -71,7 +71,7 @@ def waiting(url: str, talk: Callable[[Any], Any]) -> None:
     """Run `talk` with the asyncio client."""
 
     async def main() -> None:
-        async with await open_async(url) as client:
+        async with AsyncModbusClient(url) as client:
             await talk(client)
 
     asyncio.run(main())
@@ -101,7 +101,7 @@ def test_the_words_are_the_same_everywhere(urls: URLs, scheme: str, how: Callabl
 
 @pytest.mark.parametrize("scheme", ["rtu+tcp", "ascii+tcp"])
 def test_a_serial_line_behind_tcp_is_a_serial_line(urls: URLs, scheme: str) -> None:
-    with open_modbus(urls[scheme]) as client:
+    with ModbusClient(urls[scheme]) as client:
         client.broadcast(WriteSingleRegister(50, 5), turnaround=0.05)
         assert client.read_holding_registers(50, 1) == (5,)
         assert client.at(unit=2).read_holding_registers(50, 1) == (5,)
@@ -137,8 +137,8 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
         for here, there in (ends, ends[::-1]):
             loop.add_reader(here.fileno(), carry, here, there)
         async with (
-            await serve(f"{scheme}://{ends[0].path}", {1: Table()}),
-            await open_async(f"{scheme}://{ends[1].path}") as client,
+            AsyncModbusServer(f"{scheme}://{ends[0].path}", {1: Table()}),
+            AsyncModbusClient(f"{scheme}://{ends[1].path}") as client,
         ):
             await client.write_multiple_registers(0, tuple(range(120)))
             assert await client.read_holding_registers(0, 120) == tuple(range(120))
@@ -155,7 +155,7 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
 @pytest.mark.parametrize("scheme", ["tcp", "udp", "tls"])
 def test_sixteen_questions_under_way(urls: URLs, scheme: str) -> None:
     async def talk() -> None:
-        async with await open_async(urls[scheme], in_flight=16) as client:
+        async with AsyncModbusClient(urls[scheme], in_flight=16) as client:
             await asyncio.gather(*(client.write_single_register(at, 2 * at) for at in range(200)))
             got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(200)))
             assert got == [(2 * at,) for at in range(200)]
@@ -171,7 +171,7 @@ def test_answers_in_any_order_find_their_questions() -> None:
             connection.sendall(b"".join(answer(request) for request in reversed(requests)))
 
     async def talk(port: int) -> None:
-        async with await open_async(f"tcp://127.0.0.1:{port}", in_flight=16) as client:
+        async with AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=16) as client:
             got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(64)))
             assert got == [(at,) for at in range(64)]
 
@@ -186,7 +186,7 @@ def test_a_header_that_cannot_be_right_fails_everybody_who_waits_and_the_next_qu
         connection.recv(1)
 
     async def talk(port: int) -> None:
-        async with await open_async(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=16) as client:
+        async with AsyncModbusClient(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=16) as client:
             asked = (client.read_holding_registers(at, 1) for at in range(3))
             failed = await asyncio.gather(*asked, return_exceptions=True)
             assert len(failed) == 3
@@ -209,7 +209,7 @@ def test_a_header_that_cannot_be_right_fails_everybody_who_waits_and_the_next_qu
 )
 def test_more_questions_under_way_than_can_be_told_apart(url: str, in_flight: int, said: str) -> None:
     with refused(EncodeError, said):
-        asyncio.run(open_async(url, in_flight=in_flight))
+        AsyncModbusClient(url, in_flight=in_flight)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from barewire import ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import open_host
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus import conformance as shell
 from barewire.io.modbus.conformance import Result, Unfinished, conform
@@ -45,7 +45,7 @@ def hold(url: str) -> list[Result]:
     """A server of ours against its battery."""
 
     def run(patience: str) -> list[Result]:
-        with open_host(url, units={1: Table(100)}) as host:
+        with ModbusServer(url, units={1: Table(100)}) as host:
             endpoint = Endpoint.parse(host.url)
             return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
 
@@ -66,7 +66,7 @@ def test_our_servers_pass(url: str) -> None:
 def test_our_tls_server_passes(certificates: Path) -> None:
 
     def run(patience: str) -> list[Result]:
-        with open_host(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
+        with ModbusServer(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
             place = host.url.partition("?")[0].removeprefix("tls://")
             return list(conform(Endpoint.parse(tls_url(certificates, "operator", place, timeout=patience))))
 
@@ -144,7 +144,7 @@ def test_where_nobody_is_and_what_has_no_cases() -> None:
 
 
 def test_the_command() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
         for patience in ("0.25", "2"):  # as `again`
             url = f"{host.url}?timeout={patience}"
             done = barewire("conform", "--timing", url)
@@ -221,7 +221,7 @@ def test_a_server_that_dies_in_mid_battery_ends_the_run(
     monkeypatch.setattr(shell, "RESTART", 0.1)
     results: list[Result] = []
     told = pytest.raises(Unfinished, match=words)
-    with open_host(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, told as caught:
+    with ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, told as caught:
         hold_on(f"{host.url}?timeout=0.3", results, 5, host.close)
     assert len(results) >= 5
     assert len(results) + caught.value.not_run == len(CASES_TCP)
@@ -231,12 +231,12 @@ def test_a_server_that_is_started_anew_is_held_on() -> None:
     def run(patience: str) -> list[Result]:
         results: list[Result] = []
         with ExitStack() as stack:
-            host = stack.enter_context(open_host("tcp://127.0.0.1:0", units={1: Table(100)}))
+            host = stack.enter_context(ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}))
             url = host.url
 
             def anew() -> None:
                 host.close()
-                stack.enter_context(open_host(url, units={1: Table(100)}))
+                stack.enter_context(ModbusServer(url, units={1: Table(100)}))
 
             hold_on(f"{url}?timeout={patience}", results, 5, anew)
         return results

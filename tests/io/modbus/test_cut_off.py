@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
-from barewire.io import open_async, open_host, open_modbus
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Diagnostics, Table, Unanswered, Unit
 
@@ -36,7 +36,7 @@ def test_interrupted_at_every_step_of_a_blocking_exchange(wire: str) -> None:
             raise KeyboardInterrupt
 
     where = "tcp://127.0.0.1:0" if wire == "tcp" else f"{wire}://pty?baudrate=115200"
-    with open_host(where, units=full()) as host, open_modbus(host.url, watch=watch, late_window=0.1) as client:
+    with ModbusServer(where, units=full()) as host, ModbusClient(host.url, watch=watch, late_window=0.1) as client:
         for step in range(1, 5):
             left = step
             with contextlib.suppress(KeyboardInterrupt):
@@ -66,19 +66,19 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
 
     async def talk() -> None:
         thread = unplugged()
-        async with await open_async(url, recovery="wait", late_window=0.1) as client:
+        async with AsyncModbusClient(url, recovery="wait", late_window=0.1) as client:
             with pytest.raises(PortError):
                 await client.read_holding_registers(8, 1)
             await asyncio.to_thread(thread.join, 5)
-            with open_host(f"{wire}://{place}", units=full()):
+            with ModbusServer(f"{wire}://{place}", units=full()):
                 assert await client.read_holding_registers(9, 1) == (9,)
 
     thread = unplugged()
-    with open_modbus(url, recovery="wait", late_window=0.1) as client:
+    with ModbusClient(url, recovery="wait", late_window=0.1) as client:
         with pytest.raises(PortError):
             client.read_holding_registers(7, 1)
         thread.join(5)
-        with open_host(f"{wire}://{place}", units=full()):
+        with ModbusServer(f"{wire}://{place}", units=full()):
             assert client.read_holding_registers(9, 1) == (9,)
     asyncio.run(talk())
 
@@ -89,14 +89,14 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
 @pytest.mark.parametrize("wire", ["rtu://pty?baudrate=115200", "ascii://pty?baudrate=115200", "rtu+tcp://127.0.0.1:0"])
 def test_listen_only_and_back_in_the_words_of_both_clients(wire: str) -> None:
     async def talk(url: str) -> None:
-        async with await open_async(url) as client:
+        async with AsyncModbusClient(url) as client:
             assert await client.diagnostics(0x04) == b""
             assert await client.ask(Diagnostics(0x01)) == Unanswered(0x01)
             assert await client.read_holding_registers(8, 1) == (8,)
 
-    with open_host(wire, units=full()) as host:
+    with ModbusServer(wire, units=full()) as host:
         url = f"{host.url}{'&' if '?' in host.url else '?'}timeout=0.1&late_window=0.1"
-        with open_modbus(url) as client:
+        with ModbusClient(url) as client:
             assert client.diagnostics(0x04) == b""
             assert client.ask(Diagnostics(0x01)) == Unanswered(0x01)
             assert client.read_holding_registers(7, 1) == (7,)
@@ -105,9 +105,9 @@ def test_listen_only_and_back_in_the_words_of_both_clients(wire: str) -> None:
 
 def test_what_a_unit_counts_it_counts_over_all_connections_to_its_line() -> None:
     """The line behind a serial server is one, whoever is connected to it: so is listen only mode."""
-    with open_host("rtu+tcp://127.0.0.1:0", units=full()) as host, open_modbus(f"{host.url}?timeout=0.2") as first:
+    with ModbusServer("rtu+tcp://127.0.0.1:0", units=full()) as host, ModbusClient(f"{host.url}?timeout=0.2") as first:
         assert first.read_holding_registers(7, 1) == (7,)
-        with open_modbus(f"{host.url}?timeout=0.2&late_window=0") as second:
+        with ModbusClient(f"{host.url}?timeout=0.2&late_window=0") as second:
             assert second.diagnostics(0x0B) == b"\0\2"
             assert second.diagnostics(0x04) == b""
             with pytest.raises(NoAnswer):

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import Host, open_host, open_modbus, open_tcp
 from barewire.io.ports.pty import PseudoTerminal, is_pseudo_terminal
 from barewire.modbus import (
     ModbusException,
@@ -36,13 +36,13 @@ WIRES = [
 
 
 @pytest.fixture(params=WIRES)
-def host(request: pytest.FixtureRequest) -> Iterator[Host]:
-    with open_host(request.param, units={1: Table()}) as host:
+def host(request: pytest.FixtureRequest) -> Iterator[ModbusServer]:
+    with ModbusServer(request.param, units={1: Table()}) as host:
         yield host
 
 
-def test_what_was_written_is_read(host: Host) -> None:
-    with open_modbus(host.url) as client:
+def test_what_was_written_is_read(host: ModbusServer) -> None:
+    with ModbusClient(host.url) as client:
         client.ask(WriteSingleRegister(5, 0xBEEF))
         client.ask(WriteMultipleRegisters(6, range(100)))
         client.ask(WriteSingleCoil(3, True))
@@ -51,25 +51,25 @@ def test_what_was_written_is_read(host: Host) -> None:
         assert b"table" in client.ask(ReportServerId()).data
 
 
-def test_an_exception_answer_is_an_error_of_its_own(host: Host) -> None:
-    with open_modbus(host.url) as client, pytest.raises(ModbusException, match="illegal data address"):
+def test_an_exception_answer_is_an_error_of_its_own(host: ModbusServer) -> None:
+    with ModbusClient(host.url) as client, pytest.raises(ModbusException, match="illegal data address"):
         client.ask(ReadHoldingRegisters(0xFFFF, 2))
 
 
-def test_the_line_can_be_opened_again_with_the_same_settings(host: Host) -> None:
+def test_the_line_can_be_opened_again_with_the_same_settings(host: ModbusServer) -> None:
     for value in (1, 2, 3):
-        with open_modbus(host.url) as client:
+        with ModbusClient(host.url) as client:
             client.ask(WriteSingleRegister(0, value))
             assert client.ask(ReadHoldingRegisters(0, 1)).registers == (value,)
 
 
-def test_the_longest_frames_pass(host: Host) -> None:
-    with open_modbus(host.url) as client:
+def test_the_longest_frames_pass(host: ModbusServer) -> None:
+    with ModbusClient(host.url) as client:
         client.ask(WriteMultipleRegisters(0, range(123)))
         assert client.ask(ReadHoldingRegisters(0, 125)).registers == (*range(123), 0, 0)
 
 
-def test_several_threads_may_use_one_client(host: Host) -> None:
+def test_several_threads_may_use_one_client(host: ModbusServer) -> None:
     wrong: list[object] = []
 
     def use(address: int) -> None:
@@ -79,7 +79,7 @@ def test_several_threads_may_use_one_client(host: Host) -> None:
             if got != (value,):
                 wrong.append((address, value, got))
 
-    with open_modbus(host.url) as client:
+    with ModbusClient(host.url) as client:
         threads = [threading.Thread(target=use, args=(address,)) for address in range(4)]
         for thread in threads:
             thread.start()
@@ -91,8 +91,8 @@ def test_several_threads_may_use_one_client(host: Host) -> None:
 @pytest.mark.parametrize("url", ["rtu://pty", "ascii://pty"])
 def test_nobody_answers_for_another_unit_on_a_serial_line(url: str) -> None:
     with (
-        open_host(url, units={1: Table()}) as host,
-        open_modbus(host.url) as client,
+        ModbusServer(url, units={1: Table()}) as host,
+        ModbusClient(host.url) as client,
         pytest.raises(NoAnswer, match=r"unit 9 did not answer Read Holding Registers within 0\.2 s"),
     ):
         client.ask(ReadHoldingRegisters(0, 1), unit=9, timeout=0.2)
@@ -100,15 +100,15 @@ def test_nobody_answers_for_another_unit_on_a_serial_line(url: str) -> None:
 
 def test_a_broadcast_is_carried_out_and_not_answered() -> None:
     table = Table()
-    with open_host("rtu://pty", units={1: table}) as host, open_modbus(host.url) as client:
+    with ModbusServer("rtu://pty", units={1: table}) as host, ModbusClient(host.url) as client:
         client.broadcast(WriteSingleRegister(7, 77))
         assert client.ask(ReadHoldingRegisters(7, 1)).registers == (77,)
 
 
 def test_a_tcp_server_without_that_unit_answers_as_a_gateway() -> None:
     with (
-        open_host("tcp://127.0.0.1:0", units={1: Table()}) as host,
-        open_modbus(host.url) as client,
+        ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host,
+        ModbusClient(host.url) as client,
         pytest.raises(ModbusException, match="0B"),
     ):
         client.ask(ReadHoldingRegisters(0, 1), unit=9)
@@ -118,32 +118,32 @@ def test_a_refused_connection() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     with pytest.raises(PortError, match=f"^127.0.0.1:{port}: connection refused$"):
-        open_modbus(f"tcp://127.0.0.1:{port}")
+        ModbusClient(f"tcp://127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd"])
 def test_a_file_that_is_no_serial_port_is_told(path: str) -> None:
     with pytest.raises(PortError, match=f"^{path}: it is there, but no serial port$"):
-        open_modbus(f"rtu://{path}")
+        ModbusClient(f"rtu://{path}")
 
 
 def test_a_serial_port_that_is_not_there() -> None:
     with pytest.raises(PortError, match=r"^/dev/tty-nowhere: no such file or directory$"):
-        open_modbus("rtu:///dev/tty-nowhere")
+        ModbusClient("rtu:///dev/tty-nowhere")
 
 
 def test_a_serial_port_is_opened_by_one_program_at_a_time() -> None:
     terminal = PseudoTerminal()
     try:
-        with open_modbus(f"rtu://{terminal.path}"), pytest.raises(PortError, match="another program has it open"):
-            open_modbus(f"rtu://{terminal.path}")
+        with ModbusClient(f"rtu://{terminal.path}"), pytest.raises(PortError, match="another program has it open"):
+            ModbusClient(f"rtu://{terminal.path}")
     finally:
         terminal.close()
 
 
 def test_a_port_that_is_unplugged_while_it_is_used() -> None:
     terminal = PseudoTerminal()
-    with open_modbus(f"rtu://{terminal.path}") as client:
+    with ModbusClient(f"rtu://{terminal.path}") as client:
         timer = threading.Timer(0.1, terminal.close)
         timer.start()
         with pytest.raises(PortError):
@@ -154,7 +154,7 @@ def test_a_port_that_is_unplugged_while_it_is_used() -> None:
 def test_a_server_that_hangs_up_while_it_is_asked() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        with open_modbus(url) as client:
+        with ModbusClient(url) as client:
             connection, _ = server.accept()
             timer = threading.Timer(0.1, connection.close)
             timer.start()
@@ -165,14 +165,14 @@ def test_a_server_that_hangs_up_while_it_is_asked() -> None:
 
 def test_a_port_that_is_taken() -> None:
     with (
-        open_host("tcp://127.0.0.1:0", units={1: Table()}) as host,
+        ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host,
         pytest.raises(PortError, match="address already in use"),
     ):
-        open_host(host.url, units={1: Table()})
+        ModbusServer(host.url, units={1: Table()})
 
 
 def test_a_stream_that_is_not_modbus_is_hung_up_on() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         port = int(host.url.rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port), timeout=30) as stranger:
             stranger.sendall(b"GET / HTTP/1.1\r\n\r\n")
@@ -181,7 +181,7 @@ def test_a_stream_that_is_not_modbus_is_hung_up_on() -> None:
 
 def test_several_requests_in_one_segment_and_one_in_many() -> None:
     request = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         port = int(host.url.rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port), timeout=30) as stranger:
             stranger.sendall(3 * request)
@@ -196,23 +196,23 @@ def test_several_requests_in_one_segment_and_one_in_many() -> None:
 
 def test_a_new_path_becomes_a_pseudo_terminal_and_goes_again(tmp_path: Path) -> None:
     path = tmp_path / "line"
-    with open_host(f"rtu://{path}", units={1: Table()}) as host:
+    with ModbusServer(f"rtu://{path}", units={1: Table()}) as host:
         assert host.url == f"rtu://{path}"
         assert is_pseudo_terminal(os.fspath(path))
-        with open_modbus(host.url) as client:
+        with ModbusClient(host.url) as client:
             assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
     assert not path.is_symlink()
 
 
 def test_what_does_not_fit_together_is_told() -> None:
     with pytest.raises(EncodeError, match="Modbus goes over"):
-        open_modbus("can://virtual/x")
-    with pytest.raises(EncodeError, match="nothing here that speaks Modbus"):
-        open_host("tcp://127.0.0.1:0")
+        ModbusClient("can://virtual/x")
+    with pytest.raises(EncodeError, match="expected a dict of unit address and unit"):
+        ModbusServer("tcp://127.0.0.1:0", Table())  # type: ignore[arg-type]
 
 
 async def _async_exchanges(port: int) -> None:
-    async with await open_tcp("127.0.0.1", port) as client:
+    async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
         await client.ask(WriteSingleRegister(1, 42))
         answers = await asyncio.gather(*(client.ask(ReadHoldingRegisters(1, 1)) for _ in range(10)))
         assert {answer.registers for answer in answers} == {(42,)}
@@ -221,12 +221,12 @@ async def _async_exchanges(port: int) -> None:
 
 
 def test_the_asyncio_client() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         asyncio.run(_async_exchanges(int(host.url.rpartition(":")[2])))
 
 
 async def _cancelled_then_asked(port: int) -> None:
-    async with await open_tcp("127.0.0.1", port) as client:
+    async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
         task = asyncio.ensure_future(client.ask(ReadHoldingRegisters(0, 1), unit=1))
         await asyncio.sleep(0)
         task.cancel()
@@ -237,7 +237,7 @@ async def _cancelled_then_asked(port: int) -> None:
 
 
 def test_a_cancelled_question_leaves_the_connection_good() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         asyncio.run(_cancelled_then_asked(int(host.url.rpartition(":")[2])))
 
 
@@ -245,11 +245,11 @@ def test_the_asyncio_client_fails_in_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     with pytest.raises(PortError, match=r"connection refused|connect call failed"):
-        asyncio.run(open_tcp("127.0.0.1", port))
+        asyncio.run(AsyncModbusClient(f"tcp://127.0.0.1:{port}").open())
 
 
 def test_a_silent_server_is_no_answer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"tcp://127.0.0.1:{server.getsockname()[1]}?timeout=0.1"
-        with open_modbus(url) as client, pytest.raises(NoAnswer, match=r"within 0\.1 s"):
+        with ModbusClient(url) as client, pytest.raises(NoAnswer, match=r"within 0\.1 s"):
             client.ask(ReadHoldingRegisters(0, 1))

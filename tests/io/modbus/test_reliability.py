@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
-from barewire.io import Host, open_async, open_host, open_modbus
 from barewire.io.engine.backoff import BackOff
 from barewire.modbus import (
     ReadHoldingRegisters,
@@ -37,9 +37,9 @@ def full(size: int = 300) -> dict[int, Unit]:
 # Connections that fail -----------------------------------------------------------------------------------------------
 
 
-def restarted(url: str) -> Callable[[], Host]:
-    def start() -> Host:
-        host = open_host(url, units=full())
+def restarted(url: str) -> Callable[[], ModbusServer]:
+    def start() -> ModbusServer:
+        host = ModbusServer(url, units=full())
         host.start()
         return host
 
@@ -51,7 +51,7 @@ def test_a_server_that_was_killed_and_started_again(wire: str, tmp_path: Path) -
     place = f"{tmp_path}/line" if wire in ("rtu", "ascii") else "127.0.0.1:0"
     first = restarted(f"{wire}://{place}")()
     start = restarted(first.url)
-    with open_modbus(first.url) as client:
+    with ModbusClient(first.url) as client:
         assert client.read_holding_registers(7, 1) == (7,)
         first.close()
         with pytest.raises((PortError, NoAnswer)):
@@ -71,7 +71,7 @@ def test_the_same_for_the_asyncio_client(wire: str, tmp_path: Path) -> None:
     start = restarted(first.url)
 
     async def talk() -> None:
-        async with await open_async(first.url) as client:
+        async with AsyncModbusClient(first.url) as client:
             assert await client.read_holding_registers(7, 1) == (7,)
             await asyncio.to_thread(first.close)
             with pytest.raises((PortError, NoAnswer)):
@@ -91,17 +91,17 @@ def hang_up(connection: socket.socket) -> None:
 
 
 def test_a_read_is_repeated_on_a_new_connection_and_a_write_is_not() -> None:
-    with peer(hang_up, honest) as port, open_modbus(f"tcp://127.0.0.1:{port}") as client:
+    with peer(hang_up, honest) as port, ModbusClient(f"tcp://127.0.0.1:{port}") as client:
         assert client.ask(ReadHoldingRegisters(7, 1), retries=1).registers == (7,)
     with (
         peer(hang_up, honest) as port,
-        open_modbus(f"tcp://127.0.0.1:{port}") as client,
+        ModbusClient(f"tcp://127.0.0.1:{port}") as client,
         refused(WriteOutcomeUnknown, "the other side closed the connection; whether it was carried out is unknown"),
     ):
         client.ask(WriteSingleRegister(7, 1), retries=5)
 
     async def talk(port: int) -> None:
-        async with await open_async(f"tcp://127.0.0.1:{port}") as client:
+        async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
             assert (await client.ask(ReadHoldingRegisters(7, 1), retries=1)).registers == (7,)
 
     with peer(hang_up, honest) as port:
@@ -111,7 +111,7 @@ def test_a_read_is_repeated_on_a_new_connection_and_a_write_is_not() -> None:
 def test_between_attempts_there_is_a_pause_and_the_error_says_so() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    with open_modbus(f"tcp://127.0.0.1:{port}?timeout=0.01", lazy=True, chance=lambda: 16.5) as client:  # pause 1.1 s
+    with ModbusClient(f"tcp://127.0.0.1:{port}?timeout=0.01", lazy=True, jitter=lambda: 16.5) as client:  # pause 1.1 s
         with refused(PortError, f"127.0.0.1:{port}: connection refused"):
             client.read_holding_registers(0, 1)
         with refused(PortError, f"127.0.0.1:{port}: connection refused; tried again in "):
@@ -144,7 +144,7 @@ def test_pauses_differ_by_chance_and_stay_within_bounds(chance: float) -> None:
 
 def test_a_closed_client_stays_closed() -> None:
     with peer(honest) as port:
-        client = open_modbus(f"tcp://127.0.0.1:{port}")
+        client = ModbusClient(f"tcp://127.0.0.1:{port}")
         client.close()
         with refused(PortError, "the client was closed"):
             client.read_holding_registers(0, 1)
@@ -165,7 +165,7 @@ def slow(connection: socket.socket) -> None:
 def test_cancelled_after_any_number_of_turns_of_the_loop_over_tcp(in_flight: int) -> None:
     async def talk(port: int) -> None:
         for turns in range(25):
-            client = await open_async(f"tcp://127.0.0.1:{port}", in_flight=in_flight, lazy=turns % 2 == 0)
+            client = AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=in_flight, lazy=turns % 2 == 0)
             async with client:
                 task = asyncio.ensure_future(client.read_holding_registers(1000, 1))
                 for _ in range(turns):
@@ -182,7 +182,7 @@ def test_cancelled_after_any_number_of_turns_of_the_loop_over_tcp(in_flight: int
 @pytest.mark.parametrize("wire", ["rtu", "ascii"])
 def test_cancelled_at_any_time_on_a_serial_line(wire: str) -> None:
     async def talk(url: str) -> None:
-        async with await open_async(url, late_window=0.1) as client:
+        async with AsyncModbusClient(url, late_window=0.1) as client:
             for step in range(30):
                 task = asyncio.ensure_future(client.read_holding_registers(299 - step, 1))
                 await asyncio.sleep(0.0005 * step)
@@ -191,13 +191,13 @@ def test_cancelled_at_any_time_on_a_serial_line(wire: str) -> None:
                     assert await task == (299 - step,)
                 assert await client.read_holding_registers(step, 1) == (step,)
 
-    with open_host(f"{wire}://pty?baudrate=115200", units=full()) as host:
+    with ModbusServer(f"{wire}://pty?baudrate=115200", units=full()) as host:
         asyncio.run(talk(host.url))
 
 
 def test_cancelled_while_it_waits_for_its_turn() -> None:
     async def talk(port: int) -> None:
-        async with await open_async(f"tcp://127.0.0.1:{port}") as client:
+        async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
             tasks = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(12)]
             await asyncio.sleep(0)
             for task in tasks[1::2]:
@@ -226,7 +226,7 @@ def test_a_busy_unit_does_not_keep_the_others_waiting() -> None:
             connection.sendall(answer(request))
 
     async def tasks(port: int) -> None:
-        async with await open_async(f"tcp://127.0.0.1:{port}") as client:
+        async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
             busy = [client.at(unit=1).read_holding_registers(at, 1) for at in range(20)]
             late = [client.at(unit=2).read_holding_registers(at, 1) for at in range(3)]
             together = asyncio.gather(*busy, *late)
@@ -240,7 +240,7 @@ def test_a_busy_unit_does_not_keep_the_others_waiting() -> None:
 
     order.clear()
     go.clear()
-    with peer(watching) as port, open_modbus(f"tcp://127.0.0.1:{port}") as client:
+    with peer(watching) as port, ModbusClient(f"tcp://127.0.0.1:{port}") as client:
         threads = [
             threading.Thread(target=client.at(unit=unit).read_holding_registers, args=(0, 1))
             for unit in [1] * 20 + [2] * 3
@@ -248,7 +248,7 @@ def test_a_busy_unit_does_not_keep_the_others_waiting() -> None:
         for thread in threads:
             thread.start()
         give_up = time.monotonic() + 60
-        while client.connection._crowd < len(threads) - 1 and time.monotonic() < give_up:
+        while client.connection._waiting < len(threads) - 1 and time.monotonic() < give_up:
             time.sleep(0.001)  # until all but the first wait for their turn
         go.set()
         for thread in threads:
@@ -282,11 +282,11 @@ def quirky(change: Callable[[bytes], bytes]) -> Callable[[socket.socket], None]:
 def test_a_quirk_is_tolerated_when_said_and_not_otherwise(option: str, change: Callable[[bytes], bytes]) -> None:
     with peer(quirky(change)) as port:
         with (
-            open_modbus(f"tcp://127.0.0.1:{port}?timeout=2") as client,
+            ModbusClient(f"tcp://127.0.0.1:{port}?timeout=2") as client,
             pytest.raises(NoAnswer, match="heard instead"),
         ):
             client.read_holding_registers(7, 1)
-        with open_modbus(f"tcp://127.0.0.1:{port}?{option}=1") as client:
+        with ModbusClient(f"tcp://127.0.0.1:{port}?{option}=1") as client:
             assert client.read_holding_registers(7, 1) == (7,)
 
 
@@ -302,7 +302,7 @@ def test_where_transactions_mean_nothing_a_late_answer_is_still_nobodys() -> Non
                 connection.sendall(b"\0\0" + held[2:] + b"\0\0" + reply[2:] if held else b"\0\0" + reply[2:])
                 held = b""
 
-    with peer(late) as port, open_modbus(f"tcp://127.0.0.1:{port}?any_transaction=1") as client:
+    with peer(late) as port, ModbusClient(f"tcp://127.0.0.1:{port}?any_transaction=1") as client:
         with pytest.raises(NoAnswer):
             client.at(timeout=0.2).read_holding_registers(10, 1)
         assert client.read_holding_registers(20, 1) == (20,)

@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from barewire import ascii, rtu
-from barewire.io import open_async, open_modbus
+from barewire import AsyncModbusClient, ModbusClient, ascii, rtu
 
 ENVELOPES: dict[str, Callable[[int, bytes], bytes]] = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii.encode}
 
@@ -61,7 +60,7 @@ def peer(request: pytest.FixtureRequest) -> Iterator[tuple[str, Echoing]]:
 
 def test_a_second_copy_is_not_the_answer_to_the_next_question(peer: tuple[str, Echoing]) -> None:
     url, there = peer
-    with open_modbus(url) as client:
+    with ModbusClient(url) as client:
         assert client.read_holding_registers(10, 1) == (1,)
         there.taken.set()
         assert there.again.wait(10)
@@ -73,7 +72,7 @@ def test_nor_for_an_asyncio_client_whose_program_was_busy(peer: tuple[str, Echoi
     url, there = peer
 
     async def talk() -> None:
-        async with await open_async(url) as client:
+        async with AsyncModbusClient(url) as client:
             assert await client.read_holding_registers(10, 1) == (1,)
             there.taken.set()
             assert there.again.wait(10)  # not awaited: the loop stands still, like the program of somebody in a hurry

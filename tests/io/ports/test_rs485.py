@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import serial
 
+from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, PortError
-from barewire.io import open_async, open_host, open_modbus, serve
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Table, WriteSingleRegister
 from tests.helpers import refused
@@ -51,7 +51,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_rts_is_on_while_we_send_and_off_when_the_last_bit_is_out(log: list[Any]) -> None:
-    with open_host("rtu://pty", units={1: Table()}) as host, open_modbus(f"{host.url}?rs485=rts") as client:
+    with ModbusServer("rtu://pty", units={1: Table()}) as host, ModbusClient(f"{host.url}?rs485=rts") as client:
         log.clear()
         assert client.read_holding_registers(0, 1) == (0,)
         assert log == [True, "write", "flush", False]
@@ -59,7 +59,7 @@ def test_rts_is_on_while_we_send_and_off_when_the_last_bit_is_out(log: list[Any]
 
 def test_the_same_under_asyncio_even_when_the_task_is_cancelled(log: list[Any]) -> None:
     async def talk(url: str) -> None:
-        async with await open_async(url) as client:
+        async with AsyncModbusClient(url) as client:
             log.clear()
             assert await client.read_holding_registers(0, 1) == (0,)
             assert log == [True, False]
@@ -73,7 +73,7 @@ def test_the_same_under_asyncio_even_when_the_task_is_cancelled(log: list[Any]) 
             assert log == [True, False]
             assert await client.read_holding_registers(2, 1) == (0,)
 
-    with open_host("rtu://pty", units={1: Table()}) as host:
+    with ModbusServer("rtu://pty", units={1: Table()}) as host:
         asyncio.run(talk(f"{host.url}?rs485=rts&pace=1"))
 
 
@@ -82,7 +82,10 @@ def test_the_same_under_asyncio_even_when_the_task_is_cancelled(log: list[Any]) 
 
 def test_a_function_of_the_users_turns_the_line() -> None:
     turned: list[bool] = []
-    with open_host("rtu://pty", units={1: Table()}) as host, open_modbus(host.url, turn=turned.append) as client:
+    with (
+        ModbusServer("rtu://pty", units={1: Table()}) as host,
+        ModbusClient(host.url, set_direction=turned.append) as client,
+    ):
         assert turned == [False]
         assert client.read_holding_registers(0, 1) == (0,)
         assert turned == [False, True, False]
@@ -95,8 +98,8 @@ def test_the_same_for_the_asyncio_client_and_server() -> None:
     answered: list[bool] = []
 
     async def talk(ours: str, theirs: str) -> None:
-        server = await serve(f"rtu://{theirs}?baudrate=115200", {1: Table()}, turn=answered.append)
-        client = await open_async(f"rtu://{ours}?baudrate=115200", turn=asked.append)
+        server = AsyncModbusServer(f"rtu://{theirs}?baudrate=115200", {1: Table()}, set_direction=answered.append)
+        client = AsyncModbusClient(f"rtu://{ours}?baudrate=115200", set_direction=asked.append)
         async with server, client:
             for _ in range(3):
                 assert await client.read_holding_registers(0, 1) == (0,)
@@ -111,7 +114,7 @@ def test_a_line_that_is_given_up_in_the_middle_of_sending_is_turned_back() -> No
     turned: list[bool] = []
 
     async def talk(url: str) -> None:
-        client = await open_async(f"{url}?pace=1&baudrate=300", turn=turned.append)
+        client = AsyncModbusClient(f"{url}?pace=1&baudrate=300", set_direction=turned.append)
         async with client:
             task = asyncio.ensure_future(client.read_holding_registers(1, 1))
             while turned != [False, True]:
@@ -136,15 +139,15 @@ def test_a_line_that_cannot_be_turned_is_a_port_that_failed(fails_at: int) -> No
             raise RuntimeError("no such pin")
 
     async def talk(url: str) -> None:
-        with refused(PortError, "the line could not be turned: RuntimeError: no such pin"):
-            async with await open_async(url, turn=turn) as client:
+        with refused(PortError, "the direction of the line could not be set: RuntimeError: no such pin"):
+            async with AsyncModbusClient(url, set_direction=turn) as client:
                 await client.read_holding_registers(0, 1)
                 await client.read_holding_registers(0, 1)
 
-    with open_host("rtu://pty", units={1: Table()}) as host:
+    with ModbusServer("rtu://pty", units={1: Table()}) as host:
         with (
-            refused(PortError, "the line could not be turned: RuntimeError: no such pin"),
-            open_modbus(host.url, turn=turn) as client,
+            refused(PortError, "the direction of the line could not be set: RuntimeError: no such pin"),
+            ModbusClient(host.url, set_direction=turn) as client,
         ):
             client.read_holding_registers(0, 1)
         calls = 0
@@ -153,17 +156,17 @@ def test_a_line_that_cannot_be_turned_is_a_port_that_failed(fails_at: int) -> No
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:1", "rtu+tcp://127.0.0.1:1", "rtu:///dev/null?rs485=rts"])
 def test_where_a_function_has_nothing_to_turn(url: str) -> None:
-    with pytest.raises(EncodeError, match="turn"):
-        open_modbus(url, turn=lambda sending: None)
-    with refused(EncodeError, "a new pseudo-terminal has no direction to turn"):
-        open_host("rtu://pty", units={1: Table()}, turn=lambda sending: None)
+    with pytest.raises(EncodeError, match="set_direction"):
+        ModbusClient(url, set_direction=lambda sending: None)
+    with refused(EncodeError, "a new pseudo-terminal has no direction to set"):
+        ModbusServer("rtu://pty", units={1: Table()}, set_direction=lambda sending: None)
 
 
 @pytest.mark.parametrize("how", ["kernel", "rts"])
 def test_where_the_line_cannot_be_turned_it_is_said_when_it_is_opened(how: str) -> None:
     terminal = PseudoTerminal()
     with refused(PortError, f"{terminal.path}: rs485={how} is not possible here"):
-        open_modbus(f"rtu://{terminal.path}?rs485={how}")
+        ModbusClient(f"rtu://{terminal.path}?rs485={how}")
     terminal.close()
 
 
@@ -180,7 +183,7 @@ def test_a_line_that_echoes(echo: str) -> None:
 
     thread = threading.Thread(target=echo_and_answer)
     thread.start()
-    with open_modbus(f"rtu://{terminal.path}?echo={echo}") as client:
+    with ModbusClient(f"rtu://{terminal.path}?echo={echo}") as client:
         for _ in range(3):
             assert client.read_holding_registers(0, 1) == (42,)
     stop.set()

@@ -16,12 +16,10 @@ from pathlib import Path
 
 import pytest
 
+from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import DecodeError, EncodeError, PortError
-from barewire.io import Host, open_async, open_host, open_modbus
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.tls import role_of, server_context
-from barewire.io.server.asyncio_stream import StreamServer
-from barewire.io.server.asyncio_thread import NetworkHost
 from barewire.modbus import ModbusException, Table, WriteSingleRegister
 from tests.certificates import tls_url
 from tests.helpers import refused
@@ -36,29 +34,27 @@ ROLES = {
 
 
 @pytest.fixture
-def host(certificates: Path) -> Iterator[Host]:
+def host(certificates: Path) -> Iterator[ModbusServer]:
     roles = certificates / "roles.json"
     roles.write_text(json.dumps(ROLES))
-    with open_host(tls_url(certificates, "server", roles=str(roles)), units={1: Table()}) as host:
+    with ModbusServer(tls_url(certificates, "server", roles=str(roles)), units={1: Table()}) as host:
         yield host
 
 
-def place(host: Host) -> str:
+def place(host: ModbusServer) -> str:
     return host.url.partition("?")[0].removeprefix("tls://")
 
 
-def turned_away(host: Host) -> str:
+def turned_away(host: ModbusServer) -> str:
     """What the server said of the last client that it turned away."""
-    assert isinstance(host, NetworkHost)
-    assert isinstance(host.server, StreamServer)
     until = time.monotonic() + 5
-    while not host.server.turned_away and time.monotonic() < until:
+    while not host.connections.closed and time.monotonic() < until:
         time.sleep(0.01)
-    return host.server.turned_away[-1]
+    return host.connections.closed[-1]
 
 
-def test_who_may_write_writes(host: Host, certificates: Path) -> None:
-    with open_modbus(tls_url(certificates, "operator", place(host))) as client:
+def test_who_may_write_writes(host: ModbusServer, certificates: Path) -> None:
+    with ModbusClient(tls_url(certificates, "operator", place(host))) as client:
         client.write_single_register(5, 42)
         client.write_multiple_registers(6, (43, 44))
         assert client.read_holding_registers(5, 3) == (42, 43, 44)
@@ -71,8 +67,8 @@ def test_who_may_write_writes(host: Host, certificates: Path) -> None:
             client.at(unit=10).write_single_register(5, 1)
 
 
-def test_a_role_that_may_read_only(host: Host, certificates: Path) -> None:
-    with open_modbus(tls_url(certificates, "viewer", place(host))) as client:
+def test_a_role_that_may_read_only(host: ModbusServer, certificates: Path) -> None:
+    with ModbusClient(tls_url(certificates, "viewer", place(host))) as client:
         assert client.read_holding_registers(5, 1) == (0,)
         with pytest.raises(ModbusException) as caught:
             client.write_single_register(5, 1)
@@ -81,19 +77,19 @@ def test_a_role_that_may_read_only(host: Host, certificates: Path) -> None:
 
 
 def test_a_certificate_without_a_role_may_do_what_the_table_says_of_that_nothing(
-    host: Host, certificates: Path
+    host: ModbusServer, certificates: Path
 ) -> None:
     with (
-        open_modbus(tls_url(certificates, "norole", place(host))) as client,
+        ModbusClient(tls_url(certificates, "norole", place(host))) as client,
         pytest.raises(ModbusException) as caught,
     ):
         client.read_holding_registers(5, 1)
     assert caught.value.code == 1
 
 
-def test_the_asyncio_client_speaks_tls_too(host: Host, certificates: Path) -> None:
+def test_the_asyncio_client_speaks_tls_too(host: ModbusServer, certificates: Path) -> None:
     async def talk() -> None:
-        async with await open_async(tls_url(certificates, "operator", place(host)), in_flight=16) as client:
+        async with AsyncModbusClient(tls_url(certificates, "operator", place(host)), in_flight=16) as client:
             await asyncio.gather(*(client.write_single_register(at, at) for at in range(50)))
             assert await client.read_holding_registers(0, 50) == tuple(range(50))
             with pytest.raises(ModbusException):
@@ -117,7 +113,7 @@ def test_an_asyncio_client_hears_all_that_came_together(certificates: Path) -> N
 
     async def ask(port: int) -> None:
         url = tls_url(certificates, "operator", f"127.0.0.1:{port}", timeout="30")
-        async with await open_async(url, in_flight=16) as client:
+        async with AsyncModbusClient(url, in_flight=16) as client:
             asked = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(16)]
             while not all_said.wait(0.0):  # the loop stands still between two looks
                 await asyncio.sleep(0)
@@ -144,11 +140,11 @@ def test_an_asyncio_client_hears_all_that_came_together(certificates: Path) -> N
     ],
 )
 def test_a_wrong_certificate_is_one_line_on_both_sides(
-    host: Host, certificates: Path, name: str, ca: str, client_says: str, server_says: str
+    host: ModbusServer, certificates: Path, name: str, ca: str, client_says: str, server_says: str
 ) -> None:
     with (
         refused(PortError, client_says) as caught,
-        open_modbus(tls_url(certificates, name, place(host), ca=ca)) as client,
+        ModbusClient(tls_url(certificates, name, place(host), ca=ca)) as client,
     ):
         client.read_holding_registers(0, 1)  # in TLS 1.3 a client is told with the first thing that it hears
     assert "\n" not in str(caught.value)
@@ -160,20 +156,20 @@ def test_a_wrong_certificate_is_one_line_on_both_sides(
     [("expired-server", "certificate has expired"), ("stranger-server", "unable to get local issuer certificate")],
 )
 def test_a_wrong_certificate_of_the_server(certificates: Path, server: str, said: str) -> None:
-    with open_host(tls_url(certificates, server, roles="any"), units={1: Table()}) as host:
+    with ModbusServer(tls_url(certificates, server, roles="any"), units={1: Table()}) as host:
         url = tls_url(certificates, "operator", place(host))
         with refused(PortError, said):
-            open_modbus(url)
+            ModbusClient(url)
         with refused(PortError, said):
-            asyncio.run(open_async(url))
+            asyncio.run(AsyncModbusClient(url).open())
 
 
-def test_a_server_of_another_name(host: Host, certificates: Path) -> None:
+def test_a_server_of_another_name(host: ModbusServer, certificates: Path) -> None:
     with refused(PortError, "Hostname mismatch, certificate is not valid for 'pump7'"):
-        open_modbus(tls_url(certificates, "operator", place(host), server_name="pump7"))
+        ModbusClient(tls_url(certificates, "operator", place(host), server_name="pump7"))
 
 
-def test_no_certificate_at_all(host: Host, certificates: Path) -> None:
+def test_no_certificate_at_all(host: ModbusServer, certificates: Path) -> None:
     address, _, port = place(host).partition(":")
     context = ssl.create_default_context(cafile=str(certificates / "ca.crt"))
     with (
@@ -185,18 +181,18 @@ def test_no_certificate_at_all(host: Host, certificates: Path) -> None:
     assert "the other side showed no certificate" in turned_away(host)
 
 
-def test_what_is_no_tls_is_said_on_both_sides(host: Host, certificates: Path) -> None:
+def test_what_is_no_tls_is_said_on_both_sides(host: ModbusServer, certificates: Path) -> None:
     with (
-        open_modbus(f"tcp://{place(host)}?timeout=5") as client,
+        ModbusClient(f"tcp://{place(host)}?timeout=5") as client,
         pytest.raises(PortError),
     ):
         client.read_holding_registers(0, 1)
     assert "the other side does not speak TLS" in turned_away(host)
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as plain, pytest.raises(PortError, match=r"TLS|closed"):
-        open_modbus(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as plain, pytest.raises(PortError, match=r"TLS|closed"):
+        ModbusClient(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
 
 
-def test_tls_1_1_is_not_spoken(host: Host, certificates: Path) -> None:
+def test_tls_1_1_is_not_spoken(host: ModbusServer, certificates: Path) -> None:
     run = subprocess.run(
         ["openssl", "s_client", "-connect", place(host), "-tls1_1", "-cipher", "ALL:@SECLEVEL=0"],
         input=b"",
@@ -220,13 +216,13 @@ def test_tls_1_1_is_not_spoken(host: Host, certificates: Path) -> None:
 )
 def test_what_is_wrong_with_the_files_is_told_at_once(certificates: Path, url: str, said: str) -> None:
     with refused(EncodeError, said):
-        open_host(url.format(certificates), units={1: Table()})
+        ModbusServer(url.format(certificates), units={1: Table()})
 
 
 def test_roles_that_are_no_text_are_told_in_one_line(certificates: Path, tmp_path: Path) -> None:
     (tmp_path / "roles.json").write_bytes(b'{"Viewer\xff": []}')
     with refused(EncodeError, "not UTF-8 at byte 8"):
-        open_host(tls_url(certificates, "server", roles=str(tmp_path / "roles.json")), units={1: Table()})
+        ModbusServer(tls_url(certificates, "server", roles=str(tmp_path / "roles.json")), units={1: Table()})
 
 
 def test_the_page_about_tls_does_what_it_says(tmp_path: Path) -> None:
@@ -234,8 +230,8 @@ def test_the_page_about_tls_does_what_it_says(tmp_path: Path) -> None:
     shell, table, program = (
         "".join(re.findall(f"```{kind}\n(.*?)```", page, re.S)) for kind in ("sh", "json", "python")
     )
-    assert "open_modbus(" in program
-    assert "open_async(" in program
+    assert "ModbusClient(" in program
+    assert "AsyncModbusClient(" in program
     (tmp_path / "roles.json").write_text(table)
     subprocess.run(["sh", "-e", "-c", shell], cwd=tmp_path, check=True, capture_output=True, timeout=60)
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=60)

@@ -21,7 +21,7 @@ class Fake:
     def abort(self) -> None:
         self.aborted += 1
         if self._tells:
-            self._all.left(self)
+            self._all.remove(self)
 
 
 def guests(**options: object) -> ConnectionTable[Fake]:
@@ -32,12 +32,12 @@ def came(found: ConnectionTable[Fake], *names: str, now: float = 0.0) -> list[Fa
     """New ones, each a second later than the last."""
     made = [Fake(name, found) for name in names]
     for place, guest in enumerate(made):
-        found.arrived(guest, now + place)
+        found.add(guest, now + place)
     return made
 
 
 def here(found: ConnectionTable[Fake]) -> str:
-    return "".join(guest.peer for guest in found.connections)
+    return "".join(guest.peer for guest in found.open)
 
 
 # One too many --------------------------------------------------------------------------------------------------------
@@ -47,14 +47,14 @@ def test_the_longest_silent_of_those_that_were_never_answered_goes_first() -> No
     found = guests(connections=3)
     a, b, c = came(found, "a", "b", "c")
     a.was_answered = c.was_answered = True
-    found.heard(b, 9.0)
+    found.received(b, 9.0)
     (d,) = came(found, "d", now=10.0)
     assert here(found) == "acd"
     d.was_answered = True
-    found.heard(a, 11.0)
+    found.received(a, 11.0)
     came(found, "e", now=12.0)
     assert here(found) == "ade"
-    assert list(found.turned_away) == [f"{name}: unused longest of 3 connections" for name in "bc"]
+    assert list(found.closed) == [f"{name}: unused longest of 3 connections" for name in "bc"]
     assert [guest.aborted for guest in (a, b, c, d)] == [0, 1, 1, 0]
     assert found.unsent == 21
 
@@ -63,7 +63,7 @@ def test_of_equals_the_one_that_came_first_goes() -> None:
     found = guests(connections=3)
     a, b, c = came(found, "a", "b", "c")
     for guest in (c, b, a):
-        found.heard(guest, 5.0)
+        found.received(guest, 5.0)
     came(found, "d", now=5.0)
     assert here(found) == "bcd"
 
@@ -75,7 +75,7 @@ def test_where_there_is_room_for_one_the_newest_has_it() -> None:
     first.was_answered = True
     came(found, *"cdefg", now=5.0)
     assert here(found) == "g"
-    assert len(found.turned_away) == 6
+    assert len(found.closed) == 6
 
 
 def test_a_flood_of_strangers_at_the_limit_takes_nobodys_place() -> None:
@@ -84,9 +84,9 @@ def test_a_flood_of_strangers_at_the_limit_takes_nobodys_place() -> None:
     for guest in known:
         guest.was_answered = True
     came(found, *(f"stranger {number}" for number in range(1000)), now=1000.0)
-    assert all(guest in found.connections for guest in known)
-    assert len(found.connections) == 300
-    assert len(found.turned_away) == 16
+    assert all(guest in found.open for guest in known)
+    assert len(found.open) == 300
+    assert len(found.closed) == 16
 
 
 # Silent for too long -------------------------------------------------------------------------------------------------
@@ -94,33 +94,33 @@ def test_a_flood_of_strangers_at_the_limit_takes_nobodys_place() -> None:
 
 def test_nobody_goes_before_the_time_and_everybody_at_it() -> None:
     found = guests(idle=10)
-    assert found.watch(0.0) is None
+    assert found.close_idle(0.0) is None
     a, _, c = came(found, "a", "b", "c")
-    assert found.watch(9.75) == 10.0
-    found.heard(a, 9.75)
-    assert found.watch(10.0) == 11.0
-    found.left(c)
-    assert found.watch(11.0) == 19.75
+    assert found.close_idle(9.75) == 10.0
+    found.received(a, 9.75)
+    assert found.close_idle(10.0) == 11.0
+    found.remove(c)
+    assert found.close_idle(11.0) == 19.75
     assert here(found) == "a"
-    assert found.watch(19.75) is None
-    assert list(found.turned_away) == ["b: silent for 10 s", "a: silent for 10 s"]
+    assert found.close_idle(19.75) is None
+    assert list(found.closed) == ["b: silent for 10 s", "a: silent for 10 s"]
     came(found, "d", now=30.0)
-    assert found.watch(30.0) == 40.0
+    assert found.close_idle(30.0) == 40.0
 
 
 def test_a_time_that_is_set_later_or_made_shorter_holds_at_once() -> None:
     found = guests()
     came(found, "a", "b")
-    assert found.watch(1000.0) is None
-    found.idle = 2000.0
-    assert found.watch(1000.0) == 2000.0
-    found.idle = 999.5
-    assert found.watch(1000.0) == 1000.5
+    assert found.close_idle(1000.0) is None
+    found.idle_timeout = 2000.0
+    assert found.close_idle(1000.0) == 2000.0
+    found.idle_timeout = 999.5
+    assert found.close_idle(1000.0) == 1000.5
     assert here(found) == "b"
-    found.idle = 0.0
-    assert found.watch(5000.0) is None
-    found.idle = 1.0
-    assert found.watch(5000.0) is None
+    found.idle_timeout = 0.0
+    assert found.close_idle(5000.0) is None
+    found.idle_timeout = 1.0
+    assert found.close_idle(5000.0) is None
     assert here(found) == ""
 
 
@@ -128,9 +128,9 @@ def test_who_goes_with_another_is_turned_away_once_at_most() -> None:
     """Two connections of one client: whoever hangs up on one may hang up on both."""
     found = guests(idle=1)
     a, b = came(found, "a", "b")
-    a.abort = lambda: (found.left(a), found.left(b))  # type: ignore[assignment, func-returns-value]
-    assert found.watch(100.0) is None
-    assert (list(found.turned_away), b.aborted) == (["a: silent for 1 s"], 0)
+    a.abort = lambda: (found.remove(a), found.remove(b))  # type: ignore[assignment, func-returns-value]
+    assert found.close_idle(100.0) is None
+    assert (list(found.closed), b.aborted) == (["a: silent for 1 s"], 0)
 
 
 # Whatever happens ----------------------------------------------------------------------------------------------------
@@ -161,32 +161,32 @@ def test_it_is_the_plain_rule(steps: list[tuple[str, int, float]], most: int, id
     for what, whom, later in steps:
         now += later
         guest = everybody[whom]
-        if what == "come" and guest not in found.connections:
+        if what == "come" and guest not in found.open:
             while len(row) >= most:
                 unused = [one for one in row if not everybody[one[1]].was_answered] or row
                 longest = {who for heard, who in unused if heard == min(unused)[0]}
-                first = next(int(one.peer) for one in found.connections if int(one.peer) in longest)
+                first = next(int(one.peer) for one in found.open if int(one.peer) in longest)
                 gone(first)
-            found.arrived(guest, now)
+            found.add(guest, now)
             row.append((now, whom))
         elif what == "hear":
-            found.heard(guest, now)
+            found.received(guest, now)
             gone(whom)
             row.append((now, whom))
         elif what == "leave":
-            found.left(guest)
+            found.remove(guest)
             gone(whom)
         elif what == "answer":
             guest.was_answered = True
         elif what == "idle":
-            found.idle = later
+            found.idle_timeout = later
         elif what == "watch":
-            again = found.watch(now)
-            row[:] = [one for one in row if not found.idle or one[0] + found.idle > now]
-            if not found.idle or not row:
+            again = found.close_idle(now)
+            row[:] = [one for one in row if not found.idle_timeout or one[0] + found.idle_timeout > now]
+            if not found.idle_timeout or not row:
                 assert again is None
             else:  # in time, and not without end: as soon as the first could go, or a little before
                 assert again is not None
-                assert now < again <= min(row)[0] + found.idle
-        assert {int(one.peer) for one in found.connections} == {who for _, who in row}
-        assert {int(one.peer): heard for one, heard in found.connections.items()} == {who: heard for heard, who in row}
+                assert now < again <= min(row)[0] + found.idle_timeout
+        assert {int(one.peer) for one in found.open} == {who for _, who in row}
+        assert {int(one.peer): heard for one, heard in found.open.items()} == {who: heard for heard, who in row}

@@ -16,13 +16,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from barewire import AsyncModbusClient, AsyncModbusServer, ModbusServer
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError
-from barewire.io import open_async, open_host, serve
 from barewire.io.endpoint import Endpoint
-from barewire.io.server.asyncio_stream import StreamServer
 from barewire.io.server.connection_limits import ConnectionTable
-from barewire.io.server.tcp import TcpHost
 from barewire.modbus import Authorization, Table
 from barewire.rtu import encode as rtu_frame
 from tests.helpers import refused
@@ -47,20 +45,18 @@ class Serving(NamedTuple):
     """A server at work, as far as its limits are concerned."""
 
     port: int
-    guests: ConnectionTable[Any]
+    connections: ConnectionTable[Any]
 
 
 @contextlib.asynccontextmanager
 async def serving(way: str, scheme: str = "tcp", **options: object) -> AsyncIterator[Serving]:
     url = f"{scheme}://127.0.0.1:0?{'&'.join(f'{key}={value}' for key, value in options.items())}"
     if way == "thread":
-        with open_host(url, units={1: Table()}) as host:
-            assert isinstance(host, TcpHost)
-            yield Serving(Endpoint.parse(host.url).host_and_port[1], host.guests)
+        with ModbusServer(url, units={1: Table()}) as host:
+            yield Serving(host.port, host.connections)
     else:
-        async with await serve(url, {1: Table()}) as server:
-            assert isinstance(server, StreamServer)
-            yield Serving(server.port, server)
+        async with AsyncModbusServer(url, {1: Table()}) as server:
+            yield Serving(server.port, server.connections)
 
 
 both = pytest.mark.parametrize("way", ["asyncio", "thread"])
@@ -110,7 +106,7 @@ def test_a_thousand_connections_at_once_each_served(way: str, scheme: str) -> No
             for _ in range(3):
                 told = await asyncio.gather(*(client.ask(read, answer) for client in clients))
                 assert set(told) == {answer}
-            assert len(server.guests.connections) == 1000
+            assert len(server.connections) == 1000
             await asyncio.gather(*(client.close() for client in clients))
 
     asyncio.run(talk())
@@ -128,7 +124,7 @@ def test_over_the_limit_the_one_that_was_silent_longest_goes(way: str) -> None:
             assert await clients[3].ask() == ANSWER
             assert await clients[1].is_gone()
             assert [await clients[at].ask() for at in (0, 2, 3)] == [ANSWER] * 3
-            assert "unused longest of 3 connections" in server.guests.turned_away[-1]
+            assert "unused longest of 3 connections" in server.connections.closed[-1]
             await asyncio.gather(*(client.close() for client in clients))
 
     asyncio.run(talk())
@@ -153,7 +149,7 @@ def test_over_the_limit_those_that_never_asked_anything_go_first(way: str, said:
             ends = [asyncio.ensure_future(stranger.is_gone()) for stranger in strangers]
             assert [await end for end in islice(asyncio.as_completed(ends), 5)] == [True] * 5
             await asyncio.gather(*(end for end in ends if end.cancel()), return_exceptions=True)
-            assert "unused longest of 3 connections" in server.guests.turned_away[-1]
+            assert "unused longest of 3 connections" in server.connections.closed[-1]
             await asyncio.gather(*(each.close() for each in (client, newcomer, *strangers)))
 
     asyncio.run(talk())
@@ -168,12 +164,12 @@ def test_whoever_is_silent_too_long_goes_and_half_a_request_is_silence_too(way: 
             for _ in range(1200):
                 await asyncio.sleep(0.05)
                 assert await busy.ask() == ANSWER
-                if len(server.guests.turned_away) == 2:
+                if len(server.connections.closed) == 2:
                     break
             assert await silent.is_gone()
             assert await half.is_gone()
-            assert len(server.guests.connections) == 1
-            assert "silent for 2 s" in server.guests.turned_away[-1]
+            assert len(server.connections) == 1
+            assert "silent for 2 s" in server.connections.closed[-1]
             await asyncio.gather(*(client.close() for client in (silent, half, busy)))
 
     asyncio.run(talk())
@@ -187,7 +183,7 @@ def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up(
             greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             greedy.connect(("127.0.0.1", server.port))
             greedy.setblocking(False)
-            async with await open_async(f"tcp://127.0.0.1:{server.port}") as client:
+            async with AsyncModbusClient(f"tcp://127.0.0.1:{server.port}") as client:
                 sent = stalled = most = 0
                 while stalled < 50:
                     try:
@@ -195,7 +191,7 @@ def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up(
                     except BlockingIOError:
                         stalled += 1
                     assert await client.read_holding_registers(0, 1) == (0,)  # meanwhile
-                    most = max(most, server.guests.unsent)
+                    most = max(most, server.connections.unsent)
             # How much the system takes before it says stop is its own affair; the answers to that would be a multiple.
             assert 0 < most < 200_000
             assert sent // len(MOST) * 259 > 2 * most
@@ -207,7 +203,7 @@ def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up(
 @both
 def test_one_byte_at_a_time_from_many_holds_nobody_up(way: str) -> None:
     async def talk() -> None:
-        async with serving(way) as server, await open_async(f"tcp://127.0.0.1:{server.port}") as client:
+        async with serving(way) as server, AsyncModbusClient(f"tcp://127.0.0.1:{server.port}") as client:
             slow = [await Client.of(server) for _ in range(50)]
             for byte in READ:
                 for each in slow:
@@ -227,7 +223,7 @@ def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept(way: str) -> None:
             stranger = await Client.of(server)
             stranger.writer.write(b"GET / HTTP/1.1\r\n\r\n")
             assert await stranger.is_gone()
-            assert "protocol identifier is 54 20, Modbus has 00 00" in server.guests.turned_away[-1]
+            assert "protocol identifier is 54 20, Modbus has 00 00" in server.connections.closed[-1]
             await stranger.close()
 
     asyncio.run(talk())
@@ -235,15 +231,14 @@ def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept(way: str) -> None:
 
 def test_a_limit_that_is_none() -> None:
     with refused(EncodeError, "connections 0: expected 1 or more"):
-        asyncio.run(serve("tcp://127.0.0.1:0?connections=0", {1: Table()}))
+        AsyncModbusServer("tcp://127.0.0.1:0?connections=0", {1: Table()})
     with refused(EncodeError, "connections 0: expected 1 or more"):
-        open_host("tcp://127.0.0.1:0?connections=0", units={1: Table()})
+        ModbusServer("tcp://127.0.0.1:0?connections=0", units={1: Table()})
 
 
 def test_where_no_file_is_left_the_one_that_was_silent_longest_goes() -> None:
     """A system gives a process so many files and no more: a server at that limit must not spin, and not be deaf."""
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host, contextlib.ExitStack() as closing:
-        assert isinstance(host, TcpHost)
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host, contextlib.ExitStack() as closing:
         address = Endpoint.parse(host.url).host_and_port
 
         def client() -> socket.socket:
@@ -265,14 +260,14 @@ def test_where_no_file_is_left_the_one_that_was_silent_longest_goes() -> None:
         assert silent.recv(64) == b""
         busy.sendall(READ)
         assert busy.recv(64) == ANSWER
-        assert "there was no room for another connection: too many open files" in host.guests.turned_away[-1]
+        assert "there was no room for another connection: too many open files" in host.connections.closed[-1]
 
 
 @pytest.mark.parametrize("scheme", [*EXCHANGES, "udp"])
 def test_a_host_that_nobody_started_gives_its_port_back(scheme: str) -> None:
-    host = open_host(f"{scheme}://127.0.0.1:0", units={1: Table()})
+    host = ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table()})
     host.close()
-    open_host(host.url, units={1: Table()}).close()  # the same port
+    ModbusServer(host.url, units={1: Table()}).close()  # the same port
 
 
 def test_who_may_do_what_holds_where_nobody_has_a_role_too() -> None:
@@ -281,14 +276,13 @@ def test_who_may_do_what_holds_where_nobody_has_a_role_too() -> None:
     nobody = Authorization.parse('{"Viewer": [{}]}')
 
     async def talk() -> None:
-        async with await serve("tcp://127.0.0.1:0", {1: Table()}, authorisation=nobody) as server:
-            assert isinstance(server, StreamServer)
-            assert server.authorisation is nobody
-            client = await Client.of(Serving(server.port, server))
+        async with AsyncModbusServer("tcp://127.0.0.1:0", {1: Table()}, authorization=nobody) as server:
+            assert server.authorization is nobody
+            client = await Client.of(Serving(server.port, server.connections))
             assert await client.ask(READ, REFUSED) == REFUSED
             await client.close()
-        async with await serve("tcp://127.0.0.1:0", {1: Table()}) as server:
+        async with AsyncModbusServer("tcp://127.0.0.1:0", {1: Table()}) as server:
             with pytest.raises(AttributeError):
-                server.authorisation = nobody  # type: ignore[union-attr, misc]
+                server.authorization = nobody  # type: ignore[misc]
 
     asyncio.run(talk())

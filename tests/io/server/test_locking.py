@@ -8,10 +8,11 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
+from barewire import ModbusClient, ModbusServer
 from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire.devices.sim import Az3, simulator
-from barewire.io import open_canopen, open_host, open_modbus
+from barewire.io import open_can_host, open_canopen
 from barewire.io.canopen.client import Client
 from barewire.io.server import locking as sharing
 from barewire.io.server.locking import SharedUnits, alone
@@ -47,14 +48,16 @@ class Watched(Table):
 def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
     machine = Watched()
     with ExitStack() as stack:
-        urls = [stack.enter_context(open_host(u, units={1: machine})).url for u in ("tcp://127.0.0.1:0", "rtu://pty")]
+        urls = [
+            stack.enter_context(ModbusServer(u, units={1: machine})).url for u in ("tcp://127.0.0.1:0", "rtu://pty")
+        ]
         bus = f"can://socketcand/127.0.0.1:{free_port()}/can0"
-        stack.enter_context(open_host(bus, node=machine))
+        stack.enter_context(open_can_host(bus, node=machine))
         port = open_canopen(bus)
         stack.callback(port.close)
 
         def ask(url: str) -> None:
-            with open_modbus(url) as client:
+            with ModbusClient(url) as client:
                 for _ in range(15):
                     client.read_holding_registers(0, 1)
 
@@ -104,9 +107,9 @@ def test_the_same_values_on_both_buses_at_the_same_time() -> None:
     assert isinstance(machine, Az3)
     assert machine.modbus is not None
     with ExitStack() as stack:
-        host = stack.enter_context(open_host("rtu://pty?pace=0", units={1: machine.modbus}))
-        bus = stack.enter_context(open_host(f"can://socketcand/127.0.0.1:{free_port()}/can0", node=machine.canopen))
-        serial: Client = stack.enter_context(open_modbus(host.url))
+        host = stack.enter_context(ModbusServer("rtu://pty?pace=0", units={1: machine.modbus}))
+        bus = stack.enter_context(open_can_host(f"can://socketcand/127.0.0.1:{free_port()}/can0", node=machine.canopen))
+        serial: Client = stack.enter_context(ModbusClient(host.url))
         can: Client = stack.enter_context(open_canopen(bus.url))
         for number in range(40):
             serial.write(az3, {"TARGET VELOCITY": number})

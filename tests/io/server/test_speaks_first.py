@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from barewire.io import open_async, open_modbus
+from barewire import AsyncModbusClient, ModbusClient
 from tests.io.peers import honest, peer
 
 GREETING = bytes.fromhex("00 00 00 00 00 03 01 03 00")
@@ -19,7 +19,7 @@ def greets(connection: socket.socket) -> None:
 
 
 def test_the_blocking_client() -> None:
-    with peer(greets) as port, open_modbus(f"tcp://127.0.0.1:{port}?timeout=5") as client:
+    with peer(greets) as port, ModbusClient(f"tcp://127.0.0.1:{port}?timeout=5") as client:
         assert client.read_holding_registers(7, 1) == (7,)
 
 
@@ -27,7 +27,7 @@ def test_the_blocking_client() -> None:
 def test_the_asyncio_client(in_flight: int) -> None:
     async def talk(port: int) -> None:
         for _ in range(20):  # it comes while the connection is being made, or just after
-            async with await open_async(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=in_flight) as client:
+            async with AsyncModbusClient(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=in_flight) as client:
                 await asyncio.sleep(0)
                 assert await client.read_holding_registers(7, 1) == (7,)
 

@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given, strategies as st
 
+from barewire import ModbusClient, ModbusServer
 from barewire.errors import PortError
-from barewire.io import connect, open_host, open_modbus
+from barewire.io import connect
 from barewire.io.endpoint import Endpoint
-from barewire.io.fault_injection.ports import open_faulty
+from barewire.io.fault_injection.faults import faults_at
+from barewire.io.fault_injection.ports import FaultInjector, LoopFaultInjector
 from barewire.io.ports.readiness import IN, OUT, Selectors, watch
 from barewire.io.server import tcp as host_tcp
-from barewire.io.server.asyncio_thread import NetworkHost
-from barewire.io.server.open import Host
-from barewire.io.server.tcp import TcpHost, _Connection
+from barewire.io.server.asyncio_thread import AsyncioService
+from barewire.io.server.base import ThreadedServer
+from barewire.io.server.modbus import Service
+from barewire.io.server.tcp import TcpService, _Connection
 from barewire.modbus import Server, Table, Unit
 from barewire.tcp import TcpLine, encode as frame
 from tests.helpers import FailingUnit, modest, refused
@@ -33,7 +36,7 @@ ANSWER = frame(1, bytes.fromhex("03 02 0000"), 1)
 MOST = frame(1, bytes.fromhex("03 0000 007D"), 1)
 
 
-def client(host: Host) -> socket.socket:
+def client(host: ThreadedServer) -> socket.socket:
     return socket.create_connection(Endpoint.parse(host.url).host_and_port, timeout=30)
 
 
@@ -45,7 +48,7 @@ def to_end(connection: socket.socket) -> bytes:
     return data
 
 
-def asked(host: Host, data: bytes = READ) -> bytes:
+def asked(host: ThreadedServer, data: bytes = READ) -> bytes:
     """The answers to these bytes, from a client that says them, is silent from then on, and reads to the end."""
     with client(host) as connection:
         connection.sendall(data)
@@ -97,7 +100,22 @@ class Fresh(Mapping[int, Unit]):
         return len(self.units)
 
 
-def heard(host: Host, said: list[list[bytes]]) -> list[bytes]:
+class Served(ThreadedServer):
+    """A server of one of the two services that there are for tcp://."""
+
+    def __init__(self, service: Service) -> None:
+        super().__init__()
+        self.service = service
+        self.url = service.url
+
+    def _serve(self, stop: threading.Event) -> None:
+        self.service.serve(lambda: self.is_over(stop))
+
+    def _give_back(self) -> None:
+        self.service.close()
+
+
+def heard(host: ThreadedServer, said: list[list[bytes]]) -> list[bytes]:
     """What each client hears, when they say their pieces by turns."""
     with contextlib.ExitStack() as stack:
         connections = [stack.enter_context(client(host)) for _ in said]
@@ -113,10 +131,10 @@ def heard(host: Host, said: list[list[bytes]]) -> list[bytes]:
 
 def test_both_servers_say_what_the_machine_says_to_whatever_comes() -> None:
     with contextlib.ExitStack() as stack:
-        servers: list[tuple[Host, Fresh]] = []
-        for kind in (TcpHost, NetworkHost):
+        servers: list[tuple[ThreadedServer, Fresh]] = []
+        for kind in (TcpService, AsyncioService):
             fresh = Fresh()
-            servers.append((stack.enter_context(kind(Endpoint.parse("tcp://127.0.0.1:0"), fresh)), fresh))
+            servers.append((stack.enter_context(Served(kind(Endpoint.parse("tcp://127.0.0.1:0"), fresh))), fresh))
 
         @modest
         @given(st.tuples(talks(1), talks(2), talks(3)))
@@ -138,10 +156,10 @@ def vars_of(units: Fresh) -> list[Any]:
     return [(bytes(unit.coils), list(unit.holding_registers)) for unit in units.values() if isinstance(unit, Table)]
 
 
-@pytest.mark.parametrize("kind", [TcpHost, NetworkHost])
+@pytest.mark.parametrize("kind", [TcpService, AsyncioService])
 def test_a_client_s_quirk_in_the_url_does_not_make_the_line_a_serial_one(kind: Any) -> None:
     """There a request that another one followed is not answered, and neither is one for nobody."""
-    with kind(Endpoint.parse("tcp://127.0.0.1:0?any_transaction=1"), {1: Table()}) as host:
+    with Served(kind(Endpoint.parse("tcp://127.0.0.1:0?any_transaction=1"), {1: Table()})) as host:
         stranger = frame(5, b"\x07", 9)
         assert asked(host, READ + READ + stranger) == ANSWER + ANSWER + frame(5, b"\x87\x0b", 9)
 
@@ -168,32 +186,31 @@ class Forgetful(Mapping[int, Unit]):
 
 
 def test_whatever_stumbles_over_one_client_leaves_the_others_alone() -> None:
-    with open_host("tcp://127.0.0.1:0", units=Forgetful()) as host, client(host) as other:
-        assert isinstance(host, TcpHost)
+    with ModbusServer("tcp://127.0.0.1:0", units=Forgetful()) as host, client(host) as other:
         other.sendall(READ)
         assert read_exactly(other, len(ANSWER)) == ANSWER
         assert asked(host, frame(2, b"\x07")) == b""
-        assert host.guests.turned_away[-1].endswith("RuntimeError: the data base is gone")
+        assert host.connections.closed[-1].endswith("RuntimeError: the data base is gone")
         other.sendall(READ)
         assert read_exactly(other, len(ANSWER)) == ANSWER
 
 
 @pytest.mark.parametrize("error", [ValueError("no"), RecursionError(), MemoryError()])
 def test_a_unit_that_stumbles_is_exception_04_and_the_connection_stays(error: Exception) -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: FailingUnit(error)}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: FailingUnit(error)}) as host:
         assert asked(host, READ + READ) == frame(1, b"\x83\x04", 1) * 2
 
 
 SCHEMES = ["tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "rtu://pty"]
-ONCE = "a host serves once: this one has begun, or was closed"
+ONCE = "a server serves once: this one has run, or was closed"
 
 
 @pytest.mark.parametrize("url", SCHEMES)
 def test_close_ends_a_run_in_another_thread_and_nothing_begins_again(url: str) -> None:
-    host = open_host(url, units={1: Table()})
+    host = ModbusServer(url, units={1: Table()})
     running = threading.Thread(target=host.run, args=(threading.Event(),), daemon=True)
     running.start()
-    with open_modbus(f"{host.url}?timeout=30&unit=1") as asking:
+    with ModbusClient(f"{host.url}?timeout=30&unit=1") as asking:
         assert asking.read_holding_registers(0, 1) == (0,)
         host.close()
         running.join(30)
@@ -206,25 +223,25 @@ def test_close_ends_a_run_in_another_thread_and_nothing_begins_again(url: str) -
 
 @pytest.mark.parametrize("url", SCHEMES)
 def test_a_host_begins_once(url: str) -> None:
-    with open_host(url, units={1: Table()}) as host:
+    with ModbusServer(url, units={1: Table()}) as host:
         for begin in (host.start, lambda: host.run(threading.Event())):
             with refused(PortError, ONCE):
                 begin()
-        with open_modbus(f"{host.url}?timeout=30&unit=1") as asking:
+        with ModbusClient(f"{host.url}?timeout=30&unit=1") as asking:
             assert asking.read_holding_registers(0, 1) == (0,)
 
 
 def test_a_host_that_nobody_started_gives_its_terminal_back() -> None:
-    host = open_host("rtu://pty", units={1: Table()})
+    host = ModbusServer("rtu://pty", units={1: Table()})
     host.close()
     with pytest.raises(PortError):
         connect(host.url)
 
 
 def test_two_hosts_on_one_port_are_one_too_many() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         with pytest.raises(PortError, match=r"^127\.0\.0\.1:\d+: address already in use$"):
-            open_host(host.url, units={1: Table()})
+            ModbusServer(host.url, units={1: Table()})
         assert asked(host) == ANSWER
 
 
@@ -234,7 +251,7 @@ def test_a_unit_may_close_the_host_that_serves_it() -> None:
             host.close()
             return super().handle(request, now)
 
-    host = open_host("tcp://127.0.0.1:0", units={1: Last()})
+    host = ModbusServer("tcp://127.0.0.1:0", units={1: Last()})
     with host:
         assert asked(host) == ANSWER
     with pytest.raises(ConnectionError):
@@ -242,21 +259,20 @@ def test_a_unit_may_close_the_host_that_serves_it() -> None:
 
 
 def test_stopping_while_answers_wait_hangs_up() -> None:
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host:
-        assert isinstance(host, TcpHost)
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         greedy = client(host)
         greedy.setblocking(False)
-        while not host.guests.unsent:
+        while not host.connections.unsent:
             with contextlib.suppress(BlockingIOError):
                 greedy.send(MOST * 300)
         host.close()
-        assert not host.guests.connections
-        assert host.guests.unsent == 0
+        assert not len(host.connections)
+        assert host.connections.unsent == 0
     greedy.close()
 
 
 def test_six_of_the_next_version_of_ip() -> None:
-    with open_host("tcp://[::1]:0", units={1: Table()}) as host:
+    with ModbusServer("tcp://[::1]:0", units={1: Table()}) as host:
         assert host.url.startswith("tcp://[::1]:")
         assert asked(host) == ANSWER
 
@@ -264,16 +280,20 @@ def test_six_of_the_next_version_of_ip() -> None:
 # Faults --------------------------------------------------------------------------------------------------------------
 
 
-def spoiled(kind: Callable[[Endpoint, Mapping[int, Unit]], Host], **how: Any) -> Host:
-    return open_faulty("tcp://127.0.0.1:0", lambda url: kind(Endpoint.parse(url), {1: Table()}), **how)
+def spoiled(kind: Any, faults: dict[str, float], **how: Any) -> Served:
+    endpoint = Endpoint.parse("tcp://127.0.0.1:0")
+    model = faults_at(endpoint, faults, **how)
+    if kind is TcpService:
+        return Served(TcpService(endpoint, {1: Table()}, FaultInjector(model)))
+    return Served(AsyncioService(endpoint, {1: Table()}, inject=LoopFaultInjector(model)))
 
 
-@pytest.mark.parametrize("kind", [TcpHost, NetworkHost])
+@pytest.mark.parametrize("kind", [TcpService, AsyncioService])
 def test_nothing_comes_between_the_parts_of_an_answer(kind: Any) -> None:
     """Several questions may be under way. A connection keeps the order of its bytes, late ones among them."""
     questions = [frame(1, bytes([3, 0, 0, 0, number]), number) for number in range(1, 13)]
     answers = {frame(1, bytes([3, 2 * number, *bytes(2 * number)]), number) for number in range(1, 13)}
-    with spoiled(kind, faults={"split": 0.6, "late": 0.4}, seed=3, late=0.01) as host, contextlib.ExitStack() as stack:
+    with spoiled(kind, faults={"split": 0.6, "late": 0.4}, seed=3, delay=0.01) as host, contextlib.ExitStack() as stack:
         connections = [stack.enter_context(client(host)) for _ in range(3)]
         for connection in connections:
             connection.sendall(b"".join(questions))
@@ -315,10 +335,9 @@ class Reluctant:
 
 def test_late_answers_to_a_client_that_does_not_read_wait_behind_each_other() -> None:
     """Each of them tried again with all that waits already would be a second for everybody, and a minute soon."""
-    host = open_host("tcp://127.0.0.1:0", units={1: Table()})
-    assert isinstance(host, TcpHost)
     late: list[Callable[[bytes], None]] = []
-    host.spoil = lambda answer, say: late.append(say)  # type: ignore[assignment]
+    inject: Any = lambda answer, say: late.append(say)  # noqa: E731
+    host = TcpService(Endpoint.parse("tcp://127.0.0.1:0"), {1: Table()}, inject)
     peer: Any = Reluctant()
     connection = _Connection(host, peer, peer, ("192.0.2.1", 1024))
     connection.ready(0.0)
@@ -357,6 +376,6 @@ def test_the_system_s_own_watch_and_the_portable_one_see_the_same(make: Callable
 
 def test_where_there_is_nothing_but_the_portable_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_tcp, "watch", Selectors)
-    with open_host("tcp://127.0.0.1:0", units={1: Table()}) as host, open_modbus(host.url) as client:
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host, ModbusClient(host.url) as client:
         client.write_single_register(1, 42)
         assert client.read_holding_registers(1, 1) == (42,)

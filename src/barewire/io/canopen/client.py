@@ -185,6 +185,6 @@ def connect(url: str, *, watch: Watch | None = None) -> Client:
     """The client for any URL: for programs that only read and write named values."""
     if url.startswith("can://"):
         return open_canopen(url, watch=watch)
-    from barewire.io.modbus.client import open_modbus
+    from barewire.io.modbus.client import ModbusClient
 
-    return open_modbus(url, watch=watch)
+    return ModbusClient(url, watch=watch)

@@ -4,7 +4,7 @@
 
 The pauses differ by chance (`jitter`), so that a hundred clients of a server that was restarted do not come all at
 once. Nothing runs by itself: a client that nobody asks for anything does not try. Pure: times and chance come from
-outside; `dice` are what a client throws.
+outside; `random_fraction` are what a client throws.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 
-def dice() -> float:
-    """A number in 0..1, by chance."""
+def random_fraction() -> float:
+    """A random number in 0..1."""
     from random import random  # needed after an attempt to connect that failed, and takes its time to load
 
     return random()
 
 
 class BackOff:
-    """The pauses of one connection, in seconds. `chance` gives numbers in 0..1, such as `dice`.
+    """The pauses of one connection, in seconds. `chance` gives numbers in 0..1, such as `random_fraction`.
 
     >>> pauses = BackOff(lambda: 0.5)
     >>> for now in (10.0, 20.0, 30.0):

@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from random import Random
 from types import MappingProxyType
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
@@ -31,6 +31,9 @@ from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu
 from barewire.rtu import frame as rtu_frame
 from barewire.tcp import frame as tcp_frame
+
+if TYPE_CHECKING:
+    from barewire.io.endpoint import Endpoint
 
 Item = TypeVar("Item")
 
@@ -227,3 +230,29 @@ class Faults(Generic[Item]):
         self._last = at + (len(parts) - 1) * PAUSE
         before = [(at, wire.noise(dice))] if thrown["noise"] else []
         return [*before, *((at + place * PAUSE, part) for place, part in enumerate(parts))]
+
+
+def faults_at(
+    endpoint: Endpoint,
+    faults: str | Mapping[str, float],
+    *,
+    seed: int | None = None,
+    delay: float | None = None,
+    on_fault: Callable[[str], None] | None = None,
+) -> Faults[bytes]:
+    """The faults of a Modbus server at this endpoint. EncodeError for a kind that its wire does not have."""
+    chances = parse_faults(faults) if isinstance(faults, str) else faults
+    wire = Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp")
+    return Faults(wire, chances, Random(seed), late=LATE if delay is None else delay, told=on_fault)
+
+
+def faults_on_can(
+    faults: str | Mapping[str, float],
+    *,
+    seed: int | None = None,
+    delay: float | None = None,
+    on_fault: Callable[[str], None] | None = None,
+) -> Faults[CanFrame]:
+    """The faults of a node on a CAN bus. EncodeError for a kind that CAN does not have."""
+    chances = parse_faults(faults) if isinstance(faults, str) else faults
+    return Faults(Frames(), chances, Random(seed), late=LATE if delay is None else delay, told=on_fault)

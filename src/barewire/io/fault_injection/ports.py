@@ -9,18 +9,12 @@ from __future__ import annotations
 import asyncio
 import heapq
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import count
-from random import Random
 from typing import Generic, TypeVar
 
-from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import Clock, Port
-from barewire.io.fault_injection.faults import LATE, Bytes, Faults, Frames
-from barewire.io.server.asyncio_thread import NetworkHost
-from barewire.io.server.open import Host
-from barewire.io.server.serial import SerialHost
-from barewire.io.server.tcp import TcpHost
+from barewire.io.fault_injection.faults import Faults
 
 Item = TypeVar("Item")
 
@@ -118,35 +112,3 @@ class LoopFaultInjector(FaultInjector):
     def _wake(self, at: float) -> None:
         # The timers of a loop have no order among equals: what each one says is what is due, and not its own.
         asyncio.get_running_loop().call_at(at, self.deliver)
-
-
-def open_faulty(
-    url: str,
-    open_inner: Callable[[str], Host],
-    faults: Mapping[str, float],
-    *,
-    seed: int | None = None,
-    late: float = LATE,
-    told: Callable[[str], None] | None = None,
-) -> Host:
-    """The host that `open_inner(url)` gives, spoiled. Raises EncodeError for a fault that this wire does not have."""
-    endpoint, dice = Endpoint.parse(url), Random(seed)
-    if endpoint.scheme == "can":
-        from barewire.io.server.can import CanHost
-
-        on_bus = Faults(Frames(), faults, dice, late=late, told=told)
-        host = open_inner(url)
-        assert isinstance(host, CanHost)
-        dial = host.dial
-        host.port, host.dial = FaultyPort(host.port, on_bus), lambda: FaultyPort(dial(), on_bus)
-        return host
-    on_line = Faults(Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp"), faults, dice, late=late, told=told)
-    host = open_inner(url)
-    if isinstance(host, TcpHost):
-        host.spoil = FaultInjector(on_line)
-    elif isinstance(host, NetworkHost):
-        host.server.spoil = LoopFaultInjector(on_line)
-    else:
-        assert isinstance(host, SerialHost)
-        host.port = FaultyPort(host.port, on_line)
-    return host

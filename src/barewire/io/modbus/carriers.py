@@ -11,7 +11,7 @@ A port that needs a library, and an envelope, is loaded when a URL names it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 from barewire.errors import EncodeError
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 Role = Literal["client", "server"]
 
 
-def modbus_endpoint(url: str) -> Endpoint:
-    """The URL taken apart, if Modbus goes over it."""
-    endpoint = Endpoint.parse(url)
+def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> Endpoint:
+    """The parts of a URL and `options`, see `Endpoint.parse`. EncodeError for a scheme that does not carry Modbus."""
+    endpoint = Endpoint.parse(url, options)
     if endpoint.scheme not in MODBUS:
         raise EncodeError(f"endpoint {url!r}: Modbus goes over {', '.join(f'{name}://' for name in MODBUS)}")
     return endpoint
@@ -121,10 +121,11 @@ def open_serial(endpoint: Endpoint) -> Port[bytes]:
     return SerialPort.of(endpoint)
 
 
-def bus_options(endpoint: Endpoint) -> dict[str, Any]:
-    """What a URL says about how a bus is to be treated: arguments of `Bus`."""
+def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:
+    """The arguments of `Bus` that an endpoint has."""
     options: dict[str, Any] = {"recovery": endpoint.choice("recovery", "probe")}
     options["gap"] = endpoint.seconds("gap", 0.0)
+    options["gaps"] = gaps
     if "late_window" in endpoint.options:
         options["late_window"] = endpoint.seconds("late_window", 0.0)
     if "dead_after" in endpoint.options:
@@ -133,5 +134,5 @@ def bus_options(endpoint: Endpoint) -> dict[str, Any]:
 
 
 def unit_of(endpoint: Endpoint) -> int | None:
-    """The unit that a URL names."""
+    """The unit that an endpoint has, if it has one."""
     return endpoint.integer("unit", 0) if "unit" in endpoint.options else None

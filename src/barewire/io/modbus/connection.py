@@ -1,181 +1,150 @@
-"""The connection of an asyncio client: opened when it is needed, dropped when it failed, its lanes taken in turns.
+"""The connection of a blocking client: opened when it is needed, dropped when it failed, used by one thread at a time.
 
-    questions ->  turns  ->  lane 1: bus, mailbox  ->  |
-                             lane 2: bus, mailbox  ->  |  one connection
-                             ...
+    thread 1, unit 1  --.
+    thread 2, unit 7  ---+-- fair queue --> lock --> port, bus --> the line
+    thread 3, unit 1  --'
 
-A lane is one question under way. There is one on a serial line and up to 16 over TCP, TLS and UDP, where `FanOut` gives
-what comes to the lane whose number it bears.
+While no thread waits, the lock is taken without the queue. A connection that failed is opened again by the next
+request: at once the first time, then after pauses that grow (`BackOff`).
 """
 
 from __future__ import annotations
 
-import asyncio
+import threading
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from barewire.conversation import Conversation
-from barewire.errors import EncodeError, PortError
-from barewire.io.endpoint import Endpoint
-from barewire.io.engine.asyncio import AsyncLink, Mailbox, exchange, run
-from barewire.io.engine.backoff import BackOff
-from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.async_link import dial
+from barewire.errors import PortError
+from barewire.io.engine.blocking import run
+from barewire.io.engine.fast_path import exchange
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
-from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
+    from barewire.conversation import Conversation
+    from barewire.io.engine.backoff import BackOff
+    from barewire.io.engine.blocking import Port
+    from barewire.modbus.framing import Line
     from barewire.modbus.messages.base import Request, Response
 
 R = TypeVar("R", bound="Response")
 T = TypeVar("T")
 
 
-class Lane:
-    """One question under way: its bus, and where its answers arrive."""
+class Connection:
+    """The port of a client and its bus. `dial` opens a port, `new_line` makes the framing state of a new connection.
 
-    def __init__(self, bus: Bus) -> None:
-        self.bus = bus
-        self.box: Mailbox | None = None
-        self.ticket: Ticket | None = None
-        """Of whoever had to stand in the queue for it."""
+    `bus_options` are arguments of `Bus`. `patience` of the methods is how many seconds they wait for the back-off.
+    """
 
-
-class AsyncConnection:
-    """The connection of a client: opened when it is needed, dropped when it failed; its lanes, taken in turns."""
-
-    def __init__(self, endpoint: Endpoint, in_flight: int, back_off: BackOff, options: dict[str, Any]) -> None:
-        if not 1 <= in_flight <= 16:
-            raise EncodeError(f"in_flight {in_flight}: expected 1..16 questions under way [MB-TCP 4.2.1]", "in_flight")
-        bus = Bus(modbus_line(endpoint, "client"), **options)
-        if in_flight > 1 and not bus.line.numbered:
-            raise EncodeError("in_flight: answers without numbers cannot be told apart, so one at a time", "in_flight")
-        self.lanes = [Lane(bus), *(Lane(bus.sibling_bus(bus.line)) for _ in range(in_flight - 1))]
+    def __init__(
+        self,
+        dial: Callable[[], Port[bytes]],
+        new_line: Callable[[], Line],
+        back_off: BackOff,
+        bus_options: dict[str, Any],
+    ) -> None:
+        self.port: Port[bytes] | None = None
+        self.bus = Bus(new_line(), **bus_options)
         self.back_off = back_off
-        self._endpoint = endpoint
-        self._link: AsyncLink | None = None
-        self._turns = FairQueue(in_flight)
-        self._free = list(self.lanes)
-        self._waiters: dict[Ticket, asyncio.Future[None]] = {}
-        self._opening = asyncio.Lock()
+        self._dial = dial
+        self._new_line = new_line
+        self._line = threading.Lock()  # held during an exchange
+        self._waiting = 0  # threads in the queue: above 0 the line is only taken in turn
+        self._queue = FairQueue()
+        self._queue_lock = threading.Lock()
+        self._changed = threading.Condition(self._queue_lock)
         self._closed = False
 
-    async def run(self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float) -> T:
-        """Carry a conversation out when it is this unit's turn, on a lane that is free."""
-        lane = self._enter(unit) or await self._wait(unit)
-        box = None
+    def run(self, conversation: Conversation[bytes, T], unit: int | None, patience: float) -> T:
+        """Carry out a conversation when it is this unit's turn, with the line to itself."""
+        ticket = None if not self._waiting and self._line.acquire(False) else self._wait(unit)
         try:
-            box = self._standing(lane) or await self.open(lane, patience)
-            return await run(make(lane.bus), box)
+            return run(conversation, self.open(patience))
         except BaseException as error:
-            self._failed(lane, box, error)
+            self._failed(error)
             raise
         finally:
-            self._leave(lane)
+            self._line.release()
+            if ticket is not None:
+                self._leave(ticket)
 
-    async def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
-        """`run` of `bus.ask`, without a conversation where none is needed."""
-        if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
-            return await self.run(lambda bus: bus.ask(unit, request), unit, patience)  # raises: nobody answers
-        lane = self._enter(unit) or await self._wait(unit)
-        box = None
+    def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
+        """The same as `run` of `bus.ask`, by way of `fast_path`."""
+        if unit == BROADCAST and not self.bus.line.numbered:
+            return self.run(self.bus.ask(unit, request), unit, patience)  # raises: a broadcast has no answer
+        ticket = None if not self._waiting and self._line.acquire(False) else self._wait(unit)
         try:
-            box = self._standing(lane) or await self.open(lane, patience)
-            return await exchange(lane.bus, unit, request, timeout, box)
+            return exchange(self.bus, unit, request, timeout, self.open(patience))
         except BaseException as error:
-            self._failed(lane, box, error)
+            self._failed(error)
             raise
         finally:
-            self._leave(lane)
+            self._line.release()
+            if ticket is not None:
+                self._leave(ticket)
 
-    def _enter(self, unit: int | None) -> Lane | None:
-        """A lane, if one is free and nobody waits."""
-        return self._free.pop() if self._turns.enter(unit) else None
-
-    async def _wait(self, unit: int | None) -> Lane:
-        """A lane when it is this unit's turn."""
-        ticket = self._turns.join(unit)
-        waiter = self._waiters[ticket] = asyncio.get_running_loop().create_future()
+    def _wait(self, unit: int | None) -> Ticket:
+        """Wait in the queue until it is this unit's turn and the line is free."""
+        with self._queue_lock:
+            self._waiting += 1
+            ticket = self._queue.join(unit)
         try:
-            await waiter
+            with self._changed:
+                self._changed.wait_for(lambda: self._queue.has(ticket))
+            self._line.acquire()
         except BaseException:
-            self._pass_on(self._turns.leave(ticket))
+            self._leave(ticket)
             raise
-        finally:
-            del self._waiters[ticket]
-        lane = self._free.pop()
-        lane.ticket = ticket
-        return lane
+        return ticket
 
-    def _leave(self, lane: Lane) -> None:
-        self._free.append(lane)
-        ticket, lane.ticket = lane.ticket, None
-        self._pass_on(self._turns.exit() if ticket is None else self._turns.leave(ticket))
+    def _leave(self, ticket: Ticket) -> None:
+        with self._queue_lock:
+            self._waiting -= 1
+            if self._queue.leave(ticket):
+                self._changed.notify_all()
 
-    def _pass_on(self, is_somebodys_turn: bool) -> None:
-        if is_somebodys_turn:
-            for holder in self._turns.holders & self._waiters.keys():
-                if not self._waiters[holder].done():
-                    self._waiters[holder].set_result(None)
+    def _failed(self, error: BaseException) -> None:
+        if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
+            self.drop()
 
-    def _failed(self, lane: Lane, box: Mailbox | None, error: BaseException) -> None:
-        failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
-        if box is not None and lane.box is box and (failed or lane.bus.line.broken):
-            self.drop(str(lane.bus.line.broken or box.lost or error))
-
-    def _standing(self, lane: Lane) -> Mailbox | None:
-        """The lane's mailbox, if its connection stands. What came when nobody asked is heard first."""
-        box = lane.box
-        if box is None or box.lost is not None:
-            return None
-        while box.chunks and (data := box.take()) is not None:
-            lane.bus.overhear(data, asyncio.get_running_loop().time())
-        return box if lane.bus.line.broken is None else None
-
-    async def open(self, lane: Lane, patience: float) -> Mailbox:
-        """The lane's mailbox on a connection that stands, made anew if it has to be."""
-        async with self._opening:
-            now = asyncio.get_running_loop().time()
-            box = self._standing(lane)
-            if box is not None:
-                return box
-            self.drop("the connection was given up")
-            if self._closed:
-                raise PortError("the client was closed")
-            if (wait := self.back_off.wait(now)) > patience:
-                raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
-            await asyncio.sleep(wait)
-            return await self._connect(lane)
-
-    async def _connect(self, lane: Lane) -> Mailbox:
-        clock = asyncio.get_running_loop().time
-        udp, any_unit = self._endpoint.scheme == "udp", self._endpoint.flag("any_unit")
-        fan = FanOut(len(self.lanes), datagrams=udp, any_unit=any_unit) if len(self.lanes) > 1 else None
-        lines = [modbus_line(self._endpoint, "client")] if fan is None else fan.lines
+    def open(self, patience: float) -> Port[bytes]:
+        """The port, opened again if there is none or it has failed."""
+        if self.port is not None:
+            try:
+                data = self.port.receive(0.0)
+                if data is not None:
+                    self.bus.overhear(data, time.monotonic())
+                if self.bus.line.broken is None and not self._closed:
+                    return self.port
+            except PortError:
+                pass
+            self.drop()
+        if self._closed:
+            raise PortError("the client was closed")
+        wait = self.back_off.wait(time.monotonic())
+        if wait > patience:
+            raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
+        time.sleep(wait)
         try:
-            self._link, boxes = await dial(self._endpoint, fan)
+            self.port = self._dial()
         except PortError as error:
-            self.back_off.failed(clock(), str(error))
+            self.back_off.failed(time.monotonic(), str(error))
             raise
         self.back_off.worked()
-        for each, box, line in zip(self.lanes, boxes, lines):
-            each.bus.line, each.box = line, box
-            line.sent(clock())  # who opens a line waits for its silence before speaking
-        return boxes[self.lanes.index(lane)]
+        self.bus.line = self._new_line()
+        self.bus.line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
+        return self.port
 
-    def drop(self, why: str) -> None:
-        """Give up a connection that failed: whoever waits on it is told."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-        for lane in self.lanes:
-            if lane.box is not None:
-                lane.box.fail(why)
-                lane.box = None
+    def drop(self) -> None:
+        """Close a port that failed; the next request opens another one."""
+        if self.port is not None:
+            self.port.close()
+            self.port = None
 
     def close(self) -> None:
-        """Give the port back, for good."""
+        """Close the port for good."""
         self._closed = True
-        self.drop("the client was closed")
+        self.drop()

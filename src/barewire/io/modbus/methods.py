@@ -1,111 +1,270 @@
-"""The verbs under the field's names: `read_holding_registers(address, quantity)` and the others, for both clients.
+"""The methods that the blocking and the asyncio Modbus client share, under the names of the standard.
 
     client.read_holding_registers(107, 3)                 -> (555, 0, 100)          the blocking client
     await client.read_holding_registers(107, 3)           -> (555, 0, 100)          the asyncio client
     client.at(unit=7).read_coils(0, 8)                    another unit of the same line
 
-A verb is a message and what is wanted of its answer, on one line of `Verbs`; nothing is written twice. How the types
-get there: a `Verb` is a descriptor that took its parameters from the message's own constructor (a ParamSpec), so names,
-order and kinds of the arguments are the message's. What comes out depends on which client it is asked of: `__get__` has
-an overload for each, value or coroutine. Unit and time-out are not arguments of a message, so they are said by `at`.
-The file of a message is loaded when its verb is first used.
+Each definition says once what is to be done: an `Exchange` (a request, and what is taken of its response) or a
+`BusConversation` (anything else). `barewire.io.engine.methods` makes a method of it, blocking or awaited. The
+parameters are those of the message; unit and time-out are those of the client, see `at`. All methods raise
+ModbusException for an exception response, NoAnswer (WriteOutcomeUnknown for a write) after the time-out, PortError if
+the port fails, and EncodeError for values that the message cannot carry. The file of a message is loaded when its
+method is first called.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
-from types import MethodType
-from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire import modbus
+from barewire.conversation import DEFAULT_TIMEOUT
+from barewire.errors import shown
+from barewire.io.engine.methods import Operation, method
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
-
-    from barewire import modbus as messages
-    from barewire.io.modbus.async_client import AsyncModbusClient
-    from barewire.io.modbus.client import ModbusClient
+    from barewire.codecs import Value
+    from barewire.conversation import Conversation
+    from barewire.devices.device import Device
+    from barewire.devices.parameter import Reading
+    from barewire.modbus.client.bus import Bus
+    from barewire.modbus.client.read_identification import DeviceIdentification
     from barewire.modbus.messages.base import Request, Response
-else:
+    from barewire.modbus.messages.comm_events import GetCommEventCounterResponse, GetCommEventLogResponse
 
-    class _Messages:
-        """For a type checker `messages.ReadCoils` is the class; here it is what loads the class when it is called."""
-
-        def __getattr__(self, name: str) -> Callable[[], Any]:
-            return lambda: getattr(modbus, name)
-
-    messages = _Messages()
-
-P = ParamSpec("P")
-R = TypeVar("R", bound="Response")
 V = TypeVar("V")
 
 
-class Verb(Generic[P, R, V]):
-    """One verb: the request that it sends, and what it takes of the answer."""
+class Exchange(Operation[V]):
+    """One request to the client's unit, and what is taken of its response."""
 
-    def __init__(self, request: Callable[P, Request[R]], take: Callable[[R], V]) -> None:
-        self._find: Any = request  # what finds it, when it is needed: see `messages`
+    __slots__ = ("request", "take")
+
+    def __init__(self, request: Request[Any], take: Callable[[Any], V]) -> None:
+        self.request = request
         self.take = take
-        self._name = ""
-
-    @cached_property
-    def request(self) -> Callable[P, Request[R]]:
-        """What makes the request: its class, loaded when the verb is first used."""
-        made_by: Callable[P, Request[R]] = self._find()
-        return made_by
-
-    if TYPE_CHECKING:
-
-        @overload
-        def __get__(self, client: ModbusClient, kind: type) -> Callable[P, V]: ...
-
-        @overload
-        def __get__(self, client: AsyncModbusClient, kind: type) -> Callable[P, Coroutine[Any, Any, V]]: ...
-
-        @overload
-        def __get__(self, client: None, kind: type) -> Callable[..., V | Coroutine[Any, Any, V]]: ...
-
-    def __get__(self, client: Any, kind: type) -> Any:
-        """Asked for the first time: from now on a plain function stands in this place, which is quicker to call. What
-        makes its requests is its `request`."""
-        request, take = self.request, self.take
-
-        def said(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
-            return client.fetch(request(*args, **kwargs), take)
-
-        said.__name__, said.__doc__ = self._name, request.__doc__
-        said.request = request  # type: ignore[attr-defined]
-        setattr(Verbs, self._name, said)
-        return said if client is None else MethodType(said, client)
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
 
 
-def _nothing(answer: Response) -> None:
-    """A write that was answered was carried out: there is nothing more to say."""
+class BusConversation(Operation[V]):
+    """The conversation that `make` returns for the bus it is given. It waits in the queue of `unit`."""
+
+    __slots__ = ("make", "unit")
+
+    def __init__(self, make: Callable[[Bus], Conversation[bytes, V]], unit: int | None = None) -> None:
+        self.make = make
+        self.unit = unit
 
 
-class Verbs:
-    """What both clients can say. `ask` says everything else."""
+def checked_request(request: Request[Any]) -> None:
+    """Raise TypeError for what is no request message."""
+    if isinstance(request, type) or not hasattr(request, "read_response"):
+        text = "expected a request message, such as ReadHoldingRegisters(0, 2) of barewire.modbus"
+        raise TypeError(f"{text}, got {request.__name__ if isinstance(request, type) else shown(request)}")
 
-    read_coils = Verb(messages.ReadCoils, lambda answer: answer.bits)
-    read_discrete_inputs = Verb(messages.ReadDiscreteInputs, lambda answer: answer.bits)
-    read_holding_registers = Verb(messages.ReadHoldingRegisters, lambda answer: answer.registers)
-    read_input_registers = Verb(messages.ReadInputRegisters, lambda answer: answer.registers)
-    write_single_coil = Verb(messages.WriteSingleCoil, _nothing)
-    write_single_register = Verb(messages.WriteSingleRegister, _nothing)
-    write_multiple_coils = Verb(messages.WriteMultipleCoils, _nothing)
-    write_multiple_registers = Verb(messages.WriteMultipleRegisters, _nothing)
-    mask_write_register = Verb(messages.MaskWriteRegister, _nothing)
-    read_write_multiple_registers = Verb(messages.ReadWriteMultipleRegisters, lambda answer: answer.registers)
-    read_fifo_queue = Verb(messages.ReadFifoQueue, lambda answer: answer.registers)
-    read_file_record = Verb(messages.ReadFileRecord, lambda answer: answer.records)
-    write_file_record = Verb(messages.WriteFileRecord, _nothing)
-    read_exception_status = Verb(messages.ReadExceptionStatus, lambda answer: answer.status)
-    diagnostics = Verb(messages.Diagnostics, lambda answer: answer.data)
-    get_comm_event_counter = Verb(messages.GetCommEventCounter, lambda answer: answer)
-    get_comm_event_log = Verb(messages.GetCommEventLog, lambda answer: answer)
-    report_server_id = Verb(messages.ReportServerId, lambda answer: answer.data)
+
+def _bits(response: Any) -> tuple[bool, ...]:
+    return response.bits  # type: ignore[no-any-return]
+
+
+def _registers(response: Any) -> tuple[int, ...]:
+    return response.registers  # type: ignore[no-any-return]
+
+
+def _nothing(response: Response) -> None:
+    """The response to a write repeats the request: nothing is taken of it."""
+
+
+def _whole(response: V) -> V:
+    return response
+
+
+class ModbusMethods:
+    """What both Modbus clients offer. `ask`, which each of them has besides, sends any other request message."""
+
+    unit: int | None
+    """The unit that methods address; None is the unit of a device that is passed, and otherwise 1."""
+    timeout: float = DEFAULT_TIMEOUT
+    """Seconds that a request waits for its response."""
+
+    def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
+        """The same client on the same connection, with another unit, another time-out in seconds, or both."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.unit = self.unit if unit is None else unit
+        other.timeout = self.timeout if timeout is None else timeout
+        return other
+
+    def unit_for(self, unit: int | None = None, device: Device | None = None) -> int:
+        """The unit given, or the client's, or the device's own, or 1."""
+        if unit is not None:
+            return unit
+        if self.unit is not None:
+            return self.unit
+        return device.modbus.unit if device and device.modbus else 1
+
+    @method
+    def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
+        """Read 1 to 2000 coils from `address` on (function 01)."""
+        from barewire.modbus.messages.coils import ReadCoils
+
+        return Exchange(ReadCoils(address, quantity), _bits)
+
+    @method
+    def read_discrete_inputs(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
+        """Read 1 to 2000 discrete inputs from `address` on (function 02)."""
+        from barewire.modbus.messages.coils import ReadDiscreteInputs
+
+        return Exchange(ReadDiscreteInputs(address, quantity), _bits)
+
+    @method
+    def read_holding_registers(self, address: int, quantity: int) -> Exchange[tuple[int, ...]]:
+        """Read 1 to 125 holding registers from `address` on (function 03)."""
+        from barewire.modbus.messages.registers import ReadHoldingRegisters
+
+        return Exchange(ReadHoldingRegisters(address, quantity), _registers)
+
+    @method
+    def read_input_registers(self, address: int, quantity: int) -> Exchange[tuple[int, ...]]:
+        """Read 1 to 125 input registers from `address` on (function 04)."""
+        from barewire.modbus.messages.registers import ReadInputRegisters
+
+        return Exchange(ReadInputRegisters(address, quantity), _registers)
+
+    @method
+    def write_single_coil(self, address: int, value: bool) -> Exchange[None]:
+        """Write one coil (function 05)."""
+        from barewire.modbus.messages.coils import WriteSingleCoil
+
+        return Exchange(WriteSingleCoil(address, value), _nothing)
+
+    @method
+    def write_single_register(self, address: int, value: int) -> Exchange[None]:
+        """Write one holding register, 0..65535 (function 06)."""
+        from barewire.modbus.messages.registers import WriteSingleRegister
+
+        return Exchange(WriteSingleRegister(address, value), _nothing)
+
+    @method
+    def write_multiple_coils(self, address: int, bits: Sequence[bool | int]) -> Exchange[None]:
+        """Write 1 to 1968 coils from `address` on (function 0F)."""
+        from barewire.modbus.messages.coils import WriteMultipleCoils
+
+        return Exchange(WriteMultipleCoils(address, tuple(bits)), _nothing)
+
+    @method
+    def write_multiple_registers(self, address: int, registers: Sequence[int]) -> Exchange[None]:
+        """Write 1 to 123 holding registers from `address` on (function 10h)."""
+        from barewire.modbus.messages.registers import WriteMultipleRegisters
+
+        return Exchange(WriteMultipleRegisters(address, registers), _nothing)
+
+    @method
+    def mask_write_register(self, address: int, and_mask: int, or_mask: int) -> Exchange[None]:
+        """Set a holding register to (its value AND and_mask) OR (or_mask AND NOT and_mask) (function 16h)."""
+        from barewire.modbus.messages.combined import MaskWriteRegister
+
+        return Exchange(MaskWriteRegister(address, and_mask, or_mask), _nothing)
+
+    @method
+    def read_write_multiple_registers(
+        self, read_address: int, read_quantity: int, write_address: int, registers: Sequence[int]
+    ) -> Exchange[tuple[int, ...]]:
+        """Write 1 to 121 holding registers, then read 1 to 125, in one exchange (function 17h)."""
+        from barewire.modbus.messages.combined import ReadWriteMultipleRegisters
+
+        return Exchange(ReadWriteMultipleRegisters(read_address, read_quantity, write_address, registers), _registers)
+
+    @method
+    def read_fifo_queue(self, address: int) -> Exchange[tuple[int, ...]]:
+        """Read the up to 31 registers of a FIFO queue, which stay in it (function 18h)."""
+        from barewire.modbus.messages.fifo import ReadFifoQueue
+
+        return Exchange(ReadFifoQueue(address), _registers)
+
+    @method
+    def read_file_record(self, places: Sequence[tuple[int, int, int]]) -> Exchange[tuple[tuple[int, ...], ...]]:
+        """Read records of files (function 14h). `places` are (file, record, length in registers)."""
+        from barewire.modbus.messages.files import ReadFileRecord
+
+        return Exchange(ReadFileRecord(places), lambda response: response.records)
+
+    @method
+    def write_file_record(self, records: Sequence[tuple[int, int, Sequence[int]]]) -> Exchange[None]:
+        """Write records of files (function 15h). `records` are (file, record, registers)."""
+        from barewire.modbus.messages.files import WriteFileRecord
+
+        return Exchange(WriteFileRecord(records), _nothing)
+
+    @method
+    def read_exception_status(self) -> Exchange[int]:
+        """Read the eight exception status bits (function 07, serial lines)."""
+        from barewire.modbus.messages.diagnostics import ReadExceptionStatus
+
+        return Exchange(ReadExceptionStatus(), lambda response: response.status)
+
+    @method
+    def diagnostics(self, sub_function: int, data: bytes = b"\0\0") -> Exchange[bytes]:
+        """Carry out a diagnostic sub-function (function 08, serial lines); the data of its response."""
+        from barewire.modbus.messages.diagnostics import Diagnostics
+
+        return Exchange(Diagnostics(sub_function, data), lambda response: response.data)
+
+    @method
+    def get_comm_event_counter(self) -> Exchange[GetCommEventCounterResponse]:
+        """Read the status and the event counter (function 0B, serial lines)."""
+        from barewire.modbus.messages.comm_events import GetCommEventCounter
+
+        return Exchange(GetCommEventCounter(), _whole)
+
+    @method
+    def get_comm_event_log(self) -> Exchange[GetCommEventLogResponse]:
+        """Read the status, the counters and the latest 64 events (function 0C, serial lines)."""
+        from barewire.modbus.messages.comm_events import GetCommEventLog
+
+        return Exchange(GetCommEventLog(), _whole)
+
+    @method
+    def report_server_id(self) -> Exchange[bytes]:
+        """Read the server's ID, run indicator and additional data (function 11h, serial lines)."""
+        from barewire.modbus.messages.identification import ReportServerId
+
+        return Exchange(ReportServerId(), lambda response: response.data)
+
+    @method
+    def read_device_identification(self, read_code: int = 1) -> BusConversation[DeviceIdentification]:
+        """Read the basic (1), regular (2) or extended (3) identification objects (function 2Bh/0Eh), all of them."""
+        from barewire.modbus.client.read_identification import read_device_identification
+
+        unit = self.unit_for()
+        return BusConversation(lambda bus: read_device_identification(bus, unit, read_code, timeout=self.timeout), unit)
+
+    @method
+    def read(self, device: Device, *names: str, unit: int | None = None) -> BusConversation[list[Reading]]:
+        """Read the named values of a device, with as few requests as it allows, in the order of `names`."""
+        from barewire.devices.access import read_modbus
+
+        at = self.unit_for(unit, device)
+        return BusConversation(lambda bus: read_modbus(bus, at, device, names, timeout=self.timeout), at)
+
+    @method
+    def write(
+        self, device: Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
+    ) -> BusConversation[None]:
+        """Write named values in the order given. Ranges and access are checked before anything is sent.
+
+        `force` leaves both to the device; values that the wire cannot carry are still an EncodeError.
+        """
+        from barewire.devices.access import write_modbus
+
+        at = self.unit_for(unit, device)
+        return BusConversation(lambda bus: write_modbus(bus, at, device, values, timeout=self.timeout, force=force), at)
+
+    @method
+    def broadcast(self, request: Request[Any], *, turnaround: float = 0.1) -> BusConversation[None]:
+        """Send a write request to all units of a serial line. They do not answer; `turnaround` is their time to act."""
+        checked_request(request)
+        return BusConversation(lambda bus: bus.broadcast(request, turnaround=turnaround))
+
+    @method
+    def settle(self) -> BusConversation[None]:
+        """Wait until no late answer can come any more: before a serial line is left to another program."""
+        return BusConversation(lambda bus: bus.settle())

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import ssl
+from collections.abc import Callable
 
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.asyncio import AsyncLink, Connected, Datagrams, Mailbox
 from barewire.io.ports.tcp import CONNECT
 from barewire.io.ports.tls import client_context, tls_reason
+from barewire.io.ports.trace import Direction, Watch
 from barewire.tcp import FanOut
 
 
-async def dial(endpoint: Endpoint, fan: FanOut | None) -> tuple[AsyncLink, list[Mailbox]]:
-    """Connect. What comes goes into the only mailbox, or as `fan` says into one of many; that nothing comes any more is
-    told to all of them.
+async def dial(endpoint: Endpoint, fan: FanOut | None, watch: Watch | None = None) -> tuple[AsyncLink, list[Mailbox]]:
+    """Connect. What is received goes into the only mailbox, or into one of many by the transaction numbers (`fan`);
+    the end of the connection is passed to all of them. `watch(direction, data)` is called with everything that passes.
 
     PortError in one line if it fails.
     """
     if endpoint.is_serial_port:
-        return _serial(endpoint)
+        return _serial(endpoint, watch)
     name = endpoint.place
     host, port = endpoint.host_and_port
     boxes: list[Mailbox] = []
@@ -36,8 +38,8 @@ async def dial(endpoint: Endpoint, fan: FanOut | None) -> tuple[AsyncLink, list[
 
     link: Connected | Datagrams = Datagrams(lose) if endpoint.scheme == "udp" else Connected(lose)
     write = link.write_together if fan is not None and isinstance(link, Connected) else link.write
-    boxes += [Mailbox(name, write) for _ in range(1 if fan is None else len(fan.lines))]
-    link.receive = boxes[0].put if fan is None else spread
+    boxes += [Mailbox(name, _traced("sent", write, watch)) for _ in range(1 if fan is None else len(fan.lines))]
+    link.receive = _traced("received", boxes[0].put if fan is None else spread, watch)
     loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(CONNECT):
@@ -59,11 +61,24 @@ def _tls(endpoint: Endpoint, host: str) -> tuple[ssl.SSLContext | None, str | No
     return client_context(endpoint), endpoint.options.get("server_name", host)
 
 
-def _serial(endpoint: Endpoint) -> tuple[AsyncLink, list[Mailbox]]:
+def _serial(endpoint: Endpoint, watch: Watch | None) -> tuple[AsyncLink, list[Mailbox]]:
     from barewire.io.ports.async_serial import SerialLink, SerialMailbox
     from barewire.io.ports.serial import SerialPort
 
-    link = SerialLink(SerialPort.of(endpoint), lambda data: box.put(data), lambda why: box.fail(why))
-    box = SerialMailbox(link.name, link.write)
+    receive = _traced("received", lambda data: box.put(data), watch)
+    link = SerialLink(SerialPort.of(endpoint), receive, lambda why: box.fail(why))
+    box = SerialMailbox(link.name, _traced("sent", link.write, watch))
     box.link = link
     return link, [box]
+
+
+def _traced(direction: Direction, pass_on: Callable[[bytes], None], watch: Watch | None) -> Callable[[bytes], None]:
+    """`pass_on`, and `watch(direction, data)` before it."""
+    if watch is None:
+        return pass_on
+
+    def traced(data: bytes) -> None:
+        watch(direction, data)
+        pass_on(data)
+
+    return traced

@@ -55,7 +55,7 @@ class SerialLink:
         if self._fd < 0:
             raise PortError(f"{self.name}: the port was closed")
         try:
-            self._port.turn(sending=True)
+            self._port.set_direction(sending=True)
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
         self._out.clear()
@@ -83,7 +83,7 @@ class SerialLink:
                     self._loop.call_later(_LOOK, self._look)
                     return
             try:
-                self._port.turn(sending=False)
+                self._port.set_direction(sending=False)
             except OSError as error:
                 self._fail(reason(error))
             except PortError as error:

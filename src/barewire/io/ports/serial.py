@@ -1,4 +1,4 @@
-"""A serial port through pyserial: sends, hears, and says in one line what is wrong with it."""
+"""A serial port, blocking, through pyserial. Every failure is a PortError of one line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import time
 from typing import NamedTuple
 
 from barewire.errors import PortError
-from barewire.io.endpoint import Endpoint, Turn
+from barewire.io.endpoint import Endpoint, SetDirection
 from barewire.io.ports.pty import is_pseudo_terminal
 from barewire.io.ports.tcp import CHUNK, reason
 from barewire.rtu.timing import Timing, character_bits
@@ -24,8 +24,8 @@ except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an e
     raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from missing
 
 
-# All that pyserial and what is below it raise: ValueError and OverflowError for settings that no port has, TypeError
-# for a port that another thread closed meanwhile.
+# What pyserial raises: ValueError and OverflowError for settings that no port has, TypeError for a port that another
+# thread closed meanwhile.
 _FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError, TypeError, serial.SerialException)
 if sys.platform != "win32":
     import termios
@@ -58,22 +58,28 @@ class SerialSettings(NamedTuple):
 
 
 class SerialPort:
-    """An open serial port. `pace` makes a port without a real line (a pseudo-terminal) take its time to send.
+    """An open serial port. With `pace`, sending on a pseudo-terminal takes as long as on a line of these settings.
 
-    `rs485` is who turns the direction of a two-wire line: the adapter by itself (off), the driver (kernel), or we by
-    RTS: on while we send, off when the last bit is out. `turn` is a function of the user's that does the same with a
-    pin of its own: called with True before the first bit and with False after the last, and when the port is opened.
+    `rs485` names what sets the direction of a two-wire line: the adapter by itself (off), the driver (kernel), or this
+    port by RTS (rts): on while it sends, off when the last bit is out. `set_direction` is a function that does the same
+    with another pin: called with True before the first bit, with False after the last, and when the port is opened.
     """
 
     def __init__(
-        self, path: str, settings: SerialSettings, *, pace: bool = False, rs485: str = "off", turn: Turn | None = None
+        self,
+        path: str,
+        settings: SerialSettings,
+        *,
+        pace: bool = False,
+        rs485: str = "off",
+        set_direction: SetDirection | None = None,
     ) -> None:
         self.name = path
         self._timed = pace or not is_pseudo_terminal(path)
         self._pace = settings.timing if pace else None
         self._character = settings.timing.character
         self._rts = rs485 == "rts"
-        self._turn = turn
+        self._set_direction = set_direction
         self._sending = False
         self._serial = _open(path, settings)
         try:
@@ -83,10 +89,10 @@ class SerialPort:
                 self._serial.rts = False
         except _FAILURES as error:
             self.close()
-            raise PortError(f"{path}: rs485={rs485} is not possible here: {_say(error)}") from None
+            raise PortError(f"{path}: rs485={rs485} is not possible here: {_text(error)}") from None
         try:
-            if turn is not None:
-                self._call(turn, sending=False)
+            if set_direction is not None:
+                self._call(set_direction, sending=False)
         except PortError:
             self.close()
             raise
@@ -94,52 +100,56 @@ class SerialPort:
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialPort:
         """The port of a URL."""
-        turned = endpoint.choice("rs485", "off")
         return cls(
-            endpoint.place, SerialSettings.of(endpoint), pace=endpoint.flag("pace"), rs485=turned, turn=endpoint.turn
+            endpoint.place,
+            SerialSettings.of(endpoint),
+            pace=endpoint.flag("pace"),
+            rs485=endpoint.choice("rs485", "off"),
+            set_direction=endpoint.set_direction,
         )
 
     def fileno(self) -> int:
-        """The descriptor, for whoever waits with others (POSIX)."""
+        """The descriptor of the port, for an event loop (POSIX)."""
         return int(self._serial.fileno())
 
     def send(self, item: bytes) -> None:
         """Send the bytes; returns when the last one has left, as far as the system knows."""
         ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
         try:
-            self.turn(sending=True)
+            self.set_direction(sending=True)
             try:
                 self._serial.write(item)
                 self._serial.flush()
             finally:
-                self.turn(sending=False)
+                self.set_direction(sending=False)
         except PortError:
             raise
         except _FAILURES as error:
-            raise PortError(f"{self.name}: {_say(error)}") from None
+            raise PortError(f"{self.name}: {_text(error)}") from None
         time.sleep(max(0.0, ends - time.monotonic()))
 
-    def turn(self, *, sending: bool) -> None:
-        """The direction of the line, where RTS or the user's function turns it."""
+    def set_direction(self, *, sending: bool) -> None:
+        """Set the direction of the line, if that is done by RTS or by the caller's function."""
         self._sending = sending
         if self._rts:
             self._serial.rts = sending
-        elif self._turn is not None:
-            self._call(self._turn, sending=sending)
+        elif self._set_direction is not None:
+            self._call(self._set_direction, sending=sending)
 
-    def _call(self, turn: Turn, *, sending: bool) -> None:
+    def _call(self, set_direction: SetDirection, *, sending: bool) -> None:
         try:
-            turn(sending)
+            set_direction(sending)
         except Exception as error:
-            # A line that cannot be turned is a port that failed, whatever the user's code has for it.
-            raise PortError(f"{self.name}: the line could not be turned: {type(error).__name__}: {error}") from error
+            # Whatever the caller's function raises: a line whose direction cannot be set is a port that failed.
+            text = f"{self.name}: the direction of the line could not be set: {type(error).__name__}: {error}"
+            raise PortError(text) from error
 
     def takes(self, length: int) -> float:
-        """How long so many bytes are on the wire."""
+        """How many seconds so many bytes are on the wire."""
         return length * self._character if self._timed else 0.0
 
     def waiting(self) -> int:
-        """How many bytes the system has still to send."""
+        """How many bytes the system still has to send."""
         return int(self._serial.out_waiting)
 
     def receive(self, timeout: float) -> bytes | None:
@@ -159,13 +169,13 @@ class SerialPort:
         except _FAILURES as error:
             if isinstance(error, PortError):
                 raise
-            raise PortError(f"{self.name}: {_say(error)}") from None
+            raise PortError(f"{self.name}: {_text(error)}") from None
 
     def close(self) -> None:
-        """Give the port back; a line that was left in the middle of sending is turned back first."""
-        if self._sending and self._turn is not None:
+        """Close the port. A line that was left in the middle of sending is set to receiving first."""
+        if self._sending and self._set_direction is not None:
             with contextlib.suppress(PortError):
-                self.turn(sending=False)
+                self.set_direction(sending=False)
         with contextlib.suppress(*_FAILURES):
             self._serial.close()
 
@@ -177,16 +187,16 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
         parity, bytesize = "N", 8
     baudrate, stopbits = settings.baudrate, settings.stopbits
     try:
-        # Alone: two programs on one line would take each other's answers, and neither would know.
+        # Exclusive: two programs on one line would take each other's answers without noticing.
         return serial.Serial(
             path, baudrate, bytesize, parity, stopbits, timeout=0, write_timeout=5, exclusive=os.name == "posix" or None
         )
     except _FAILURES as error:
-        raise PortError(f"{path}: {_say(error)}") from None
+        raise PortError(f"{path}: {_text(error)}") from None
 
 
-def _say(error: Exception) -> str:
-    """pyserial wraps the system's words in its own: unwrap them."""
+def _text(error: Exception) -> str:
+    """The system's text of an error, without the text that pyserial puts around it."""
     if isinstance(error, TypeError):
         return "the port was closed"
     if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):

@@ -1,4 +1,4 @@
-"""Asyncio servers without connections: on a UDP port, and on a serial port."""
+"""Asyncio servers without connections: on a UDP port, and on a serial port. `AsyncModbusServer` makes them."""
 
 from __future__ import annotations
 
@@ -7,42 +7,37 @@ import socket
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, Self, cast
+from typing import Any, cast
 
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import reason
-from barewire.io.server.connection_limits import Spoil
+from barewire.io.server.connection_limits import ConnectionTable, Inject
 from barewire.modbus import Server, Unit
 
 
 class DatagramServer(asyncio.DatagramProtocol):
     """A server on a UDP port: each datagram is a frame, and its answer goes where it came from."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
-        self.endpoint = endpoint
-        self.spoil: Spoil | None = None
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # datagrams have none
+        self._endpoint = endpoint
+        self._inject = inject
         self._server = Server(modbus_line(endpoint, "server"), units, serial=False)
         self._transport: asyncio.DatagramTransport | None = None
         self._full = False
 
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.close()
-
     @property
     def port(self) -> int:
-        """The port it listens on."""
+        """The number of the port that it listens on."""
         assert self._transport is not None
         return int(self._transport.get_extra_info("sockname")[1])
 
     async def listen(self, listener: socket.socket | None = None) -> None:
         """Begin to listen; on a socket that is bound already, if there is one."""
         loop = asyncio.get_running_loop()
-        host, port = self.endpoint.host_and_port
+        host, port = self._endpoint.host_and_port
         where: dict[str, Any] = {"sock": listener} if listener is not None else {"local_addr": (host, port)}
         try:
             await loop.create_datagram_endpoint(lambda: self, **where)
@@ -50,7 +45,7 @@ class DatagramServer(asyncio.DatagramProtocol):
             raise PortError(f"{host}:{port}: {reason(error)}") from None
 
     async def close(self) -> None:
-        """Give the port back."""
+        """Release the port."""
         if self._transport is not None:
             self._transport.abort()
 
@@ -60,19 +55,19 @@ class DatagramServer(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         for reply in self._server.feed(data, asyncio.get_running_loop().time()):
-            if self.spoil is None:
-                self._say(reply.data, addr)
+            if self._inject is None:
+                self._send(reply.data, addr)
             else:
-                self.spoil(reply.data, partial(self._say, addr=addr))
+                self._inject(reply.data, partial(self._send, addr=addr))
 
-    def _say(self, data: bytes, addr: Any) -> None:
+    def _send(self, data: bytes, addr: Any) -> None:
         assert self._transport is not None
-        if not self._full and not self._transport.is_closing():  # a datagram may be lost: memory is worse
+        if not self._full and not self._transport.is_closing():  # a datagram may be lost, memory must not fill
             with suppress(OSError):
                 self._transport.sendto(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """Somebody who asked is gone: nothing to be done about it."""
+        """asyncio: a client is not there any more, which needs no action."""
 
     def pause_writing(self) -> None:
         self._full = True
@@ -84,24 +79,20 @@ class DatagramServer(asyncio.DatagramProtocol):
 class SerialServer:
     """A server on a serial port of this loop."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
         from barewire.io.ports.async_serial import SerialLink
         from barewire.io.ports.serial import SerialPort
 
+        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # a line has none
+        self._inject = inject
         self._line = modbus_line(endpoint, "server", tuple(units))
         self._server = Server(self._line, units, serial=True)
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
-        """Why it ended by itself: the port is gone."""
+        """Why it ended by itself: the port failed."""
         self._link = SerialLink(SerialPort.of(endpoint), self._feed, self._fail)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.close()
 
     def _feed(self, data: bytes | None) -> None:
         replies = self._server.feed(data, self._loop.time())
@@ -117,16 +108,22 @@ class SerialServer:
     async def _send(self, frames: list[bytes], at: float) -> None:
         await asyncio.sleep(at - self._loop.time())
         for frame in frames:
-            with suppress(PortError):
-                self._link.write(frame)
+            if self._inject is None:
+                self._write(frame)
+            else:
+                self._inject(frame, self._write)
         await self._link.sent()
         self._line.sent(self._loop.time())
+
+    def _write(self, frame: bytes) -> None:
+        with suppress(PortError):
+            self._link.write(frame)
 
     def _fail(self, why: str) -> None:
         self.failure = PortError(f"{self._link.name}: {why}")
 
     async def close(self) -> None:
-        """Give the port back."""
+        """Release the port."""
         if self._timer is not None:
             self._timer.cancel()
         self._link.close()

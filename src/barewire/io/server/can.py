@@ -6,7 +6,7 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from barewire.canopen import CanFrame
 from barewire.errors import EncodeError, PortError
@@ -16,11 +16,11 @@ from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.blocking import Port
 from barewire.io.ports.python_can import CanPort
+from barewire.io.server.base import POLL_INTERVAL, ThreadedServer
 from barewire.io.server.locking import CanopenNode, SharedNode
-from barewire.io.server.open import LOOK, Host
 
 
-class CanHost(Host):
+class CanHost(ThreadedServer):
     """A CANopen node on a bus. A port that fails is opened anew; for the node the bus has only been silent.
 
     `do` does something with the node from outside and says at once what comes of it. What is changed without that is
@@ -45,7 +45,7 @@ class CanHost(Host):
             self._send(begin(self._node, clock()))
         while not self.is_over(stop):
             deadline = self._node.deadline
-            wait = LOOK if deadline is None else min(LOOK, max(0.0, deadline - clock()))
+            wait = POLL_INTERVAL if deadline is None else min(POLL_INTERVAL, max(0.0, deadline - clock()))
             try:
                 item = taker(self.port)(wait)
             except PortError as error:
@@ -96,3 +96,32 @@ def _hub(endpoint: Endpoint) -> SocketcandHub | None:
     except ConnectionRefusedError:
         return SocketcandHub(host, port)
     return None
+
+
+def open_can_host(
+    url: str,
+    node: CanopenNode | None,
+    *,
+    faults: str | Mapping[str, float] | None = None,
+    fault_seed: int | None = None,
+    fault_delay: float | None = None,
+    on_fault: Callable[[str], None] | None = None,
+) -> CanHost:
+    """The host of a node at a can:// URL. The faults in its frames are those of `ModbusServer`."""
+    endpoint = Endpoint.parse(url)
+    if endpoint.scheme != "can":
+        raise EncodeError(f"endpoint {url!r}: CANopen goes over can://")
+    if node is None:
+        raise EncodeError(f"endpoint {url!r}: there is no CANopen node to serve")
+    model = None
+    if faults is not None:
+        from barewire.io.fault_injection.faults import faults_on_can
+
+        model = faults_on_can(faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
+    host = CanHost(endpoint, node)
+    if model is not None:
+        from barewire.io.fault_injection.ports import FaultyPort
+
+        dial = host.dial
+        host.port, host.dial = FaultyPort(host.port, model), lambda: FaultyPort(dial(), model)
+    return host

@@ -1,17 +1,18 @@
-"""Who is connected to a server, and who has to go when there are too many, or when one was silent for too long.
+"""Connection limits of a server: how many clients may be connected, and how long a client may stay silent.
 
         connections        A        B        C        D        E
-        last heard        3.1      0.5      9.7      0.2      4.0
-        answered           x        x        x        x
-                                                      |        '-- over `most` connections the longest silent goes of
-                                                      |            those that were never answered, if there are any:
-                                                      |            who only opens connections takes nobody's
-                                                      '-- with `idle` goes who was silent for so many seconds
+        last request      3.1      0.5      9.7      0.2      4.0
+        served before      x        x        x        x
+                                             |                 '-- above `limit` connections, the server closes the one
+                                             |                     that was silent longest among those that never got
+                                             |                     an answer, if there are any; so a client that only
+                                             |                     opens connections cannot displace a working one
+                                             '-- with `idle_timeout`, the server closes a connection that sent no
+                                                 request for that many seconds
 
-To hear of a guest takes no time, for it happens with each request: no order is kept, and they are looked through when
-one has to go, or might. What a guest is answered leaves at once (`say_all`).
+Recording a request costs O(1): no order is kept, and the table is searched only when a connection must be closed.
 
-I know: connections, and when each was heard.  I never know: sockets, loops, clocks: time is told.
+Depends on: nothing but times passed in.  Used by: the threaded and the asyncio TCP server.
 """
 
 from __future__ import annotations
@@ -27,93 +28,93 @@ if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.modbus.server.server import Reply
 
+Inject = Callable[[bytes, Callable[[bytes], None]], None]
+"""Given an answer and the function that sends it: sends it, or something else, later, or nothing (`FaultInjector`)."""
 
-Spoil = Callable[[bytes, Callable[[bytes], None]], None]
-"""Given an answer and what says it: says it, something else, later, or nothing (`faulty`)."""
 
-
-def say_all(replies: list[Reply], say: Callable[[bytes], None], spoil: Spoil | None) -> None:
-    """The answers to all that came in one read leave in one send; whoever spoils answers is given each by itself."""
-    if spoil is not None:
+def send_replies(replies: list[Reply], send: Callable[[bytes], None], inject: Inject | None) -> None:
+    """Send the answers to everything that one read received, together. A fault injector is given each by itself."""
+    if inject is not None:
         for reply in replies:
-            spoil(reply.data, say)
+            inject(reply.data, send)
     else:
-        say(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
+        send(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
 
 
 class TrackedConnection(Protocol):
-    """One connection, as far as the limits are concerned."""
+    """What the limits need of a connection."""
 
     peer: str
     was_answered: bool
 
     @property
     def unsent(self) -> int:
-        """The bytes that the client has not taken yet."""
+        """How many bytes the client has not taken yet."""
 
     def abort(self) -> None:
-        """Hang up at once."""
+        """Close the connection at once."""
 
 
-G = TypeVar("G", bound="TrackedConnection")
+C = TypeVar("C", bound=TrackedConnection)
 
 
-class ConnectionTable(Generic[G]):
-    """The connections of one server. The endpoint says `connections` and `idle`, if it says anything.
-
-    Raises EncodeError for a number of connections or seconds that is none.
-    """
+class ConnectionTable(Generic[C]):
+    """The connections of one server, with the limits `connections` and `idle` of its endpoint."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.connections: dict[G, float] = {}
-        """Each with the time it was last heard."""
-        self.turned_away: deque[str] = deque(maxlen=16)
-        """Why connections were closed by us, the latest: one line each."""
-        self.most = endpoint.integer("connections", CONNECTIONS)
-        self.idle = endpoint.seconds("idle", 0.0)
-        self._heard_since = -inf  # everybody was heard then or later
+        self.open: dict[C, float] = {}
+        """Each open connection, with the time of its last request."""
+        self.closed: deque[str] = deque(maxlen=16)
+        """Why the server closed connections: the latest reasons, one line each."""
+        self.limit = endpoint.integer("connections", CONNECTIONS)
+        self.idle_timeout = endpoint.seconds("idle", 0.0)
+        """Seconds without a request after which a connection is closed; 0 for never."""
+        self._none_older = -inf  # no connection sent its last request before this time
+
+    def __len__(self) -> int:
+        return len(self.open)
 
     @property
     def unsent(self) -> int:
-        """The bytes of answers that clients have not taken yet."""
-        return sum(guest.unsent for guest in self.connections)
+        """How many bytes of answers the clients have not taken yet."""
+        return sum(connection.unsent for connection in self.open)
 
-    def arrived(self, guest: G, now: float) -> None:
-        """A new connection; if it is one too many, another one has to go."""
-        while len(self.connections) >= self.most:
-            self.make_room(f"unused longest of {self.most} connections")
-        self.heard(guest, now)
+    def add(self, connection: C, now: float) -> None:
+        """Record a new connection; if it is one too many, another one is closed."""
+        while len(self.open) >= self.limit:
+            self.close_longest_silent(f"unused longest of {self.limit} connections")
+        self.open[connection] = now
 
-    def heard(self, guest: G, now: float) -> None:
-        """A connection is in use."""
-        self.connections[guest] = now
+    def received(self, connection: C, now: float) -> None:
+        """Record that a connection sent something."""
+        self.open[connection] = now
 
-    def left(self, guest: G) -> None:
-        """A connection is over, whoever ended it."""
-        self.connections.pop(guest, None)
+    def remove(self, connection: C) -> None:
+        """Forget a connection that ended."""
+        self.open.pop(connection, None)
 
-    def make_room(self, why: str) -> None:
-        """Somebody has to go."""
-        unused = [guest for guest in self.connections if not guest.was_answered]
-        self.turn_away(min(unused or self.connections, key=self.connections.__getitem__), why)
+    def close_longest_silent(self, why: str) -> None:
+        """Close the connection that was silent longest; of those without an answer so far, if there are any."""
+        unanswered = [connection for connection in self.open if not connection.was_answered]
+        self.close(min(unanswered or self.open, key=self.open.__getitem__), why)
 
-    def turn_away(self, guest: G, why: str) -> None:
-        """Close a connection and keep the reason to be seen."""
-        self.left(guest)
-        self.note(guest, why)
-        guest.abort()
+    def close(self, connection: C, why: str) -> None:
+        """Close a connection and keep the reason."""
+        self.remove(connection)
+        self.note(connection, why)
+        connection.abort()
 
-    def note(self, guest: G, why: str) -> None:
-        """Keep why we close a connection."""
-        self.turned_away.append(f"{guest.peer}: {why}")
+    def note(self, connection: C, why: str) -> None:
+        """Keep the reason for which the server closes a connection."""
+        self.closed.append(f"{connection.peer}: {why}")
 
-    def watch(self, now: float) -> float | None:
-        """Whoever was silent for too long goes. When to look again; None while nobody could be."""
-        if not self.idle or not self.connections:
+    def close_idle(self, now: float) -> float | None:
+        """Close the connections that were silent too long. When to call this again; None while there is no need."""
+        if not self.idle_timeout or not self.open:
             return None
-        if now >= self._heard_since + self.idle:
-            for guest, heard in list(self.connections.items()):
-                if heard + self.idle <= now and guest in self.connections:
-                    self.turn_away(guest, f"silent for {self.idle:g} s")
-            self._heard_since = min(self.connections.values(), default=-inf)
-        return self._heard_since + self.idle if self.connections else None
+        if now >= self._none_older + self.idle_timeout:
+            for connection, last in list(self.open.items()):
+                if last + self.idle_timeout <= now and connection in self.open:
+                    self.close(connection, f"silent for {self.idle_timeout:g} s")
+            self._none_older = min(self.open.values(), default=-inf)
+        return self._none_older + self.idle_timeout if self.open else None

@@ -1,34 +1,42 @@
-"""A Modbus server on a serial line, or on a pseudo-terminal that it makes."""
+"""Serves units on a serial line, blocking, or on a pseudo-terminal that it makes."""
 
 from __future__ import annotations
 
 import os
-import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
 from barewire.io.engine.blocking import Port
 from barewire.io.modbus.carriers import modbus_line, open_serial
 from barewire.io.ports.pty import PseudoTerminal
-from barewire.io.server.open import LOOK, Host
+from barewire.io.server.base import POLL_INTERVAL
+from barewire.io.server.connection_limits import ConnectionTable
 from barewire.modbus import Server, Unit
 
+if TYPE_CHECKING:
+    from barewire.io.fault_injection.faults import Faults
 
-class SerialHost(Host):
-    """A Modbus server on a serial line; on a new pseudo-terminal if the URL says `pty` or a path that is not there."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
-        super().__init__()
+class SerialService:
+    """Serves units on a serial line; on a new pseudo-terminal if the URL names `pty` or a path that does not exist.
+
+    `faults` are put into the answers.
+    """
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], faults: Faults[bytes] | None = None) -> None:
+        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # a line has none
         self._line = modbus_line(endpoint, "server", units)
         self._server = Server(self._line, units, serial=True)
         self.port: Port[bytes]
         if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
             from barewire.io.ports.serial import SerialSettings
 
-            if endpoint.turn is not None:
-                raise EncodeError(f"endpoint {str(endpoint)!r}: a new pseudo-terminal has no direction to turn", "turn")
+            if endpoint.set_direction is not None:
+                text = "a new pseudo-terminal has no direction to set"
+                raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "set_direction")
             link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
             pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
             terminal = PseudoTerminal(link, pace)
@@ -37,18 +45,24 @@ class SerialHost(Host):
         else:
             self.port = open_serial(endpoint)
             self.url = str(endpoint)
+        if faults is not None:
+            from barewire.io.fault_injection.ports import FaultyPort
 
-    def _serve(self, stop: threading.Event) -> None:
+            self.port = FaultyPort(self.port, faults)
+
+    def serve(self, is_over: Callable[[], bool]) -> None:
+        """Serve until `is_over()`."""
         clock = time.monotonic
-        while not self.is_over(stop):
+        while not is_over():
             deadline = self._server.deadline
-            wait = LOOK if deadline is None else min(LOOK, max(0.0, deadline - clock()))
+            wait = POLL_INTERVAL if deadline is None else min(POLL_INTERVAL, max(0.0, deadline - clock()))
             data = self.port.receive(wait)
             for reply in self._server.feed(data, clock()):
                 time.sleep(max(0.0, reply.at - clock()))
                 self.port.send(reply.data)
-                # Who hears us at once may speak a silence later: that must not be too early for us.
+                # A client that receives this at once may send a silence later: that must not be too early for the line.
                 self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
 
-    def _give_back(self) -> None:
+    def close(self) -> None:
+        """Release the port."""
         self.port.close()

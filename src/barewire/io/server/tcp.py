@@ -1,11 +1,11 @@
-"""A Modbus TCP server without asyncio: one thread, one look at all sockets, and whoever spoke is answered.
+"""A Modbus TCP server without asyncio: one thread waits for all sockets and answers those that are readable.
 
-    watch   ->  recv  ->  Server.feed  ->  send          and the next one that spoke
-                                 '-> not all of it was taken: what is left goes first, and until then nobody listens
+    poll   ->  recv  ->  Server.feed  ->  send          and the next readable socket
+                                '-> not all of it was taken: the rest is sent first, and until then nothing is read
 
-This answers sooner than an event loop does, and a small machine need not load one. The limits are those of `guests`.
-Nobody waits for anybody else: no call here waits but the one look, and a peer that sends without end has one read at a
-time, like all others.
+It answers sooner than an event loop does, and a small machine need not load one. Its limits are `connection_limits`.
+No call waits but the poll, and a client that sends without end gets one read at a time, so clients do not delay each
+other.
 """
 
 from __future__ import annotations
@@ -14,52 +14,50 @@ import contextlib
 import errno
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.readiness import IN, OUT, most, watch
 from barewire.io.ports.tcp import CHUNK, attend, listen, reason
-from barewire.io.server.connection_limits import ConnectionTable, say_all
-from barewire.io.server.open import LOOK, Host
+from barewire.io.server.base import POLL_INTERVAL
+from barewire.io.server.connection_limits import ConnectionTable, send_replies
 from barewire.modbus.server.server import Server
 
 if TYPE_CHECKING:
-    import threading
-
     from barewire.io.endpoint import Endpoint
     from barewire.io.fault_injection.ports import FaultInjector
     from barewire.io.ports.readiness import Watch
     from barewire.modbus import Unit
 
 _FULL = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-"""What the system says when it has no room for another connection."""
+"""Errors of a system that has no room for another connection."""
 
 
-class TcpHost(Host):
-    """A server on a TCP port. `guests` are its connections; `spoil`, if there is one, says what becomes of answers."""
+class TcpService:
+    """Serves units on a TCP port. `injector` puts faults into the answers."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit]) -> None:
-        super().__init__()
-        self.guests: ConnectionTable[_Connection] = ConnectionTable(endpoint)
-        self.guests.most = most(self.guests.most)
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], injector: FaultInjector | None = None) -> None:
+        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint)
+        self.connections.limit = most(self.connections.limit)
         self.by_file: dict[int, _Connection] = {}
-        self.spoil: FaultInjector | None = None
+        self.injector = injector
         self.endpoint = endpoint
         self.units = units
-        modbus_line(endpoint, "server", units)  # what is wrong with the URL is told here
+        modbus_line(endpoint, "server", units)  # raises for wrong options before the port is taken
         self._listener, self.url = listen(endpoint)
         self._listener.setblocking(False)
 
-    def _serve(self, stop: threading.Event) -> None:
+    def serve(self, is_over: Callable[[], bool]) -> None:
+        """Serve until `is_over()`."""
         clock = time.monotonic
         listener = self._listener.fileno()
         with contextlib.closing(watch()) as watching:
             watching.register(listener, IN)
             try:
                 now = clock()
-                while not self.is_over(stop):
-                    found = watching.poll(self._patience(now))
+                while not is_over():
+                    found = watching.poll(self._wait(now))
                     now = clock()
                     for file, _ in found:
                         if file == listener:
@@ -68,29 +66,30 @@ class TcpHost(Host):
                             try:
                                 connection.ready(now)
                             except Exception as error:
-                                # Of a user's code: units that are looked up, whoever is told of a fault.
-                                self.guests.turn_away(connection, f"{type(error).__name__}: {error}")
+                                # Raised by the caller's code: a look-up of units, a callback for faults.
+                                self.connections.close(connection, f"{type(error).__name__}: {error}")
             finally:
-                for connection in list(self.guests.connections):
+                for connection in list(self.connections.open):
                     connection.abort()
 
-    def _give_back(self) -> None:
+    def close(self) -> None:
+        """Release the port."""
         self._listener.close()
 
-    def _patience(self, now: float) -> float:
-        """How long may be waited for somebody to speak; what is due is done first."""
-        if not self.guests.idle and self.spoil is None:
-            return LOOK
-        until = now + LOOK
-        if (silent_at := self.guests.watch(now)) is not None:
-            until = min(until, silent_at)
-        if self.spoil is not None:
-            self.spoil.deliver()
-            until = min(until, self.spoil.due or until)
+    def _wait(self, now: float) -> float:
+        """How many seconds the poll may wait. What is due is done first."""
+        if not self.connections.idle_timeout and self.injector is None:
+            return POLL_INTERVAL
+        until = now + POLL_INTERVAL
+        if (idle_at := self.connections.close_idle(now)) is not None:
+            until = min(until, idle_at)
+        if self.injector is not None:
+            self.injector.deliver()
+            until = min(until, self.injector.due or until)
         return max(0.0, until - now)
 
     def _take_new(self, watching: Watch, now: float) -> None:
-        """One at a time: to ask whether there is another one takes a file too, where there may be none left."""
+        """Accept one connection: checking for another one needs a file descriptor too, and there may be none left."""
         try:
             found, address = self._listener.accept()
         except OSError as error:
@@ -100,35 +99,37 @@ class TcpHost(Host):
         found.setblocking(False)
         with contextlib.suppress(OSError):
             attend(found)
-        self.guests.arrived(_Connection(self, watching, found, address), now)
+        self.connections.add(_Connection(self, watching, found, address), now)
 
     def _make_room(self, why: str) -> None:
-        if self.guests.connections:
-            self.guests.make_room(f"there was no room for another connection: {why}")
+        if self.connections.open:
+            self.connections.close_longest_silent(f"there was no room for another connection: {why}")
         else:
-            time.sleep(LOOK)  # somebody else has it all: try again, but not a million times a second
+            time.sleep(POLL_INTERVAL)  # other programs have all descriptors: try again, but not in a busy loop
 
 
 class _Connection:
-    """One client: its own line, the units of all."""
+    """The connection of one client: it has its own framing state, and shares the units."""
 
     was_answered = False
 
-    def __init__(self, host: TcpHost, watching: Watch, connection: socket.socket, address: tuple[str, int]) -> None:
+    def __init__(
+        self, service: TcpService, watching: Watch, connection: socket.socket, address: tuple[str, int]
+    ) -> None:
         self.peer = f"{address[0]}:{address[1]}"
-        self._host = host
+        self._service = service
         self._socket = connection
         self._file = connection.fileno()
         self._watching = watching
-        self._line = modbus_line(host.endpoint, "server", host.units)
-        self._server = Server(self._line, host.units, serial=False)
+        self._line = modbus_line(service.endpoint, "server", service.units)
+        self._server = Server(self._line, service.units, serial=False)
         self._unsent = bytearray()
         self._ending = False  # as soon as everything is sent
         watching.register(self._file, IN)
-        host.by_file[self._file] = self
+        service.by_file[self._file] = self
 
     def ready(self, now: float) -> None:
-        """It has spoken; or it takes again what it did not take before."""
+        """Read and answer, or send the rest of an answer, now that the socket is ready for it."""
         if self._unsent:
             self._send_rest()
             return
@@ -141,18 +142,18 @@ class _Connection:
         if not data:
             self.abort()
             return
-        self._host.guests.heard(self, now)
+        self._service.connections.received(self, now)
         replies = self._server.feed(data, now)
         if replies:
             self.was_answered = True
-            say_all(replies, self._send, self._host.spoil)
+            send_replies(replies, self._send, self._service.injector)
         if self._line.broken is not None:
-            self._hang_up(str(self._line.broken))
+            self._end(str(self._line.broken))
 
     def _send(self, data: bytes) -> None:
-        """As much as is taken now. The rest waits, and until it is gone nobody listens to this client."""
+        """Send what the system takes now. The rest waits, and until it is sent nothing is read from this client."""
         if self._unsent:
-            self._unsent += data  # late answers may come while others wait
+            self._unsent += data  # delayed answers may come while others wait
         elif (taken := self._taken(data)) < len(data):
             self._unsent += data[taken:]
             self._watching.modify(self._file, OUT)
@@ -167,32 +168,32 @@ class _Connection:
             self._watching.modify(self._file, IN)
 
     def _taken(self, data: bytes | bytearray) -> int:
-        """How many bytes the system takes now: all of them, if nobody is there any more."""
+        """How many bytes the system takes now; all of them if the connection has ended."""
         try:
             return self._socket.send(data)
         except (BlockingIOError, InterruptedError):
             return 0
         except OSError:
-            self.abort()  # it is gone, or was closed by us while an answer was late
+            self.abort()  # the client closed it, or the server did while an answer was delayed
             return len(data)
 
-    def _hang_up(self, why: str) -> None:
-        """Nobody knows any more where a frame begins: the only honest answer is to close, after what is to be sent."""
-        self._host.guests.note(self, why)
+    def _end(self, why: str) -> None:
+        """Close, after what is still to be sent: the beginning of the next frame cannot be known any more."""
+        self._service.connections.note(self, why)
         self._ending = True
         if not self._unsent:
             self.abort()
 
     @property
     def unsent(self) -> int:
-        """The bytes that the client has not taken yet."""
+        """How many bytes the client has not taken yet."""
         return len(self._unsent)
 
     def abort(self) -> None:
-        """Hang up at once."""
-        self._host.guests.left(self)
+        """Close the connection at once."""
+        self._service.connections.remove(self)
         self._unsent.clear()
         if self._socket.fileno() >= 0:
             self._watching.unregister(self._file)
-            del self._host.by_file[self._file]
+            del self._service.by_file[self._file]
             self._socket.close()

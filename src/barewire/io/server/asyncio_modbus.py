@@ -1,0 +1,118 @@
+"""The asyncio Modbus server: units on a port of the running loop, by URL.
+
+async with AsyncModbusServer("tcp://0.0.0.0:502", units={1: Table()}) as server:
+    ...
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Self
+
+from barewire.errors import PortError
+from barewire.io.modbus.carriers import modbus_endpoint, modbus_line
+from barewire.io.server.asyncio_ports import SerialServer
+from barewire.io.server.asyncio_stream import server_at
+from barewire.io.server.connection_limits import ConnectionTable, Inject
+from barewire.io.server.modbus import check_units, port_number
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from barewire.io.endpoint import SetDirection
+    from barewire.io.modbus.options import ModbusOptions
+    from barewire.io.server.asyncio_ports import DatagramServer
+    from barewire.io.server.asyncio_stream import StreamServer
+    from barewire.modbus import Authorization, Unit
+
+
+class AsyncModbusServer:
+    """Serves `units`, by unit address, at a URL. Its options are those of `ModbusServer`, and `listener`, a socket that
+    is bound already.
+
+    Constructing it does not wait and takes no port; `async with` or `await start()` does. A serial line has to exist:
+    only `ModbusServer` makes pseudo-terminals. Within a loop units need no locks, because nothing in a unit waits.
+
+    Raises EncodeError for a wrong URL or option when it is constructed, PortError for a port that cannot be taken.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        units: Mapping[int, Unit],
+        *,
+        authorization: Authorization | None = None,
+        set_direction: SetDirection | None = None,
+        listener: socket.socket | None = None,
+        faults: str | Mapping[str, float] | None = None,
+        fault_seed: int | None = None,
+        fault_delay: float | None = None,
+        on_fault: Callable[[str], None] | None = None,
+        **options: Unpack[ModbusOptions],
+    ) -> None:
+        self._endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+        check_units(units)
+        modbus_line(self._endpoint, "server", units)  # raises for wrong options
+        self.url = str(self._endpoint)
+        """The URL that clients use; once it listens, with the port number that it got."""
+        self.connections: ConnectionTable[Any] = ConnectionTable(self._endpoint)
+        """The open connections, and why others were closed. Empty for UDP and serial lines."""
+        self._units = units
+        self._listener = listener
+        self._inject: Inject | None = None
+        if faults is not None:
+            from barewire.io.fault_injection.faults import faults_at
+            from barewire.io.fault_injection.ports import LoopFaultInjector
+
+            self._inject = LoopFaultInjector(
+                faults_at(self._endpoint, faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
+            )
+        self._server: StreamServer | DatagramServer | SerialServer | None = None
+        self._network: StreamServer | DatagramServer | None = None
+        if not self._endpoint.is_serial_port:
+            self._network = server_at(self._endpoint, units, authorization, self._inject)
+            self.connections = self._network.connections
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    @property
+    def port(self) -> int:
+        """The number of the TCP or UDP port that it listens on. PortError on a serial line, which has none."""
+        return port_number(self.url)
+
+    @property
+    def authorization(self) -> Authorization | None:
+        """What each role may do. It cannot be set later: connections without a role would not be checked."""
+        return getattr(self._network, "authorization", None)
+
+    @property
+    def failure(self) -> PortError | None:
+        """Why it ended by itself: a serial port that failed."""
+        return self._server.failure if isinstance(self._server, SerialServer) else None
+
+    async def start(self) -> None:
+        """Take the port and begin to serve. PortError if it serves already, or was closed."""
+        if self._server is not None:
+            raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
+        if self._network is None:
+            self._server = SerialServer(self._endpoint, self._units, self._inject)
+            return
+        await self._network.listen(self._listener)
+        self._server = self._network
+        host = self._endpoint.host_and_port[0]
+        place = f"[{host}]" if ":" in host else host
+        self.url = str(self._endpoint._replace(place=f"{place}:{self._network.port}"))
+
+    async def close(self) -> None:
+        """Close all connections and release the port."""
+        if self._server is not None:
+            await self._server.close()

@@ -1,0 +1,114 @@
+"""What all servers in a thread share: their thread, and how they end.
+
+    server.start(), server.close()     in a thread of its own; so does `with server:`
+    server.run(stop)                   in the caller's thread, until the event is set or the server is closed
+
+The port is taken when a server is constructed. A server serves once: after that its port may belong to another program,
+so a second `run` or `start` raises PortError.
+
+Depends on: nothing. Used by: `ModbusServer`, and the server of a CANopen node.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Self
+
+from barewire.errors import BarewireError, PortError
+
+POLL_INTERVAL = 0.1
+"""Seconds between two checks whether to stop."""
+_CLOSING = 5.0
+"""Seconds that `close` waits for the port to be free."""
+
+
+class ThreadedServer(ABC):
+    """A server on a port. `url` is the one that clients use: with the port number or pseudo-terminal that it got."""
+
+    url: str
+
+    def __init__(self) -> None:
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._starting = threading.Lock()
+        self._has_started = False
+        self._served_by = 0  # the identity of the thread
+        self._released = threading.Event()
+        self.failure: BarewireError | None = None
+        """Why a server that runs in its own thread ended by itself."""
+        self.on_end: Callable[[], None] | None = None
+        """Called when the server's thread ends, for whatever reason."""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def run(self, stop: threading.Event) -> None:
+        """Serve until `stop` is set or the server is closed, then release the port."""
+        self._begin()
+        self._serve_once(stop)
+
+    def start(self) -> None:
+        """Serve in a thread."""
+        self._begin()
+        self._thread = threading.Thread(target=self._run, name=self.url, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop serving and wait until the port is free, 5 s at most. A server that was never started is closed as well.
+
+        Called by the serving thread itself, from the code of a unit, it does not wait: the server ends after that.
+        """
+        with self._starting:
+            has_started, self._has_started = self._has_started, True
+        self._stop.set()
+        if not has_started:
+            self._give_back()
+            self._released.set()
+        elif self._served_by != threading.get_ident():
+            self._released.wait(_CLOSING)
+            if self._thread is not None:
+                self._thread.join(timeout=_CLOSING)
+
+    def is_over(self, stop: threading.Event) -> bool:
+        """Whether to stop: this event is set, or the server is closed."""
+        return stop.is_set() or self._stop.is_set()
+
+    @abstractmethod
+    def _serve(self, stop: threading.Event) -> None:
+        """Serve until it `is_over`."""
+
+    @abstractmethod
+    def _give_back(self) -> None:
+        """Release the port. Called once."""
+
+    def _begin(self) -> None:
+        with self._starting:
+            if self._has_started:
+                raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
+            self._has_started = True
+
+    def _serve_once(self, stop: threading.Event) -> None:
+        self._served_by = threading.get_ident()
+        try:
+            self._serve(stop)
+        finally:
+            self._give_back()
+            self._released.set()
+
+    def _run(self) -> None:
+        try:
+            self._serve_once(self._stop)
+        except BarewireError as error:
+            self.failure = error
+        finally:
+            if self.on_end is not None:
+                self.on_end()

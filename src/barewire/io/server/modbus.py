@@ -1,0 +1,141 @@
+"""The blocking Modbus server: units on a port, by URL, in a thread.
+
+    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as server:
+        server.url          the URL that clients use: with the port number, or the pseudo-terminal, that it got
+
+    tcp              `tcp`: one thread, no event loop
+    rtu, ascii       `serial`
+    tls, udp, rtu+tcp, ascii+tcp      `asyncio_thread`
+
+Each is loaded when a URL needs it. Several servers may have the same units, each in its thread: one thread at a time
+enters a unit (`locking`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from barewire.errors import EncodeError, PortError, shown
+from barewire.io.modbus.carriers import modbus_endpoint
+from barewire.io.server.base import ThreadedServer
+from barewire.io.server.locking import SharedUnits
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from barewire.io.endpoint import Endpoint, SetDirection
+    from barewire.io.fault_injection.faults import Faults
+    from barewire.io.modbus.options import ModbusOptions
+    from barewire.io.server.connection_limits import ConnectionTable
+    from barewire.modbus import Authorization, Unit
+
+
+class Service(Protocol):
+    """What serves units on one kind of port, which it takes when it is constructed."""
+
+    url: str
+
+    @property
+    def connections(self) -> ConnectionTable[Any]: ...
+
+    def serve(self, is_over: Callable[[], bool]) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class ModbusServer(ThreadedServer):
+    """Serves `units`, by unit address, at a URL (`barewire.io.endpoint` lists the forms; port 0 takes a free port).
+
+    The port is taken at once, and served from `with`, `start()` or `run(stop)` on. All options of a URL are keywords as
+    well. `authorization` says what each role of a TLS certificate may do. `set_direction(sending)` sets the direction
+    of a two-wire line. `faults`, such as "late:0.5,drop", are kinds of faults and how probable each is for an answer
+    (`barewire.io.fault_injection.faults`); `fault_seed` makes them the same again, `fault_delay` is how late a late
+    answer is, in seconds, and `on_fault(kind)` is called for each.
+
+    Raises EncodeError for a wrong URL or option, PortError for a port that cannot be taken.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        units: Mapping[int, Unit],
+        *,
+        authorization: Authorization | None = None,
+        set_direction: SetDirection | None = None,
+        faults: str | Mapping[str, float] | None = None,
+        fault_seed: int | None = None,
+        fault_delay: float | None = None,
+        on_fault: Callable[[str], None] | None = None,
+        **options: Unpack[ModbusOptions],
+    ) -> None:
+        super().__init__()
+        endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+        check_units(units)
+        model = None
+        if faults is not None:
+            from barewire.io.fault_injection.faults import faults_at
+
+            model = faults_at(endpoint, faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
+        self._service = _service(endpoint, SharedUnits(units), authorization, model)
+        self.url = self._service.url
+
+    @property
+    def port(self) -> int:
+        """The number of the TCP or UDP port that it listens on. PortError on a serial line, which has none."""
+        return port_number(self.url)
+
+    @property
+    def connections(self) -> ConnectionTable[Any]:
+        """The open connections, and why others were closed. Empty for UDP and serial lines."""
+        return self._service.connections
+
+    def _serve(self, stop: threading.Event) -> None:
+        self._service.serve(lambda: self.is_over(stop))
+
+    def _give_back(self) -> None:
+        self._service.close()
+
+
+def _service(
+    endpoint: Endpoint,
+    units: Mapping[int, Unit],
+    authorization: Authorization | None,
+    faults: Faults[bytes] | None,
+) -> Service:
+    if endpoint.is_serial_port:
+        from barewire.io.server.serial import SerialService
+
+        return SerialService(endpoint, units, faults)
+    if endpoint.scheme == "tcp":
+        from barewire.io.server.tcp import TcpService
+
+        if faults is None:
+            return TcpService(endpoint, units)
+        from barewire.io.fault_injection.ports import FaultInjector
+
+        return TcpService(endpoint, units, FaultInjector(faults))
+    from barewire.io.server.asyncio_thread import AsyncioService
+
+    if faults is None:
+        return AsyncioService(endpoint, units, authorization)
+    from barewire.io.fault_injection.ports import LoopFaultInjector
+
+    return AsyncioService(endpoint, units, authorization, LoopFaultInjector(faults))
+
+
+def check_units(units: Mapping[int, Unit]) -> None:
+    """Raise EncodeError for what is no mapping from unit addresses to units."""
+    if not hasattr(units, "get") or not hasattr(units, "keys"):
+        raise EncodeError(
+            f"units: expected a dict of unit address and unit, such as {{1: Table()}}, got {shown(units)}"
+        )
+
+
+def port_number(url: str) -> int:
+    """The port number in the URL of a server."""
+    endpoint = modbus_endpoint(url)
+    if endpoint.is_serial_port:
+        raise PortError(f"{url}: a serial line has no port number")
+    return endpoint.host_and_port[1]
