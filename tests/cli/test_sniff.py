@@ -82,7 +82,7 @@ def test_what_cannot_be_listened_to(tmp_path: Path) -> None:
         assert said.startswith(f"barewire: {broken}: ")
         assert why in said
         assert "expected a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes" in said
-        assert f"barewire: {broken}: no recording of CAN: expected candump" in failing("explain", "can", str(broken))
+        assert f"barewire: {broken}: not a recording of CAN: expected candump" in failing("explain", "can", str(broken))
     assert "No such file" in failing("sniff", str(tmp_path / "nothing"))
     assert "listening in needs a line" in failing("sniff", "tcp://127.0.0.1:1")
     assert "--seconds is for a line" in failing("sniff", str(broken), "--seconds", "1")
@@ -176,7 +176,7 @@ def test_options_that_do_not_fit(tmp_path: Path) -> None:
     assert "--device is for a CAN bus" in failing("sniff", str(modbus), "--device", "az3")
     assert "python-can" in failing("sniff", "can://nothing/can0") or "nothing" in failing("sniff", "can://nothing/can0")
     done = barewire("sniff", str(log), "--bus", "can7")
-    assert done.stderr == "barewire: --bus can7: nothing was heard on it, but on can0, can1\n"
+    assert done.stderr == "barewire: --bus can7: no frames on it, but on can0, can1\n"
     assert done.returncode == 1
     log.write_bytes(b"LOGG")
     assert "UNREAD" in out("sniff", str(log))

@@ -1,4 +1,4 @@
-"""`barewire explain`: paste a frame, learn something."""
+"""`barewire explain`: a frame byte by byte, or a recording frame by frame."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ from barewire.explain.capture.model import Recorded, Unread
 @click.argument("protocol", type=click.Choice(["rtu", "ascii", "tcp", "can"]))
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--check", is_flag=True, help="Exit with status 1 if the frame is not valid.")
-@click.option("--role", type=click.Choice(["request", "response"]), help="Who says it; guessed if not given.")
-@click.option("--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: what a node is, so PDOs have names.")
-@click.option("--node", "nodes", type=int, multiple=True, help="CAN: which node that --device is, one for each.")
+@click.option("--role", type=click.Choice(["request", "response"]), help="Its direction; guessed if not given.")
+@click.option(
+    "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for PDO names."
+)
+@click.option("--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each.")
 @json_option
 def explain(
     protocol: str,
@@ -38,7 +40,7 @@ def explain(
     devices: tuple[str, ...],
     nodes: tuple[int, ...],
 ) -> int:
-    """Explain a frame byte by byte, and say whether it is valid.
+    """Explain a frame byte by byte, and check whether it is valid.
 
     HEX may have blanks, commas or 0x, be a list or a string of C or Python, or what xxd, hexdump -C or tshark -x print.
     ASCII frames may be pasted as they are, CAN frames as candump prints them. For can, HEX may be a file: a recording,
@@ -63,7 +65,7 @@ def explain(
         else:
             explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:
-        # Its place and bytes are for programs; the sentence says the place in the text that was typed.
+        # Its place and bytes are for programs; the text names the place in the input.
         raise BarewireError(error.text) from None
     if as_json:
         print_json(explanation.as_dict())
@@ -73,26 +75,26 @@ def explain(
 
 
 def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, as_json: bool, check: bool) -> int:
-    """A line for each frame, and one more where it breaks a rule that only the frames before it tell of."""
+    """Print a line for each frame, and one more for each rule that it breaks together with the frames before it."""
     try:
         data = Path(name).read_bytes()
     except OSError as error:
         raise PortError(f"{name}: {error.strerror or error}") from None
-    heard, wrong = BusMonitors(known_nodes(devices, nodes)), 0
+    monitors, wrong = BusMonitors(known_nodes(devices, nodes)), 0
     try:
         items = read_recording(data)
     except DecodeError as error:
         raise EncodeError(f"{name}: {error.text}") from None
     for item in items:
         if isinstance(item, Recorded):
-            listener = heard.listener(item.bus)
-            said = None if listener is None else told(item.frame, listener)
-            wrong += said is not None and not said.valid
-            if said is not None and as_json:
-                print_json({"at": item.at, "bus": item.bus, "frame": str(item.frame), **said.as_dict()})
-            elif said is not None:
-                print(f"{log_line(item.at, item.bus or 'can0', item.frame)}  {said.verdict}")
-        for _, event in heard.feed(item):
+            monitor = monitors.monitor(item.bus)
+            explanation = None if monitor is None else _explained(item.frame, monitor)
+            wrong += explanation is not None and not explanation.valid
+            if explanation is not None and as_json:
+                print_json({"at": item.at, "bus": item.bus, "frame": str(item.frame), **explanation.as_dict()})
+            elif explanation is not None:
+                print(f"{log_line(item.at, item.bus or 'can0', item.frame)}  {explanation.verdict}")
+        for _, event in monitors.feed(item):
             if isinstance(event, Violation | Gap | Loss | Unread):
                 wrong += isinstance(event, Violation | Unread)
                 if as_json:
@@ -102,8 +104,8 @@ def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, a
     return int(check and wrong > 0)
 
 
-def told(frame: AnyFrame, listener: CanMonitor) -> Explanation:
-    """What a frame says, by its bytes and by those that came before it."""
-    if isinstance(frame, CanFrame) and listener.takes_segment(frame):
+def _explained(frame: AnyFrame, monitor: CanMonitor) -> Explanation:
+    """The explanation of a frame by its bytes and by the frames before it."""
+    if isinstance(frame, CanFrame) and monitor.takes_segment(frame):
         return explain_segment(frame)
-    return explain_can(frame, listener.pdos)
+    return explain_can(frame, monitor.pdos)

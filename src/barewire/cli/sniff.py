@@ -1,4 +1,4 @@
-"""`barewire sniff`: listen in on a line or a CAN bus, or on a recording of one."""
+"""`barewire sniff`: monitor a serial line or a CAN bus, or a recording of one."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ FORMS = "a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes in hexa
 @click.option("--window", type=float, default=WINDOW, show_default=True, help="Longest time to an answer, in seconds.")
 @click.option("--port", "ports", type=int, multiple=True, help="TCP port of servers in a capture, besides 502.")
 @click.option(
-    "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: what a node is, for names and units."
+    "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for names and units."
 )
-@click.option("--node", "nodes", type=int, multiple=True, help="CAN: which node that --device is, one for each.")
+@click.option("--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each.")
 @click.option("--bus", help="CAN: only this bus of a recording that has several.")
 @click.option("--only", multiple=True, metavar="KIND", help="CAN: only such events: sdo, pdo, violation, gap, ...")
 @click.option(
-    "--all", "everything", is_flag=True, help="CAN: also what says nothing new: each heartbeat, SYNC, same PDO."
+    "--all", "everything", is_flag=True, help="CAN: also events without news: each heartbeat, SYNC, same PDO."
 )
 def sniff(
     source: str,
@@ -67,7 +67,7 @@ def sniff(
     only: tuple[str, ...],
     everything: bool,
 ) -> None:
-    """Decode what others say on a line or a CAN bus that we take no part in, and tell what went missing.
+    """Decode the traffic of a line or a CAN bus without taking part in it, and report what is missing.
 
     Nothing is ever sent. A FILE is a pcapng or pcap capture, a log of lines such as "12.345678 01 03 00 00 ...",
     or a hex dump; of a CAN bus what candump prints or logs, Vector's ASC or BLF, or a capture.
@@ -91,7 +91,7 @@ def sniff(
         return
     for option, given in (("--device", devices), ("--node", nodes), ("--bus", bus), ("--only", only)):
         if given:
-            raise EncodeError(f"{option} is for a CAN bus, and {source} is none")
+            raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
     with ExitStack() as stack:
         if endpoint is None:
             events = _replayed(source, data, window, ports)
@@ -141,7 +141,7 @@ def _keep(file: BinaryIO, data: bytes) -> None:
 
 
 class _Keeper:
-    """A capture that grows: whole after every packet."""
+    """Writes a capture, which is complete after every packet."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -149,7 +149,7 @@ class _Keeper:
         self._file.write(file_header())
 
     def put(self, event: SnifferEvent) -> None:
-        """The frame of an event. What was not heard is not written; noise is, as a datagram that is no frame."""
+        """Write the frame of an event. Noise is written as a datagram that is not a frame; silence is not written."""
         if isinstance(event, ResponseMissing):
             return
         if isinstance(event, NoiseSeen):

@@ -1,4 +1,4 @@
-"""Listening in on CAN for `barewire sniff` and `barewire explain`: where the frames come from, and what is printed."""
+"""CAN for `barewire sniff` and `barewire explain`: sources of frames, and the output of events."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def known_nodes(devices: Iterable[str], nodes: Iterable[int]) -> list[KnownNode]
     numbers = list(nodes)
     names = list(devices)
     if len(numbers) > len(names):
-        raise EncodeError("--node says which node the --device before it is: give a --device for each")
+        raise EncodeError("--node belongs to the --device before it: give a --device for each")
     found = []
     for place, name in enumerate(names):
         number = numbers[place] if place < len(numbers) else None
@@ -53,12 +53,12 @@ def _known(name: str, node: int | None) -> KnownNode:
     except OSError as error:
         raise PortError(f"{name}: {error.strerror or error}") from None
     if node is None:
-        raise EncodeError(f"{name}: an EDS fits any node, say which with --node")
+        raise EncodeError(f"{name}: an EDS fits any node: give its number with --node")
     return of_dictionary(document.dictionary(node), node, name)
 
 
 def live(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
-    """Frames from a bus until Ctrl-C; a time where nothing came."""
+    """Frames from a bus until Ctrl-C; a time alone when no frame came."""
     from barewire.io.canopen.capture import listen_can
 
     stop = threading.Event()
@@ -69,7 +69,7 @@ def live(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float
 
 @contextmanager
 def ending_softly(stop: threading.Event) -> Iterator[None]:
-    """The first Ctrl-C ends the listening, so that what was heard is summed up; the second one ends the program."""
+    """The first Ctrl-C ends the reception, so that the summary is printed; the second one ends the program."""
 
     def first(number: int, frame: object) -> None:
         stop.set()
@@ -90,31 +90,31 @@ def events_of(
     keep: Callable[[bytes], object] | None,
     name: str,
 ) -> Iterator[tuple[str, MonitorEvent]]:
-    """What was heard; each frame is given to `keep` in the form of a file called `name`."""
-    heard, keeper, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
+    """The events of the frames, each with its bus. `keep` gets each frame in the format that `name` selects."""
+    monitors, writer, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
     if keep is not None:
-        keep(keeper.start)
+        keep(writer.start)
     for item in items:
         if isinstance(item, float):
-            # Somebody was there all the time: what is missing by now is missing.
-            for one, listener in heard.listeners.items():
-                for event in listener.feed(None, item):
+            # Reception was not interrupted: a message that did not come by now is missing.
+            for one, monitor in monitors.monitors.items():
+                for event in monitor.feed(None, item):
                     yield one, event
             continue
         if keep is not None and isinstance(item, Recorded) and bus in (None, item.bus):
-            keep(keeper.put(item.at, item.bus, item.frame))
+            keep(writer.put(item.at, item.bus, item.frame))
         if not isinstance(item, Unread) and len(buses) < BUSES_MAX:
             buses[item.bus] = None
-        yield from heard.feed(item)
-    yield from heard.end()
+        yield from monitors.feed(item)
+    yield from monitors.end()
     if bus is not None and buses and bus not in buses:
-        raise EncodeError(f"--bus {bus}: nothing was heard on it, but on {', '.join(buses)}")
+        raise EncodeError(f"--bus {bus}: no frames on it, but on {', '.join(buses)}")
 
 
 def print_events(
     events: Iterable[tuple[str, MonitorEvent]], *, as_json: bool, everything: bool, only: tuple[str, ...]
 ) -> None:
-    """A line for each event that says something new; with `everything` for all of them."""
+    """Print a line for each event with news; with `everything` for all events."""
     for name in only:
         if name not in EVENT_KINDS.values():
             raise EncodeError(f"--only {name}: expected one of {', '.join(EVENT_KINDS.values())}")

@@ -74,7 +74,7 @@ def test_any_frames_at_all(frames: list[tuple[AnyFrame | Dropped | None, float]]
         if step >= 0:
             assert listener.deadline is None or listener.deadline > now - 21
     proper(listener.end(now))
-    assert listener.memory.used == 0
+    assert listener.held.used == 0
 
 
 @many
@@ -117,12 +117,12 @@ def test_nothing_grows_without_a_bound() -> None:
         for segment in range(300):
             listener.feed(CanFrame(0x600 + node, bytes([segment % 2 * 16]) + b"longone"), 5.0)
             listener.feed(CanFrame(0x580 + node, bytes([0x20 | segment % 2 * 16]) + bytes(7)), 5.0)
-    assert listener.memory.used <= 100_000
-    assert listener.memory.refused > 0
+    assert listener.held.used <= 100_000
+    assert listener.held.refused > 0
     *events, summary = listener.end(6.0)
-    assert event_as_dict(summary)["counts"]["bytes not held"] == listener.memory.refused
+    assert event_as_dict(summary)["counts"]["bytes not held"] == listener.held.refused
     assert {event.count for event in events if isinstance(event, SdoTransferReport)} == {2100}
-    assert listener.memory.used == 0
+    assert listener.held.used == 0
     assert HELD_MAX >= VALUE_MAX
 
 

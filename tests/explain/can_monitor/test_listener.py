@@ -285,10 +285,10 @@ def test_a_fastscan_that_finds_nobody_and_one_that_is_odd() -> None:
     lss = [
         one.text for one in listen(every("7E5#5100000000800000", "7E5#4C00000000000000")) if isinstance(one, LssReport)
     ]
-    assert lss[0].endswith("0 answers: nobody is there")
+    assert lss[0].endswith("0 answers: no device")
     assert lss[1] == "identify devices without a node-ID"
     odd = [one.text for one in listen(every("7E5#5100000000200000")) if isinstance(one, LssReport)]
-    assert odd[0].startswith("fastscan, which nobody answers: ")
+    assert odd[0].startswith("fastscan that no device answers: ")
 
 
 def test_time_that_is_asked_for_and_waits() -> None:

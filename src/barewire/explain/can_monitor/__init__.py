@@ -1,16 +1,22 @@
-"""Listening in on a CAN bus: SDO transfers put together, PDOs by name, states, and every broken rule by its own name.
+"""A monitor for CANopen buses: assembles SDO transfers, names process data, follows states, reports broken rules.
 
-        frames, one by one --> CanMonitor --+--> SdoListener (one a channel) --> block, segments, transfer
-                                          +--> Nodes          states, heartbeats, guarding, NMT
-                                          +--> PdoListener    what is mapped, and by whom
-                                          +--> services       SYNC, TIME, EMCY, LSS
-                                          '--> events --> words: a line, or a dict
+        frames, one by one --> CanMonitor --+--> SdoChannels --> SdoTracker    channel, segments, block
+                                            +--> NodeTracker                   states, heartbeats, guarding, NMT
+                                            +--> PdoTracker                    mappings and values
+                                            +--> services                      SYNC, TIME, EMCY, LSS
+                                            '--> events --> event_text         a line, or a dict
 
-    rules    the closed list of what can be wrong             known    names and types: the catalogue, or an EDS
+    events, rules    what is reported, and the closed list of what can be wrong
+    monitor          CanMonitor: one bus
+    transfer, block, channel_state, segments, channel, channels    SDO
+    nodes, pdos, services    the other services
+    event_text       the events as lines and dicts
+    recording        recordings: any file format, all buses in it, and writing one
 
-What is missing in a recording and what was lost on the bus are two things, and are told as two. Nobody here speaks.
+Frames that a recording lacks (`Gap`) and frames that the bus lost (`Loss`) are reported separately. The monitor never
+sends, and has no files, buses or clocks.
 
-I know: what each service means over time.  I never know: files, buses, clocks.
+Depends on: canopen, devices, explain.canopen, explain.capture. Used by: cli.
 """
 
 from barewire.explain.can_monitor.event_text import event_as_dict, event_kind, event_line, is_repeated

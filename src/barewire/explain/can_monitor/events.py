@@ -1,11 +1,14 @@
-"""What a listener on a CAN bus tells: values, each with the time `at` in seconds. `words` makes lines of them.
+"""The events of a CAN monitor: values, each with the time `at` in seconds. `event_text` formats them.
 
-        Transfer    one SDO transfer, put together           NodeEvent, Command    states, and who commands them
-        Pdo, Mapped process data by name; what is mapped     Emcy, Sync, Time, Lss the other services
-        Violation   a rule that was broken                   BusError, Foreign     what is no CANopen at all
-        Gap         the RECORDING lacks something            Loss                  the BUS lost something
+        SdoTransferReport     one SDO transfer, assembled      NodeReport, NmtCommandReport      states and commands
+        PdoReport             process data by name             EmcyReport, SyncReport,
+        PdoMappingReport      what a PDO carries from now on     TimeReport, LssReport           the other services
+        BusErrorReport        from the controller              ForeignFrameReport                not classical CANopen
+        Violation             a rule that was broken
+        Gap                   the RECORDING lacks frames       Loss                              the BUS lost a frame
 
-`repeated` is true where nothing new was said: the same heartbeat, SYNC, or PDO once more.
+`repeated` is true for an event without news: the same heartbeat, SYNC, or PDO once more. The names of the fields are
+the keys of the JSON output (docs/can-analysis.md) and do not change.
 """
 
 from __future__ import annotations
@@ -26,10 +29,10 @@ TransferOutcome = Literal["done", "aborted", "unanswered", "left", "cut"]
 class SdoTransferReport:
     """An SDO transfer that is over.
 
-    `outcome`: done; aborted (`abort` the code, `by` whom); unanswered, the server said nothing more; left, the client
-    said nothing more; cut, the recording does not tell the end. `began` is None if the recording begins later.
-    `data` is the value, None if not all of it is known; `count` bytes were seen. `lost` frames did not reach their
-    receiver, `again` were sent again; `missing` ones were on the bus and are not in the recording.
+    `outcome`: done; aborted (`abort` is the code, `by` the side); unanswered, the server stopped answering; left, the
+    client did not go on; cut, the end is not in the recording. `began` is None if the beginning is not in it either.
+    `data` is the value, None if a byte of it is not known; `count` bytes were seen. `lost` frames did not reach their
+    receiver, `again` counts repeated frames; `missing` frames were on the bus and are not in the recording.
     """
 
     at: float
@@ -51,13 +54,13 @@ class SdoTransferReport:
     again: int = 0
     lost: int = 0
     missing: int = 0
-    late: bool = False  # the answer came after we, too, had given it up
+    late: bool = False  # the answer came after the monitor had given up the transfer
     name: str = ""
-    text: str = ""  # the value as the device's description tells it
+    text: str = ""  # the value as the device description reads it
 
 
 class Gap(NamedTuple):
-    """The recording lacks something: from `since` to `at`, or `frames` of them; `evidence` says how we know."""
+    """The recording lacks frames: those from `since` to `at`, or `frames` of them. `evidence` is the reason."""
 
     at: float
     since: float | None
@@ -67,7 +70,7 @@ class Gap(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """Something on the bus did not reach its receiver, as the two themselves show."""
+    """Frames on the bus did not reach their receiver, as both sides show."""
 
     at: float
     node: int
@@ -76,7 +79,7 @@ class Loss(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """A rule of `rules.RULES` was broken; `frame` is the frame that shows it."""
+    """A rule of `rules.BUS_RULES` was broken; `frame` is the frame that shows it."""
 
     at: float
     rule: str
@@ -90,25 +93,24 @@ NodeReportKind = Literal["heard", "boot-up", "state", "missing", "back", "beat"]
 
 
 class NodeReport(NamedTuple):
-    """Something about a node: `heard` for the first time, its `boot-up`, another `state`, `missing`, `back`; or the
-    same as before (`beat`)."""
+    """A node: its first state (`heard`), its `boot-up`, another `state`, `missing`, `back`, or no change (`beat`)."""
 
     at: float
     node: int
     kind: NodeReportKind
     state: int | None
     before: int | None = None
-    seconds: float | None = None  # missing: since when; beat: since the last one
+    seconds: float | None = None  # missing: length of the silence; otherwise: since the last state
     guarded: bool = False  # an answer to node guarding, not a heartbeat
 
     @property
     def repeated(self) -> bool:
-        """Nothing new."""
+        """Whether this is no news."""
         return self.kind == "beat"
 
 
 class NmtCommandReport(NamedTuple):
-    """An NMT command; node 0 is all."""
+    """An NMT command; node 0 stands for all nodes."""
 
     at: float
     command: int
@@ -126,7 +128,7 @@ class EmcyReport(NamedTuple):
 
 
 class SyncReport(NamedTuple):
-    """SYNC: `first`, `missing`, `back`, one more (`beat`), and `summary` at the end: its period and its jitter."""
+    """SYNC: `first`, `missing`, `back`, another one (`beat`), and at the end a `summary` with period and jitter."""
 
     at: float
     kind: Literal["first", "beat", "missing", "back", "summary"]
@@ -138,12 +140,12 @@ class SyncReport(NamedTuple):
 
     @property
     def repeated(self) -> bool:
-        """Nothing new."""
+        """Whether this is no news."""
         return self.kind == "beat"
 
 
 class TimeReport(NamedTuple):
-    """TIME: what time it is, as milliseconds since 1984 and as text."""
+    """TIME: the time as milliseconds since 1984 and as text."""
 
     at: float
     milliseconds: int
@@ -151,7 +153,7 @@ class TimeReport(NamedTuple):
 
 
 class LssReport(NamedTuple):
-    """An LSS message; a whole fastscan is one. `answer`: from a device."""
+    """An LSS message, or a whole fastscan. `answer` is true for a message of a device."""
 
     at: float
     answer: bool
@@ -160,7 +162,7 @@ class LssReport(NamedTuple):
 
 
 class PdoReport(NamedTuple):
-    """Process data. Without a mapping `values` is empty; without an owner `node` is 0 and `name` the COB-ID."""
+    """Process data. `values` is empty without a known mapping; without a known node `node` is 0, `name` the COB-ID."""
 
     at: float
     node: int
@@ -169,11 +171,11 @@ class PdoReport(NamedTuple):
     values: Mapping[str, Value]
     texts: tuple[str, ...]
     repeated: bool
-    requested: bool = False  # a remote frame asks for it
+    requested: bool = False  # a remote frame requests it
 
 
 class PdoMappingReport(NamedTuple):
-    """Somebody changed or told what a PDO carries: from now on it is unpacked so. An empty `objects`: switched off."""
+    """The mapping of a PDO was written or read; it applies from now on. `cob_id` is None if the PDO is switched off."""
 
     at: float
     node: int
@@ -183,7 +185,7 @@ class PdoMappingReport(NamedTuple):
 
 
 class BusErrorReport(NamedTuple):
-    """The controller of the recorder reports about the bus."""
+    """An error frame: the recording controller reports the state of the bus."""
 
     at: float
     classes: int
@@ -192,7 +194,7 @@ class BusErrorReport(NamedTuple):
 
 
 class ForeignFrameReport(NamedTuple):
-    """The first frame of a kind that is not classical CANopen: CAN FD, or an extended identifier."""
+    """The first frame of a kind that classical CANopen does not have: CAN FD, or an extended identifier."""
 
     at: float
     what: str
@@ -200,7 +202,7 @@ class ForeignFrameReport(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """The last event: how much was heard, how much of each, and which rules were broken how often."""
+    """The last event: the number of frames, of each service, and of violations of each rule."""
 
     at: float
     frames: int

@@ -1,16 +1,18 @@
-"""Listening in on a CAN bus: every frame in, what it means out. A machine that never speaks.
+"""The monitor of one CAN bus: frames in, events out. A machine that never sends.
 
-    listener = Listener([of_device(load("az3"), 5)])
-    events = listener.feed(frame, now)            CanFrame, FdFrame, ErrorFrame, Dropped; None: time has passed
-    events = listener.end(now)
+    monitor = CanMonitor([of_device(load("az3"), 5)])
+    events = monitor.feed(frame, now)            CanFrame, FdFrame, ErrorFrame, Dropped; None: time has passed
+    events = monitor.end(now)
 
-**A hole in the recording is not silence on the bus.** Live, whoever feeds None at every `deadline` was there all the
-time: what is missing then is missing. In a recording nobody knows, so frames alone are fed; and when everything that
-beats (heartbeats, SYNC) and everything under way (transfers) fell silent at once, it was the recorder that fell silent.
-Two witnesses are enough. A recorder that says so itself (`Dropped`, an overrun of its controller) is believed.
+**A hole in the recording is not silence on the bus.** A live caller feeds None at every `deadline`, so it has missed no
+frame, and a heartbeat that does not come is missing. For a recording only frames are fed: when several periodic
+messages (heartbeats, SYNC) or transfers under way fall silent at once, the recorder has stopped, not the bus. Two of
+them are enough. A recorder that reports lost frames itself (`Dropped`, an overrun of its controller) is believed.
 
-Memory is bounded: 127 nodes, `channels.CHANNELS_MAX` SDO channels, `transfer.HELD_MAX` bytes of values, and what the
-parts say.
+Memory is bounded: 127 nodes, `channels.CHANNELS_MAX` SDO channels, `transfer.HELD_MAX` bytes of values, and the limits
+of the parts.
+
+Depends on: all other files of this room but event_text and recording. Used by: recording, cli.
 """
 
 from __future__ import annotations
@@ -37,48 +39,49 @@ from barewire.explain.can_monitor.pdos import PdoTracker
 from barewire.explain.can_monitor.services import (
     LssTracker,
     SyncTracker,
-    hear_emergency,
-    hear_time,
+    emergency_events,
+    time_events,
 )
 from barewire.explain.can_monitor.transfer import HELD_MAX, HeldBytes
 from barewire.explain.canopen.frame import error_frame_text, is_overrun
 from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture.model import Dropped
 
-BROKEN_MAX = 4096
-"""So many different violations are told apart from repeated ones."""
-HEARTBEAT_TIME = 0x1017
-WITNESSES = 2
-BACKWARDS = 1.0
-"""A clock that goes back by less is a recorder that mixed up two frames."""
-GFC = 0x001
-"""The global fail-safe command of CiA 304: the one identifier in the reserved range that has a use of its own."""
-SILENT = 1.0
-"""A transfer is a witness when it did not go on for so many seconds."""
+_VIOLATIONS_MAX = 4096
+"""The most different violations that are kept to find repeated ones."""
+_HEARTBEAT_TIME = 0x1017
+_WITNESSES = 2
+"""So many silent nodes, SYNC and transfers prove a hole in the recording."""
+_TRANSFER_SILENT = 1.0
+"""A transfer counts as silent after so many seconds."""
+_BACKWARDS = 1.0
+"""A clock that goes back by less means two frames in the wrong order."""
+_GFC = 0x001
+"""The global fail-safe command of CiA 304: the only identifier of the reserved range with a use of its own."""
 
 
 class CanMonitor:
-    """One bus.
+    """One bus. `known` describes its nodes; `give_up` is in seconds, `held` in bytes.
 
-    >>> listener = CanMonitor()
-    >>> [event.kind for event in listener.feed(CanFrame.parse("705#00"), 0.0)]
+    >>> monitor = CanMonitor()
+    >>> [event.kind for event in monitor.feed(CanFrame.parse("705#00"), 0.0)]
     ['boot-up']
-    >>> _ = listener.feed(CanFrame.parse("605#4041600000000000"), 0.1)
-    >>> [(event.direction, event.data) for event in listener.feed(CanFrame.parse("585#4B41600037060000"), 0.101)]
+    >>> _ = monitor.feed(CanFrame.parse("605#4041600000000000"), 0.1)
+    >>> [(event.direction, event.data) for event in monitor.feed(CanFrame.parse("585#4B41600037060000"), 0.101)]
     [('upload', b'7\\x06')]
     """
 
     def __init__(self, known: Iterable[KnownNode] = (), *, give_up: float = GIVE_UP, held: int = HELD_MAX) -> None:
         self.frames = 0
         self.counts: Counter[str] = Counter()
-        self.memory = HeldBytes(held)
+        self.held = HeldBytes(held)
         self.nodes = NodeTracker()
         described = tuple(known)
         self.pdos = PdoTracker(described)
         self.sync = SyncTracker()
         self.lss = LssTracker()
         dialects = {one.node: one.commands for one in described}
-        self.channels = SdoChannels(self.memory, give_up, dialects, self.pdos)
+        self.channels = SdoChannels(self.held, give_up, dialects, self.pdos)
         self.violations: Counter[str] = Counter()
         self._broken: set[tuple[str, int, str]] = set()
         self._first: float | None = None
@@ -88,26 +91,26 @@ class CanMonitor:
 
     @property
     def now(self) -> float:
-        """When the last frame came."""
+        """The time of the last frame."""
         return self._last
 
     @property
     def deadline(self) -> float | None:
-        """When something is missing if nothing comes."""
+        """When the first of nodes, SYNC and transfers counts as missing."""
         dues = (self.channels.deadline, self.nodes.deadline, self.sync.deadline)
         return min((due for due in dues if due is not None), default=None)
 
     def feed(self, item: AnyFrame | Dropped | None, now: float) -> list[MonitorEvent]:
-        """What the item tells, and before that what was due."""
-        return [self._judged(event) if isinstance(event, Violation) else event for event in self._feed(item, now)]
+        """Take an item; None if only time has passed. Returns its events, after those that were due before."""
+        return [self._count(event) if isinstance(event, Violation) else event for event in self._feed(item, now)]
 
-    def _judged(self, violation: Violation) -> Violation:
-        """Counted; and marked if the same was told before."""
+    def _count(self, violation: Violation) -> Violation:
+        """Count a violation, and mark it if the same was reported before."""
         self.violations[violation.rule] += 1
         same = violation.rule, violation.node, violation.text
         if same in self._broken:
             return violation._replace(repeated=True)
-        if len(self._broken) < BROKEN_MAX:
+        if len(self._broken) < _VIOLATIONS_MAX:
             self._broken.add(same)
         return violation
 
@@ -116,7 +119,7 @@ class CanMonitor:
         if self._first is None:
             self._first = self._last = now
         if now < self._last:
-            if self._last - now > BACKWARDS:
+            if self._last - now > _BACKWARDS:
                 events.append(Gap(now, self._last, None, f"the clock goes back by {self._last - now:.3f} s"))
                 self._interrupt(now)
                 self._last = now
@@ -130,11 +133,11 @@ class CanMonitor:
         self._last = now
         if isinstance(item, Dropped):
             self._interrupt(now)
-            lost = "the recorder lost frames" if not item.frames else f"the recorder says that it lost {item.frames}"
+            lost = "the recorder lost frames" if not item.frames else f"the recorder reports {item.frames} lost"
             return [*events, Gap(now, None, item.frames or None, lost)]
         self.frames += 1
         if isinstance(item, CanFrame):
-            events += self._hear(item, now)
+            events += self._classical(item, now)
         elif isinstance(item, ErrorFrame):
             events += self._error_frame(item, now)
         else:
@@ -142,18 +145,18 @@ class CanMonitor:
         return events
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """The recording is over: what was still under way, and how it was on the whole."""
+        """The recording ends: report the transfers under way, and a summary."""
         now = max(now, self._last)
         events = self._pass_time(now)
         events += [*self.channels.end(now), *self.lss.end(now), *self.sync.end(now)]
         counts = dict(sorted(self.counts.items()))
-        if self.memory.refused:
-            counts["bytes not held"] = self.memory.refused
+        if self.held.refused:
+            counts["bytes not held"] = self.held.refused
         seconds = 0.0 if self._first is None else now - self._first
         return [*events, Summary(now, self.frames, seconds, counts, dict(sorted(self.violations.items())))]
 
     def takes_segment(self, frame: CanFrame) -> bool:
-        """Whether this frame, coming now, would be a segment of a block: by its bytes alone nobody can tell."""
+        """Whether this frame, coming now, would be a segment of a block. Its bytes alone do not show it."""
         found = self.channels.find(frame)
         return found is not None and found[0].takes_segment(found[1], frame.data)
 
@@ -167,19 +170,19 @@ class CanMonitor:
         return sorted(events, key=lambda event: event.at)
 
     def _silence(self, now: float) -> Gap | None:
-        """Whether the silence before this frame was the recorder's."""
+        """A gap, if the recorder was silent before this frame."""
         silent = now - self._last
-        if silent <= 0 or ((self.deadline or now) > now and silent < SILENT):
+        if silent <= 0 or ((self.deadline or now) > now and silent < _TRANSFER_SILENT):
             return None
         nodes = self.nodes.overdue(now)
-        beat = self.sync.deadline is not None and now >= self.sync.deadline
-        waiting = self.channels.under_way if silent >= SILENT else 0
-        if nodes + beat + waiting < WITNESSES:
+        sync = self.sync.deadline is not None and now >= self.sync.deadline
+        waiting = self.channels.under_way if silent >= _TRANSFER_SILENT else 0
+        if nodes + sync + waiting < _WITNESSES:
             return None
-        who = [f"{nodes} heartbeat{'s' if nodes > 1 else ''}"] if nodes else []
-        who += ["SYNC"] if beat else []
-        who += [f"{waiting} transfer{'s' if waiting > 1 else ''}"] if waiting else []
-        return Gap(now, self._last, None, f"{', '.join(who)}: all silent at once for {silent:.3f} s")
+        silent_ones = [f"{nodes} heartbeat{'s' if nodes > 1 else ''}"] if nodes else []
+        silent_ones += ["SYNC"] if sync else []
+        silent_ones += [f"{waiting} transfer{'s' if waiting > 1 else ''}"] if waiting else []
+        return Gap(now, self._last, None, f"{', '.join(silent_ones)}: all silent at once for {silent:.3f} s")
 
     def _interrupt(self, now: float) -> None:
         self.nodes.interrupt(now)
@@ -188,14 +191,14 @@ class CanMonitor:
 
     # Frames
 
-    def _hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
+    def _classical(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         channel = self.channels.find(frame)
         owner = classify(frame)
         if frame.extended and self.pdos.owner(frame) is None:
             return self._strange("extended identifier", frame, now)
         if channel is None and owner is None and not frame.extended and is_restricted(frame.id):
             self.counts["reserved"] += 1
-            if frame.id == GFC:
+            if frame.id == _GFC:
                 return []
             return [Violation(now, "ID-RESERVED", 0, f"{frame.id:03X}h is reserved", str(frame))]
         name = "SDO" if channel is not None else "other" if owner is None else owner[0].name
@@ -218,20 +221,20 @@ class CanMonitor:
             case "NMT":
                 return self.nodes.command(frame, now)
             case "SYNC":
-                return self.sync.hear(frame, now)
+                return self.sync.feed(frame, now)
             case "TIME":
-                return hear_time(frame, now)
+                return time_events(frame, now)
             case "EMCY":
-                return [*self.nodes.allowed(node, "EMCY", True, frame, now), *hear_emergency(node, frame, now)]
+                return [*self.nodes.allowed(node, "EMCY", True, frame, now), *emergency_events(node, frame, now)]
             case "error control" if frame.remote:
                 self.nodes.guard(node)
                 return []
             case "error control":
-                events = self.nodes.hear(node, frame, now)
+                events = self.nodes.feed(node, frame, now)
                 if any(isinstance(event, NodeReport) and event.kind == "boot-up" for event in events):
                     events += self.pdos.reset(node, now)
                 return events
-        return self.lss.hear(frame, now)
+        return self.lss.feed(frame, now)
 
     def _process_data(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         self.counts["PDO"] += 1
@@ -239,28 +242,28 @@ class CanMonitor:
         events: list[MonitorEvent] = []
         if owner is not None and owner[1].startswith("T") and not frame.remote:
             events += self.nodes.allowed(owner[0], owner[1], True, frame, now)
-        return [*events, *self.pdos.hear(frame, now)]
+        return [*events, *self.pdos.feed(frame, now)]
 
-    # SDO, and what it teaches
+    # SDO, and the configuration that it shows
 
-    def _sdo(self, channel: SdoTracker, asks: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        events = self.nodes.allowed(channel.node, "SDO", not asks, frame, now)
-        events += self.channels.feed(channel, asks, frame, now)
+    def _sdo(self, channel: SdoTracker, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        events = self.nodes.allowed(channel.node, "SDO", not from_client, frame, now)
+        events += self.channels.feed(channel, from_client, frame, now)
         for event in list(events):
             if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
                 events += self._learn(event, event.data, now)
         return events
 
     def _learn(self, event: SdoTransferReport, data: bytes, now: float) -> list[MonitorEvent]:
-        """Objects that say how the bus is used."""
+        """Take the value of an object that configures a service."""
         node, index, sub = event.node, event.index or 0, event.sub or 0
         number = int.from_bytes(data[:8], "little")
-        if index == HEARTBEAT_TIME:
-            self.nodes.tell_period(node, (number & 0xFFFF) / 1000)
+        if index == _HEARTBEAT_TIME:
+            self.nodes.set_period(node, (number & 0xFFFF) / 1000)
         self.channels.learn(node, index, sub, number)
         return self.pdos.learn(node, index, sub, data, now)
 
-    # What is no classical frame
+    # Frames that are not classical CAN
 
     def _strange(self, what: str, frame: CanFrame | FdFrame, now: float) -> list[MonitorEvent]:
         self.counts[what] += 1

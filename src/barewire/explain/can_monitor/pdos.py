@@ -1,11 +1,11 @@
-"""PDOs overheard: which bits are which object, as the factory, or whoever wrote the mapping, has said.
+"""PDOs: which bits are which object, by the factory setting and by what is written to the mapping.
 
-        a write to 1A00h:01 ...                         the entries of TPDO1, kept
-        a write to 1A00h:00 of 3                        from now on the first three are mapped; 0: none
-        a write to 1800h:01 of 40000185h                its COB-ID; with bit 31: switched off
+        write to 1A00h:01 ...                         the entries of TPDO1
+        write of 3 to 1A00h:00                        from now on the first three are mapped; 0: none
+        write of 40000185h to 1800h:01                its COB-ID; with bit 31 it is switched off
 
-Reads tell the same. A reset brings the factory setting back, unless somebody has stored another (1010h).
-Nodes that nobody described are learned in the same way; their values have places for names.
+Reads show the same. A reset restores the factory setting, unless another one was stored (1010h). The mappings of nodes
+without a description are learned in the same way; their values are named by index and sub-index.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from barewire.explain.can_monitor import events
 from barewire.explain.can_monitor.events import MonitorEvent, Violation
 from barewire.explain.canopen.known_node import KnownNode, KnownObject
 
-RECORDS_MAX = 1024
-"""So many PDOs are followed; changes of further ones are not."""
-SHOWN_MAX = 512
-"""So many PDOs' last data are remembered, to know what is new."""
+_RECORDS_MAX = 1024
+"""The most PDOs whose configuration is followed."""
+_LAST_MAX = 512
+"""The most PDOs whose last data is kept, to find what is new."""
 
-FrameKey = tuple[int, bool]
+_FrameKey = tuple[int, bool]
 _BASES: tuple[tuple[int, int, PdoDirection], ...] = ((0x1400, 0x1600, "RPDO"), (0x1800, 0x1A00, "TPDO"))
 
 
 class _Record:
-    """One PDO of one node, as it is now."""
+    """The present configuration of one PDO of one node. `words` are its mapping entries as 32-bit numbers."""
 
     def __init__(self, node: int, direction: PdoDirection, number: int, factory: PdoConfig | None) -> None:
         self.node = node
         self.direction = direction
         self.number = number
         self.factory = factory
-        self.key: FrameKey | None = None
+        self.key: _FrameKey | None = None
         self.words: dict[int, int] = {}
         self.count: int | None = None
         self.mapping: PdoMapping | None = None
@@ -46,11 +46,11 @@ class _Record:
 
     @property
     def name(self) -> str:
-        """TPDO1."""
+        """Such as TPDO1."""
         return f"{self.direction}{self.number}"
 
     def reset(self) -> None:
-        """As it comes from the factory."""
+        """Restore the factory setting."""
         self.changed = False
         self.words, self.count, self.key = {}, None, None
         if self.factory is not None:
@@ -64,8 +64,8 @@ class _Record:
                 False,
             )
 
-    def plan(self, objects: dict[tuple[int, int], KnownObject]) -> None:
-        """Make the mapping of its entries. Types that do not fit their bits are left out: bits stay bits."""
+    def build_mapping(self, objects: dict[tuple[int, int], KnownObject]) -> None:
+        """Build the mapping from the entries. Without types if a type does not fit the bits of its entry."""
         self.mapping = None
         if self.count is None or not all(place in self.words for place in range(1, self.count + 1)):
             return
@@ -84,13 +84,13 @@ class _Record:
 
 
 class PdoTracker:
-    """The PDOs of all nodes, as far as they are known."""
+    """The PDOs of all nodes: their owners, mappings and values. A machine."""
 
     def __init__(self, known: tuple[KnownNode, ...] = ()) -> None:
         self._objects: dict[int, dict[tuple[int, int], KnownObject]] = {one.node: dict(one.objects) for one in known}
         self._records: dict[tuple[int, PdoDirection, int], _Record] = {}
-        self._by_key: dict[FrameKey, _Record] = {}
-        self._last: dict[FrameKey, bytes] = {}
+        self._by_key: dict[_FrameKey, _Record] = {}
+        self._last: dict[_FrameKey, bytes] = {}
         self._stored: set[int] = set()
         for one in known:
             for pdo in one.pdos:
@@ -98,22 +98,22 @@ class PdoTracker:
 
     def _add(self, node: int, direction: PdoDirection, number: int, factory: PdoConfig | None) -> _Record | None:
         place = node, direction, number
-        if place not in self._records and len(self._records) < RECORDS_MAX:
+        if place not in self._records and len(self._records) < _RECORDS_MAX:
             self._records[place] = record = _Record(node, direction, number, factory)
             record.reset()
-            self._settle(record)
+            self._update(record)
         return self._records.get(place)
 
-    def _settle(self, record: _Record) -> None:
-        """Its key and its mapping as they are now."""
+    def _update(self, record: _Record) -> None:
+        """Update the tables after a change of the record."""
         for key in [key for key, one in self._by_key.items() if one is record]:
             del self._by_key[key]
         if record.key is not None:
             self._by_key[record.key] = record
-        record.plan(self._objects.get(record.node, {}))
+        record.build_mapping(self._objects.get(record.node, {}))
 
     def owner(self, frame: CanFrame) -> tuple[int, str, PdoMapping | None] | None:
-        """Node, name and mapping of the PDO with this identifier; None if it is none that is known."""
+        """Node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
         record = self._by_key.get(frame.key)
         if record is not None:
             return record.node, record.name, record.mapping
@@ -123,11 +123,11 @@ class PdoTracker:
         return found[1], found[0].name, None
 
     def object(self, node: int, index: int | None, sub: int | None) -> KnownObject | None:
-        """An object of a node that somebody described."""
+        """An object of a node that has a description; None for others."""
         return None if index is None or sub is None else self._objects.get(node, {}).get((index, sub))
 
-    def hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """Process data, or what a free identifier carries."""
+    def feed(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a PDO, or a frame with a free identifier."""
         node, name, mapping = self.owner(frame) or (0, f"{frame.id:03X}h", None)
         if frame.remote:
             return [events.PdoReport(now, node, name, b"", {}, (), False, requested=True)]
@@ -137,21 +137,21 @@ class PdoTracker:
         texts: tuple[str, ...] = ()
         if mapping is not None:
             if len(data) < mapping.size:
-                text = f"{name}: {mapping.size} bytes are mapped, here are {len(data)}"
+                text = f"{name}: {mapping.size} bytes are mapped, the frame has {len(data)}"
                 found.append(Violation(now, "PDO-TOO-SHORT", node, text, str(frame)))
             else:
                 if len(data) > mapping.size:
-                    text = f"{name}: {mapping.size} bytes are mapped, here are {len(data)}"
+                    text = f"{name}: {mapping.size} bytes are mapped, the frame has {len(data)}"
                     found.append(Violation(now, "PDO-TOO-LONG", node, text, str(frame)))
-                values, texts = self.read(node, mapping, data[: mapping.size])
+                values, texts = self.unpack(node, mapping, data[: mapping.size])
         repeated = self._last.get(frame.key) == data
-        if frame.key in self._last or len(self._last) < SHOWN_MAX:
+        if frame.key in self._last or len(self._last) < _LAST_MAX:
             self._last[frame.key] = data
         found.append(events.PdoReport(now, node, name, data, values, texts, repeated))
         return found
 
-    def read(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
-        """Values by name, and each in words."""
+    def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
+        """Values by name, and each as text with its name."""
         try:
             raw = mapping.unpack(data)
         except DecodeError:
@@ -163,16 +163,16 @@ class PdoTracker:
                 continue
             known = objects.get((entry.index, entry.sub))
             value = raw[entry.name]
-            is_it = known is not None and known.name == entry.name
-            values[entry.name] = known.value(value) if known is not None and is_it else value
-            text = known.text(value) if known is not None and is_it else show(value)
+            is_named = known is not None and known.name == entry.name
+            values[entry.name] = known.value(value) if known is not None and is_named else value
+            text = known.text(value) if known is not None and is_named else show(value)
             texts.append(f"{entry.name} = {text}")
         return values, tuple(texts)
 
-    # What is written and read teaches
+    # The configuration, learned from accesses by SDO
 
     def learn(self, node: int, index: int, sub: int, data: bytes, now: float) -> list[MonitorEvent]:
-        """An object of the node has this value."""
+        """An access by SDO shows that an object of the node has this value."""
         if index == 0x1010 and sub:
             self._stored.add(node)
         for communication, mapping, direction in _BASES:
@@ -198,13 +198,13 @@ class PdoTracker:
         else:
             return []
         record.changed = True
-        self._settle(record)
+        self._update(record)
         after = record.key, _words(record)
         if before == after or before[0] is after[0] is None:
-            return []  # nothing new; or it is switched off, and what it will carry is told when it is on again
-        return [self._told(record, now)]
+            return []  # no change; or it is switched off, and its mapping is reported when it is on again
+        return [self._report(record, now)]
 
-    def _told(self, record: _Record, now: float) -> MonitorEvent:
+    def _report(self, record: _Record, now: float) -> MonitorEvent:
         names = () if record.mapping is None or record.key is None else record.mapping.entries
         texts = tuple(entry.name for entry in names)
         return events.PdoMappingReport(
@@ -212,15 +212,15 @@ class PdoTracker:
         )
 
     def reset(self, node: int, now: float) -> list[MonitorEvent]:
-        """The node has booted: the factory setting again, unless another was stored."""
+        """The node has booted: restore the factory setting, unless another one was stored."""
         found: list[MonitorEvent] = []
         if node in self._stored:
             return found
         for record in self._records.values():
             if record.node == node and record.changed:
                 record.reset()
-                self._settle(record)
-                found.append(self._told(record, now))
+                self._update(record)
+                found.append(self._report(record, now))
         return found
 
 

@@ -1,9 +1,9 @@
-"""A recording of a CAN bus, whatever its form, listened to once more; and frames written down.
+"""Recordings of CAN buses: read in any of the file formats, monitored bus by bus, and written.
 
-candump      what it prints and what it logs           Vector ASC      text, too
-pcapng, pcap SocketCAN frames, link type 227           Vector BLF      bytes
+candump      its log, and what it prints               Vector ASC      text
+pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
 
-Each bus in a recording has a listener of its own.
+Depends on: explain.capture, monitor. Used by: cli.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unre
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
 
 BUSES_MAX = 64
-_LOOKED_AT = 0x1_0000
-"""So much of a text is looked at to find out what it is."""
+_INSPECTED = 0x1_0000
+"""The number of bytes at the beginning that decide which format a text has."""
 
 
 def is_can_recording(data: bytes) -> bool:
-    """Whether this is a recording of a CAN bus, and not one of Modbus or of anything else.
+    """Whether this is a recording of a CAN bus, in a format that `read_recording` reads.
 
     >>> is_can_recording(b"(1.5) can0 705#05"), is_can_recording(b"12.5 01 03 00 00 00 02 C4 0B")
     (True, False)
@@ -40,12 +40,12 @@ def is_can_recording(data: bytes) -> bool:
             return any(is_can_packet(packet) for packet in pcapng.iter_packets(data))
         except DecodeError:
             return False
-    text = _text(data[:_LOOKED_AT])
+    text = _text(data[:_INSPECTED])
     return is_asc(text) or is_candump(text)
 
 
 def _text(data: bytes) -> str:
-    """The text that the bytes are: UTF-8, or what programs on Windows write for the letters in names and remarks."""
+    """The bytes as text: UTF-8, or Windows-1252 as programs on Windows write names and remarks."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -53,21 +53,23 @@ def _text(data: bytes) -> str:
 
 
 def read_recording(data: bytes) -> Iterator[RecordedItem]:
-    """Frames, and what could not be read, in the order of the file. DecodeError for what is no recording of CAN.
+    """The frames, and the parts that cannot be read, in the order of the file.
 
     >>> [str(item.frame) for item in read_recording(b"(1.5) can0 705#05")]
     ['705#05']
+
+    Raises DecodeError if the bytes are not a recording of CAN.
     """
     if pcapng.is_capture(data):
         return _read_capture(data)
     if data[:4] == FILE:
         return read_blf(data)
-    begin = _text(data[:_LOOKED_AT])
-    if is_asc(begin):
+    start = _text(data[:_INSPECTED])
+    if is_asc(start):
         return read_asc(_text(data))
-    if is_candump(begin):
+    if is_candump(start):
         return read_candump(_text(data))
-    raise DecodeError("value", data[:16], 0, "no recording of CAN: expected candump, ASC, BLF, pcapng or pcap")
+    raise DecodeError("value", data[:16], 0, "not a recording of CAN: expected candump, ASC, BLF, pcapng or pcap")
 
 
 def _read_capture(data: bytes) -> Iterator[RecordedItem]:
@@ -94,59 +96,59 @@ def _read_capture(data: bytes) -> Iterator[RecordedItem]:
 
 
 class BusMonitors:
-    """All buses of a recording, each with its listener. `feed` an item, then `end`."""
+    """All buses of a recording, each with a monitor of its own: `feed` each item, then `end`. `bus` selects one."""
 
     def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None) -> None:
         self._known = tuple(known)
         self._only = bus
-        self.listeners: dict[str, CanMonitor] = {}
+        self.monitors: dict[str, CanMonitor] = {}
 
     def feed(self, item: RecordedItem) -> Iterator[tuple[str, MonitorEvent]]:
-        """The events of an item, with the bus that they are of."""
+        """Take an item: its events, each with the name of the bus."""
         if isinstance(item, Unread):
             yield "", item
             return
         if self._only is not None and item.bus != self._only:
             return
-        listener = self.listener(item.bus)
-        if listener is None:
+        monitor = self.monitor(item.bus)
+        if monitor is None:
             yield item.bus, unread(item.at, 0, f"more than {BUSES_MAX} buses", item.bus)
             return
-        for event in listener.feed(item if isinstance(item, Dropped) else item.frame, item.at):
+        for event in monitor.feed(item if isinstance(item, Dropped) else item.frame, item.at):
             yield item.bus, event
 
-    def listener(self, bus: str) -> CanMonitor | None:
-        """The listener of a bus; None if there are too many of them."""
-        if bus not in self.listeners and len(self.listeners) < BUSES_MAX:
-            self.listeners[bus] = CanMonitor(self._known)
-        return self.listeners.get(bus)
+    def monitor(self, bus: str) -> CanMonitor | None:
+        """The monitor of a bus; None if there are too many buses."""
+        if bus not in self.monitors and len(self.monitors) < BUSES_MAX:
+            self.monitors[bus] = CanMonitor(self._known)
+        return self.monitors.get(bus)
 
     def end(self) -> Iterator[tuple[str, MonitorEvent]]:
         """The last events of each bus."""
-        for bus, listener in self.listeners.items():
-            for event in listener.end(listener.now):
+        for bus, monitor in self.monitors.items():
+            for event in monitor.end(monitor.now):
                 yield bus, event
 
 
 def replay_can(
     items: Iterable[RecordedItem], known: Iterable[KnownNode] = (), bus: str | None = None
 ) -> Iterator[tuple[str, MonitorEvent]]:
-    """What a recording says, bus by bus, in the order in which it was said.
+    """The events of a whole recording, each with the name of its bus, in order.
 
     >>> next(replay_can(read_recording(b"(1.5) can0 705#00")))[1].kind
     'boot-up'
     """
-    heard = BusMonitors(known, bus)
+    monitors = BusMonitors(known, bus)
     for item in items:
-        yield from heard.feed(item)
-    yield from heard.end()
+        yield from monitors.feed(item)
+    yield from monitors.end()
 
 
 class CanRecordingWriter:
-    """A recording that grows: bytes to write for each frame, in the form that a file's name asks for.
+    """Writes a recording frame by frame, as candump log or as pcapng, which the ending of the file name selects.
 
-    >>> keeper = CanRecordingWriter("bus.log")
-    >>> [keeper.put(item.at, item.bus, item.frame) for item in read_recording(b"(1.5) can0 705#05")]
+    >>> writer = CanRecordingWriter("bus.log")
+    >>> [writer.put(item.at, item.bus, item.frame) for item in read_recording(b"(1.5) can0 705#05")]
     [b'(0000000001.500000) can0 705#05\\n']
     """
 
@@ -156,7 +158,7 @@ class CanRecordingWriter:
         self.start = pcapng.file_header(None) if self._capture else b""
 
     def put(self, at: float, bus: str, frame: AnyFrame) -> bytes:
-        """The bytes of one more frame."""
+        """The bytes to append for one frame."""
         name = bus or "can0"
         if not self._capture:
             return f"{log_line(at, name if not name.isdecimal() else f'can{name}', frame)}\n".encode()

@@ -1,7 +1,7 @@
-"""What can be wrong on a CANopen bus: a closed list, each with a name, the clause that it breaks, and a sentence.
+"""The rules of a CANopen bus that a listener can see broken: a closed list, each with its clause and a sentence.
 
-A violation is what the frames prove. What could as well be a hole in the recording, or weather on the bus, is no
-violation: a `Gap` or a `Loss` says so.
+A violation is proved by the frames. What a hole in the recording or a disturbed bus explains as well is reported as a
+`Gap` or a `Loss` instead.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class BusRule(NamedTuple):
-    """One rule: where it stands, and what it says."""
+    """One rule: the clause of the standard, and what it requires."""
 
     clause: str
     text: str
@@ -20,14 +20,14 @@ BUS_RULES: dict[str, BusRule] = {
     "SDO-LENGTH": BusRule("CiA 301, SDO", "an SDO message has 8 bytes"),
     "SDO-COMMAND": BusRule("CiA 301, SDO", "the command byte is one of the standard; an abort is exactly 80h"),
     "SDO-RESERVED": BusRule("CiA 301, SDO", "reserved bits of the command byte are 0"),
-    "SDO-WRONG-SCS": BusRule("CiA 301, SDO", "the answer is of the kind that the request asks for"),
-    "SDO-MUX": BusRule("CiA 301, SDO", "the answer is about the object that was asked for"),
+    "SDO-WRONG-SCS": BusRule("CiA 301, SDO", "the answer is of a kind that the request can have"),
+    "SDO-MUX": BusRule("CiA 301, SDO", "the answer is about the object that was requested"),
     "SDO-OVERLAP": BusRule("CiA 301, SDO", "one transfer at a time on a channel: no new request before the answer"),
-    "SDO-UNASKED": BusRule("CiA 301, SDO", "segments are asked for or sent only within a transfer"),
+    "SDO-UNASKED": BusRule("CiA 301, SDO", "segments are requested or sent only within a transfer"),
     "SDO-TOGGLE": BusRule(
         "CiA 301, SDO segments", "the toggle bit begins with 0, alternates, and the answer repeats it"
     ),
-    "SDO-SIZE": BusRule("CiA 301, SDO", "as many bytes travel as were announced"),
+    "SDO-SIZE": BusRule("CiA 301, SDO", "as many bytes are transferred as were announced"),
     "SDO-ABORT-CODE": BusRule("CiA 301, SDO abort codes", "an abort has one of the codes of the standard"),
     "SDO-BLOCK-SIZE": BusRule("CiA 301, SDO block", "a block has 1 to 127 segments"),
     "SDO-BLOCK-SEQNO": BusRule("CiA 301, SDO block", "segments are numbered from 1 up to the size of the block"),
@@ -37,8 +37,8 @@ BUS_RULES: dict[str, BusRule] = {
     "NMT-LENGTH": BusRule("CiA 301, NMT", "an NMT command has 2 bytes"),
     "NMT-COMMAND": BusRule("CiA 301, NMT", "the command is 01, 02, 80, 81 or 82"),
     "NMT-NODE": BusRule("CiA 301, NMT", "a command is for a node 1 to 127, or for all with 0"),
-    "NMT-NOT-OBEYED": BusRule("CiA 301, NMT", "a node goes to the state that it is told to"),
-    "STOPPED-TALKS": BusRule("CiA 301, NMT states", "a stopped node has no SDO, PDO, EMCY"),
+    "NMT-NOT-OBEYED": BusRule("CiA 301, NMT", "a node goes to the state that it is commanded to"),
+    "STOPPED-TALKS": BusRule("CiA 301, NMT states", "a stopped node sends no SDO, PDO or EMCY"),
     "PDO-NOT-OPERATIONAL": BusRule("CiA 301, NMT states", "a node sends PDOs in the state operational only"),
     "HEARTBEAT-LENGTH": BusRule("CiA 301, heartbeat", "error control has 1 byte"),
     "HEARTBEAT-STATE": BusRule("CiA 301, heartbeat", "the state is 00, 04, 05 or 7F"),
@@ -55,7 +55,7 @@ BUS_RULES: dict[str, BusRule] = {
     "LSS-SERVICE": BusRule("CiA 305", "the first byte is a service of its direction"),
     "PDO-TOO-SHORT": BusRule("CiA 301, PDO", "a PDO has at least the bytes that are mapped"),
     "PDO-TOO-LONG": BusRule("CiA 301, PDO", "a PDO has no more bytes than are mapped"),
-    "REMOTE-REQUEST": BusRule("CiA 301, COB-IDs", "only PDOs and node guarding are asked for by remote frames"),
+    "REMOTE-REQUEST": BusRule("CiA 301, COB-IDs", "only PDOs and node guarding are requested by remote frames"),
     "ID-RESERVED": BusRule("CiA 301, restricted CAN-IDs", "reserved identifiers are not used"),
 }
-"""Rule id -> what it says. The ids are for programs and stay."""
+"""Rule id -> rule. The ids are stable: programs depend on them."""

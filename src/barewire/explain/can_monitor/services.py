@@ -1,7 +1,7 @@
-"""SYNC, TIME, emergencies and LSS overheard.   [CiA 301; CiA 305]
+"""SYNC, TIME, emergencies and LSS.   [CiA 301; CiA 305]
 
-A SYNC counter that jumps is two different things, and the clock tells which: after four periods it counts on by four
-(three beats are not in the recording), after one period it must count on by one (the producer is wrong).
+A SYNC counter that jumps is judged by the time: a step of four after four periods means that three SYNCs are not in
+the recording; a step of four after one period is the producer's fault.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from barewire.explain.can_monitor.events import (
 )
 from barewire.explain.canopen.lss import explain_lss
 
-MISSING = 2.5
+_MISSING = 2.5
 """After so many periods without a SYNC it is missing."""
-INTERVALS = 7
+_INTERVALS = 7
+"""The period is the median of so many intervals; at least three are needed."""
 
 
 class SyncTracker:
-    """The beat of somebody else: period, jitter, counter. A machine."""
+    """SYNC: period, jitter, counter. A machine."""
 
     def __init__(self) -> None:
         self.beats = 0
@@ -46,17 +47,17 @@ class SyncTracker:
 
     @property
     def period(self) -> float | None:
-        """What was learned of it."""
+        """The period; None until three intervals were seen."""
         return median(self._intervals) if len(self._intervals) >= 3 else None
 
     @property
     def deadline(self) -> float | None:
-        """When it is missing."""
+        """When SYNC counts as missing."""
         period = self.period
-        return None if period is None or self._last is None or self._missing else self._last + MISSING * period
+        return None if period is None or self._last is None or self._missing else self._last + _MISSING * period
 
     def pass_time(self, now: float) -> list[MonitorEvent]:
-        """Whether it is missing by now."""
+        """Report SYNC as missing if its deadline has passed."""
         due = self.deadline
         if due is None or now < due:
             return []
@@ -67,8 +68,8 @@ class SyncTracker:
         """The recording has a hole here."""
         self._last, self._counter, self._missing = None, None, False
 
-    def hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """A beat."""
+    def feed(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a SYNC frame."""
         try:
             counter = sync_counter(frame.data)
         except DecodeError as error:
@@ -77,7 +78,7 @@ class SyncTracker:
         events: list[MonitorEvent] = []
         since = None if self._last is None else now - self._last
         if self._last is not None and (counter is None) is not (self._counter is None):
-            text = "with a counter, the one before had none" if counter else "without a counter, the one before had one"
+            text = "with a counter, the one before without" if counter else "without a counter, the one before with one"
             events.append(Violation(now, "SYNC-LENGTH", 0, text, str(frame)))
         elif counter is not None and self._counter is not None and since is not None:
             events += self._judge(counter, self._counter, since, frame, now)
@@ -86,14 +87,14 @@ class SyncTracker:
         if since is not None and not self._missing:
             self.shortest = since if self.shortest is None else min(self.shortest, since)
             self.longest = since if self.longest is None else max(self.longest, since)
-            self._intervals = [*self._intervals[1 - INTERVALS :], since]
+            self._intervals = [*self._intervals[1 - _INTERVALS :], since]
         self._last, self._counter, self._missing = now, counter, False
         self._highest = max(self._highest, counter or 0)
         events.append(SyncReport(now, kind, counter, self.beats, self.period, self.shortest, self.longest))
         return events
 
     def _judge(self, counter: int, before: int, since: float, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """Whether a counter follows the one before it; 1 always may: the producer begins again."""
+        """Check that a counter follows the one before it. A 1 may always come: the producer starts again."""
         if counter in (1, before + 1):
             return []
         step = counter - before if counter > before else counter - before + self._highest
@@ -104,14 +105,14 @@ class SyncTracker:
         return [Violation(now, "SYNC-COUNTER", 0, f"{counter} after {before}", str(frame))]
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """How it was, if there was one."""
+        """A summary, if there were at least two."""
         if self.beats < 2:
             return []
         return [SyncReport(now, "summary", self._counter, self.beats, self.period, self.shortest, self.longest)]
 
 
-def hear_emergency(node: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
-    """An emergency; a short one is filled up, as everybody does who does not want to lose it."""
+def emergency_events(node: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
+    """Take an emergency. One with a wrong length is reported, and decoded as far as possible."""
     events: list[MonitorEvent] = []
     if len(frame.data) != 8:
         events.append(Violation(now, "EMCY-LENGTH", node, f"{len(frame.data)} bytes", str(frame)))
@@ -122,8 +123,8 @@ def hear_emergency(node: int, frame: CanFrame, now: float) -> list[MonitorEvent]
     return [*events, EmcyReport(now, node, message.code, message.register, message.info)]
 
 
-def hear_time(frame: CanFrame, now: float) -> list[MonitorEvent]:
-    """TIME."""
+def time_events(frame: CanFrame, now: float) -> list[MonitorEvent]:
+    """Take a TIME frame."""
     try:
         stamp = TimeStamp.decode(frame)
     except DecodeError as error:
@@ -132,16 +133,16 @@ def hear_time(frame: CanFrame, now: float) -> list[MonitorEvent]:
 
 
 class LssTracker:
-    """LSS: each message in words, and a whole fastscan as one."""
+    """LSS: each message as text, and a whole fastscan as one event."""
 
     def __init__(self) -> None:
-        self._questions = self._answers = 0
+        self._requests = self._answers = 0
         self._began = 0.0
         self._asked: Fastscan | None = None
         self._parts: dict[int, int] = {}
 
-    def hear(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """A message of the master or of a device."""
+    def feed(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a message of the master or of a device."""
         answer = frame.key != REQUEST_KEY
         try:
             message = LssMessage.decode(frame)
@@ -160,39 +161,39 @@ class LssTracker:
     def _scan(self, body: bytes, now: float) -> list[MonitorEvent]:
         events: list[MonitorEvent] = []
         try:
-            question = Fastscan.of_body(body)
+            request = Fastscan.of_body(body)
         except DecodeError as error:
             return [
                 *self.end(now),
-                LssReport(now, False, LssService.FASTSCAN, f"fastscan, which nobody answers: {error.text}"),
+                LssReport(now, False, LssService.FASTSCAN, f"fastscan that no device answers: {error.text}"),
             ]
-        if self._asked is None or question.bit == BEGIN:
+        if self._asked is None or request.bit == BEGIN:
             events = self.end(now)
             self._began = now
-        self._asked = question
-        self._questions += 1
+        self._asked = request
+        self._requests += 1
         return events
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """The fastscan that was going on, as one event."""
+        """End the fastscan under way: its event."""
         if self._asked is None:
             return []
-        asked = f"fastscan, {self._questions} questions in {now - self._began:.3f} s, {self._answers} answers: "
+        text = f"fastscan, {self._requests} requests in {now - self._began:.3f} s, {self._answers} answers: "
         if len(self._parts) == 4:
             found = f"found {LssAddress(*(self._parts[part] for part in range(4)))}"
         else:
-            found = "nobody is there" if not self._answers else "not finished"
-        self._questions = self._answers = 0
+            found = "no device" if not self._answers else "not finished"
+        self._requests = self._answers = 0
         self._asked, self._parts = None, {}
-        return [LssReport(self._began, False, LssService.FASTSCAN, asked + found)]
+        return [LssReport(self._began, False, LssService.FASTSCAN, text + found)]
 
 
 def _text(frame: CanFrame, answer: bool) -> str:
-    """The service, and what its fields say."""
+    """The service and its fields."""
     fields, _, summary = explain_lss(frame.data, "response" if answer else "request")
-    said = []
+    texts = []
     for field in fields[1:]:
         if field.name != "reserved":
             number = f"{field.value:08X}h" if field.length == 4 and isinstance(field.value, int) else field.value
-            said.append(f"{field.name} {number}" + (f" ({field.meaning})" if field.meaning else ""))
-    return ", ".join([summary, *said])
+            texts.append(f"{field.name} {number}" + (f" ({field.meaning})" if field.meaning else ""))
+    return ", ".join([summary, *texts])

@@ -140,7 +140,7 @@ def _process_data(frame: CanFrame, pdos: PdoTracker, node: int, name: str, mappi
     if len(data) < mapping.size:
         error = DecodeError("short", data, len(data), f"{mapping.size} bytes are mapped, here are {len(data)}")
     else:
-        values, texts = pdos.read(node, mapping, data[: mapping.size])
+        values, texts = pdos.unpack(node, mapping, data[: mapping.size])
         words = dict(zip(values, (text.partition(" = ")[2] for text in texts)))
         said = ", ".join(texts) or said
         fields = _mapped_fields(mapping, data, words)
