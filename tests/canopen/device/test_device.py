@@ -330,7 +330,7 @@ def in_a_block(*pdos: PdoConfig) -> LocalNode:
 
 def segment(device: LocalNode, now: float) -> list[str]:
     """The next segment of the block, and what is said then."""
-    session = device.sdo._session
+    session = device.sdo._transfer
     assert session is not None
     frame = CanFrame(0x605, bytes([session.next_segment]) + bytes(7))
     return [str(frame) for frame in device.feed(frame, now)]

@@ -91,7 +91,7 @@ def test_switched_on_and_off_and_moved_by_sdo() -> None:
     def write(sub: int, word: int) -> None:
         bus.run(download(default, 0x1201, sub, word.to_bytes(1 if sub == 3 else 4, "little")))
 
-    with pytest.raises(EncodeError, match="switched off"):
+    with pytest.raises(EncodeError, match="not in use"):
         bus.run(find_channel(default, 2))
     for word in (0, 0x601, 0x581, 0x701, 0x7F):  # zero is NMT's
         with pytest.raises(SdoAbort, match="0609 0030h"):
@@ -152,7 +152,7 @@ def test_the_usual_objects_with_three_servers() -> None:
         bus.run(download(default, 0x1202, sub, word.to_bytes(4, "little")))
     channel = bus.run(find_channel(default, 3))
     assert bus.run(upload(channel, 0x1200, 2)) == (0x585).to_bytes(4, "little")
-    with pytest.raises(EncodeError, match="SDO server 2 of node 5 is switched off"):
+    with pytest.raises(EncodeError, match="SDO server 2 of node 5 is not in use"):
         bus.run(find_channel(default, 2))
     with pytest.raises(SdoAbort, match="0602 0000h"):
         bus.run(find_channel(default, 4))

@@ -1,11 +1,11 @@
-"""A CAN bus in virtual time for SDO tests: conversations and machines on it, and weather.
+"""A CAN bus in virtual time for SDO tests: conversations and machines on it, and faults.
 
-Every frame reaches everybody but who said it, one after the other, a tenth of a millisecond each. What reaches a client
-while it is not listening waits for it, as in the buffer of a real port. The weather may do anything to a frame:
+Every frame reaches all participants but its sender, one after the other, 0.1 ms each. Frames that reach a client while
+it is not listening wait for it, as in the buffer of a port. A fault function may change each frame:
 
-    weather(number, frame) -> [(delay, frame), ...]         nothing: it is lost; two of them: doubled; ...
+    fault(number, frame) -> [(delay, frame), ...]         nothing: it is lost; two of them: doubled; ...
 
-`number` counts what the client and the server of the first transfer say, from 0.
+`number` counts the frames on the bus, from 0.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 FRAME_TIME = 0.0001
 EVENTS_MAX = 200_000
 
-Weather = Callable[[int, CanFrame], list[tuple[float, CanFrame]]]
+Fault = Callable[[int, CanFrame], list[tuple[float, CanFrame]]]
 
 
 class Node(Protocol):
@@ -32,37 +32,37 @@ class Node(Protocol):
 
 
 class Client:
-    """One conversation after the other, and what waits to be heard."""
+    """A client: one conversation after the other, and the frames that wait for it."""
 
     def __init__(self) -> None:
         self.inbox: deque[CanFrame] = deque()
         self.conversation: Conversation[CanFrame, Any] | None = None
         self.step: Send[CanFrame] | SendAll[CanFrame] | Listen | None = None
-        self.at = 0.0  # a frame that is being said is out then
+        self.at = 0.0  # when the frame being sent is transmitted
         self.result: Any = None
 
 
 class Bus:
-    """The bus, with the machines that live on it."""
+    """The bus, with the machines on it."""
 
-    def __init__(self, *nodes: Node, weather: Weather | None = None) -> None:
+    def __init__(self, *nodes: Node, fault: Fault | None = None) -> None:
         self.nodes = nodes
-        self.weather = weather
+        self.fault = fault
         self.now = 0.0
         self.free_at = 0.0
         self.log: list[str] = []
-        self.said = 0
+        self.sent = 0
         self._order = 0
         self._coming: list[tuple[float, int, object, CanFrame]] = []
         self._clients: list[Client] = [Client()]
 
     def run(self, conversation: Conversation[CanFrame, Any]) -> Any:
-        """Carry one conversation out."""
+        """Run one conversation."""
         self.run_all(conversation)
         return self._clients[0].result
 
     def run_all(self, *conversations: Conversation[CanFrame, Any]) -> list[Any]:
-        """Carry conversations out at the same time, each as a client of its own."""
+        """Run conversations at the same time, each as a client of its own."""
         while len(self._clients) < len(conversations):
             self._clients.append(Client())
         for client, conversation in zip(self._clients, conversations):
@@ -72,35 +72,35 @@ class Bus:
             busy = [client for client in self._clients if client.conversation is not None]
             if not busy:
                 return [client.result for client in self._clients[: len(conversations)]]
-            self._turn(busy)
-        raise AssertionError("this does not come to an end")
+            self._next_event(busy)
+        raise AssertionError(f"not finished after {EVENTS_MAX} events")
 
     def rest(self, seconds: float) -> None:
-        """Let time pass: whatever is on its way arrives, whoever wants to give up does."""
+        """Let time pass: frames arrive, deadlines expire."""
         until = self.now + seconds
         while self._event(until):
             pass
         self.now = until
 
     def _begin(self, client: Client) -> None:
-        """Put on the wire what the client says."""
+        """Put the frames of the client's step on the bus."""
         if client.step is not None and not isinstance(client.step, Listen):
             for frame in client.step.items:
                 client.at = self._put(frame, client, self.now)
 
-    def _turn(self, busy: list[Client]) -> None:
-        """Whatever happens next: a client goes on, a frame arrives, a machine's time has come."""
+    def _next_event(self, busy: list[Client]) -> None:
+        """The next event: a client continues, a frame arrives, or a deadline expires."""
         for client in busy:
             if isinstance(client.step, Listen) and client.inbox:
-                return self._go_on(client, client.inbox.popleft())
+                return self._resume(client, client.inbox.popleft())
         wakes = [client.step.until if isinstance(client.step, Listen) else client.at for client in busy]
         first = min(range(len(busy)), key=lambda place: wakes[place])
         if not self._event(max(self.now, wakes[first])):
             self.now = max(self.now, wakes[first])
-            self._go_on(busy[first], None)
+            self._resume(busy[first], None)
         return None
 
-    def _go_on(self, client: Client, frame: CanFrame | None) -> None:
+    def _resume(self, client: Client, frame: CanFrame | None) -> None:
         assert client.conversation is not None
         try:
             client.step = client.conversation.send(Heard(frame, self.now))
@@ -113,53 +113,53 @@ class Bus:
             self._begin(client)
 
     def _event(self, until: float) -> bool:
-        """The next arrival or deadline up to then, arrivals first."""
+        """The next arrival or deadline until then, arrivals first."""
         dues = [(node.deadline, node) for node in self.nodes if node.deadline is not None]
         due, node = min(dues, key=lambda pair: pair[0], default=(None, None))
         arrival = self._coming[0][0] if self._coming else None
         if arrival is not None and arrival <= until and (due is None or arrival <= max(due, self.now)):
-            _, _, speaker, frame = heapq.heappop(self._coming)
+            _, _, sender, frame = heapq.heappop(self._coming)
             self.now = max(self.now, arrival)
-            for hearer in self.nodes:
-                if hearer is not speaker:
-                    self._say(hearer, hearer.feed(frame, self.now))
+            for receiver in self.nodes:
+                if receiver is not sender:
+                    self._send(receiver, receiver.feed(frame, self.now))
             for client in self._clients:
-                if client is not speaker:
+                if client is not sender:
                     client.inbox.append(frame)
             return True
         if node is not None and due is not None and due <= until:
             self.now = max(self.now, due)
-            self._say(node, node.feed(None, self.now))
+            self._send(node, node.feed(None, self.now))
             return True
         return False
 
-    def _say(self, node: Node, frames: list[CanFrame]) -> None:
+    def _send(self, node: Node, frames: list[CanFrame]) -> None:
         for frame in frames:
             self._put(frame, node, self.now)
 
-    def _put(self, frame: CanFrame, speaker: object, now: float) -> float:
-        """Returns when the frame is out."""
+    def _put(self, frame: CanFrame, sender: object, now: float) -> float:
+        """Returns when the frame is transmitted."""
         self.free_at = out = max(self.free_at, now) + FRAME_TIME
-        self.log.append(f"{'C' if isinstance(speaker, Client) else 'S'} {frame.data.hex(' ').upper()}")
-        arriving = [(0.0, frame)] if self.weather is None else self.weather(self.said, frame)
-        self.said += 1
+        self.log.append(f"{'C' if isinstance(sender, Client) else 'S'} {frame.data.hex(' ').upper()}")
+        arriving = [(0.0, frame)] if self.fault is None else self.fault(self.sent, frame)
+        self.sent += 1
         for delay, arrived in arriving:
             self._order += 1
-            # What the weather put there itself comes from nobody, so everybody hears it.
-            by = speaker if arrived is frame else None
+            # A frame made by the fault function has no sender, so all participants receive it.
+            by = sender if arrived is frame else None
             heapq.heappush(self._coming, (out + delay, self._order, by, arrived))
         return out
 
 
 class Store:
-    """Objects of any bytes, for servers under test."""
+    """An object store of any bytes, for servers under test."""
 
     def __init__(self) -> None:
         self.objects = {(0x2100, 0): b"", (0x2101, 0): b"other"}
         self.writes = 0
 
     def size(self, index: int, sub: int) -> int | None:
-        """Nobody knows."""
+        """Always unknown."""
         self.read(index, sub)
         return None
 
@@ -170,11 +170,11 @@ class Store:
         return self.objects[index, sub]
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
-        """Whatever is there."""
+        """Every existing object may be written."""
         self.read(index, sub)
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """Another value."""
+        """Replace the value."""
         self.read(index, sub)
         self.objects[index, sub] = data
         self.writes += 1

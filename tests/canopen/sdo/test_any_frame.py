@@ -1,4 +1,4 @@
-"""Any frames at all into the middle of each transfer: no exception, nothing grows, and the next transfer works."""
+"""Arbitrary frames in the middle of each transfer: no exception, bounded memory, and the next transfer works."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ DATA = st.one_of(
         st.binary(min_size=4, max_size=4),
     ),
 )
-WEATHER = st.lists(st.tuples(DATA, st.floats(0, 0.6)), max_size=30)
+FRAMES_AND_PAUSES = st.lists(st.tuples(DATA, st.floats(0, 0.6)), max_size=30)
 
 
 @pytest.mark.parametrize("beginning", BEGINNINGS)
 @modest
-@given(WEATHER)
-def test_the_server(beginning: str, weather: list[tuple[bytes, float]]) -> None:
+@given(FRAMES_AND_PAUSES)
+def test_the_server_survives_any_frames(beginning: str, frames: list[tuple[bytes, float]]) -> None:
     store = Store()
     store.objects[0x2101, 0] = bytes(20)
     server = SdoServer(5, store, limit=100, blksize=4)
     for text in BEGINNINGS[beginning]:
         server.feed(CanFrame(0x605, bytes.fromhex(text)), 0.0)
     now = 0.0
-    for data, pause in weather:
+    for data, pause in frames:
         now += pause
-        said = server.feed(CanFrame(0x605, data), now) + server.feed(None, now)
-        assert all(frame.id == 0x585 and len(frame.data) == 8 for frame in said)
-        assert len(said) <= 10
+        responses = server.feed(CanFrame(0x605, data), now) + server.feed(None, now)
+        assert all(frame.id == 0x585 and len(frame.data) == 8 for frame in responses)
+        assert len(responses) <= 10
         assert all(len(value) <= 100 for value in store.objects.values())
     for _ in range(40):
         if server.deadline is None:
@@ -65,11 +65,11 @@ def test_the_server(beginning: str, weather: list[tuple[bytes, float]]) -> None:
 @pytest.mark.parametrize("downloads", [False, True])
 @pytest.mark.parametrize("block", [False, BlockSettings(size=4)])
 @modest
-@given(WEATHER, st.integers(0, 8))
-def test_the_client(
-    block: bool | BlockSettings, downloads: bool, weather: list[tuple[bytes, float]], good: int
+@given(FRAMES_AND_PAUSES, st.integers(0, 8))
+def test_the_client_survives_any_frames(
+    block: bool | BlockSettings, downloads: bool, frames: list[tuple[bytes, float]], good: int
 ) -> None:
-    """`good` turns with a real server, then anything."""
+    """`good` requests with a real server, then arbitrary frames."""
     store = Store()
     store.objects[0x2101, 0] = bytes(50)
     server = SdoServer(5, store, blksize=4)
@@ -80,7 +80,7 @@ def test_the_client(
         if downloads
         else upload(channel, 0x2101, limit=100, **how)  # type: ignore[arg-type]
     )
-    coming = [(CanFrame(0x585, data), pause) for data, pause in weather]
+    coming = [(CanFrame(0x585, data), pause) for data, pause in frames]
     waiting: list[CanFrame] = []
     step, now = next(conversation), 0.0
     with suppress(SdoAbort, NoAnswer, StopIteration):
@@ -99,5 +99,5 @@ def test_the_client(
             else:
                 now = max(now, step.until)
             step = conversation.send(Heard(frame, now))
-        raise AssertionError("this does not come to an end")
+        raise AssertionError("the transfer did not end after 1000 steps")
     assert not channel.busy

@@ -1,4 +1,4 @@
-"""The two halves of a block transfer, each alone, and both together with values of every length."""
+"""The sender and the receiver of a block transfer, each alone, and both together with values of every length."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_every_length_there_and_back(length: int, block: bool | BlockSettings) -
     assert (channel.total.late, channel.total.garbled) == (0, 0)
 
 
-def test_progress_is_told() -> None:
+def test_progress_is_reported() -> None:
     told: list[tuple[int, int | None]] = []
     store = Store()
     bus = Bus(SdoServer(5, store))
@@ -87,7 +87,7 @@ def test_progress_is_told() -> None:
 
 
 def test_pieces_are_taken_as_they_are_sent() -> None:
-    """Of a long value there is never more in memory than a block."""
+    """At most one block of a long value is in memory."""
     taken = 0
 
     def pieces() -> Iterator[bytes]:
@@ -107,7 +107,7 @@ def test_pieces_are_taken_as_they_are_sent() -> None:
 
 @pytest.mark.parametrize("block", [False, True])
 @pytest.mark.parametrize("size", [19, 21])
-def test_pieces_that_are_not_as_many_bytes_as_was_said(size: int, block: bool) -> None:
+def test_pieces_of_another_total_than_announced_end_the_transfer(size: int, block: bool) -> None:
     store = Store()
     bus = Bus(SdoServer(5, store))
     with pytest.raises(EncodeError, match=f"{size} bytes were announced, the data"):
@@ -117,7 +117,7 @@ def test_pieces_that_are_not_as_many_bytes_as_was_said(size: int, block: bool) -
 
 
 @pytest.mark.parametrize("block", [False, True])
-def test_a_longer_value_than_the_client_wants(block: bool) -> None:
+def test_the_client_refuses_a_value_above_its_limit(block: bool) -> None:
     store = Store()
     store.objects[0x2100, 0] = bytes(100)
     bus = Bus(SdoServer(5, store))
@@ -142,11 +142,11 @@ def test_a_sink_that_fails_ends_the_transfer(block: bool) -> None:
     assert bus.run(upload(channel, 0x2101)) == b"other"
 
 
-# Aborts at any moment.
+# Aborts at any step.
 
 
 def turns_of(block: bool, downloads: bool) -> int:
-    """How many frames a transfer of 50 bytes has."""
+    """The number of frames in a transfer of 50 bytes."""
     bus = Bus(server(Store(), downloads))
     bus.run(moving(Channel(5), block, downloads))
     return len(bus.log)
@@ -164,18 +164,18 @@ def moving(channel: Channel, block: bool, downloads: bool) -> Conversation[CanFr
 
 @pytest.mark.parametrize("downloads", [False, True])
 @pytest.mark.parametrize("block", [False, True])
-def test_an_abort_of_the_server_at_any_moment(block: bool, downloads: bool) -> None:
+def test_an_abort_of_the_server_at_any_step(block: bool, downloads: bool) -> None:
     abort = CanFrame.parse("585#8000210000000008")
-    # Behind the end of a block upload the client has what it wanted, and hears no more.
+    # After the end of a block upload the client has the value, and receives no more.
     deaf = 2 if block and not downloads else 1
     for moment in range(turns_of(block, downloads) - deaf):
         store, channel = Store(), Channel(5)
         bus = Bus(server(store, downloads))
 
-        def weather(number: int, frame: CanFrame, moment: int = moment) -> list[tuple[float, CanFrame]]:
+        def fault(number: int, frame: CanFrame, moment: int = moment) -> list[tuple[float, CanFrame]]:
             return [(0.0, frame), (0.0, abort)] if number == moment else [(0.0, frame)]
 
-        bus.weather = weather
+        bus.fault = fault
         with pytest.raises(SdoAbort) as caught:
             bus.run(moving(channel, block, downloads))
         assert (caught.value.code, caught.value.why) == (AbortCode.GENERAL, "")
@@ -185,7 +185,7 @@ def test_an_abort_of_the_server_at_any_moment(block: bool, downloads: bool) -> N
 
 @pytest.mark.parametrize("downloads", [False, True])
 @pytest.mark.parametrize("block", [False, True])
-def test_a_client_that_leaves_at_any_moment(block: bool, downloads: bool) -> None:
+def test_a_client_that_is_closed_at_any_step_aborts_the_transfer(block: bool, downloads: bool) -> None:
     for moment in range(turns_of(block, downloads)):
         store, channel = Store(), Channel(5)
         bus = Bus(node := server(store, downloads))
@@ -217,7 +217,7 @@ def test_a_client_that_leaves_at_any_moment(block: bool, downloads: bool) -> Non
         assert bus.run(upload(channel, 0x2101)) == b"other"
 
 
-# Each half alone.
+# Sender and receiver alone.
 
 
 def sender(length: int, blksize: int, burst: int = 99) -> BlockSender:
@@ -229,7 +229,7 @@ def numbers(frames: list[bytes]) -> list[str]:
     return [frame[:2].hex() for frame in frames]
 
 
-def test_a_sender_says_a_burst_and_listens() -> None:
+def test_a_sender_listens_after_each_burst() -> None:
     half = sender(50, 6, burst=4)
     assert numbers(half.feed(None, 0.0)) == ["0100", "0207", "030e", "0415"]
     assert half.deadline == 0.0
@@ -238,37 +238,37 @@ def test_a_sender_says_a_burst_and_listens() -> None:
     assert half.feed(None, 0.5) == []
     assert numbers(half.feed(BlockAck(6, 6), 0.6)) == ["012a", "8231"]
     assert numbers(half.feed(BlockAck(2, 6), 0.7)) == ["d9" + f"{crc_hqx(counting(50), 0) & 0xFF:02x}"]
-    assert half.feed(BlockAck(2, 6), 0.8) == []  # once more
+    assert half.feed(BlockAck(2, 6), 0.8) == []  # a repeated acknowledgement
     assert half.feed(BlockEnded(), 0.9) == []
     assert half.over
 
 
-def test_a_sender_takes_an_early_acknowledgement() -> None:
+def test_a_sender_accepts_an_early_acknowledgement() -> None:
     half = sender(50, 6, burst=1)
     assert numbers(half.feed(None, 0.0) + half.feed(None, 0.0) + half.feed(None, 0.0)) == ["0100", "0207", "030e"]
     assert numbers(half.feed(BlockAck(1, 2), 0.0) + half.feed(None, 0.0)) == ["0107", "020e"]
     assert numbers(half.feed(BlockAck(2, 127), 0.0) + half.feed(None, 0.0)) == ["0115", "021c"]
 
 
-def test_a_sender_knows_the_last_word_when_it_comes_again() -> None:
+def test_a_sender_recognises_a_repeated_acknowledgement() -> None:
     half = sender(50, 6)
     half.feed(None, 0.0)
     half.feed(BlockAck(6, 6), 0.0)
     assert numbers(half.feed(BlockAck(6, 6), 0.7)) == ["012a", "8231"]
-    with pytest.raises(ProtocolViolation, match="segment 5 was acknowledged, and 2 were sent"):
+    with pytest.raises(ProtocolViolation, match="segment 5 was acknowledged, but only 2 were sent"):
         half.feed(BlockAck(5, 6), 0.8)
 
 
-def test_a_sender_does_not_begin_anew_for_ever() -> None:
+def test_a_sender_limits_how_often_it_starts_over() -> None:
     half = sender(50, 6)
     half.feed(None, 0.0)
     for _ in range(FUTILE_MAX):
         assert len(half.feed(BlockAck(0, 6), 0.5)) == 6
-    with pytest.raises(ProtocolViolation, match="5 times nothing of a block arrived"):
+    with pytest.raises(ProtocolViolation, match="5 times no segment of a block was acknowledged"):
         half.feed(BlockAck(0, 6), 0.5)
 
 
-def test_a_sender_waits_so_long_and_no_longer() -> None:
+def test_a_sender_times_out() -> None:
     half = sender(5, 6)
     half.feed(None, 0.0)
     assert half.feed(None, 0.9) == []
@@ -286,7 +286,7 @@ def segment(number: int, fill: int) -> bytes:
     return bytes([number]) + bytes([fill]) * 7
 
 
-def test_a_receiver_passes_over_what_does_not_follow() -> None:
+def test_a_receiver_ignores_segments_out_of_order() -> None:
     half, parts = receiver()
     for frame in (segment(2, 9), segment(4, 9), segment(1, 1), segment(1, 1), segment(3, 9), segment(2, 2)):
         assert half.feed(frame, 0.0) == []
@@ -294,17 +294,17 @@ def test_a_receiver_passes_over_what_does_not_follow() -> None:
     assert parts == b"\1" * 7 + b"\2" * 7
 
 
-def test_a_receiver_tells_an_old_segment_from_another_block() -> None:
+def test_a_receiver_refuses_a_repeated_segment_with_different_data() -> None:
     half, _ = receiver()
     half.feed(segment(1, 1), 0.0)
-    with pytest.raises(ProtocolViolation, match="segment 1 came again with other bytes"):
+    with pytest.raises(ProtocolViolation, match="segment 1 came again with different data"):
         half.feed(segment(1, 2), 0.0)
 
 
-def test_a_receiver_says_after_silence_what_it_has() -> None:
+def test_a_receiver_acknowledges_after_silence() -> None:
     half, _ = receiver(2)
     half.feed(segment(1, 1), 0.0)
-    half.feed(segment(2, 2), 1.0)  # acknowledged; and of the next block nothing comes: our word was lost, perhaps
+    half.feed(segment(2, 2), 1.0)  # acknowledged; nothing of the next block arrives: the acknowledgement may be lost
     assert half.deadline == pytest.approx(1.7)
     assert half.feed(None, 1.6) == []
     assert half.feed(None, 1.7) == [bytes.fromhex("A202020000000000")]
@@ -316,26 +316,26 @@ def test_a_receiver_says_after_silence_what_it_has() -> None:
         half.feed(None, 3.8)
 
 
-def test_a_receiver_does_not_repeat_a_word_that_could_be_taken_for_another() -> None:
-    """With one segment in a block: was our "1" lost, or the only segment of the block behind it?"""
+def test_a_receiver_does_not_repeat_an_ambiguous_acknowledgement() -> None:
+    """With one segment in a block it is unknown whether the acknowledgement or the next block was lost."""
     half, _ = receiver(1)
     assert half.feed(segment(1, 1), 0.0) == [bytes.fromhex("A201010000000000")]
     assert half.feed(None, 0.7) == []
     assert half.deadline == 1.0
 
 
-def test_a_receiver_does_not_listen_to_nonsense_for_ever() -> None:
+def test_a_receiver_limits_segments_out_of_order() -> None:
     half, _ = receiver()
     for _ in range(STRAYS_MAX):
         assert half.feed(segment(3, 3), 0.0) == []
-    with pytest.raises(ProtocolViolation, match="segments came out of turn"):
+    with pytest.raises(ProtocolViolation, match="segments came out of order"):
         half.feed(segment(3, 3), 0.0)
 
 
-# Channels side by side, and nobody there.
+# Several channels, and a server that disappears.
 
 
-def test_two_channels_at_once() -> None:
+def test_two_channels_transfer_at_the_same_time() -> None:
     stores = [Store(), Store()]
     bus = Bus(SdoServer(5, stores[0]), SdoServer(6, stores[1]))
     values = counting(3000), counting(2000)[::-1]
@@ -345,11 +345,11 @@ def test_two_channels_at_once() -> None:
 
 
 @pytest.mark.parametrize("block", [False, True])
-def test_a_server_that_is_gone_in_the_middle(block: bool) -> None:
+def test_a_server_that_disappears_during_a_transfer(block: bool) -> None:
     store = Store()
     store.objects[0x2100, 0] = bytes(1000)
     bus = Bus(SdoServer(5, store))
-    bus.weather = lambda number, frame: [(0.0, frame)] * (number < 20)
+    bus.fault = lambda number, frame: [(0.0, frame)] * (number < 20)
     with pytest.raises(NoAnswer, match="node 5 did not answer the upload of 2100h:00 within 1 s: heard"):
         bus.run(upload(5, 0x2100, block=block))
     with pytest.raises(NoAnswer, match="nothing at all was heard"):

@@ -1,4 +1,4 @@
-"""The client's side of SDO as dialogues: what it says, what it takes for an answer, what it says when there is none."""
+"""The SDO client as dialogues: its requests, the responses it accepts, and its errors without a response."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Peer = Callable[[CanFrame, float], Iterable[tuple[float, CanFrame]]]
 
 
 class Script:
-    """A peer that expects frames and answers each with its own, 1 ms apart; what was said is kept."""
+    """A peer that expects frames and responds to each with its own, 1 ms apart; `sent` records what it received."""
 
     def __init__(self, *lines: tuple[str, *tuple[str, ...]]) -> None:
         self.lines = list(lines)
-        self.said: list[str] = []
+        self.sent: list[str] = []
 
     def __call__(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
-        self.said.append(str(frame))
+        self.sent.append(str(frame))
         expected, *answers = self.lines.pop(0) if self.lines else (str(frame),)
         assert str(frame) == expected
         return [(now + 0.001 * place, CanFrame.parse(answer)) for place, answer in enumerate(answers, 1)]
@@ -62,7 +62,7 @@ def test_write_one_to_four_bytes(value: str, request_: str) -> None:
     play(download(5, 0x2000, 1, bytes.fromhex(value)), Script((request_, "585#6000200100000000")))
 
 
-def test_write_without_telling_the_size() -> None:
+def test_write_without_indicating_the_size() -> None:
     script = Script(("605#22171000E8030000", "585#6017100000000000"))
     play(download(5, 0x1017, 0, bytes.fromhex("E8030000"), indicated=False), script)
 
@@ -76,7 +76,7 @@ def test_read_the_controlword_as_the_az3_guide_does() -> None:
 
 
 @pytest.mark.parametrize(("size", "command"), [(1, "4F"), (2, "4B"), (4, "43")])
-def test_the_az3_dialect_asks_with_the_size(size: int, command: str) -> None:
+def test_the_az3_dialect_requests_by_size(size: int, command: str) -> None:
     script = Script((f"60F#{command}40600000000000", "58F#4B40600006000000"))
     assert play(upload(15, 0x6040, size=size, dialect=AZ3), script)[0] == b"\x06\x00"
 
@@ -93,13 +93,13 @@ def test_a_value_of_unknown_size_is_cut_to_the_size_that_the_caller_knows() -> N
     assert channel.counters.unsized == 1
 
 
-def test_a_size_that_was_told_is_not_overruled() -> None:
+def test_an_indicated_size_is_not_changed() -> None:
     script = Script(("605#4041600000000000", "585#4341600037060000"))
     assert play(upload(5, 0x6041, size=2), script)[0] == bytes.fromhex("37060000")
 
 
 @pytest.mark.parametrize("code", list(AbortCode))
-def test_every_refusal_of_a_server(code: AbortCode) -> None:
+def test_every_abort_code_of_a_server_raises_sdo_abort(code: AbortCode) -> None:
     abort = f"585#80416000{code.to_bytes(4, 'little').hex()}"
     for conversation in (upload(5, 0x6041), download(5, 0x6041, 0, b"\1")):
         with pytest.raises(SdoAbort) as caught:
@@ -112,11 +112,11 @@ def test_an_abort_ends_the_transfer_whatever_object_it_names() -> None:
     script = Script(("605#4041600000000000", "585#8004100001000405"))
     with pytest.raises(SdoAbort) as caught:
         play(upload(5, 0x6041), script)
-    assert (caught.value.index, caught.value.said) == (0x6041, (0x1004, 0))
-    assert len(script.said) == 1  # an abort is not answered
+    assert (caught.value.index, caught.value.named) == (0x6041, (0x1004, 0))
+    assert len(script.sent) == 1  # an abort is not answered
 
 
-def test_foreign_frames_and_late_answers_are_passed_over_and_counted() -> None:
+def test_other_frames_and_late_responses_are_counted_and_ignored() -> None:
     channel = Channel(5)
     script = Script(
         (
@@ -124,15 +124,15 @@ def test_foreign_frames_and_late_answers_are_passed_over_and_counted() -> None:
             "605#4041600000000000",  # our own, as some adapters echo it
             "586#4B41600001000000",  # another node
             "00000585#4B41600001000000",  # the same number, another identifier
-            "585#R8",  # nobody's answer
+            "585#R8",  # a remote frame
             "585#4B40600001000000",  # another object: late
             "585#4B41600101000000",  # another sub-index: late
             "585#6041600000000000",  # the end of an earlier write: late
             "585#A141600000000000",  # the end of an earlier block transfer: late
-            "585#E141600000000000",  # no such answer
+            "585#E141600000000000",  # no SDO response
             "585#4B4160",  # cut off
             "705#05",
-            "585#4B4160003706",  # this is it, though shorter than it should be
+            "585#4B4160003706",  # the response, shorter than 8 bytes
         )
     )
     assert play(upload(channel, 0x6041), script)[0] == bytes.fromhex("3706")
@@ -149,7 +149,7 @@ def test_a_write_is_not_confirmed_by_the_confirmation_of_another() -> None:
 
 
 def fails(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[str, list[str]]:
-    """The text of the NoAnswer, and all that was said."""
+    """The text of the NoAnswer, and all frames sent."""
     said: list[str] = []
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
@@ -161,7 +161,7 @@ def fails(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[
     return str(caught.value), said
 
 
-def test_silence_ends_with_an_abort_that_names_the_object() -> None:
+def test_a_time_out_sends_an_abort_that_names_the_object() -> None:
     text, said = fails(upload(5, 0x6041, 2, timeout=0.5))
     assert said == ["605#4041600200000000", "605#8041600200000405"]
     assert text == ("node 5 did not answer the upload of 6041h:02 within 0.5 s: nothing at all was heard on the bus")
@@ -172,19 +172,19 @@ def test_a_write_is_never_repeated() -> None:
     assert said == ["605#2B4060000F000000", "605#8040600000000405"]
 
 
-def test_the_text_says_that_the_node_is_stopped() -> None:
+def test_the_time_out_text_reports_a_stopped_node() -> None:
     text, _ = fails(upload(5, 0x6041), "705#04", "706#05")
     assert text.endswith(
         "heard 2 frames, 1 from node 5, its heartbeat says stopped, and a stopped node answers no SDO, none on 585h"
     )
 
 
-def test_the_text_says_that_only_others_were_heard() -> None:
+def test_the_time_out_text_reports_frames_of_other_nodes_only() -> None:
     text, _ = fails(upload(5, 0x6041), "706#05")
     assert text.endswith("heard 1 frame, none from node 5, none on 585h")
 
 
-def test_the_text_says_what_came_instead() -> None:
+def test_the_time_out_text_reports_what_came_instead() -> None:
     text, _ = fails(upload(5, 0x6041), "585#4B40600001000000", "585#FF", "00000585#4B41600001000000")
     assert text.endswith(
         "heard 3 frames, 2 from node 5, 2 on 585h, 1 answer to another question, 1 unreadable, "
@@ -192,8 +192,8 @@ def test_the_text_says_what_came_instead() -> None:
     )
 
 
-def babble(conversation: Conversation[CanFrame, object], times: list[float]) -> None:
-    """A bus with a foreign frame every millisecond, also when the time is up; notes when something was said."""
+def busy_bus(conversation: Conversation[CanFrame, object], times: list[float]) -> None:
+    """A bus with a frame of another node every millisecond, beyond the time-out; records when frames were sent."""
     step, now = next(conversation), 0.0
     while now < 10.0:
         if not isinstance(step, Listen):
@@ -204,21 +204,21 @@ def babble(conversation: Conversation[CanFrame, object], times: list[float]) -> 
             step = conversation.send(Heard(CanFrame(0x186), now))
 
 
-def test_a_bus_that_never_falls_silent_does_not_hold_us() -> None:
+def test_a_bus_that_is_never_silent_does_not_extend_the_time_out() -> None:
     said: list[float] = []
     with pytest.raises(NoAnswer, match="none from node 5"):
-        babble(upload(5, 0x6041, timeout=1.0), said)
+        busy_bus(upload(5, 0x6041, timeout=1.0), said)
     assert said == [pytest.approx(0.1, abs=0.002), pytest.approx(1.1, abs=0.002)]
 
 
-def test_after_a_time_out_the_channel_waits_for_late_answers() -> None:
+def test_after_a_time_out_the_channel_waits_for_late_responses() -> None:
     channel = Channel(5)
     with pytest.raises(NoAnswer):
         play(upload(channel, 0x6041, timeout=1.0), lambda frame, now: [])
     assert channel.quiet_until == 2.0
     conversation = upload(channel, 0x6041, timeout=1.0)
     assert next(conversation) == Listen(2.0)
-    # The answer to the first question comes now, and is not taken for the answer to the second.
+    # The response to the first request arrives now, and is not taken for that to the second.
     assert conversation.send(Heard(CanFrame.parse("585#4B41600099990000"), 1.5)) == Listen(2.0)
     assert conversation.send(Heard(None, 2.0)) == Send(CanFrame.parse("605#4041600000000000"))
     assert conversation.send(Heard(None, 2.0)) == Listen(3.0)
@@ -239,8 +239,8 @@ def test_a_channel_carries_one_transfer_at_a_time() -> None:
     assert isinstance(next(upload(channel, 0x6040)), Listen)
 
 
-def test_what_waited_to_be_heard_is_no_answer() -> None:
-    """The same object asked for again and again, and once an answer that came twice."""
+def test_frames_received_before_the_request_are_not_the_response() -> None:
+    """The same object is read repeatedly, and once the response arrives twice."""
     channel = Channel(5)
     conversation = upload(channel, 0x6041)
     step = next(conversation)
@@ -262,17 +262,17 @@ def test_counts_are_summed_up_over_transfers() -> None:
     assert (channel.total.short, channel.counters.short) == (2, 1)
 
 
-def test_abandoned_the_last_word_is_an_abort() -> None:
+def test_an_abandoned_transfer_sends_an_abort() -> None:
     channel = Channel(5)
     conversation = upload(channel, 0x6041, timeout=1.0)
     next(conversation)
     assert isinstance(conversation.send(Heard(None, 0.0)), Send)
     conversation.send(Heard(None, 0.0))
     assert [str(frame) for frame in abort_frames(conversation)] == ["605#8041600000000008"]
-    assert next(upload(channel, 0x6041)) == Listen(1.0)  # its answer may still come
+    assert next(upload(channel, 0x6041)) == Listen(1.0)  # its response may still arrive
 
 
-def test_abandoned_before_anything_was_asked_there_is_nothing_to_abort() -> None:
+def test_a_transfer_abandoned_before_its_request_sends_nothing() -> None:
     channel = Channel(5)
     channel.quiet_until = 1.0
     conversation = upload(channel, 0x6041)
@@ -281,7 +281,7 @@ def test_abandoned_before_anything_was_asked_there_is_nothing_to_abort() -> None
     assert not channel.busy
 
 
-def test_what_cannot_be_asked_is_said_at_once() -> None:
+def test_invalid_arguments_raise_at_once() -> None:
     with pytest.raises(EncodeError):
         upload(0, 0x6041)
     with pytest.raises(EncodeError):
@@ -295,5 +295,5 @@ def test_what_cannot_be_asked_is_said_at_once() -> None:
     for block in (BlockSettings(size=0), BlockSettings(size=128), BlockSettings(switch=256)):
         with pytest.raises(EncodeError):
             upload(5, 0x6041, block=block)
-    with pytest.raises(EncodeError, match="speaks standard, not az3"):
+    with pytest.raises(EncodeError, match="uses dialect standard, not az3"):
         upload(Channel(5), 0x6041, dialect=AZ3)

@@ -1,4 +1,4 @@
-"""Long SDO transfers byte for byte: what client and server say to each other, and each of them to a script."""
+"""Long SDO transfers byte for byte: between client and server, and of each with a script."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def objects() -> ObjectDictionary:
 
 
 def lines(text: str) -> list[str]:
-    """One frame a line, what is zero behind it left out."""
+    """One frame a line, without trailing zeros."""
     frames = []
     for line in text.strip().splitlines():
         who, _, data = line.strip().partition(" ")
@@ -47,7 +47,7 @@ def lines(text: str) -> list[str]:
     return frames
 
 
-# As the logs of a conformance test tool have them, or worked out from the standard's rules.
+# From the logs of a conformance test tool, or derived from the rules of the standard.
 DIALOGUES = {
     "write in segments": (
         download(5, 0x1017, 0, [b"\0\0"], size=2),
@@ -192,7 +192,7 @@ def test_our_client_and_our_server(name: str) -> None:
 
 
 def say(server: SdoServer | LocalNode, *texts: str, now: float = 0.0) -> list[str]:
-    """What the server says to frames, zeros behind them left out."""
+    """The frames of the server in response, without trailing zeros."""
     said = []
     for text in texts:
         for frame in server.feed(CanFrame(0x605, bytes.fromhex(text).ljust(8, b"\0")), now):
@@ -206,7 +206,7 @@ def full(*texts: str) -> list[str]:
 
 
 def elapse(server: SdoServer) -> list[str]:
-    """Nothing comes until the server's own deadline."""
+    """No frame arrives until the deadline of the server."""
     assert server.deadline is not None
     return [frame.data.hex(" ").upper() for frame in server.feed(None, server.deadline)]
 
@@ -214,7 +214,7 @@ def elapse(server: SdoServer) -> list[str]:
 TEN = ("01 30 31 32 33 34 35 36", "82 37 38 39")
 
 
-def test_the_first_segment_is_lost() -> None:
+def test_a_lost_first_segment() -> None:
     server = SdoServer(5, objects())
     assert say(server, "C6 00 21 00 0A", TEN[1]) == full("A4 00 21 00 7F")
     assert elapse(server) == full("A2 00 7F")
@@ -222,7 +222,7 @@ def test_the_first_segment_is_lost() -> None:
     assert server.objects.read(0x2100, 0) == b"0123456789"
 
 
-def test_the_last_segment_is_lost() -> None:
+def test_a_lost_last_segment() -> None:
     server = SdoServer(5, objects())
     say(server, "C6 00 21 00 0A", TEN[0], now=10.0)
     assert server.deadline == pytest.approx(10.7)
@@ -250,13 +250,13 @@ def test_a_wrong_crc() -> None:
         (("C6 00 21 00 FF FF FF FF",), "80 00 21 00 05 00 04 05"),
         (("21 00 21 00 FF FF FF FF",), "80 00 21 00 05 00 04 05"),
         (("C6 00 21 00 64", "81", "C1"), "80 00 21 00 13 00 07 06"),
-        (("C2 17 10 00 03",), "80 17 10 00 12 00 07 06"),  # the dictionary's own no, before anything was sent in vain
+        (("C2 17 10 00 03",), "80 17 10 00 12 00 07 06"),  # refused by the dictionary, before the data is sent
         (("C2 17 10 00 01",), "80 17 10 00 13 00 07 06"),
         (("21 08 10 00 03",), "80 08 10 00 02 00 01 06"),
         (("20 08 10 00",), "80 08 10 00 02 00 01 06"),
         (("C4 08 10 00",), "80 08 10 00 02 00 01 06"),
         (("21 00 21 00 65",), "80 00 21 00 12 00 07 06"),
-        (("C0 17 10 00", "81", "D1"), "80 17 10 00 12 00 07 06"),  # nobody knew the size
+        (("C0 17 10 00", "81", "D1"), "80 17 10 00 12 00 07 06"),  # the size was unknown
         (("C6 00 21 00 0A", "00"), "80 00 21 00 03 00 04 05"),  # there is no segment 0
         (("C6 00 21 00 0A", *TEN, "40 00 10"), "80 00 10 00 01 00 04 05"),
         (("A4 08 10 00 14", "A3", "A2 04 14"), "80 08 10 00 03 00 04 05"),  # more than were sent
@@ -264,21 +264,21 @@ def test_a_wrong_crc() -> None:
         (("A4 08 10 00 14", "A3", "A2 03 80"), "80 08 10 00 02 00 04 05"),
         (("A4 08 10 00 14", "A1"), "80 08 10 00 01 00 04 05"),
         (("A4 08 10 00 14", "A3", "A1"), "80 08 10 00 01 00 04 05"),
-        # another request in the middle of a transfer: no, about the object of the request
+        # another request during a transfer: an abort for the object of the request
         (("40 08 10", "40 00 10"), "80 00 10 00 01 00 04 05"),
         (("21 00 21 00 0A", "2B 17 10"), "80 17 10 00 01 00 04 05"),
         (("A4 08 10 00 14", "A3", "C6 00 21"), "80 00 21 00 01 00 04 05"),
     ],
 )
-def test_the_server_ends_it(frames: tuple[str, ...], answer: str) -> None:
+def test_the_server_aborts_at_protocol_violations(frames: tuple[str, ...], answer: str) -> None:
     server = SdoServer(5, objects())
     assert say(server, *frames)[-1] == answer
     assert server.deadline is None
     assert say(server, "40 00 10") == full("43 00 10 00 91 01 0F")
 
 
-def test_a_segment_behind_the_block_and_what_was_on_its_way_behind_it() -> None:
-    """The rest of such a block reads as commands: 22h and 23h would write."""
+def test_segments_after_an_aborted_block_are_ignored() -> None:
+    """As commands, the remaining segments 22h and 23h of such a block would write."""
     server = SdoServer(5, objects(), blksize=0x20)
     say(server, "C6 00 21 00 64 00 00 00")
     assert say(server, "21 00 00 00 00 00 00 00") == full("80 00 21 00 03 00 04 05")
@@ -301,7 +301,7 @@ def test_a_segment_behind_the_block_and_what_was_on_its_way_behind_it() -> None:
         (("C6 00 21 00 0A", *TEN), 2, "80 00 21 00 00 00 04 05"),
     ],
 )
-def test_a_client_that_falls_silent(frames: tuple[str, ...], silences: int, answer: str) -> None:
+def test_a_silent_client_times_out(frames: tuple[str, ...], silences: int, answer: str) -> None:
     server = SdoServer(5, objects(), timeout=2.0)
     say(server, *frames, now=1.0)
     for _ in range(silences - 1):
@@ -312,14 +312,14 @@ def test_a_client_that_falls_silent(frames: tuple[str, ...], silences: int, answ
     assert (server.deadline, server.counters.timed_out) == (None, 1)
 
 
-def test_a_client_that_begins_anew_has_got_its_value() -> None:
-    """Only the A1 of a block upload is missing when the next request comes: it is served."""
+def test_a_new_request_replaces_a_finished_block_upload() -> None:
+    """Only the A1 of a block upload is missing when the next request arrives: it is served."""
     server = SdoServer(5, objects())
     say(server, "A4 08 10 00 14", "A3", "A2 03 14")
     assert say(server, "40 00 10") == full("43 00 10 00 91 01 0F")
 
 
-def test_a_server_without_blocks() -> None:
+def test_a_server_without_block_transfer() -> None:
     server = SdoServer(5, objects(), blksize=0)
     bus = Bus(server)
     assert bus.run(upload(5, 0x1008, block=True)) == NAME.encode()
@@ -347,7 +347,7 @@ def test_a_stopped_device_forgets_its_transfer() -> None:
     assert say(device, "60") == full("80 00 00 00 01 00 04 05")
 
 
-def test_a_longer_value_than_the_server_wants() -> None:
+def test_the_server_refuses_a_value_above_its_limit() -> None:
     server = SdoServer(5, Store(), limit=20)
     bus = Bus(server)
     bus.run(download(5, 0x2100, 0, bytes(20), block=True))
@@ -359,25 +359,25 @@ def test_a_longer_value_than_the_server_wants() -> None:
     assert LIMIT == 16 << 20
 
 
-# Servers that are not ours.
+# Servers of others.
 
 
 def scripted(conversation: Conversation[CanFrame, object], *turns: tuple[str, ...]) -> tuple[object, list[str]]:
-    """A conversation with a server that answers each frame with the next of these."""
+    """A conversation with a server that responds to each frame with the next of these."""
     script = Script()
     for request, *answers in turns:
         data = bytes.fromhex(request).ljust(8, b"\0")
         script.lines.append((str(CanFrame(0x605, data)), *map(answer, answers)))
     result, _ = play(conversation, script)
     assert not script.lines
-    return result, script.said
+    return result, script.sent
 
 
 def answer(text: str) -> str:
     return f"585#{bytes.fromhex(text).ljust(8, bytes(1)).hex()}"
 
 
-def test_a_server_that_answers_blocks_with_segments_unasked() -> None:
+def test_a_server_that_responds_with_segments_to_a_block_request() -> None:
     turns = (("A4 08 10 00 7F", "41 08 10 00 02"), ("60", "0B 33 32"))
     assert scripted(upload(5, 0x1008, block=True), *turns)[0] == b"32"
     with pytest.raises(SdoAbort, match=r"0504 0001h .*an ordinary upload came") as caught:
@@ -388,12 +388,12 @@ def test_a_server_that_answers_blocks_with_segments_unasked() -> None:
 @pytest.mark.parametrize(
     ("turns", "code", "why"),
     [
-        ([("60", "10 01")], "00 00 03 05", "the answer has toggle bit 1, the question has 0"),
+        ([("60", "10 01")], "00 00 03 05", "the response has toggle bit 1, the request has 0"),
         ([("60", "01 01 02 03 04 05 06 07")], "12 00 07 06", "4 bytes announced, more came"),
         ([("60", "0D 01")], "13 00 07 06", "4 bytes announced, 1 came"),
     ],
 )
-def test_a_server_that_breaks_the_rules_of_segments(turns: list[tuple[str, ...]], code: str, why: str) -> None:
+def test_the_client_aborts_at_protocol_violations(turns: list[tuple[str, ...]], code: str, why: str) -> None:
     channel = Channel(5)
     with pytest.raises(SdoAbort) as caught:
         scripted(upload(channel, 0x1008), ("40 08 10", "41 08 10 00 04"), *turns, (f"80 08 10 00 {code}",))
@@ -402,7 +402,7 @@ def test_a_server_that_breaks_the_rules_of_segments(turns: list[tuple[str, ...]]
     assert channel.quiet_until is not None
 
 
-def test_segments_of_an_unknown_size_and_answers_that_come_twice() -> None:
+def test_segments_of_unknown_size_and_doubled_responses() -> None:
     channel = Channel(5)
     turns = (
         ("40 08 10", "40 08 10"),
@@ -413,7 +413,7 @@ def test_segments_of_an_unknown_size_and_answers_that_come_twice() -> None:
     assert channel.counters.late == 1
 
 
-def test_a_server_that_leaves_zeros_out() -> None:
+def test_a_server_that_omits_trailing_zeros() -> None:
     channel, data = Channel(5), bytes(range(1, 10))
     script = Script(
         ("605#A400210014000000", "585#C600210009000000"),
@@ -426,7 +426,7 @@ def test_a_server_that_leaves_zeros_out() -> None:
 
 
 def test_a_server_that_acknowledges_at_the_first_gap() -> None:
-    """Some do not wait for the end of the block: the sender goes on behind what was acknowledged, numbered anew."""
+    """Some acknowledge before the end of the block: the sender continues after that segment, renumbered."""
     data = bytes(range(1, 29))
     turns = (
         ("C6 00 21 00 1C", "A4 00 21 00 7F"),

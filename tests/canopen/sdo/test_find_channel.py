@@ -1,4 +1,4 @@
-"""Further SDO servers of a node on channels of their own, and blocks where they are worth it."""
+"""Further SDO servers of a node on their own channels, and `block="auto"`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.canopen.sdo.sdo_bus import Bus, Store
 CHANNEL = CobEntry(0x1234565, extended=True), CobEntry(0x6E5)
 
 
-def test_a_second_server_on_a_channel_of_its_own() -> None:
+def test_a_second_server_has_its_own_channel() -> None:
     first, second = Store(), Store()
     words = [entry.pack().to_bytes(4, "little") for entry in CHANNEL]
     first.objects |= {(0x1201, 1): words[0], (0x1201, 2): words[1]}
@@ -29,22 +29,22 @@ def test_a_second_server_on_a_channel_of_its_own() -> None:
     assert play(find_channel(default, 1), lambda frame, now: [])[0] is default
 
 
-def test_a_server_that_is_not_there_or_switched_off() -> None:
+def test_a_server_that_is_missing_or_not_in_use() -> None:
     store = Store()
     bus = Bus(SdoServer(5, store))
     with pytest.raises(SdoAbort, match="1201h:01: 0602 0000h"):
         bus.run(find_channel(Channel(5), 2))
     store.objects |= {(0x1201, 1): bytes.fromhex("00000080"), (0x1201, 2): bytes.fromhex("00000080")}
-    with pytest.raises(EncodeError, match="SDO server 2 of node 5 is switched off"):
+    with pytest.raises(EncodeError, match="SDO server 2 of node 5 is not in use"):
         bus.run(find_channel(Channel(5), 2))
     with pytest.raises(EncodeError, match=r"expected 1\.\.128"):
         find_channel(Channel(5), 129)
 
 
-# Blocks where they are worth it
+# block="auto"
 
 
-def test_auto_asks_for_blocks_where_they_are_worth_it() -> None:
+def test_auto_requests_blocks_for_long_values() -> None:
     store, channel = Store(), Channel(5)
     bus = Bus(SdoServer(5, store))
     for length, first in ((4, "C 23"), (28, "C 21"), (29, "C C6")):
@@ -61,7 +61,7 @@ def test_auto_asks_for_blocks_where_they_are_worth_it() -> None:
 
 
 @pytest.mark.parametrize("downloads", [False, True])
-def test_auto_asks_a_server_without_blocks_once(downloads: bool) -> None:
+def test_auto_requests_blocks_once_of_a_server_without_them(downloads: bool) -> None:
     store, channel = Store(), Channel(5)
     store.objects[0x2100, 0] = bytes(100)
     bus = Bus(SdoServer(5, store, blksize=0))

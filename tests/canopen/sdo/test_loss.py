@@ -1,7 +1,7 @@
 """The loss matrix: every single frame of a transfer lost, doubled, late, swapped with the next, or corrupted.
 
-What may come of it: the right bytes, or an error that says what happened. What may not: wrong bytes, no end, or a
-channel on which the next transfer does not work.
+A transfer must end with the right bytes or an error; never with wrong bytes, without an end, or with a channel on which
+the next transfer fails.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 
 from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.errors import NoAnswer
-from tests.canopen.sdo.sdo_bus import Bus, Store, Weather
+from tests.canopen.sdo.sdo_bus import Bus, Fault, Store
 
 VALUE = bytes((7 * place + 1) % 251 for place in range(63))
 BLKSIZE = 3
@@ -45,13 +45,13 @@ BLOCK_CASES = [(kind, length) for kind in KINDS for length in kind.lengths if ki
 CASES = [pytest.param(kind, length, id=f"{kind.name}, {length} bytes") for kind in KINDS for length in kind.lengths]
 
 
-def transfer(kind: Kind, length: int, weather: Weather | None, trusted: bool = False) -> str | int:
-    """One transfer in this weather: "right", or the code it ended with. Then the sky clears, and another one works."""
+def transfer(kind: Kind, length: int, fault: Fault | None, trusted: bool = False) -> str | int:
+    """One transfer with this fault: "right", or its abort code. Then a second transfer without faults must work."""
     value = VALUE[:length]
     store = Store()
     store.objects[0x2100, 0] = b"" if kind.downloads else value
     server = SdoServer(5, store, blksize=BLKSIZE)
-    bus = Bus(server, weather=weather)
+    bus = Bus(server, fault=fault)
     channel = Channel(5)
     outcome: str | int = "right"
     try:
@@ -69,35 +69,35 @@ def transfer(kind: Kind, length: int, weather: Weather | None, trusted: bool = F
     bus.rest(5.0)
     assert server.deadline is None
     assert trusted or store.objects[0x2100, 0] in (b"", value)
-    bus.weather = None
+    bus.fault = None
     bus.run(download(channel, 0x2100, 0, b"the next", block=kind.block))
     assert bus.run(upload(channel, 0x2100, block=kind.block)) == b"the next"
     return outcome
 
 
 def frames_of(kind: Kind, length: int) -> list[str]:
-    """What is said in good weather."""
+    """The frames of a transfer without faults."""
     seen: list[str] = []
 
-    def weather(number: int, frame: CanFrame) -> list[tuple[float, CanFrame]]:
+    def fault(number: int, frame: CanFrame) -> list[tuple[float, CanFrame]]:
         seen.append(frame.data.hex(" ").upper())
         return [(0.0, frame)]
 
-    assert transfer(kind, length, weather) == "right"
+    assert transfer(kind, length, fault) == "right"
     return seen
 
 
-def faults(kind: Kind, length: int) -> Iterator[tuple[int, str, Weather]]:
+def faults(kind: Kind, length: int) -> Iterator[tuple[int, str, Fault]]:
     """Every frame of the transfer, in every bad way but corruption."""
     for hit in range(len(frames_of(kind, length))):
         for name, delays in (("lost", []), ("doubled", [0.0, 0.0]), ("late", [1.5 * TIMEOUT]), ("swapped", [0.00015])):
 
-            def weather(
+            def fault(
                 number: int, frame: CanFrame, hit: int = hit, delays: list[float] = delays
             ) -> list[tuple[float, CanFrame]]:
                 return [(delay, frame) for delay in (delays if number == hit else [0.0])]
 
-            yield hit, name, weather
+            yield hit, name, fault
 
 
 SENSIBLE = {
@@ -113,8 +113,8 @@ SENSIBLE = {
 
 @pytest.mark.parametrize(("kind", "length"), CASES)
 def test_any_frame_lost_doubled_late_or_swapped(kind: Kind, length: int) -> None:
-    for hit, name, weather in faults(kind, length):
-        outcome = transfer(kind, length, weather)
+    for hit, name, fault in faults(kind, length):
+        outcome = transfer(kind, length, fault)
         assert outcome == "right" or outcome in SENSIBLE, (hit, name)
 
 
@@ -124,12 +124,12 @@ def test_every_segment_and_every_acknowledgement_may_be_lost(kind: Kind, length:
     frames = frames_of(kind, length)
     first = next(place for place, frame in enumerate(frames) if frame[:2] in ("01", "81"))
     last = len(frames) - 3
-    for hit, name, weather in faults(kind, length):
+    for hit, name, fault in faults(kind, length):
         if first <= hit <= last:
-            assert transfer(kind, length, weather) == "right", (hit, name, frames[hit])
+            assert transfer(kind, length, fault) == "right", (hit, name, frames[hit])
 
 
-def test_nobody_waits_for_the_answer_that_ends_a_block_upload() -> None:
+def test_the_lost_end_of_a_block_upload_delays_nothing() -> None:
     kind, length = KINDS[5], 40
     last = len(frames_of(kind, length)) - 1
     assert transfer(kind, length, lambda number, frame: [(0.0, frame)] * (number != last)) == "right"
@@ -143,9 +143,9 @@ def test_any_byte_of_any_frame_corrupted(kind: Kind, length: int, change: int) -
     for hit in range(len(frames_of(kind, length))):
         for at in range(8):
 
-            def weather(number: int, frame: CanFrame, hit: int = hit, at: int = at) -> list[tuple[float, CanFrame]]:
+            def fault(number: int, frame: CanFrame, hit: int = hit, at: int = at) -> list[tuple[float, CanFrame]]:
                 data = bytearray(frame.data)
                 data[at] ^= change
                 return [(0.0, frame._replace(data=bytes(data)) if number == hit else frame)]
 
-            transfer(kind, length, weather, trusted=not kind.block or hit < 2)
+            transfer(kind, length, fault, trusted=not kind.block or hit < 2)

@@ -1,4 +1,4 @@
-"""SDO messages and abort codes: every command byte of an initiate, both ways, and every way to say no."""
+"""SDO messages and abort codes: every command byte of an initiate message, and every abort code."""
 
 from __future__ import annotations
 
@@ -64,13 +64,13 @@ ANSWERS = [
 
 
 @pytest.mark.parametrize(("text", "message"), REQUESTS)
-def test_requests_both_ways(text: str, message: InitiateUpload) -> None:
+def test_requests_encode_and_decode(text: str, message: InitiateUpload) -> None:
     assert message.encode() == raw(text)
     assert decode_sdo_request(raw(text)) == message
 
 
 @pytest.mark.parametrize(("text", "message"), ANSWERS)
-def test_answers_both_ways(text: str, message: ExpeditedUpload) -> None:
+def test_responses_encode_and_decode(text: str, message: ExpeditedUpload) -> None:
     assert message.encode() == raw(text)
     assert decode_sdo_response(raw(text)) == message
 
@@ -110,16 +110,16 @@ BLOCKS = [
 
 
 @pytest.mark.parametrize(("text", "message"), SEGMENTS + BLOCKS)
-def test_what_is_between_beginning_and_end_both_ways(text: str, message: SdoMessage) -> None:
+def test_segment_and_block_messages_encode_and_decode(text: str, message: SdoMessage) -> None:
     assert message.encode() == raw(text)
     assert decode_one_of(raw(text), (type(message),)) == message
 
 
-def test_the_state_of_the_transfer_says_what_a_byte_means() -> None:
+def test_the_state_of_the_transfer_determines_the_message() -> None:
     data = raw("C1 F3 43 00 00 00 00 00")
     assert decode_one_of(data, (BlockEnd,)) == BlockEnd(0, 0x43F3)
     assert decode_one_of(data, (BlockSegment,)) == BlockSegment(0x41, data[1:], last=True)
-    with pytest.raises(DecodeError, match="nothing that belongs here"):
+    with pytest.raises(DecodeError, match="not possible here"):
         decode_sdo_request(data)
 
 
@@ -135,7 +135,7 @@ def test_the_state_of_the_transfer_says_what_a_byte_means() -> None:
         (BlockEnd, "D5 F3"),
     ],
 )
-def test_bytes_that_are_missing(kind: type[SdoMessage], text: str) -> None:
+def test_missing_bytes_raise_short(kind: type[SdoMessage], text: str) -> None:
     with pytest.raises(DecodeError) as caught:
         decode_one_of(raw(text), (kind,))
     assert caught.value.reason == "short"
@@ -165,31 +165,31 @@ def test_there_is_no_segment_0(text: str) -> None:
         BlockDownloadInitiated(0x1008, 0, 0),
     ],
 )
-def test_segments_and_blocks_that_cannot_be_said(message: SdoMessage) -> None:
+def test_invalid_segment_and_block_messages_do_not_encode(message: SdoMessage) -> None:
     with pytest.raises(EncodeError):
         message.encode()
 
 
 @pytest.mark.parametrize("command", ["43", "4B", "4F", "5F", "41"])
-def test_reserved_bits_of_an_upload_request_are_read_over(command: str) -> None:
+def test_reserved_bits_of_an_upload_request_are_ignored(command: str) -> None:
     assert decode_sdo_request(raw(f"{command} 40 60 00 00 00 00 00")) == InitiateUpload(0x6040, 0, int(command, 16))
 
 
 @pytest.mark.parametrize("command", ["00", "60", "81", "A1", "A3", "C1", "E0", "FF"])
-def test_commands_that_start_nothing_known(command: str) -> None:
+def test_unknown_request_commands(command: str) -> None:
     with pytest.raises(DecodeError) as caught:
         decode_sdo_request(raw(f"{command} 40 60 00 00 00 00 00"))
     assert (caught.value.reason, caught.value.at) == ("function", 0)
 
 
 @pytest.mark.parametrize("command", ["00", "20", "81", "A1", "A2", "C1", "E0"])
-def test_commands_that_answer_nothing_known(command: str) -> None:
+def test_unknown_response_commands(command: str) -> None:
     with pytest.raises(DecodeError) as caught:
         decode_sdo_response(raw(f"{command} 40 60 00 00 00 00 00"))
     assert caught.value.reason == "function"
 
 
-def test_trimmed_answers_are_read_as_far_as_they_need_to_go() -> None:
+def test_responses_without_trailing_bytes_decode() -> None:
     assert decode_sdo_response(raw("60 17 10 00")) == DownloadInitiated(0x1017, 0)
     assert decode_sdo_response(raw("4B 41 60 00 37 06")) == ExpeditedUpload(0x6041, 0, raw("3706"))
     for text in ("", "4B", "4B 41 60", "4B 41 60 00 37", "42 41 60 00 37 06 00", "80 41 60 00 00 00 02", "41 08 10 00"):
@@ -198,7 +198,7 @@ def test_trimmed_answers_are_read_as_far_as_they_need_to_go() -> None:
         assert caught.value.reason == "short"
 
 
-def test_what_cannot_be_said() -> None:
+def test_invalid_initiate_messages_do_not_encode() -> None:
     for data in (b"", bytes(5)):
         with pytest.raises(EncodeError, match="carries 1 to 4"):
             ExpeditedDownload(0x1017, 0, data).encode()
@@ -208,11 +208,11 @@ def test_what_cannot_be_said() -> None:
         InitiateUpload(0x10000, 0).encode()
     with pytest.raises(EncodeError, match="sub"):
         InitiateUpload(0x1000, 256).encode()
-    with pytest.raises(EncodeError, match="does not ask for an upload"):
+    with pytest.raises(EncodeError, match="does not request an upload"):
         InitiateUpload(0x1000, 0, 0x23).encode()
 
 
-def test_there_are_31_abort_codes_and_each_survives_the_wire() -> None:
+def test_each_of_31_abort_codes_encodes_and_decodes() -> None:
     assert len(AbortCode) == 31
     assert len({code.text for code in AbortCode}) == 31
     for code in AbortCode:
@@ -229,13 +229,13 @@ def test_an_unknown_code_keeps_its_number() -> None:
     assert decode_sdo_response(Abort(0x1000, 0, 0xDEADBEEF).encode()) == Abort(0x1000, 0, 0xDEADBEEF)
 
 
-def test_an_abort_about_another_object_says_so() -> None:
+def test_an_abort_for_another_object_names_it() -> None:
     refusal = SdoAbort(0x05040001, 0x1017, 0, (0x1000, 4))
     assert str(refusal).endswith("unknown (the abort names 1000h:04)")
-    assert refusal.said == (0x1000, 4)
+    assert refusal.named == (0x1000, 4)
 
 
-def test_dialects_ask_in_their_own_way() -> None:
+def test_read_commands_of_the_dialects() -> None:
     assert [STANDARD.read_command(size) for size in (1, 2, 3, 4, 8, None)] == [0x40] * 6
     assert [AZ3.read_command(size) for size in (1, 2, 4, None)] == [0x4F, 0x4B, 0x43, 0x43]
     with pytest.raises(EncodeError, match="cannot ask for 3 bytes"):
@@ -246,7 +246,7 @@ def test_dialects_ask_in_their_own_way() -> None:
     ("data", "size", "value"),
     [("06000000", 2, "0600"), ("FBFFFFFF", 2, "FBFF"), ("3706", 2, "3706"), ("0F000000", 1, "0F")],
 )
-def test_fit_cuts_what_is_nothing(data: str, size: int, value: str) -> None:
+def test_fit_removes_padding_and_sign_extension(data: str, size: int, value: str) -> None:
     assert fit(raw(data), size) == raw(value)
 
 

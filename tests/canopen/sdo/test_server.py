@@ -1,4 +1,4 @@
-"""The server's side of SDO: dialogues with an object dictionary behind it."""
+"""The SDO server: dialogues with an object dictionary."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from barewire.errors import EncodeError
 
 
 def objects() -> ObjectDictionary:
-    def stubborn(value: Value) -> None:
+    def refuse(value: Value) -> None:
         raise SdoAbort(AbortCode.LOCAL_CONTROL, 0x2005, 0)
 
-    def confused(value: Value) -> None:
+    def fail(value: Value) -> None:
         raise EncodeError("this cannot be said")
 
     return ObjectDictionary(
@@ -39,8 +39,8 @@ def objects() -> ObjectDictionary:
             Entry(0x2002, 0, "command", "u8", "wo", 0),
             Entry(0x2003, 0, "letters", "octets", "rw", b"ab", maximum=3),
             Entry(0x2004, 0, "long number", "u64", "rw", 0),
-            Entry(0x2005, 0, "stubborn", "u8", "rw", 0, on_write=stubborn),
-            Entry(0x2006, 0, "confused", "u8", "rw", 0, on_write=confused),
+            Entry(0x2005, 0, "refuse", "u8", "rw", 0, on_write=refuse),
+            Entry(0x2006, 0, "fail", "u8", "rw", 0, on_write=fail),
             Entry(0x2007, 0, "empty", "octets", "ro", b""),
             Entry(0x2008, 0, "nobody knows", "u8", "ro", 0, on_read=lambda: 300),
             Entry(0x6040, 0, "controlword", "u16", "rw", 6),
@@ -50,7 +50,7 @@ def objects() -> ObjectDictionary:
 
 
 def dialogue(server: SdoServer, request: str) -> str:
-    """The answer as text, '' for none; requests are written without the identifier."""
+    """The response as text, '' for none; requests are written without the identifier."""
     frames = server.feed(CanFrame.parse(f"605#{request.replace(' ', '')}"), 0.0)
     assert all(frame.id == 0x585 and len(frame.data) == 8 for frame in frames)
     return " ".join(frame.data.hex(" ").upper() for frame in frames)
@@ -65,7 +65,7 @@ def dialogue(server: SdoServer, request: str) -> str:
         ("40 00 20 01 00 00 00 00", "47 00 20 01 11 22 33 00"),
         ("40 00 10 00 00 00 00 00", "43 00 10 00 91 01 0F 00"),
         ("40 00 20 00 00 00 00 00", "4F 00 20 00 01 00 00 00"),
-        # downloads of 1 to 4 bytes, and of the four of which the object takes what it needs
+        # downloads of 1 to 4 bytes, and of four without an indicated size
         ("2F 01 20 00 0A 00 00 00", "60 01 20 00 00 00 00 00"),
         ("2B 17 10 00 00 00 00 00", "60 17 10 00 00 00 00 00"),
         ("27 00 20 01 01 02 03 00", "60 00 20 01 00 00 00 00"),
@@ -87,7 +87,7 @@ def dialogue(server: SdoServer, request: str) -> str:
         ("2F 05 20 00 01 00 00 00", "80 05 20 00 21 00 00 08"),
         ("2F 06 20 00 01 00 00 00", "80 06 20 00 00 00 00 08"),
         ("40 08 20 00 00 00 00 00", "80 08 20 00 00 00 00 08"),
-        # what does not fit one frame, or need not
+        # values in segments or blocks
         ("40 08 10 00 00 00 00 00", "41 08 10 00 0F 00 00 00"),
         ("40 07 20 00 00 00 00 00", "41 07 20 00 00 00 00 00"),
         ("21 17 10 00 02 00 00 00", "60 17 10 00 00 00 00 00"),
@@ -99,12 +99,12 @@ def dialogue(server: SdoServer, request: str) -> str:
         ("A4 17 10 00 00 00 00 00", "80 17 10 00 02 00 04 05"),
         ("A4 17 10 00 80 00 00 00", "80 17 10 00 02 00 04 05"),
         ("A4 17 10 00 14 02 00 00", "4B 17 10 00 E8 03 00 00"),
-        # what nobody here knows, always with the object of the same frame
+        # unknown commands: the abort names the object of the frame
         ("E0 17 10 07 02 00 00 00", "80 17 10 07 01 00 04 05"),
         ("00 17 10 00 02 00 00 00", "80 17 10 00 01 00 04 05"),
         # an abort is never answered
         ("80 17 10 00 00 00 04 05", ""),
-        # nor is what has no 8 bytes
+        # nor is a frame without 8 bytes
         ("40 17 10", ""),
         ("40 17 10 00", ""),
         ("40 17 10 00 00 00 00", ""),
@@ -115,7 +115,7 @@ def test_dialogues(request_: str, answer: str) -> None:
     assert dialogue(SdoServer(5, objects()), request_) == answer
 
 
-def test_a_value_written_is_the_value_read() -> None:
+def test_a_written_value_is_read_back() -> None:
     server = SdoServer(5, objects())
     dialogue(server, "22 17 10 00 D0 07 FF FF")
     assert dialogue(server, "40 17 10 00 00 00 00 00") == "4B 17 10 00 D0 07 00 00"
@@ -124,7 +124,7 @@ def test_a_value_written_is_the_value_read() -> None:
 @pytest.mark.parametrize(
     "text", ["606#4017100000000000", "00000605#4017100000000000", "605#R8", "585#4B17100000000000", "000#0105"]
 )
-def test_what_is_not_for_this_server(text: str) -> None:
+def test_frames_for_others_are_ignored(text: str) -> None:
     server = SdoServer(5, objects())
     assert server.feed(CanFrame.parse(text), 0.0) == []
     assert server.counters.requests == 0
@@ -156,12 +156,12 @@ def test_counters() -> None:
         ("2F 40 60 00 0F 00 00 00", "80 40 60 00 13 00 07 06"),
     ],
 )
-def test_dialogues_in_four(request_: str, answer: str) -> None:
+def test_dialogues_of_the_dialect_with_four_byte_numbers(request_: str, answer: str) -> None:
     assert dialogue(SdoServer(5, objects(), AZ3), request_) == answer
 
 
 @pytest.mark.parametrize("dialect", [STANDARD, AZ3])
-def test_client_and_server_understand_each_other(dialect: SdoDialect) -> None:
+def test_client_and_server_in_each_dialect(dialect: SdoDialect) -> None:
     server = SdoServer(5, objects(), dialect)
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:

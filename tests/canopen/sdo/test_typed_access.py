@@ -33,7 +33,7 @@ def bus() -> tuple[VirtualBus, LocalNode]:
     [("Speed", -1500), ((0x2001, 2), 0.25), ("text", "another one"), (0x2003, True), ("log", bytes(range(200)))],
 )
 @pytest.mark.parametrize("block", [False, True])
-def test_written_and_read(place: str | int | tuple[int, int], value: Value, block: bool) -> None:
+def test_objects_are_written_and_read_as_values(place: str | int | tuple[int, int], value: Value, block: bool) -> None:
     line, device = bus()
     known = ObjectDictionary(entries())
     line.run(write_object(5, known, place, value, block=block))
@@ -41,7 +41,7 @@ def test_written_and_read(place: str | int | tuple[int, int], value: Value, bloc
     assert line.run(read_object(5, known, place, block=block)) == value
 
 
-def test_who_says_no() -> None:
+def test_errors_of_dictionary_device_and_type() -> None:
     line, device = bus()
     known = ObjectDictionary(entries())
     for value in (1 << 31, "fast", 1.5):
@@ -56,4 +56,4 @@ def test_who_says_no() -> None:
     device.objects.replace(Entry(0x2000, 0, "speed", "i16"))
     with pytest.raises(DecodeError) as odd:
         line.run(read_object(5, known, "speed"))
-    assert odd.value.__notes__ == ["speed is i32 in the dictionary, and this is what the device has"]
+    assert odd.value.__notes__ == ["speed is i32 in the dictionary, but the device sent this"]

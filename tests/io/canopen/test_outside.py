@@ -125,7 +125,7 @@ def test_what_a_word_is_given_by_mistake_is_told() -> None:
             "24641 is no name; by index it is `upload`": lambda: client.read(az3, 0x6041),  # type: ignore[arg-type]
             "5 is no name": lambda: client.write(az3, {5: 1}),  # type: ignore[dict-item]
             "is no ObjectDictionary; a described": lambda: client.read_object(az3, "STATUS WORD"),  # type: ignore[arg-type]
-            r"1500 is no bytes: .* \(1500\).to_bytes": lambda: client.download(0x60FF, 0, 1500),  # type: ignore[arg-type]
+            r"1500 is not bytes: .* \(1500\).to_bytes": lambda: client.download(0x60FF, 0, 1500),  # type: ignore[arg-type]
             "NMT command 'start': expected one of NmtCommand.START": lambda: client.tell_nmt("start"),  # type: ignore[arg-type]
         }
         for text, mistake in mistakes.items():

@@ -4,25 +4,24 @@
 
         | command | index 2 | sub 1 | 4 bytes |        8 bytes, always; numbers little-endian
 
-        1 to 4 bytes         expedited: the value travels in the question or in the answer itself
+        1 to 4 bytes         expedited: the request or the response itself has the value
         any length           segmented: 7 bytes in a frame, each confirmed
-        any length, fast     block: up to 127 frames in a row for one acknowledgement, and a CRC over the whole
+        any length, fast     block: up to 127 frames in a row for one acknowledgement, and a CRC over the whole value
 
-Files, from the bytes upwards:
+Files, in reading order:
 
-    initiate_messages, segment_messages, block_messages      what one frame says
-    messages    all of them, and which of them it is, by the state of the transfer
-    aborts      why somebody said no
-    dialect     how a device departs
-    stream      the bytes of a value on their way
-    block       the sender and the receiver of blocks, which client and server share     block_segments  their frames
-    channel     a client's two identifiers     hearing     what is heard there     options     how it wants its blocks
-    transfer    one transfer of a client           upload      read            download    write
-    sessions    one transfer of a server           serve       the server      store       what it stands on
-    servers     where a device has further servers
+    messages/initiate, segment, block       the messages of the three kinds of transfer
+    messages/codec         which message eight bytes are, by the state of the transfer
+    aborts                 abort codes, SdoAbort
+    dialect                how a device departs from the standard
+    stream                 the bytes of a value, as they are sent or received
+    block_transfer         sender and receiver of blocks, used by client and server
+    client/channel         identifiers, counters client/block_options      options of block transfers
+    client/transfer        one transfer          client/upload, download   read and write an object
+    client/typed_access    objects as values     client/find_channel       channels of further servers
+    server/transfers       the long transfers    server/server             the server
 
-I know: SDO frames and that there is an object dictionary.  I never know: PDOs, NMT, types and names of objects.
-Who may import me: canopen, devices, shells, cli.
+Depends on: frames, COB-IDs, codecs, the node monitor. Used by: the other rooms of canopen, devices, explain, io.
 """
 
 from typing import TYPE_CHECKING
@@ -32,8 +31,7 @@ from barewire._lazy import lazy
 if TYPE_CHECKING:
     from barewire.canopen.sdo.aborts import AbortCode as AbortCode, SdoAbort as SdoAbort, abort_text as abort_text
     from barewire.canopen.sdo.client.block_options import BlockMode as BlockMode, BlockSettings as BlockSettings
-    from barewire.canopen.sdo.client.channel import Channel as Channel
-    from barewire.canopen.sdo.client.channel_counters import ChannelCounters as ChannelCounters
+    from barewire.canopen.sdo.client.channel import Channel as Channel, ChannelCounters as ChannelCounters
     from barewire.canopen.sdo.client.download import download as download
     from barewire.canopen.sdo.client.upload import upload as upload, upload_to as upload_to
     from barewire.canopen.sdo.dialect import STANDARD as STANDARD, SdoDialect as SdoDialect, fit as fit
@@ -66,8 +64,11 @@ if TYPE_CHECKING:
         SdoSegment as SdoSegment,
         SegmentTaken as SegmentTaken,
     )
-    from barewire.canopen.sdo.server.server import SdoServer as SdoServer
-    from barewire.canopen.sdo.server.store import ObjectStore as ObjectStore, ServerCounters as ServerCounters
+    from barewire.canopen.sdo.server.server import (
+        ObjectStore as ObjectStore,
+        SdoServer as SdoServer,
+        ServerCounters as ServerCounters,
+    )
 
 __getattr__, __all__ = lazy(
     __name__,
@@ -75,10 +76,8 @@ __getattr__, __all__ = lazy(
         "client.upload": "upload upload_to",
         "client.download": "download",
         "client.block_options": "BlockSettings BlockMode",
-        "client.channel": "Channel",
-        "client.channel_counters": "ChannelCounters",
-        "server.server": "SdoServer",
-        "server.store": "ServerCounters ObjectStore",
+        "client.channel": "Channel ChannelCounters",
+        "server.server": "SdoServer ServerCounters ObjectStore",
         "dialect": "SdoDialect STANDARD fit",
         "aborts": "SdoAbort AbortCode abort_text",
         "messages.initiate": (

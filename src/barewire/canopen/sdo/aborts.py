@@ -1,8 +1,8 @@
-"""The 31 ways to say no: SDO abort codes and the exception that carries one.   [CiA 301, SDO abort codes]
+"""SDO abort codes, and the exception that carries one.   [CiA 301, SDO abort codes]
 
         80 | index 2 | sub 1 | abort code 4 |        0602 0000h travels as 00 00 02 06
 
-Read the code from the left: class, kind, detail. 05 is about the protocol, 06 about the object, 08 about the device.
+A code reads from the left: class, kind, detail. Class 05 concerns the protocol, 06 the object, 08 the device.
 """
 
 from __future__ import annotations
@@ -23,44 +23,44 @@ class AbortCode(IntEnum):
         member.text = text
         return member
 
-    TOGGLE = 0x0503_0000, "toggle bit not alternated"
-    TIMED_OUT = 0x0504_0000, "SDO protocol timed out"
-    COMMAND = 0x0504_0001, "command specifier not valid or unknown"
-    BLOCK_SIZE = 0x0504_0002, "invalid block size"
-    SEQUENCE_NUMBER = 0x0504_0003, "invalid sequence number"
-    CRC = 0x0504_0004, "CRC error"
-    OUT_OF_MEMORY = 0x0504_0005, "out of memory"
-    UNSUPPORTED_ACCESS = 0x0601_0000, "unsupported access to an object"
-    WRITE_ONLY = 0x0601_0001, "attempt to read a write-only object"
-    READ_ONLY = 0x0601_0002, "attempt to write a read-only object"
-    NO_OBJECT = 0x0602_0000, "object does not exist"
-    NOT_MAPPABLE = 0x0604_0041, "object cannot be mapped to the PDO"
-    PDO_TOO_LONG = 0x0604_0042, "mapped objects would exceed the length of the PDO"
-    INCOMPATIBLE_PARAMETER = 0x0604_0043, "general parameter incompatibility"
-    INCOMPATIBLE_INTERNALLY = 0x0604_0047, "general internal incompatibility in the device"
-    HARDWARE = 0x0606_0000, "access failed because of a hardware error"
-    LENGTH = 0x0607_0010, "data type does not match, length of parameter does not match"
-    TOO_LONG = 0x0607_0012, "data type does not match, length of parameter too high"
-    TOO_SHORT = 0x0607_0013, "data type does not match, length of parameter too low"
-    NO_SUB = 0x0609_0011, "sub-index does not exist"
-    INVALID_VALUE = 0x0609_0030, "invalid value for parameter"
-    TOO_HIGH = 0x0609_0031, "value of parameter written too high"
-    TOO_LOW = 0x0609_0032, "value of parameter written too low"
-    MAXIMUM_BELOW_MINIMUM = 0x0609_0036, "maximum value is less than minimum value"
-    NO_CONNECTION = 0x060A_0023, "resource not available: SDO connection"
-    GENERAL = 0x0800_0000, "general error"
-    NOT_STORED = 0x0800_0020, "data cannot be transferred or stored to the application"
-    LOCAL_CONTROL = 0x0800_0021, "data cannot be transferred or stored because of local control"
-    DEVICE_STATE = 0x0800_0022, "data cannot be transferred or stored in the present device state"
-    NO_DICTIONARY = 0x0800_0023, "object dictionary not present or its dynamic generation failed"
-    NO_DATA = 0x0800_0024, "no data available"
+    TOGGLE = 0x05030000, "toggle bit not alternated"
+    TIMED_OUT = 0x05040000, "SDO protocol timed out"
+    COMMAND = 0x05040001, "command specifier not valid or unknown"
+    BLOCK_SIZE = 0x05040002, "invalid block size"
+    SEQUENCE_NUMBER = 0x05040003, "invalid sequence number"
+    CRC = 0x05040004, "CRC error"
+    OUT_OF_MEMORY = 0x05040005, "out of memory"
+    UNSUPPORTED_ACCESS = 0x06010000, "unsupported access to an object"
+    WRITE_ONLY = 0x06010001, "attempt to read a write-only object"
+    READ_ONLY = 0x06010002, "attempt to write a read-only object"
+    NO_OBJECT = 0x06020000, "object does not exist"
+    NOT_MAPPABLE = 0x06040041, "object cannot be mapped to the PDO"
+    PDO_TOO_LONG = 0x06040042, "mapped objects would exceed the length of the PDO"
+    INCOMPATIBLE_PARAMETER = 0x06040043, "general parameter incompatibility"
+    INCOMPATIBLE_INTERNALLY = 0x06040047, "general internal incompatibility in the device"
+    HARDWARE = 0x06060000, "access failed because of a hardware error"
+    LENGTH = 0x06070010, "data type does not match, length of parameter does not match"
+    TOO_LONG = 0x06070012, "data type does not match, length of parameter too high"
+    TOO_SHORT = 0x06070013, "data type does not match, length of parameter too low"
+    NO_SUB = 0x06090011, "sub-index does not exist"
+    INVALID_VALUE = 0x06090030, "invalid value for parameter"
+    TOO_HIGH = 0x06090031, "value of parameter written too high"
+    TOO_LOW = 0x06090032, "value of parameter written too low"
+    MAXIMUM_BELOW_MINIMUM = 0x06090036, "maximum value is less than minimum value"
+    NO_CONNECTION = 0x060A0023, "resource not available: SDO connection"
+    GENERAL = 0x08000000, "general error"
+    NOT_STORED = 0x08000020, "data cannot be transferred or stored to the application"
+    LOCAL_CONTROL = 0x08000021, "data cannot be transferred or stored because of local control"
+    DEVICE_STATE = 0x08000022, "data cannot be transferred or stored in the present device state"
+    NO_DICTIONARY = 0x08000023, "object dictionary not present or its dynamic generation failed"
+    NO_DATA = 0x08000024, "no data available"
 
 
 _TEXTS = {int(code): code.text for code in AbortCode}
 
 
 def abort_text(code: int) -> str:
-    """The code as the standard prints it, and its meaning. A code that nobody knows keeps its number.
+    """The code as the standard prints it, and its meaning. An unknown code keeps its number.
 
     >>> abort_text(0x06020000)
     '0602 0000h object does not exist'
@@ -71,9 +71,9 @@ def abort_text(code: int) -> str:
 
 
 class ProtocolViolation(BarewireError):
-    """What came, or did not come, breaks the rules, and this transfer is over: `code` is how to say so.
+    """The peer broke the protocol or was silent for too long; `code` is the abort code to send.
 
-    Stays inside this room: the client turns it into SdoAbort or NoAnswer, the server into an abort message.
+    It does not leave this room: the client turns it into SdoAbort or NoAnswer, the server into an abort message.
     """
 
     def __init__(self, code: AbortCode, why: str) -> None:
@@ -86,23 +86,23 @@ class ProtocolViolation(BarewireError):
 
 
 class SdoAbort(Refused):
-    """An access was refused: by the server, by our own dictionary, or by us because the server broke the rules.
+    """An access was refused: by the server, by our own dictionary, or by our client because the server broke the rules.
 
-    `index` and `sub` are what was asked for; `said` is the object that the abort message itself named, which some
-    servers get wrong, since an abort ends the transfer whatever object it names. `why` is empty if they said no; if
-    we did, it is the reason.
+    `index` and `sub` are the object of the request. `named` is the object in the abort message: some servers send a
+    wrong one, and an abort ends the transfer whatever object it names. `why` is the reason if our client ended the
+    transfer, and empty if the server did.
 
     >>> raise SdoAbort(0x06020000, 0x6041, 0)
     Traceback (most recent call last):
     barewire.canopen.sdo.aborts.SdoAbort: 6041h:00: 0602 0000h object does not exist
     """
 
-    def __init__(self, code: int, index: int, sub: int, said: tuple[int, int] | None = None, *, why: str = "") -> None:
-        super().__init__(code, index, sub, said)
+    def __init__(self, code: int, index: int, sub: int, named: tuple[int, int] | None = None, *, why: str = "") -> None:
+        super().__init__(code, index, sub, named)
         self.code = int(code)
         self.index = index
         self.sub = sub
-        self.said = said or (index, sub)
+        self.named = named or (index, sub)
         self.why = why
 
     @property
@@ -112,8 +112,8 @@ class SdoAbort(Refused):
 
     def __str__(self) -> str:
         more = ""
-        if self.said != (self.index, self.sub):
-            more = f" (the abort names {self.said[0]:04X}h:{self.said[1]:02X})"
+        if self.named != (self.index, self.sub):
+            more = f" (the abort names {self.named[0]:04X}h:{self.named[1]:02X})"
         if self.why:
             more = f", so we ended it: {self.why}"
         return f"{self.index:04X}h:{self.sub:02X}: {self.text}{more}"

@@ -1,4 +1,4 @@
-"""The two halves of every block transfer: one machine that sends segments, one that hears them.   [CiA 301, SDO block]
+"""The sender and the receiver of a block transfer, which client and server share.   [CiA 301, SDO block]
 
         BlockSender                                          BlockReceiver
         01 | 7 bytes                         ->
@@ -10,54 +10,86 @@
         02 | 7 bytes                         -x              lost
         83 | the last 7 bytes                ->
                                              <-              A2 | 01 | 7F | ...      only the first
-        01 | 7 bytes                         ->                                      what was 02, numbered anew
+        01 | 7 bytes                         ->                                      the former 02, renumbered
         82 | the last 7 bytes                ->
                                              <-              A2 | 02 | 7F | ...
         C1 + 4 * unused | CRC                ->
-                                             <-              A1                      whole and right
+                                             <-              A1                      complete, CRC correct
 
-In a download the client is the sender, in an upload the server: both roles use these two and nothing else. What was
-lost is found by the numbers, and when acknowledgements come is not the same with all receivers: at the end of a block,
-at its first gap, or when nothing more came. The sender takes each of them at any time.
+In a download the client is the sender, in an upload the server. Sequence numbers reveal lost segments. Receivers differ
+in when they acknowledge: at the end of a block, at its first gap, or after a silence; the sender accepts an
+acknowledgement at any time.
 
-Our receiver acknowledges when a block has ended, as far as it got. If the end was lost there is nothing to hear, so
-after 70 % of the time-out it says what it has; when nothing at all came it repeats its last word, since that may be
-what was lost. Segments that do not follow are passed over, before segment 1 too, and one that comes again with other
-bytes ends the transfer: then the two no longer talk about the same block.
+Our receiver acknowledges the segments received in order when a block has ended. If the last segment was lost, no frame
+marks the end, so after 70 % of the time-out it acknowledges what it has; if no segment arrived at all it repeats its
+last acknowledgement, which may be what was lost. Segments out of order are ignored, before segment 1 too. A repeated
+segment with different data ends the transfer: the two sides no longer refer to the same block.
 
-I know: segments, acknowledgements, times.  I never know: identifiers, objects, which role this is.
+Depends on: frame data and times passed in. Used by: client (upload, download), server (transfers).
 """
 
 from __future__ import annotations
 
 from binascii import crc_hqx
+from struct import unpack
 
 from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
-from barewire.canopen.sdo.block_segments import FRAME, joined, segments
 from barewire.canopen.sdo.messages.block import BLOCK_MAX, LAST, BlockAck, BlockEnd, BlockEnded
 from barewire.canopen.sdo.messages.codec import ReceiverMessage
 from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 
 BURST = 16
-"""Segments of a block that are said before its sender listens again: an abort is heard so many frames late at most."""
-REMIND = 0.7
-"""The part of the time-out after which a receiver says what it has."""
+"""Segments sent before the sender listens again: an abort is noticed at most so many frames late."""
+FRAME = 1 + SEGMENT
+"""Bytes of the frame of a segment: its number and the data."""
 FUTILE_MAX = 5
-"""How often a sender starts over without getting on."""
+"""How often a sender starts a block over before it gives up."""
 STRAYS_MAX = 8 * BLOCK_MAX
-"""How many segments out of turn a receiver passes over without getting on."""
+"""How many segments out of order a receiver ignores, without progress, before it gives up."""
 
+_REMIND = 0.7  # part of the time-out after which a receiver acknowledges what it has
+_STEP = 1 / 64  # part of the time-out for which a receiver does not move its deadline again
 _ENDED = BlockEnded().encode()
-_STEP = 1 / 64
-"""The part of the time-out for which a receiver does not move its deadline again."""
+_NUMBERS = bytes(range(1, BLOCK_MAX + 1))
+
+
+def segments(data: bytes, *, last: bool) -> list[bytes]:
+    """The frames of a block.
+
+    >>> [frame.hex(" ") for frame in segments(b"CANopen32", last=True)]
+    ['01 43 41 4e 6f 70 65 6e', '82 33 32 00 00 00 00 00']
+
+    Every eighth byte of a block is a number and the rest is data, so seven slices build all frames, without a loop
+    over segments.
+    """
+    count = max(1, -(-len(data) // SEGMENT))
+    padded = data.ljust(count * SEGMENT, b"\0")
+    block = bytearray(count * FRAME)
+    block[::FRAME] = _NUMBERS[:count]
+    for place in range(SEGMENT):
+        block[place + 1 :: FRAME] = padded[place::SEGMENT]
+    if last:
+        block[-FRAME] |= LAST
+    return list(unpack(f"{FRAME}s" * count, block))
+
+
+def joined(block: list[bytes]) -> bytes:
+    """The data of a block's frames: the inverse of `segments`, with the padding of the last one.
+
+    >>> joined(segments(b"CANopen32", last=True))
+    b'CANopen32\\x00\\x00\\x00\\x00\\x00'
+    """
+    whole = bytearray(b"".join(block))
+    del whole[::FRAME]
+    return bytes(whole)
 
 
 def check_blksize(blksize: int) -> int:
-    """The block size that the other side wants, or a Breach."""
+    """The block size that the peer wants. Raises ProtocolViolation if there is no such size."""
     if not 1 <= blksize <= BLOCK_MAX:
         raise ProtocolViolation(
-            AbortCode.BLOCK_SIZE, f"a block of {blksize} segments was wanted: there are 1 to {BLOCK_MAX}"
+            AbortCode.BLOCK_SIZE, f"a block of {blksize} segments was requested: expected 1..{BLOCK_MAX}"
         )
     return blksize
 
@@ -65,12 +97,12 @@ def check_blksize(blksize: int) -> int:
 class BlockSender:
     """Sends a value in blocks. A machine: acknowledgements in, frames out.
 
-    At most `burst` segments come out at a time, and then `deadline` is now: whoever runs it listens in between, for
-    an acknowledgement or an abort may come at any time.
+    It returns at most `burst` segments at a time, and then `deadline` is now: the caller listens in between, because
+    an acknowledgement or an abort may arrive at any time.
     """
 
     __slots__ = (
-        *("_acknowledged", "_block", "_burst", "_crc", "_final", "_futile", "_held", "_said", "_timeout", "_value"),
+        *("_acknowledged", "_block", "_burst", "_crc", "_final", "_futile", "_held", "_sent", "_timeout", "_value"),
         *("deadline", "ended", "over", "with_crc"),
     )
 
@@ -78,12 +110,12 @@ class BlockSender:
         self._value = value
         self._timeout = timeout
         self._burst = burst
-        self._held = b""  # what is not acknowledged yet: a block at most
+        self._held = b""  # the data not acknowledged yet: a block at most
         self._crc = 0
         self._futile = 0
         self._acknowledged: BlockAck | None = None
         self.with_crc = crc
-        self.ended = False  # every segment is acknowledged, the end has been said
+        self.ended = False  # every segment is acknowledged, the end is sent
         self.over = False
         self.deadline = now
         self._load(check_blksize(blksize))
@@ -96,42 +128,42 @@ class BlockSender:
         self._crc = crc_hqx(fresh, self._crc)
         self._final = len(held) <= room and self._value.exhausted
         self._block = segments(held[:room], last=self._final)
-        self._said = 0
+        self._sent = 0
 
-    def feed(self, heard: ReceiverMessage | None, now: float) -> list[bytes]:
-        """What to say next. Raises Breach when the receiver broke the rules or is silent for too long."""
-        if isinstance(heard, BlockEnded):
+    def feed(self, message: ReceiverMessage | None, now: float) -> list[bytes]:
+        """The next frames. Raises ProtocolViolation when the receiver broke the rules or was silent for too long."""
+        if isinstance(message, BlockEnded):
             if not self.ended:
-                raise ProtocolViolation(AbortCode.COMMAND, "the receiver ended the transfer in the middle")
+                raise ProtocolViolation(AbortCode.COMMAND, "the receiver ended the transfer before its end")
             self.over = True
             return []
-        if heard is not None and not self.ended:
-            self._take(heard)
+        if message is not None and not self.ended:
+            self._acknowledged_by(message)
             if self.ended:
                 self.deadline = now + self._timeout
                 unused = len(self._block) * SEGMENT - len(self._held)
                 return [BlockEnd(unused, self._crc if self.with_crc else 0).encode()]
-        if now >= self.deadline and self._said == len(self._block):
+        if now >= self.deadline and self._sent == len(self._block):
             what = "end" if self.ended else "block"
             raise ProtocolViolation(AbortCode.TIMED_OUT, f"no acknowledgement of the {what} within {self._timeout:g} s")
-        return self._say(now)
+        return self._next_burst(now)
 
-    def _say(self, now: float) -> list[bytes]:
-        """The next burst of this block; nothing if all of it is out."""
-        said = self._block[self._said : self._said + self._burst]
-        if said:
-            self._said += len(said)
-            self.deadline = now if self._said < len(self._block) else now + self._timeout
-        return said
+    def _next_burst(self, now: float) -> list[bytes]:
+        """The next burst of this block; nothing if all of it is sent."""
+        burst = self._block[self._sent : self._sent + self._burst]
+        if burst:
+            self._sent += len(burst)
+            self.deadline = now if self._sent < len(self._block) else now + self._timeout
+        return burst
 
-    def _take(self, ack: BlockAck) -> None:
+    def _acknowledged_by(self, ack: BlockAck) -> None:
         check_blksize(ack.blksize)
-        whole = self._said == len(self._block)
-        if ack.sequence > self._said:
+        whole = self._sent == len(self._block)
+        if ack.sequence > self._sent:
             if ack != self._acknowledged:
-                text = f"segment {ack.sequence} was acknowledged, and {self._said} were sent"
+                text = f"segment {ack.sequence} was acknowledged, but only {self._sent} were sent"
                 raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, text)
-            # The last one again. If all of this block is out, the receiver has got nothing of it.
+            # The last acknowledgement again. If all of this block is sent, the receiver got nothing of it.
             if whole:
                 self._start_over()
             return
@@ -149,18 +181,18 @@ class BlockSender:
     def _start_over(self) -> None:
         self._futile += 1
         if self._futile > FUTILE_MAX:
-            raise ProtocolViolation(AbortCode.TIMED_OUT, f"{FUTILE_MAX} times nothing of a block arrived")
-        self._said = 0
+            raise ProtocolViolation(AbortCode.TIMED_OUT, f"{FUTILE_MAX} times no segment of a block was acknowledged")
+        self._sent = 0
 
 
 class BlockReceiver:
-    """Hears a value in blocks. A machine: the data of frames in, acknowledgements out.
+    """Receives a value in blocks. A machine: the data of frames in, acknowledgements out.
 
-    `over` is true when the whole value is in the sink; whatever `feed` returned then (A1) is still to be said.
+    `over` is true when the whole value is in the sink; what `feed` returned then (A1) must still be sent.
     """
 
     __slots__ = (
-        *("_blksize", "_crc", "_early", "_inside", "_last_sequence", "_last_word", "_late", "_parts", "_reminded"),
+        *("_blksize", "_crc", "_early", "_inside", "_last_ack", "_last_sequence", "_late", "_parts", "_reminded"),
         *("_stale", "_step", "_strays", "_timeout", "_value"),
         *("complete", "deadline", "over", "with_crc"),
     )
@@ -168,33 +200,36 @@ class BlockReceiver:
     def __init__(self, value: Incoming, blksize: int, *, crc: bool, timeout: float, now: float) -> None:
         self._value = value
         self._blksize = blksize
-        self._inside = blksize - 1  # the highest number that a segment has to which nothing is said
+        self._inside = blksize - 1  # the highest number of a segment that needs no reaction
         self._timeout = timeout
-        self._early = timeout * REMIND
+        self._early = timeout * _REMIND
         self._late = timeout - self._early
         self._step = timeout * _STEP
-        self._parts: list[bytes] = []  # the frames of this block, as far as they came in order
+        self._parts: list[bytes] = []  # the frames of this block received in order
         self._crc = 0
         self._strays = 0
-        self._word(0)
+        self._prepare_ack(0)
         self.with_crc = crc
-        self.complete = False  # the last segment is acknowledged, the end is awaited
+        self.complete = False  # the last segment is acknowledged, the end is expected
         self.over = False
-        self._alive(now)
+        self._move_deadline(now)
 
     @property
     def next_segment(self) -> int:
-        """The number that the next segment in order has; 0 when all of them are here."""
+        """The number of the next segment in order; 0 when all of them are here."""
         return 0 if self.complete else len(self._parts) + 1
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """What to say to a frame, or to time passing. Raises Breach when the sender broke the rules or is silent."""
+        """The reaction to a frame, or to time passing.
+
+        Raises ProtocolViolation when the sender broke the rules or was silent for too long.
+        """
         if data is None:
             return self._remind(now) if now >= self.deadline else []
         if self.accept(data, now):
             return []
         if now >= self._stale:
-            self._alive(now)
+            self._move_deadline(now)
         if self.complete:
             return self._end(data)
         command, parts = data[0], self._parts
@@ -207,53 +242,51 @@ class BlockReceiver:
         return self._acknowledge()
 
     def accept(self, data: bytes, now: float) -> bool:
-        """The way of nearly every frame: the next segment, inside a block. False: it is another, and to be fed."""
+        """The path of nearly every frame: the next segment, inside a block. If it returns False, call `feed`."""
         parts = self._parts
         number = len(parts) + 1
         if len(data) != FRAME or data[0] != number or number > self._inside:
             return False
         parts.append(data)
         if now >= self._stale:
-            self._alive(now)
+            self._move_deadline(now)
         return True
 
-    def _alive(self, now: float) -> None:
-        """The sender was heard. Not noted again at once, for it is heard a thousand times a second."""
+    def _move_deadline(self, now: float) -> None:
+        """A frame arrived. The next move waits for `_STEP`, since frames arrive a thousand times a second."""
         self.deadline = now + self._early
         self._stale = now + self._step
         self._reminded = False
 
     def _acknowledge(self) -> list[bytes]:
-        """As far as it came in order. The block with the last segment stays here until the end tells what counts."""
+        """Acknowledge what came in order. The last block stays here until the end gives its number of unused bytes."""
         self._strays = 0
-        self._word(len(self._parts))
+        self._prepare_ack(len(self._parts))
         if not self.complete:
-            self._give_on(joined(self._parts))
+            self._deliver(joined(self._parts))
             self._parts = []
-        return [self._last_word]
+        return [self._last_ack]
 
-    def _word(self, sequence: int) -> None:
+    def _prepare_ack(self, sequence: int) -> None:
         self._last_sequence = sequence
-        self._last_word = BlockAck(sequence, self._blksize).encode()
+        self._last_ack = BlockAck(sequence, self._blksize).encode()
 
-    def _give_on(self, data: bytes) -> None:
+    def _deliver(self, data: bytes) -> None:
         self._crc = crc_hqx(data, self._crc)
         self._value.add(data)
 
     def _stray(self, data: bytes) -> list[bytes]:
-        """A segment that is not the next one: an old one again, or one behind a gap."""
+        """A segment that is not the next one: a repeated one, or one after a gap."""
         sequence, last = data[0] & ~LAST, data[0] & LAST
         if not 1 <= sequence <= self._blksize:
-            raise ProtocolViolation(
-                AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: there are 1 to {self._blksize}"
-            )
+            raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: expected 1..{self._blksize}")
         self._strays += 1
         if self._strays > STRAYS_MAX:
-            raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of turn")
+            raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of order")
         parts = self._parts
         if sequence <= len(parts):
             if parts[sequence - 1][1:] != data[1:]:
-                raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with other bytes")
+                raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with different data")
         elif parts and (last or sequence == self._blksize):
             return self._acknowledge()
         return []
@@ -267,23 +300,27 @@ class BlockReceiver:
         if self._parts and not self.complete:
             return self._acknowledge()
         if self._strays and not self.complete:
-            self._word(0)  # this block is on its way, but its first segment did not come
+            self._prepare_ack(0)  # the block is being sent, but its first segment did not arrive
         elif self._last_sequence == 1 and not self.complete:
-            return []  # could be taken for the acknowledgement of the one segment that is missing now
-        return [self._last_word]
+            return []  # it would also acknowledge the one segment that is missing now
+        return [self._last_ack]
 
     def _end(self, data: bytes) -> list[bytes]:
         sequence, parts = data[0] & ~LAST, self._parts
         if 1 <= sequence <= len(parts) and parts[sequence - 1][1:] == data[1:]:
             return []  # a segment of the last block again
         if not BlockEnd.pattern.matches(data[0]) or len(data) < 3:
-            raise ProtocolViolation(AbortCode.COMMAND, f"command {data[0]:02X}h came, and not the end of the transfer")
+            raise ProtocolViolation(
+                AbortCode.COMMAND, f"command {data[0]:02X}h came instead of the end of the transfer"
+            )
         end = BlockEnd.decode(data)
         block = joined(parts)
         self._parts = []
-        self._give_on(block[: len(block) - end.unused])
+        self._deliver(block[: len(block) - end.unused])
         if self.with_crc and end.crc != self._crc:
-            raise ProtocolViolation(AbortCode.CRC, f"the CRC is {end.crc:04X}h, of what came it is {self._crc:04X}h")
+            raise ProtocolViolation(
+                AbortCode.CRC, f"the CRC is {end.crc:04X}h, that of the received data {self._crc:04X}h"
+            )
         self._value.end()
         self.over = True
         return [_ENDED]

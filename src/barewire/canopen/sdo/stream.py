@@ -1,10 +1,10 @@
-"""The bytes of one transfer on their way: taken as they are needed, or given on as they come.
+"""The bytes of one transfer, taken as they are sent and passed on as they are received.
 
-        Outgoing   pieces of any length --> take(n)                      who sends them: segments or blocks
-        Incoming   add(bytes) --> sink(bytes), counted and limited       who hears them
+        Outgoing   pieces of any length --> take(n)                      used by the sender, for segments or blocks
+        Incoming   add(bytes) --> sink(bytes), counted and limited       used by the receiver
 
-Nothing is held here but the piece that is being taken from. Both know the announced size, if there is one, and hold
-the transfer to it.
+Nothing is buffered but the piece being taken from. Both check the number of bytes against the announced size, if there
+is one.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
 from barewire.errors import EncodeError
 
 LIMIT = 16 << 20
-"""The longest value that is collected in memory if nobody says otherwise: 16 MiB."""
+"""Default for the longest value that is collected in memory: 16 MiB."""
 
 SdoProgress = Callable[[int, int | None], object]
-"""Told how many bytes have gone or come, and of how many, if anybody knows."""
+"""Called with the number of bytes transferred so far, and the total if it is known."""
 
 
 def _ignore(done: int, size: int | None) -> None:
-    """The progress that nobody wants to know of."""
+    """The default progress callback."""
 
 
 class Outgoing:
-    """Bytes to be sent, out of one piece or many.
+    """Bytes to send, given as one piece or many.
 
     >>> value = Outgoing([b"abc", b"", b"defg"], 7)
     >>> value.take(5), value.exhausted, value.take(5), value.exhausted
     (b'abcde', False, b'fg', True)
 
-    Raises EncodeError where the pieces turn out to be more or fewer bytes than `size`.
+    Raises EncodeError if the pieces are more or fewer bytes than `size`.
     """
 
     __slots__ = ("_at", "_piece", "_pieces", "_progress", "_size", "taken")
@@ -47,7 +47,7 @@ class Outgoing:
 
     @property
     def exhausted(self) -> bool:
-        """Whether there is nothing more to take. Fetches the next piece where that is the only way to know."""
+        """Whether all bytes are taken. Fetches the next piece when the present one is used up."""
         while self._at == len(self._piece):
             piece = next(self._pieces, None)
             if piece is None:
@@ -73,7 +73,7 @@ class Outgoing:
 
 
 class Incoming:
-    """Bytes that come, given on to `sink`.
+    """Received bytes, passed on to `sink`.
 
     >>> parts = bytearray()
     >>> value = Incoming(parts.extend, 4, limit=100)
@@ -81,7 +81,7 @@ class Incoming:
     >>> parts
     bytearray(b'abcd')
 
-    Raises Breach for more bytes than announced, more than the limit, and at the end for fewer than announced.
+    Raises ProtocolViolation for more bytes than announced or than the limit, and at the end for fewer than announced.
     """
 
     __slots__ = ("_limit", "_progress", "_sink", "_size", "count")
@@ -103,7 +103,7 @@ class Incoming:
         self.count = 0
 
     def add(self, data: bytes) -> None:
-        """The next bytes."""
+        """Count the next bytes and pass them on."""
         self.count += len(data)
         if self._size is not None and self.count > self._size:
             raise ProtocolViolation(AbortCode.TOO_LONG, f"{self._size} bytes announced, more came")
@@ -113,6 +113,6 @@ class Incoming:
         self._progress(self.count, self._size)
 
     def end(self) -> None:
-        """That was all."""
+        """Check the size: all bytes have been received."""
         if self._size is not None and self.count < self._size:
             raise ProtocolViolation(AbortCode.TOO_SHORT, f"{self._size} bytes announced, {self.count} came")

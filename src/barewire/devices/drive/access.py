@@ -79,6 +79,6 @@ class CanopenAccess:
         while True:
             heard = yield Listen(until)
             if heard.item is not None:
-                self.channel.hear(heard.item)
+                self.channel.receive(heard.item)
             if heard.now >= until:
                 return heard.now

@@ -36,7 +36,7 @@ from barewire.canopen.sdo.messages.block import (
     InitiateBlockUpload,
     StartBlockUpload,
 )
-from barewire.canopen.sdo.messages.codec import SdoMessage, decode_one_of, has_reserved_bits
+from barewire.canopen.sdo.messages.codec import SdoMessage, decode_one_of
 from barewire.canopen.sdo.messages.initiate import (
     Abort,
     DownloadInitiated,
@@ -44,6 +44,7 @@ from barewire.canopen.sdo.messages.initiate import (
     ExpeditedUpload,
     InitiateDownload,
     UploadInitiated,
+    has_reserved_bits,
 )
 from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.errors import DecodeError

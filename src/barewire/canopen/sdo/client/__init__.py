@@ -1,1 +1,1 @@
-"""."""
+"""The SDO client: channels and the transfers on them."""

@@ -1,44 +1,107 @@
-"""One SDO channel as a client has it: two identifiers, one transfer at a time, and what was heard.
+"""One SDO channel of a client: two identifiers, one transfer at a time, and counters of what was received.
 
         client  -- 600h+n -->  server of node n        [CiA 301, default SDO]
                 <-- 580h+n --
 
-A server may have more channels than the default one, on identifiers that its objects 1201h to 127Fh tell: `cob_ids`.
+A device may have further servers with their own channels; objects 1201h to 127Fh give their identifiers (`cob_ids`).
 
-Everything that comes and is no answer to the question of the moment is not an error but weather, and is counted in
-`ChannelCounters`. A channel whose shell hears the whole bus and gives the channel only its own frames says so with
-`node_monitor`: then a time-out is explained with what was heard of the node before.
+Frames that are not the response to the present request are normal, and counted in `ChannelCounters`. A bus that passes
+a channel only its own frames gives it a `node_monitor`, from which a time-out is explained with what the node sent
+before.
 
-After a time-out the channel stays `quiet_until` one more time-out has passed, so that a late answer cannot become the
-answer to the next question.
+After a time-out the channel waits until `quiet_until`, one more time-out, before the next request, so that a late
+response is not taken for the response to that one.
 
-I know: one node, what is heard of it.  I never know: clocks, buses, what an object means, how a transfer goes.
+Depends on: messages, times passed in. Used by: transfers, the CAN bus, which keeps one for each node.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass, fields
 
 from barewire.canopen.bus.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.sdo.client.channel_counters import ChannelCounters
+from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.codec import M, decode_one_of, is_any_response
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import DecodeError, EncodeError
 
-BACKLOG = 0.1
-"""Seconds that reading what waited may take at most, on a bus that never falls silent."""
+_BACKLOG = 0.1
+"""Seconds that reading the waiting frames may take at most, on a bus that is never silent."""
 
 _PAST = float("-inf")
 
 
-class Channel:
-    """The client's side of one SDO channel.
+@dataclass(slots=True)
+class ChannelCounters:
+    """What a client received while it waited: the evidence that explains a time-out."""
 
-    Keep one for each node and give it to every transfer: it remembers that the last one timed out, and counts.
-    `total` sums up over all transfers what `ChannelCounters` counts in one.
+    answers: int = 0  # frames on the response identifier of this channel
+    others: int = 0  # frames on other identifiers
+    signs: int = 0  # of these: sent by the node of this channel
+    late: int = 0  # of `answers`: responses to an earlier request
+    garbled: int = 0  # of `answers`: cannot be decoded
+    short: int = 0  # of `answers`: decoded, with fewer than 8 bytes
+    unsized: int = 0  # of `answers`: 42h, a value without its size
+    extended: int = 0  # extended frames with the number of the response identifier
+    state: NodeState | None = None  # the last heartbeat of the node
+
+    @property
+    def frames(self) -> int:
+        """All frames received."""
+        return self.answers + self.others
+
+    @property
+    def from_node(self) -> int:
+        """Frames from the node, on any of its identifiers."""
+        return self.answers + self.signs
+
+    def explain(self, node: int, answer_id: int) -> str:
+        """The counters as one sentence."""
+        if not self.frames:
+            return "nothing at all was heard on the bus"
+        parts = [f"heard {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
+        if self.state is not None:
+            stopped = ", and a stopped node answers no SDO" if self.state.state == NmtState.STOPPED else ""
+            parts.append(f"its heartbeat says {self.state.name}{stopped}")
+        parts.append(f"{self.answers or 'none'} on {answer_id:03X}h")
+        parts += self.oddities()
+        if self.extended:
+            parts.append(f"{_count(self.extended, 'extended frame')} {answer_id:08X}h, which is another identifier")
+        return ", ".join(parts)
+
+    def oddities(self) -> list[str]:
+        """What arrived on the channel itself and was not the response."""
+        parts = []
+        if self.late:
+            parts.append(f"{_count(self.late, 'answer')} to another question")
+        if self.garbled:
+            parts.append(f"{self.garbled} unreadable")
+        return parts
+
+    def add(self, other: ChannelCounters) -> None:
+        """Add the counters of `other`, and take over its state, which is the later one."""
+        for name in _COUNTERS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.state = other.state
+
+
+_COUNTERS = tuple(field.name for field in fields(ChannelCounters) if field.name != "state")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+class Channel:
+    """The client's end of one SDO channel.
+
+    Keep one for each node and pass it to every transfer: it records that the last one timed out. `counters` counts
+    during the present transfer, `total` has the sums of the ones before.
 
     >>> channel = Channel(5)
     >>> f"{channel.request_id:X}h {channel.answer_id:X}h"
@@ -79,36 +142,36 @@ class Channel:
             self.answer_id, self.answer_extended = cob_ids[1][:2]
         self.node_monitor = node_monitor
         self._mark: TrafficMark | None = None
-        self.blocks = True  # until the server says that it has none: then `block="auto"` does not ask again
+        self.blocks = True  # False once the server has refused: then `block="auto"` does not ask again
         self.quiet_until: float | None = None
         self.busy = False
         self.counters = ChannelCounters()
         self.total = ChannelCounters()
 
-    def hear(self, frame: CanFrame) -> bytes | None:
-        """Count a frame; what is said on this channel is returned, whatever it says."""
+    def receive(self, frame: CanFrame) -> bytes | None:
+        """Count a frame, and return its data if it is on the response identifier."""
         if frame.id != self.answer_id or frame.extended != self.answer_extended or frame.remote:
-            self._note_foreign(frame)
+            self._count_other(frame)
             return None
         self.counters.answers += 1
         return frame.data
 
-    def understand(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
-        """The message, if it is of a wanted kind; otherwise it is counted as late or garbled."""
-        heard = self.counters
+    def decode(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
+        """The message, if it is of a wanted kind; otherwise None, counted as late or garbled."""
+        counters = self.counters
         try:
             message = decode_one_of(data, wanted)
         except DecodeError:
             if is_any_response(data):
-                heard.late += 1
+                counters.late += 1
             else:
-                heard.garbled += 1
+                counters.garbled += 1
             return None
-        heard.short += len(data) < 8
-        heard.unsized += isinstance(message, ExpeditedUpload) and not message.indicated
+        counters.short += len(data) < 8
+        counters.unsized += isinstance(message, ExpeditedUpload) and not message.indicated
         return message
 
-    def _note_foreign(self, frame: CanFrame) -> None:
+    def _count_other(self, frame: CanFrame) -> None:
         self.counters.others += 1
         self.counters.extended += frame.extended and not self.answer_extended and frame.id == self.answer_id
         owner = classify(frame)
@@ -119,42 +182,43 @@ class Channel:
             self.counters.state = NodeState.decode(frame)
 
     def begin(self, what: str) -> None:
-        """A new transfer: what the last one heard goes into the total. The heartbeat stays, it is still the last."""
+        """Begin a transfer: the counters go into `total` and restart; the last heartbeat remains.
+
+        Raises EncodeError while another transfer runs.
+        """
         if self.busy:
-            raise EncodeError(f"{what} has to wait: the SDO channel to node {self.node} carries one transfer at a time")
+            raise EncodeError(f"{what} must wait: the SDO channel to node {self.node} carries one transfer at a time")
         self.total.add(self.counters)
         self.counters = ChannelCounters(state=self.counters.state)
         self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.answer_id)
         self.busy = True
 
     def explain(self, now: float) -> str:
-        """Why there was no answer, as far as what was heard tells."""
+        """What was received, as an explanation of why there was no response."""
         if self.node_monitor is None or self._mark is None:
             return self.counters.explain(self.node, self.answer_id)
-        told = self.node_monitor.explain_silence(
-            self.node, self.answer_id, self._mark, now, answers=self.counters.answers
-        )
-        return ", ".join([told, *self.counters.oddities()])
+        monitor, answers = self.node_monitor, self.counters.answers
+        text = monitor.explain_silence(self.node, self.answer_id, self._mark, now, answers=answers)
+        return ", ".join([text, *self.counters.oddities()])
 
     def settle(self) -> Conversation[CanFrame, None]:
-        """Before a transfer: what is still waiting to be heard is the answer to nothing; after a time-out, so is what
-        comes until late answers have had their time."""
+        """Before a transfer: discard the frames that wait, and after a time-out those that come until `quiet_until`."""
         quiet = _PAST if self.quiet_until is None else self.quiet_until
         end: float | None = None
         while True:
             heard: Heard[CanFrame] = yield Listen(quiet)
-            end = max(quiet, heard.now + BACKLOG) if end is None else end
+            end = max(quiet, heard.now + _BACKLOG) if end is None else end
             if heard.item is not None:
-                self.counters.late += self.hear(heard.item) is not None
+                self.counters.late += self.receive(heard.item) is not None
             if (heard.item is None and heard.now >= quiet) or heard.now >= end:
                 break
         self.quiet_until = None
 
 
 def channel_to(node: int | Channel, dialect: SdoDialect | None) -> Channel:
-    """The channel that was given, which has its dialect, or a fresh one to the default server of a node."""
+    """The given channel, or a new one to the default server of a node. Raises EncodeError if the dialects differ."""
     if isinstance(node, int):
         return Channel(node, STANDARD if dialect is None else dialect)
     if dialect is not None and dialect != node.dialect:
-        raise EncodeError(f"the channel to node {node.node} speaks {node.dialect.name}, not {dialect.name}")
+        raise EncodeError(f"the channel to node {node.node} uses dialect {node.dialect.name}, not {dialect.name}")
     return node

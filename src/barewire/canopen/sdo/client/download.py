@@ -3,7 +3,7 @@
 client                                         server
 2B | 6040h | 00 | 0F 00 00 00      ->
                                    <-          60 | 6040h | 00 | 00 00 00 00          done
-                                   <-          80 | 6040h | 00 | 30 00 09 06          or no: SdoAbort
+                                   <-          80 | 6040h | 00 | 30 00 09 06          or an abort: SdoAbort
 
 21 | 2100h | 00 | 09 00 00 00      ->                                                 9 bytes, in segments
                                    <-          60 | 2100h | 00 | 00 00 00 00
@@ -31,7 +31,7 @@ from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES
 from barewire.canopen.sdo.messages.initiate import DownloadInitiated, ExpeditedDownload, InitiateDownload
 from barewire.canopen.sdo.messages.segment import SEGMENT, SdoSegment, SegmentTaken
 from barewire.canopen.sdo.stream import Outgoing, SdoProgress
-from barewire.conversation import Conversation, Heard, Listen
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
 from barewire.errors import EncodeError
 
 
@@ -41,7 +41,7 @@ def download(
     sub: int,
     data: bytes | Iterable[bytes],
     *,
-    timeout: float = 1.0,
+    timeout: float = DEFAULT_TIMEOUT,
     size: int | None = None,
     indicated: bool = True,
     dialect: SdoDialect | None = None,
@@ -50,20 +50,20 @@ def download(
 ) -> Conversation[CanFrame, None]:
     """Write `data`, little-endian, to object `index`:`sub`.
 
-    1 to 4 bytes go in one frame, more (or none) in segments, or in blocks if `block` asks for that. `data` may also
-    be pieces of bytes, taken only as they are sent; then `size` is how many bytes they are together, if somebody
-    knows. `indicated` false says nothing about the size: of four bytes the server takes the low ones that its object
-    needs (22h), of segments as many as come.
+    1 to 4 bytes are sent in one frame, more (or none) in segments, or in blocks if `block` says so. `data` may also be
+    an iterable of pieces, taken as they are sent; then `size` is their total, if it is known. With `indicated` false
+    the request does not state the size: of four bytes the server takes as many low ones as its object has (22h), of
+    segments as many as arrive. `timeout` in seconds applies to each response.
 
-    Said once and never repeated: after NoAnswer nobody knows whether the server has taken it.
+    The request is never repeated: after NoAnswer it is unknown whether the server took the value.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#6040600000000000"))]
     >>> play(download(5, 0x6040, 0, b"\\x0f\\x00"), server)
     (None, 0.001)
 
-    Raises EncodeError at once for what cannot be said; in the conversation SdoAbort and NoAnswer, and EncodeError if
-    the pieces are not as many bytes as `size`.
+    Raises EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer, and
+    EncodeError if the pieces are not `size` bytes.
     """
     channel = channel_to(node, dialect)
     transfer = ClientTransfer(channel, "download", index, sub, timeout)
@@ -71,14 +71,14 @@ def download(
         raise EncodeError(f"{data!r} is text: an object takes bytes, or pieces of bytes")
     if not isinstance(data, Iterable):
         what = "an object takes bytes, as many as its type has, such as (1500).to_bytes(4, 'little')"
-        raise EncodeError(f"{data!r} is no bytes: {what}")
+        raise EncodeError(f"{data!r} is not bytes: {what}")
     if isinstance(data, (bytes, bytearray, memoryview)):
         whole = bytes(data)
         options = block_options(block, channel, len(whole))
         if options is None and 1 <= len(whole) <= 4 and (indicated or len(whole) == 4):
             request = ExpeditedDownload(index, sub, whole, indicated)
             request.encode()
-            return transfer.carry_out(_in_one_frame(transfer, request))
+            return transfer.run(_in_one_frame(transfer, request))
         data, size = (whole,), len(whole)
     else:
         options = block_options(block, channel, size)
@@ -86,28 +86,28 @@ def download(
     announced.encode()
     value = Outgoing(data, size, progress)
     if options is None:
-        return transfer.carry_out(_in_segments(transfer, announced, value))
-    return transfer.carry_out(_in_blocks(transfer, announced, options, value))
+        return transfer.run(_in_segments(transfer, announced, value))
+    return transfer.run(_in_blocks(transfer, announced, options, value))
 
 
 def _in_one_frame(transfer: ClientTransfer, request: ExpeditedDownload) -> Conversation[CanFrame, None]:
-    yield from transfer.ask(request, (DownloadInitiated,))
+    yield from transfer.request(request, (DownloadInitiated,))
 
 
 def _in_segments(transfer: ClientTransfer, request: InitiateDownload, value: Outgoing) -> Conversation[CanFrame, None]:
-    yield from transfer.ask(request, (DownloadInitiated,))
+    yield from transfer.request(request, (DownloadInitiated,))
     toggle, first, last = 0, True, False
     while not last:
         data = value.take(SEGMENT)
         last = value.exhausted
-        taken = yield from transfer.ask(SdoSegment(toggle, data, last), (SegmentTaken,))
+        taken = yield from transfer.request(SdoSegment(toggle, data, last), (SegmentTaken,))
         if taken.toggle != toggle and not first:
-            # A bus may deliver a frame twice: this can be the answer before once more.
+            # A bus may deliver a frame twice: this can be the previous response again.
             transfer.channel.counters.late += 1
-            taken = yield from transfer.answer((SegmentTaken,))
+            taken = yield from transfer.response((SegmentTaken,))
         if taken.toggle != toggle:
             raise ProtocolViolation(
-                AbortCode.TOGGLE, f"the answer has toggle bit {taken.toggle}, the segment has {toggle}"
+                AbortCode.TOGGLE, f"the response has toggle bit {taken.toggle}, the segment has {toggle}"
             )
         toggle, first = toggle ^ 1, False
 
@@ -115,9 +115,9 @@ def _in_segments(transfer: ClientTransfer, request: InitiateDownload, value: Out
 def _in_blocks(
     transfer: ClientTransfer, request: InitiateDownload, options: BlockSettings, value: Outgoing
 ) -> Conversation[CanFrame, None]:
-    asked = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
+    initiate = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
     try:
-        answer = yield from transfer.ask(asked, (BlockDownloadInitiated,))
+        answer = yield from transfer.request(initiate, (BlockDownloadInitiated,))
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
@@ -125,21 +125,20 @@ def _in_blocks(
         return (yield from _in_segments(transfer, request, value))
     crc = options.crc and answer.crc
     sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)
-    said = sender.feed(None, transfer.now)
+    frames = sender.feed(None, transfer.now)
     while not sender.over:
-        if said:
-            sent: Heard[CanFrame] = yield transfer.send_all(said)
+        if frames:
+            sent: Heard[CanFrame] = yield transfer.send_all(frames)
             transfer.now = sent.now
         transfer.until = transfer.now + transfer.timeout
-        # In the middle of a block the deadline is now: take what is there, and go on.
+        # In the middle of a block the deadline is now: take a waiting frame, and go on.
         heard: Heard[CanFrame] = yield Listen(sender.deadline)
         transfer.now = heard.now
         try:
-            spoken = None if heard.item is None else transfer.hear(heard.item)
+            data = None if heard.item is None else transfer.receive(heard.item)
         except SdoAbort:
-            # What else of the block is on its way finds a server that takes it for something else, and may say so.
+            # The server may take the segments still in transit for requests, and respond to them.
             transfer.channel.quiet_until = heard.now + transfer.timeout
             raise
-        said = sender.feed(
-            None if spoken is None else transfer.channel.understand(spoken, RECEIVER_MESSAGES), heard.now
-        )
+        message = None if data is None else transfer.channel.decode(data, RECEIVER_MESSAGES)
+        frames = sender.feed(message, heard.now)

@@ -1,4 +1,4 @@
-"""The further SDO channels of a device: where its servers beyond the first listen.   [CiA 301, SDO server parameter]
+"""The further SDO channels of a device: identifiers of its servers 2 to 128.   [CiA 301, SDO server parameter]
 
         1200h          the default server: 600h + node, 580h + node
         1201h ... 127Fh, server 2 ... 128:      01  COB-ID client -> server     02  COB-ID server -> client
@@ -12,17 +12,17 @@ from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.upload import upload
-from barewire.conversation import Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import EncodeError
 
 SERVER_1 = 0x1200
 SERVERS_MAX = 128
 
 
-def find_channel(default: Channel, server: int, *, timeout: float = 1.0) -> Conversation[CanFrame, Channel]:
-    """The channel to server number `server` of a device, asked for over its default channel, which is number 1.
+def find_channel(default: Channel, server: int, *, timeout: float = DEFAULT_TIMEOUT) -> Conversation[CanFrame, Channel]:
+    """The channel to server number `server` of a device, read over its default channel, which is number 1.
 
-    Raises SdoAbort if there is no such server, and EncodeError if its channel is switched off.
+    Raises SdoAbort if there is no such server, and EncodeError if its channel is not in use.
     """
     if not 1 <= server <= SERVERS_MAX:
         raise EncodeError(f"SDO server {server}: expected 1..{SERVERS_MAX}")
@@ -38,5 +38,5 @@ def _find(default: Channel, server: int, timeout: float) -> Conversation[CanFram
         word = yield from upload(default, index, sub, timeout=timeout, size=4)
         cob_ids.append(CobEntry.unpack(int.from_bytes(word[:4], "little")))
     if any(entry.bit31 for entry in cob_ids):
-        raise EncodeError(f"SDO server {server} of node {default.node} is switched off: {index:04X}h has bit 31 set")
+        raise EncodeError(f"SDO server {server} of node {default.node} is not in use: {index:04X}h has bit 31 set")
     return Channel(default.node, default.dialect, cob_ids=(cob_ids[0], cob_ids[1]), node_monitor=default.node_monitor)

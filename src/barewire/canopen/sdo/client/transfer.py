@@ -1,16 +1,16 @@
-"""One transfer as a client has it: it asks, it waits, and however it ends, the other side is told.
+"""One transfer of a client: requests, responses, and an end that the server learns of.
 
-        asked     request -> ... -> the answer of a wanted kind, about the same object        `ask`
-        refused   an abort came, whatever object it names                                     SdoAbort
-        broken    the server broke the rules: our abort, with the code that says how          SdoAbort, with `why`
-        silent    the time was up: our abort 0504 0000h                                       NoAnswer
-        left      abandoned, or our own data or sink failed: our abort 0800 0000h             as it was raised
+        response  request -> ... -> a response of a wanted kind, about the same object          `request`
+        refused   an abort arrived, whatever object it names                                    SdoAbort
+        broken    the server broke the protocol: the client sends the abort code for it         SdoAbort, with `why`
+        silent    the time-out passed: the client sends abort 0504 0000h                        NoAnswer
+        left      abandoned, or the caller's data or sink failed: it sends abort 0800 0000h     as it was raised
 
-A request is never said twice on its own account: when the time is up nobody knows whether the first one arrived.
+A request is never repeated automatically: after a time-out it is unknown whether the first one arrived.
 
-A server that refuses because it was somewhere else (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) has heard something
-that we did not mean, a frame twice perhaps, and may answer that as well. As after a time-out the channel is quiet for a
-time before the next transfer, or this answer would confirm it.
+A server that aborts because it is out of step (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) received something that
+the client did not intend, a frame twice perhaps, and may respond to that too. So the channel is quiet for a time before
+the next transfer, as after a time-out, or this response would confirm it.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from barewire.errors import DecodeError, EncodeError, NoAnswer
 _Result = TypeVar("_Result")
 
 ABORT = 0x80
-# An abort with one of these shows that the server was not where we thought that it is.
+# A server that aborts with one of these was not in the state that the client assumed.
 _OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
 
 
 class ClientTransfer:
-    """One transfer on a channel. `until` is when the present wait ends, None before anything was asked; `now` is the
-    time of whatever was sent or heard last."""
+    """One transfer on a channel. `until` is when the present wait ends, None before the first request; `now` is the
+    time of the last frame sent or received."""
 
     __slots__ = ("channel", "index", "now", "sub", "timeout", "until", "verb")
 
@@ -53,8 +53,8 @@ class ClientTransfer:
     def __str__(self) -> str:
         return f"{self.index:04X}h:{self.sub:02X}"
 
-    def carry_out(self, body: Conversation[CanFrame, _Result]) -> Conversation[CanFrame, _Result]:
-        """The whole transfer around its body: one at a time, quiet first, and an end that both sides know of."""
+    def run(self, body: Conversation[CanFrame, _Result]) -> Conversation[CanFrame, _Result]:
+        """Run the body of a transfer: wait for a quiet channel first, and send an abort if the body fails."""
         channel = self.channel
         channel.begin(str(self))
         try:
@@ -65,21 +65,21 @@ class ClientTransfer:
                 channel.quiet_until = self.now + self.timeout
             raise
         except ProtocolViolation as breach:
-            yield from self._end(breach.code)
+            yield from self._abort(breach.code)
             if breach.code == AbortCode.TIMED_OUT:
                 raise NoAnswer(self._explain()) from None
             raise SdoAbort(breach.code, self.index, self.sub, why=breach.why) from None
         except GeneratorExit:
-            raise  # nobody carries this out any more, so nothing can be said
+            raise  # the conversation is closed: nothing can be sent any more
         except BaseException:
-            # Abandoned, or the caller's own data or sink, Ctrl-C in them too. The server must not be left waiting.
-            yield from self._end(AbortCode.GENERAL)
+            # Abandoned, or the caller's data or sink failed (with Ctrl-C, too). The server must not be left waiting.
+            yield from self._abort(AbortCode.GENERAL)
             raise
         finally:
             channel.busy = False
 
-    def _end(self, code: AbortCode) -> Conversation[CanFrame, None]:
-        """Our abort is the last word, and what is still on its way is not taken for an answer to what comes next."""
+    def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
+        """Send an abort; `quiet_until` keeps late responses away from the next request."""
         if self.until is not None:
             self.channel.quiet_until = self.now + self.timeout
             yield self.send(Abort(self.index, self.sub, code).encode())
@@ -89,52 +89,52 @@ class ClientTransfer:
         return f"{what}: {self.channel.explain(self.now)}"
 
     def send(self, data: bytes) -> Send[CanFrame]:
-        """Eight bytes to the server."""
+        """Send eight bytes to the server."""
         return Send(CanFrame(self.channel.request_id, data, self.channel.request_extended))
 
     def send_all(self, every: Iterable[bytes]) -> SendAll[CanFrame]:
-        """The same for many, as the segments of a block are."""
+        """Send many frames, such as the segments of a block."""
         return SendAll(CanFrame.each(self.channel.request_id, every, self.channel.request_extended))
 
-    def say(self, data: bytes) -> Conversation[CanFrame, None]:
-        """Send; from then on the time to answer runs."""
+    def send_request(self, data: bytes) -> Conversation[CanFrame, None]:
+        """Send; the time-out for the response starts then."""
         sent: Heard[CanFrame] = yield self.send(data)
         self.now = sent.now
         self.until = sent.now + self.timeout
 
-    def ask(self, request: SdoMessage, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
-        """Say a request and return the answer to it: a message of a wanted kind, about the same object."""
-        yield from self.say(request.encode())
-        return (yield from self.answer(wanted))
+    def request(self, message: SdoMessage, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
+        """Send a request and return its response: a message of a wanted kind, about the same object."""
+        yield from self.send_request(message.encode())
+        return (yield from self.response(wanted))
 
-    def answer(self, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
-        """Wait for a message of a wanted kind. Raises SdoAbort, and Breach when the time is up."""
+    def response(self, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
+        """Wait for a message of a wanted kind. Raises SdoAbort, and ProtocolViolation at the time-out."""
         channel, until = self.channel, self.until or 0.0
         while True:
             heard: Heard[CanFrame] = yield Listen(until)
             self.now = heard.now
             if heard.item is not None:
-                data = self.hear(heard.item)
-                answer = None if data is None else channel.understand(data, wanted)
+                data = self.receive(heard.item)
+                answer = None if data is None else channel.decode(data, wanted)
                 if answer is not None:
-                    if self._is_about_us(answer):
+                    if self._concerns_object(answer):
                         return answer
                     channel.counters.late += 1
-            # A bus that never falls silent must not keep us past the time either.
+            # Checked after frames, too: a bus that is never silent must not extend the time-out.
             if heard.now >= until:
                 raise ProtocolViolation(AbortCode.TIMED_OUT, "no answer")
 
-    def _is_about_us(self, answer: object) -> bool:
-        """Messages without an object belong to the transfer that is going on."""
+    def _concerns_object(self, answer: object) -> bool:
+        """Whether a response names the object of this transfer, or none."""
         return (getattr(answer, "index", self.index), getattr(answer, "sub", self.sub)) == (self.index, self.sub)
 
-    def hear(self, frame: CanFrame) -> bytes | None:
-        """What was said on our channel, None if it was elsewhere. Raises SdoAbort if it was an abort."""
-        data = self.channel.hear(frame)
-        return self.judge(data) if data and data[0] == ABORT else data
+    def receive(self, frame: CanFrame) -> bytes | None:
+        """The data of a frame on this channel, None for other frames. Raises SdoAbort for an abort."""
+        data = self.channel.receive(frame)
+        return self.check_abort(data) if data and data[0] == ABORT else data
 
-    def judge(self, data: bytes) -> bytes | None:
-        """The same of what was said on our channel. An abort that cannot be read is none, and counted."""
+    def check_abort(self, data: bytes) -> bytes | None:
+        """Raise SdoAbort if the data is an abort. An abort that cannot be decoded is counted and ignored: None."""
         if data and data[0] == ABORT:
             try:
                 abort = Abort.decode(data)

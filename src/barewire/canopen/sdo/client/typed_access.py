@@ -1,10 +1,10 @@
-"""The objects of another device as values: a dictionary says what they are called and which type they have.   [CiA 301]
+"""Read and write the objects of another device as values: an object dictionary gives their names and types.   [CiA 301]
 
         "speed"  --find-->  60FFh:00 i32        DC 05 00 00  <--encode--  1500        write_object
                                                 DC 05 00 00  --decode-->  1500        read_object
 
-The dictionary may be your own, or the one of an EDS. Rights and limits are the device's to judge: it says no by its
-abort code. Only what is no value of the type at all is refused here, before anything is sent.
+The dictionary may be your own, or come from an EDS. The device checks access rights and limits, and refuses by abort
+code. Only a value that the type cannot have is refused here, before anything is sent.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
 from barewire.canopen.sdo import Channel, SdoDialect, download, upload
 from barewire.canopen.sdo.client.block_options import BlockMode
 from barewire.codecs import Value
-from barewire.conversation import Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import DecodeError, EncodeError
 
 
@@ -23,7 +23,7 @@ def read_object(
     objects: ObjectDictionary,
     place: ObjectRef,
     *,
-    timeout: float = 1.0,
+    timeout: float = DEFAULT_TIMEOUT,
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, Value]:
@@ -36,19 +36,19 @@ def read_object(
     >>> play(read_object(5, objects, "speed"), server)
     (-1500, 0.001)
 
-    Raises EncodeError for what the dictionary does not have; in the conversation SdoAbort, NoAnswer, and DecodeError if
-    what comes is no value of the type.
+    Raises EncodeError for an object that the dictionary does not have; in the conversation SdoAbort, NoAnswer, and
+    DecodeError for bytes that are not a value of the type.
     """
     entry = objects.at(place)
     size = entry.codec.size
-    coming = upload(node, entry.index, entry.sub, size=size, timeout=timeout, dialect=dialect, block=block)
+    transfer = upload(node, entry.index, entry.sub, size=size, timeout=timeout, dialect=dialect, block=block)
 
     def reading() -> Conversation[CanFrame, Value]:
-        data = yield from coming
+        data = yield from transfer
         try:
             return entry.codec.decode(data)
         except DecodeError as error:
-            error.add_note(f"{entry.name} is {entry.type} in the dictionary, and this is what the device has")
+            error.add_note(f"{entry.name} is {entry.type} in the dictionary, but the device sent this")
             raise
 
     return reading()
@@ -60,11 +60,11 @@ def write_object(
     place: ObjectRef,
     value: Value,
     *,
-    timeout: float = 1.0,
+    timeout: float = DEFAULT_TIMEOUT,
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, None]:
-    """Give an object this value. Raises EncodeError at once for what is no value of its type."""
+    """Write a value to an object. Raises EncodeError at once for a value that its type cannot have."""
     entry = objects.at(place)
     try:
         data = entry.codec.encode(value)

@@ -3,7 +3,7 @@
 client                                         server
 40 | 6041h | 00 | 00 00 00 00      ->
                                    <-          4B | 6041h | 00 | 37 06 00 00          the value itself
-                                   <-          80 | 6041h | 00 | 00 00 02 06          or no: SdoAbort
+                                   <-          80 | 6041h | 00 | 00 00 02 06          or an abort: SdoAbort
 
 40 | 1008h | 00 | 00 00 00 00      ->
                                    <-          41 | 1008h | 00 | 10 00 00 00          16 bytes, in segments
@@ -14,7 +14,7 @@ client                                         server
 60 | 00 ...                        ->
                                    <-          0B | 33 32 00 00 00 00 00              the last one, 2 bytes
 
-A4 | 1008h | 00 | 7F 00 00 00      ->          in blocks: see `block`
+A4 | 1008h | 00 | 7F 00 00 00      ->          in blocks: see `block_transfer`
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from collections.abc import Callable
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
-from barewire.canopen.sdo.block_segments import FRAME
-from barewire.canopen.sdo.block_transfer import BlockReceiver
+from barewire.canopen.sdo.block_transfer import FRAME, BlockReceiver
 from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, block_options
 from barewire.canopen.sdo.client.channel import Channel, channel_to
 from barewire.canopen.sdo.client.transfer import ABORT, ClientTransfer
@@ -34,7 +33,7 @@ from barewire.canopen.sdo.messages.codec import BLOCK_UPLOAD_RESPONSES, UPLOAD_R
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload, InitiateUpload
 from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment
 from barewire.canopen.sdo.stream import LIMIT, Incoming, SdoProgress
-from barewire.conversation import Conversation, Heard, Listen
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
 
 
 def upload(
@@ -42,29 +41,30 @@ def upload(
     index: int,
     sub: int = 0,
     *,
-    timeout: float = 1.0,
+    timeout: float = DEFAULT_TIMEOUT,
     size: int | None = None,
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
     limit: int | None = LIMIT,
     progress: SdoProgress | None = None,
 ) -> Conversation[CanFrame, bytes]:
-    """The bytes of object `index`:`sub`, little-endian as they travelled and as many as the server said.
+    """Read the bytes of object `index`:`sub`, little-endian as received, as many as the server indicated.
 
-    `size` is how many bytes the type of the object has, if the caller knows. Two servers need it: one whose dialect
-    asks with the size, and one that answers with 42h, four bytes of which it does not say how many count. Then the
-    low `size` bytes are the value, or all four if nobody knows, and `Channel.heard.unsized` says so. A size that
-    the server did indicate is never overruled here: see `fit`.
+    `size` is the number of bytes that the type of the object has, if the caller knows it. It matters for two kinds of
+    servers: those whose dialect requests an object by its size, and those that respond with 42h, four bytes without
+    their number. Then the low `size` bytes are the value, or all four if the size is unknown, and
+    `Channel.counters.unsized` counts it. A size that the server indicated is never changed here: see `fit`.
 
-    `block` asks for a block transfer, which is several times faster with long values; `"auto"` lets the server decide
-    by the length. A value longer than `limit` is not collected but refused; for those there is `upload_to`.
+    `block` requests a block transfer, which is several times faster with long values; with `"auto"` the server decides
+    by the length. A value longer than `limit` bytes is refused; `upload_to` has no limit. `timeout` in seconds applies
+    to each response.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
     >>> play(upload(5, 0x6041), server)
     (b'7\\x06', 0.001)
 
-    Raises EncodeError at once for what cannot be asked; in the conversation SdoAbort and NoAnswer.
+    Raises EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer.
     """
     parts: list[bytes] = []
     count = upload_to(
@@ -93,16 +93,16 @@ def upload_to(
     sub: int,
     sink: Callable[[bytes], object],
     *,
-    timeout: float = 1.0,
+    timeout: float = DEFAULT_TIMEOUT,
     size: int | None = None,
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
     limit: int | None = None,
     progress: SdoProgress | None = None,
 ) -> Conversation[CanFrame, int]:
-    """As `upload`, but every part goes to `sink` as it comes, and the result is how many bytes there were.
+    """As `upload`, but each part goes to `sink` as it arrives; the result is the number of bytes.
 
-    What the sink has got is the value only when the conversation has returned: size and CRC are checked at the end.
+    The value is valid only when the conversation has returned: size and CRC are checked at the end.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
@@ -121,7 +121,7 @@ def upload_to(
     def incoming(announced: int | None) -> Incoming:
         return Incoming(sink, announced, limit=limit, progress=progress)
 
-    return transfer.carry_out(_upload(transfer, request, size, options, incoming))
+    return transfer.run(_upload(transfer, request, size, options, incoming))
 
 
 def _upload(
@@ -133,9 +133,9 @@ def _upload(
 ) -> Conversation[CanFrame, int]:
     answer: BlockUploadResponse
     if options is None:
-        answer = yield from transfer.ask(request, UPLOAD_RESPONSES)
+        answer = yield from transfer.request(request, UPLOAD_RESPONSES)
     else:
-        answer = yield from _ask_for_blocks(transfer, request, options)
+        answer = yield from _request_blocks(transfer, request, options)
     if isinstance(answer, ExpeditedUpload):
         data = answer.data if answer.indicated or size is None else answer.data[:size]
         value = incoming(len(data))
@@ -150,37 +150,37 @@ def _upload(
     return value.count
 
 
-def _ask_for_blocks(
+def _request_blocks(
     transfer: ClientTransfer, request: InitiateUpload, options: BlockSettings
 ) -> Conversation[CanFrame, BlockUploadResponse]:
-    """Ask for blocks. A server that has none may say so, or answer as if it had been asked for segments."""
+    """Request blocks. A server without them sends an abort, or the response to an ordinary upload."""
     index, sub = request.index, request.sub
-    asked = InitiateBlockUpload(index, sub, options.size, options.switch, options.crc)
+    initiate = InitiateBlockUpload(index, sub, options.size, options.switch, options.crc)
     try:
-        answer = yield from transfer.ask(asked, BLOCK_UPLOAD_RESPONSES)
+        answer = yield from transfer.request(initiate, BLOCK_UPLOAD_RESPONSES)
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
         transfer.channel.blocks = False
-        return (yield from transfer.ask(request, UPLOAD_RESPONSES))
+        return (yield from transfer.request(request, UPLOAD_RESPONSES))
     if not isinstance(answer, BlockUploadInitiated) and not options.falls_back:
         announced = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
         if announced is None or announced > options.switch:
-            raise ProtocolViolation(AbortCode.COMMAND, "an ordinary upload came, and blocks were asked for")
+            raise ProtocolViolation(AbortCode.COMMAND, "an ordinary upload came instead of the requested blocks")
     return answer
 
 
 def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanFrame, None]:
     toggle, first, last = 0, True, False
     while not last:
-        segment = yield from transfer.ask(NextSegment(toggle), (SdoSegment,))
+        segment = yield from transfer.request(NextSegment(toggle), (SdoSegment,))
         if segment.toggle != toggle and not first:
-            # A bus may deliver a frame twice: this can be the answer before once more.
+            # A bus may deliver a frame twice: this can be the previous response again.
             transfer.channel.counters.late += 1
-            segment = yield from transfer.answer((SdoSegment,))
+            segment = yield from transfer.response((SdoSegment,))
         if segment.toggle != toggle:
             raise ProtocolViolation(
-                AbortCode.TOGGLE, f"the answer has toggle bit {segment.toggle}, the question has {toggle}"
+                AbortCode.TOGGLE, f"the response has toggle bit {segment.toggle}, the request has {toggle}"
             )
         value.add(segment.data)
         toggle, first, last = toggle ^ 1, False, segment.last
@@ -190,7 +190,7 @@ def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanF
 def _in_blocks(
     transfer: ClientTransfer, options: BlockSettings, crc: bool, value: Incoming
 ) -> Conversation[CanFrame, None]:
-    yield from transfer.say(StartBlockUpload().encode())
+    yield from transfer.send_request(StartBlockUpload().encode())
     channel = transfer.channel
     identifier, extended = channel.answer_id, channel.answer_extended
     receiver = BlockReceiver(value, options.size, crc=crc, timeout=transfer.timeout, now=transfer.now)
@@ -208,14 +208,14 @@ def _in_blocks(
                 and not frame.remote
                 and accept(frame.data, heard.now)
             ):
-                accepted += 1  # the way of nearly every frame; that the deadline moved is seen when the old one is over
+                accepted += 1  # the path of nearly every frame; a later deadline is noticed when the old one has passed
                 continue
             transfer.now = heard.now
-            data = None if frame is None else channel.hear(frame)
+            data = None if frame is None else channel.receive(frame)
             if data is not None and (len(data) < FRAME or data[0] == ABORT):
-                data = _checked(transfer, data)
-            for said in receiver.feed(data, heard.now):
-                yield from transfer.say(said)
+                data = _padded(transfer, data)
+            for response in receiver.feed(data, heard.now):
+                yield from transfer.send_request(response)
             if listen.until != receiver.deadline:
                 listen = Listen(receiver.deadline)
     finally:
@@ -223,14 +223,16 @@ def _in_blocks(
         channel.counters.answers += accepted
 
 
-def _checked(transfer: ClientTransfer, data: bytes) -> bytes | None:
-    """A frame that is no whole segment: an abort, or one whose zeros at the end were left out, as some devices do;
-    nothing at all says nothing."""
+def _padded(transfer: ClientTransfer, data: bytes) -> bytes | None:
+    """A frame that is not a whole segment: an abort, or a segment without its trailing zeros, as some devices send it.
+
+    None for a frame without data, or an abort that cannot be decoded.
+    """
     if not data:
         transfer.channel.counters.garbled += 1
         return None
-    judged = transfer.judge(data)
-    if judged is None or len(judged) == FRAME:
-        return judged
+    checked = transfer.check_abort(data)
+    if checked is None or len(checked) == FRAME:
+        return checked
     transfer.channel.counters.short += 1
-    return judged.ljust(FRAME, b"\0")
+    return checked.ljust(FRAME, b"\0")

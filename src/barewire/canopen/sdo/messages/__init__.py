@@ -1,1 +1,1 @@
-"""."""
+"""SDO messages: each a frozen dataclass with `encode` and `decode`."""

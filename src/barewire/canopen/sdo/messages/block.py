@@ -1,6 +1,6 @@
-"""What is said in a block transfer: up to 127 segments in a row for one acknowledgement.   [CiA 301, SDO block]
+"""The messages of a block transfer: up to 127 segments in a row for one acknowledgement.   [CiA 301, SDO block]
 
-        c  this side can calculate a CRC (used only if both can); in a segment: this is the last one
+        c  this side supports the CRC (used only if both do); in a segment: this is the last one
         s  the size is indicated                    n  how many bytes of the last segment are *not* data
         q  number of the segment in its block, from 1
 
@@ -18,7 +18,7 @@
                                             <-    BlockEnded              101- --01        A1
 
 In a download the client is the sender, in an upload the server. Inside a block 80h is an abort as everywhere: there
-is no segment 0. A segment never says how many of its bytes count: the end does, for the last one.
+is no segment 0. A segment does not state how many of its bytes are data: BlockEnd does, for the last one.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _byte(data: bytes, at: int, name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class InitiateBlockDownload:
-    """The client will write a value in blocks, and usually says how long it is.
+    """The client will write a value in blocks, usually of the given size.
 
         110- -cs0 | index 2 | sub 1 | size 4
 
@@ -72,14 +72,14 @@ class InitiateBlockDownload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes, of which those that carry nothing may be missing."""
+        """From the 8 bytes; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data), bool(cls.pattern.decode(data[0])["c"]))
 
 
 @dataclass(frozen=True, slots=True)
 class BlockUploadInitiated(InitiateBlockDownload):
-    """The server will send a value in blocks, once the client says start. Drawn as the request of a download.
+    """The server will send a value in blocks, after StartBlockUpload. The same bytes as the request of a download.
 
         110- -cs0 | index 2 | sub 1 | size 4
 
@@ -106,25 +106,25 @@ class BlockDownloadInitiated:
     pattern: ClassVar = BitPattern("101- -c00")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
+        """The 8 bytes of the response."""
         _check_blksize(self.blksize)
         return object_message(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize]))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes; whether the block size is one, the transfer judges."""
+        """From the 8 bytes; the transfer checks the block size."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _byte(data, 4, "blksize"), bool(cls.pattern.decode(data[0])["c"]))
 
 
 @dataclass(frozen=True, slots=True)
 class InitiateBlockUpload:
-    """The client asks for a value in blocks of `blksize` segments.
+    """The client requests a value in blocks of `blksize` segments.
 
         101- -c00 | index 2 | sub 1 | blksize 1 | switch 1 | reserved 2
 
-    `switch` is the protocol switch threshold: a value of at most so many bytes may come as an ordinary upload;
-    0 is never.
+    `switch` is the protocol switch threshold: a value of at most so many bytes may be sent as an ordinary upload;
+    0 means never.
 
     >>> InitiateBlockUpload(0x1008, 0, 20).encode().hex(" ")
     'a4 08 10 00 14 00 00 00'
@@ -147,14 +147,14 @@ class InitiateBlockUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes; whether the block size is one, the transfer judges."""
+        """From the 8 bytes; the transfer checks the block size."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         switch = _byte(data, 5, "protocol switch")
         return cls(index, sub, data[4], switch, bool(cls.pattern.decode(data[0])["c"]))
 
 
-class _Plain:
-    """A message that is its command byte and nothing more."""
+class _CommandOnly:
+    """A message that consists of its command byte."""
 
     __slots__ = ()
     pattern: ClassVar[BitPattern]
@@ -171,7 +171,7 @@ class _Plain:
 
 
 @dataclass(frozen=True, slots=True)
-class StartBlockUpload(_Plain):
+class StartBlockUpload(_CommandOnly):
     """The client is ready for the first block.
 
         101- --11 | reserved 7
@@ -185,7 +185,7 @@ class StartBlockUpload(_Plain):
 
 @dataclass(frozen=True, slots=True)
 class BlockSegment:
-    """Seven bytes of the value, number `sequence` in its block; behind the end of the value they are zero.
+    """Segment number `sequence` of a block: seven bytes of the value, padded with zeros after its end.
 
         cqqq qqqq | data 7
 
@@ -209,7 +209,7 @@ class BlockSegment:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes. 00h and 80h are no segments: DecodeError("value")."""
+        """From the 8 bytes. Raises DecodeError("value") for 00h and 80h, which are not segments."""
         if len(data) < 1 + SEGMENT:
             raise DecodeError("short", data, len(data), f"a segment has {SEGMENT} bytes of data")
         if not data[0] & ~LAST:
@@ -219,7 +219,7 @@ class BlockSegment:
 
 @dataclass(frozen=True, slots=True)
 class BlockAck:
-    """The receiver has segments 1 to `sequence` of this block and wants `blksize` in the next.
+    """The receiver has segments 1 to `sequence` of this block; the next block shall have `blksize`.
 
         101- --10 | sequence 1 | blksize 1 | reserved 5
 
@@ -239,13 +239,13 @@ class BlockAck:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the first 3 bytes; whether the numbers make sense, the transfer judges."""
+        """From the first 3 bytes; the transfer checks the numbers."""
         return cls(*_ACK.unpack(data)[1:3])
 
 
 @dataclass(frozen=True, slots=True)
 class BlockEnd:
-    """The sender has sent everything: `unused` bytes of the last segment do not count, and this is the CRC.
+    """The sender has sent everything; `unused` bytes of the last segment are padding, `crc` is that of the value.
 
         110n nn-1 | CRC 2 | reserved 5
 
@@ -269,8 +269,8 @@ class BlockEnd:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockEnded(_Plain):
-    """The receiver has everything, and it is right.
+class BlockEnded(_CommandOnly):
+    """The receiver has the complete value, and the CRC is correct.
 
         101- --01 | reserved 7
 

@@ -1,10 +1,10 @@
-"""All messages of SDO in one place, and which of them eight bytes are: that depends on the transfer.
+"""Which message eight bytes are: that depends on the state of the transfer.
 
-        C1 34 12 ...      the end of a block transfer    if the last segment has been acknowledged
+        C1 34 12 ...      the end of a block transfer    if the last segment is acknowledged
                           segment 41h, the last          inside a block
-                          nothing that belongs here      before any transfer
+                          not a valid message            outside a transfer
 
-So `decode_one_of` takes the kinds that are possible now. Each tuple below is one such state of a transfer.
+So `decode_one_of` takes the message kinds that are possible now. The tuples below are such states.
 """
 
 from __future__ import annotations
@@ -16,11 +16,9 @@ from barewire.canopen.sdo.messages.block import (
     BlockDownloadInitiated,
     BlockEnd,
     BlockEnded,
-    BlockSegment,
     BlockUploadInitiated,
     InitiateBlockDownload,
     InitiateBlockUpload,
-    StartBlockUpload,
 )
 from barewire.canopen.sdo.messages.initiate import (
     Abort,
@@ -30,43 +28,14 @@ from barewire.canopen.sdo.messages.initiate import (
     InitiateDownload,
     InitiateUpload,
     UploadInitiated,
-    has_reserved_bits,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
+from barewire.canopen.sdo.messages.segment import SdoSegment, SegmentTaken
 from barewire.codecs import BitPattern
 from barewire.errors import DecodeError
 
-__all__ = [
-    "InitiateUpload",
-    "ExpeditedUpload",
-    "UploadInitiated",
-    "NextSegment",
-    "SdoSegment",
-    "ExpeditedDownload",
-    "InitiateDownload",
-    "DownloadInitiated",
-    "SegmentTaken",
-    "InitiateBlockUpload",
-    "BlockUploadInitiated",
-    "StartBlockUpload",
-    "InitiateBlockDownload",
-    "BlockDownloadInitiated",
-    "BlockSegment",
-    "BlockAck",
-    "BlockEnd",
-    "BlockEnded",
-    "Abort",
-    "SdoMessage",
-    "decode_sdo_request",
-    "decode_sdo_response",
-    "has_reserved_bits",
-    "is_any_response",
-    "decode_one_of",
-]
-
 
 class SdoMessage(Protocol):
-    """What every SDO message has."""
+    """The interface of every SDO message."""
 
     pattern: ClassVar[BitPattern]
 
@@ -108,23 +77,23 @@ _LATE = (SdoSegment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
 
 
 def decode_one_of(data: bytes, kinds: tuple[type[M], ...]) -> M:
-    """The one of the possible messages that these bytes are.
+    """Decode the bytes as the one of these message kinds that they are.
 
     >>> decode_one_of(bytes.fromhex("A2 02 7F 00 00 00 00 00"), RECEIVER_MESSAGES)
     BlockAck(sequence=2, blksize=127)
 
-    Raises DecodeError("short") if bytes are missing and ("function") if it is none of them.
+    Raises DecodeError("short") if bytes are missing and ("function") if they are none of them.
     """
     if not data:
         raise DecodeError("short", data, 0, "the command is byte 0, but there are none")
     for kind in kinds:
         if kind.pattern.matches(data[0]):
             return kind.decode(data)
-    raise DecodeError("function", data, 0, f"command {data[0]:02X}h is nothing that belongs here")
+    raise DecodeError("function", data, 0, f"command {data[0]:02X}h is not possible here")
 
 
 def decode_sdo_request(data: bytes) -> SdoRequest:
-    """What a client said to a server that had no transfer going.
+    """Decode a client's request to a server without a running transfer.
 
     >>> decode_sdo_request(bytes.fromhex("2B40 6000 0F00 0000"))
     ExpeditedDownload(index=24640, sub=0, data=b'\\x0f\\x00', indicated=True)
@@ -135,7 +104,7 @@ def decode_sdo_request(data: bytes) -> SdoRequest:
 
 
 def decode_sdo_response(data: bytes) -> SdoResponse:
-    """What a server said to a request. Trailing bytes that the message does not need may be missing: some trim them.
+    """Decode a server's response to a request. Trailing bytes that the message does not use may be missing.
 
     >>> decode_sdo_response(bytes.fromhex("4B41 6000 3706"))
     ExpeditedUpload(index=24641, sub=0, data=b'7\\x06', indicated=True)
@@ -146,7 +115,7 @@ def decode_sdo_response(data: bytes) -> SdoResponse:
 
 
 def is_any_response(data: bytes) -> bool:
-    """Whether these bytes could be an answer at all, in whatever state of a transfer: then they came late.
+    """Whether these bytes are a response in any state of a transfer; if none was expected now, a late one.
 
     >>> is_any_response(BlockEnded().encode()), is_any_response(bytes.fromhex("E0 00 00 00 00 00 00 00"))
     (True, False)

@@ -1,13 +1,13 @@
-"""What begins and ends an SDO transfer: each message a value, each command byte in its drawing.   [CiA 301, SDO]
+"""The messages that begin and end an SDO transfer.   [CiA 301, SDO]
 
         byte   0         1   2      3      4   5   6   7
              | command | index    | sub  | data, a size or a code |        8 bytes, always
                          low high          little-endian
 
-Four letters stand for fields of the command byte:
+Letters of the command byte:
 
-        n  how many of the bytes 4 to 7 are *not* data          e  expedited: the value is in this very frame
-        s  the size is indicated (n, or the size in 4..7)       -  reserved: written 0, read as anything
+        n  how many of the bytes 4 to 7 are *not* data          e  expedited: this frame has the value
+        s  the size is indicated (n, or the size in 4..7)       -  reserved: sent as 0, ignored when received
 
                client                                server                           byte 0
         InitiateUpload    010- ----     ->                                            40
@@ -18,8 +18,8 @@ Four letters stand for fields of the command byte:
                                         <-    DownloadInitiated  011- ----            60
         Abort             1000 0000    <->    Abort                                   80
 
-"Upload" and "download" are seen from the device: an upload brings a value from it to the client. What follows a
-beginning stands in `segment_messages` and `block_messages`; `messages` reads all of them.
+"Upload" and "download" are seen from the device: an upload transfers a value from the server to the client. The
+messages that follow are in `segment` and `block`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _CODE_FIELD = Layout("<I", "code")
 
 
 def object_message(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
-    """The 8 bytes of a message about an object: what is not used is zero."""
+    """The 8 bytes of a message about an object; unused bytes are zero."""
     return OBJECT_LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
 
 
@@ -49,14 +49,14 @@ def _check_expedited(data: bytes, indicated: bool) -> None:
 
 @dataclass(frozen=True, slots=True)
 class InitiateUpload:
-    """The client asks for an object.
+    """The client requests an object.
 
         010- ---- | index 2 | sub 1 | reserved 4
 
     >>> InitiateUpload(0x6041, 0).encode().hex(" ")
     '40 41 60 00 00 00 00 00'
 
-    `command` is 40h; a device with a dialect of its own may want something else in the reserved bits.
+    `command` is 40h; some devices expect other values of the reserved bits, see `SdoDialect`.
     """
 
     index: int
@@ -68,26 +68,28 @@ class InitiateUpload:
     def encode(self) -> bytes:
         """The 8 bytes of the request."""
         if not self.pattern.matches(self.command):
-            raise EncodeError(f"command {self.command:02X}h does not ask for an upload: that is {self.pattern.pattern}")
+            raise EncodeError(
+                f"command {self.command:02X}h does not request an upload: expected {self.pattern.pattern}"
+            )
         return object_message(self.command, self.index, self.sub)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Reserved bits may be anything, so 43h is read as the upload request that it is."""
+        """From the 8 bytes. Reserved bits are ignored, so 43h is an upload request."""
         command, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, command)
 
 
 @dataclass(frozen=True, slots=True)
 class ExpeditedUpload:
-    """The server answers with the value itself, 1 to 4 bytes.
+    """The response with the value itself, 1 to 4 bytes.
 
         010- nn1s | index 2 | sub 1 | data 4
 
     >>> ExpeditedUpload(0x6041, 0, bytes.fromhex("3706")).encode().hex(" ")
     '4b 41 60 00 37 06 00 00'
 
-    With `indicated` false (42h) nobody says how many of the four bytes count.
+    With `indicated` false (42h) the response does not state how many of the four bytes are the value.
     """
 
     index: int
@@ -98,7 +100,7 @@ class ExpeditedUpload:
     pattern: ClassVar = BitPattern("010- nn1s")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
+        """The 8 bytes of the response."""
         _check_expedited(self.data, self.indicated)
         return object_message(
             self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
@@ -106,14 +108,14 @@ class ExpeditedUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the answer, of which those that carry nothing may be missing."""
+        """From the bytes of the response; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, *_expedited(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
 class UploadInitiated:
-    """The server answers that the value will come in segments, and usually how long it is.
+    """The server will send the value in segments, usually of the given size.
 
         010- --0s | index 2 | sub 1 | size 4
 
@@ -128,13 +130,13 @@ class UploadInitiated:
     pattern: ClassVar = BitPattern("010- --0s")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
+        """The 8 bytes of the response."""
         size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
         return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the answer, of which those that carry nothing may be missing."""
+        """From the bytes of the response; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
@@ -165,14 +167,14 @@ class ExpeditedDownload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the request, of which those that carry nothing may be missing."""
+        """From the bytes of the request; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, *_expedited(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
 class InitiateDownload:
-    """The client says that it will write a value in segments, and usually how long it is.
+    """The client will write a value in segments, usually of the given size.
 
         001- --0s | index 2 | sub 1 | size 4
 
@@ -193,14 +195,14 @@ class InitiateDownload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the request, of which those that carry nothing may be missing."""
+        """From the bytes of the request; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
 class DownloadInitiated:
-    """The server has taken the value (or is ready for its segments).
+    """The server has written the value (or is ready for its segments).
 
         011- ---- | index 2 | sub 1 | reserved 4
 
@@ -214,26 +216,26 @@ class DownloadInitiated:
     pattern: ClassVar = BitPattern("011- ----")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
+        """The 8 bytes of the response."""
         return object_message(self.pattern.encode(), self.index, self.sub)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the answer, of which the last four carry nothing and may be missing."""
+        """From the bytes of the response; the last four are unused and may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub)
 
 
 @dataclass(frozen=True, slots=True)
 class Abort:
-    """Either side ends the transfer; nobody answers it.
+    """Either side ends the transfer; there is no response.
 
         1000 0000 | index 2 | sub 1 | abort code 4
 
     >>> Abort(0x6041, 0, 0x06020000).encode().hex(" ")
     '80 41 60 00 00 00 02 06'
 
-    The only message whose reserved bits are not read over: 81h to 9Fh are last segments of a block, perhaps late.
+    The only message whose reserved bits are not ignored: 81h to 9Fh are last segments of a block, perhaps late ones.
     """
 
     index: int
@@ -248,13 +250,13 @@ class Abort:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the message; DecodeError("short") without a whole code."""
+        """From the bytes of the message. Raises DecodeError("short") without a whole code."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _number(data))
 
 
 def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
-    """Whether a command byte has something in the bits that are drawn as '-'.
+    """Whether any bit of a command byte that is drawn as '-' is set.
 
     >>> has_reserved_bits(InitiateUpload.pattern, 0x40), has_reserved_bits(InitiateUpload.pattern, 0x43)
     (False, True)
@@ -263,7 +265,7 @@ def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
 
 
 def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
-    """(value, indicated) of an expedited message. n counts only if s says so; without s all four bytes are kept."""
+    """(value, indicated) of an expedited message. n is valid only if s is set; without s all four bytes are kept."""
     fields = pattern.decode(data[0])
     size = 4 - fields["n"] if fields["s"] else 4
     if len(data) < 4 + size:
@@ -277,7 +279,7 @@ def indicated_size(pattern: BitPattern, data: bytes) -> int | None:
 
 
 def _number(data: bytes) -> int:
-    """Bytes 4 to 7 as one number."""
+    """Bytes 4 to 7, little-endian."""
     if len(data) < 8:
         raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")
     return int.from_bytes(data[4:8], "little")

@@ -1,18 +1,18 @@
-"""A value that does not fit one frame: segments of seven bytes, each of them confirmed.   [CiA 301, SDO]
+"""The messages of a segmented transfer: segments of seven bytes, each of them confirmed.   [CiA 301, SDO]
 
         byte   0         1 ... 7
-             | command | data, or nothing |        no index: the transfer knows its object
+             | command | data, or nothing |        no index: the transfer determines the object
 
-        t  toggle: 0 in the first segment, then 1, 0, 1; the answer has that of the question
+        t  toggle: 0 in the first segment, then 1, 0, 1; the response repeats that of the request
         n  how many of the bytes 1 to 7 are *not* data          c  complete: this is the last segment
 
                client                                server                           byte 0
         NextSegment       011t ----     ->                                            60 70
-                                        <-    Segment            000t nnnc            00 10, last: 01 ... 1F
-        Segment           000t nnnc     ->                                            00 10, last: 01 ... 1F
+                                        <-    SdoSegment         000t nnnc            00 10, last: 01 ... 1F
+        SdoSegment        000t nnnc     ->                                            00 10, last: 01 ... 1F
                                         <-    SegmentTaken       001t ----            20 30
 
-A value of no bytes travels too, as one segment 0Fh with seven unused bytes.
+A value of no bytes is one segment 0Fh with seven unused bytes.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class SdoSegment:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes, of which those that carry nothing may be missing."""
+        """From the 8 bytes; unused bytes at the end may be missing."""
         fields = cls.pattern.decode(data[0])
         end = 1 + SEGMENT - fields["n"]
         if len(data) < end:
@@ -64,7 +64,7 @@ class SdoSegment:
 
 @dataclass(frozen=True, slots=True)
 class NextSegment:
-    """The client asks for the next segment of an upload.
+    """The client requests the next segment of an upload.
 
         011t ---- | reserved 7
 
@@ -88,7 +88,7 @@ class NextSegment:
 
 @dataclass(frozen=True, slots=True)
 class SegmentTaken:
-    """The server has taken a segment of a download; after the last one, the whole value.
+    """The server confirms a segment of a download; after the last one, that the value is written.
 
         001t ---- | reserved 7
 
@@ -101,7 +101,7 @@ class SegmentTaken:
     pattern: ClassVar = BitPattern("001t ----")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the answer."""
+        """The 8 bytes of the response."""
         return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
 
     @classmethod

@@ -1,1 +1,1 @@
-"""."""
+"""The SDO server: responses from an object dictionary."""

@@ -1,31 +1,33 @@
-"""The server's side of SDO: a machine that answers frames out of an object dictionary.   [CiA 301, SDO]
+"""The SDO server: a machine that responds to frames from an object dictionary.   [CiA 301, SDO]
 
-        heard on 600h+n                               said on 580h+n
-        ---------------                               --------------
+        received on 600h+n                            sent on 580h+n
+        ------------------                            --------------
         40  upload                                    4F 4B 47 43   the value, 1 to 4 bytes
-                                                      41            more (or none): it comes in segments
-        2F 2B 27 23  download, size told              60            taken
-        22           download, size not told          60            taken: the low bytes that the object needs
-        21 20        download in segments             60            go on
-        A4 A0        upload in blocks                 C6            say start
-        C6 C4 C2 C0  download in blocks               A4            go on
+                                                      41            more (or none): it follows in segments
+        2F 2B 27 23  download, size indicated         60            written
+        22           download, size not indicated     60            written: as many low bytes as the object has
+        21 20        download in segments             60            ready for the first segment
+        A4 A0        upload in blocks                 C6            ready, waiting for the start
+        C6 C4 C2 C0  download in blocks               A4            ready for the first block
         80  abort                                     nothing: an abort is never answered
-        any other command                             80  0504 0001h, with the object of the very same frame
-        no 8 bytes, remote, another identifier        nothing: counted
+        any other command                             80  0504 0001h, with the object of that frame
+        not 8 bytes, remote, other identifier         nothing: counted
 
-There is one transfer at a time (`sessions`). A request in the middle of one ends it with 0504 0001h, and the next is
-served; a client that falls silent ends it with 0504 0000h after `timeout` seconds.
+There is one transfer at a time (`transfers`). A request during one ends it with 0504 0001h, and the next request is
+served; a client that is silent for `timeout` seconds ends it with 0504 0000h.
 
-What the dictionary refuses, it refuses by raising SdoAbort; the server carries the code out. Reserved bits in a
-command are read over, as the standard wants it, and counted as a deviation: that is how the read requests of the
-AZ3's guide (4F, 4B, 43) are served.
+The dictionary refuses an access by raising SdoAbort, and the server sends its code. Reserved bits in a command are
+ignored, as the standard requires, and counted as a deviation; so read requests that repeat the command of the response
+(4F, 4B, 43) are served.
 
-I know: one node's frames and that there is a dictionary.  I never know: what is in it, NMT states, clocks.
+Depends on: frames and times passed in, an `ObjectStore`. Used by: local nodes, simulators.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.frame import CanFrame
@@ -52,35 +54,66 @@ from barewire.canopen.sdo.messages.initiate import (
     UploadInitiated,
     has_reserved_bits,
 )
-from barewire.canopen.sdo.server.sessions import (
+from barewire.canopen.sdo.server.transfers import (
     BlockDownload,
     BlockUpload,
     SegmentedDownload,
     SegmentedUpload,
     ServerTransfer,
 )
-from barewire.canopen.sdo.server.store import ObjectStore, ServerCounters
 from barewire.canopen.sdo.stream import LIMIT
+from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
 
+class ObjectStore(Protocol):
+    """The part of an object dictionary that a server uses. Every method refuses by raising SdoAbort."""
+
+    def size(self, index: int, sub: int) -> int | None:
+        """The number of bytes of the object, None if it varies."""
+
+    def read(self, index: int, sub: int) -> bytes:
+        """The value, little-endian."""
+
+    def may_write(self, index: int, sub: int, size: int | None) -> None:
+        """Called before a download in segments or blocks of `size` bytes (None: unknown), to refuse it before a
+        megabyte is transferred, if it would be refused whatever the bytes are."""
+
+    def write(self, index: int, sub: int, data: bytes) -> None:
+        """Write a value."""
+
+
+@dataclass(slots=True)
+class ServerCounters:
+    """Counts what a server received and sent."""
+
+    requests: int = 0  # frames of 8 bytes from the client
+    wrong_length: int = 0  # frames with a DLC other than 8, ignored
+    unknown_command: int = 0
+    reserved_bits: int = 0  # requests served although reserved bits were set
+    aborts_received: int = 0
+    aborts_sent: int = 0
+    timed_out: int = 0  # of these: because the client was silent
+    strays: int = 0  # segments ignored after a block download was aborted
+
+
 class SdoServer:
-    """The default SDO server of a node. A machine.
+    """An SDO server of a node. A machine.
 
     >>> from barewire.canopen.object_dictionary import Entry, ObjectDictionary
     >>> server = SdoServer(5, ObjectDictionary([Entry(0x6041, 0, "STATUS WORD", "u16", "ro", 0x0637)]))
     >>> str(server.feed(CanFrame.parse("605#4041600000000000"), 0.0)[0])
     '585#4B41600037060000'
 
-    `timeout` is how long a client may be silent in a transfer, `limit` the longest value that it may write, `blksize`
-    how many segments we want in a row; 0 is a server without block transfers. `cob_ids` is the channel of a further
-    server, client to server first; without it the server has the default channel of its node.
+    `timeout` is how many seconds a client may be silent in a transfer, `limit` how many bytes a written value may
+    have, `blksize` how many segments a block of a download has; with 0 there are no block transfers. `cob_ids` is the
+    channel of a further server, client to server first; without it the server has the default channel of its node.
     """
 
     __slots__ = (
         *("answer_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize"),
         *("answer_extended", "request_extended"),
-        *("_place", "_session", "_stray", "_stray_until"),
+        *("_place", "_transfer", "_stray", "_stray_until"),
     )
 
     def __init__(
@@ -89,7 +122,7 @@ class SdoServer:
         objects: ObjectStore,
         dialect: SdoDialect = STANDARD,
         *,
-        timeout: float = 1.0,
+        timeout: float = DEFAULT_TIMEOUT,
         limit: int = LIMIT,
         blksize: int = BLOCK_MAX,
         cob_ids: tuple[CobEntry, CobEntry] | None = None,
@@ -111,44 +144,44 @@ class SdoServer:
 
     @property
     def deadline(self) -> float | None:
-        """When the present transfer wants to go on, or has waited too long."""
-        return None if self._session is None else self._session.deadline
+        """When the present transfer continues or times out; None without one."""
+        return None if self._transfer is None else self._transfer.deadline
 
     def reset(self) -> None:
-        """A reset of the node or of its communication: no transfer, counters begin again."""
+        """Reset of the node or of its communication: end the transfer, restart the counters."""
         self.counters = ServerCounters()
         self.forget()
 
     def forget(self) -> None:
-        """End the present transfer without a word: the node may not speak any more."""
-        self._session: ServerTransfer | None = None
+        """End the present transfer without an abort: the node may not send any more."""
+        self._transfer: ServerTransfer | None = None
         self._place = 0, 0
         self._stray = 0
         self._stray_until = 0.0
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """What the server says to a frame, or to time passing."""
+        """The frames that respond to a frame, or to time passing."""
         if frame is not None and self.accept(frame, now):
             return []
-        data, session = None if frame is None else self._ours(frame), self._session
+        data, transfer = None if frame is None else self._request_data(frame), self._transfer
         if data is not None:
-            said = self._hear(data, now)
-        elif session is not None and now >= session.deadline:
-            said = self._go_on(session, None, now)
+            responses = self._receive(data, now)
+        elif transfer is not None and now >= transfer.deadline:
+            responses = self._continue(transfer, None, now)
         else:
             return []
-        return CanFrame.each(self.answer_id, said, self.answer_extended)
+        return CanFrame.each(self.answer_id, responses, self.answer_extended)
 
     def accept(self, frame: CanFrame, now: float) -> bool:
-        """Whether that was the next segment inside a block, and nothing is to be said to it. False: it is to be fed."""
-        session = self._session
-        if session is None or frame.id != self.request_id or frame.extended != self.request_extended or frame.remote:
+        """Accept the next segment inside a block, which needs no response. If it returns False, call `feed`."""
+        transfer = self._transfer
+        if transfer is None or frame.id != self.request_id or frame.extended != self.request_extended or frame.remote:
             return False
-        accepted = session.accept(frame.data, now)
+        accepted = transfer.accept(frame.data, now)
         self.counters.requests += accepted
         return accepted
 
-    def _ours(self, frame: CanFrame) -> bytes | None:
+    def _request_data(self, frame: CanFrame) -> bytes | None:
         if frame.id != self.request_id or frame.extended != self.request_extended or frame.remote:
             return None
         if len(frame.data) != 8:
@@ -157,20 +190,20 @@ class SdoServer:
         self.counters.requests += 1
         return frame.data
 
-    def _hear(self, data: bytes, now: float) -> list[bytes]:
+    def _receive(self, data: bytes, now: float) -> list[bytes]:
         if self._stray and self._is_stray(data, now):
             return []
         if data[0] == Abort.pattern.value:
             self.counters.aborts_received += 1
-            self._session = None
+            self._transfer = None
             return []
-        session = self._session
-        if session is not None and session.gives_way and _begins(data):
-            session = self._session = None
-        return self._begin(data, now) if session is None else self._go_on(session, data, now)
+        transfer = self._transfer
+        if transfer is not None and transfer.gives_way and _is_initiate(data):
+            transfer = self._transfer = None
+        return self._begin(data, now) if transfer is None else self._continue(transfer, data, now)
 
     def _is_stray(self, data: bytes, now: float) -> bool:
-        """The rest of a block that we ended: its numbers run on, and read as commands they would do harm."""
+        """Whether it is a late segment of an aborted block, which must not be taken for a command."""
         if data[0] & ~LAST != self._stray or now >= self._stray_until:
             self._stray = 0
             return False
@@ -188,30 +221,30 @@ class SdoServer:
             return self._refuse(AbortCode.COMMAND)
         self.counters.reserved_bits += has_reserved_bits(request.pattern, data[0])
         try:
-            return [self._carry_out(request, now)]
+            return [self._serve(request, now)]
         except (SdoAbort, ProtocolViolation) as refusal:
             return self._refuse(refusal.code)
         except BarewireError:
-            return self._refuse(AbortCode.GENERAL)  # a hook of the application said no in other words
+            return self._refuse(AbortCode.GENERAL)  # a hook of the application refused with another exception
 
-    def _go_on(self, session: ServerTransfer, data: bytes | None, now: float) -> list[bytes]:
-        expected = session.next_segment
+    def _continue(self, transfer: ServerTransfer, data: bytes | None, now: float) -> list[bytes]:
+        expected = transfer.next_segment
         try:
-            said = session.feed(data, now)
+            responses = transfer.feed(data, now)
         except (SdoAbort, ProtocolViolation) as refusal:
             code = refusal.code
         except BarewireError:
             code = AbortCode.GENERAL
         else:
-            if session.over:
-                self._session = None
-            return said
-        self._session = None
+            if transfer.over:
+                self._transfer = None
+            return responses
+        self._transfer = None
         self.counters.timed_out += code == AbortCode.TIMED_OUT
         if expected:
             self._stray = expected if data is None else _following(data)
             self._stray_until = now + self.timeout
-        elif data is not None and code == AbortCode.COMMAND and _begins(data):
+        elif data is not None and code == AbortCode.COMMAND and _is_initiate(data):
             _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
             self._place = index, sub
         return self._refuse(code)
@@ -220,7 +253,7 @@ class SdoServer:
         self.counters.aborts_sent += 1
         return [Abort(*self._place, code).encode()]
 
-    def _carry_out(self, request: SdoRequest, now: float) -> bytes:
+    def _serve(self, request: SdoRequest, now: float) -> bytes:
         index, sub = request.index, request.sub
         if isinstance(request, InitiateUpload):
             return self._upload(request, self.objects.read(index, sub), now)
@@ -229,24 +262,24 @@ class SdoServer:
             return DownloadInitiated(index, sub).encode()
         write = partial(self.objects.write, index, sub)
         if isinstance(request, InitiateDownload):
-            session: ServerTransfer = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
+            transfer: ServerTransfer = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
             answer: DownloadInitiated | BlockDownloadInitiated = DownloadInitiated(index, sub)
         elif isinstance(request, InitiateBlockUpload) and self.blksize:
             return self._block_upload(request, now)
         elif isinstance(request, InitiateBlockDownload) and self.blksize:
             limits = request.size, self.limit, self.blksize
-            session = BlockDownload(write, *limits, request.crc, self.timeout, now)
+            transfer = BlockDownload(write, *limits, request.crc, self.timeout, now)
             answer = BlockDownloadInitiated(index, sub, self.blksize)
         else:
             raise SdoAbort(AbortCode.COMMAND, index, sub)
         self.objects.may_write(index, sub, request.size)
-        self._session = session
+        self._transfer = transfer
         return answer.encode()
 
     def _upload(self, request: InitiateUpload, value: bytes, now: float) -> bytes:
         if 1 <= len(value) <= 4:
             return ExpeditedUpload(request.index, request.sub, self._widened(request, value)).encode()
-        self._session = SegmentedUpload(value, self.timeout, now)
+        self._transfer = SegmentedUpload(value, self.timeout, now)
         return UploadInitiated(request.index, request.sub, len(value)).encode()
 
     def _block_upload(self, request: InitiateBlockUpload, now: float) -> bytes:
@@ -255,14 +288,14 @@ class SdoServer:
         value = self.objects.read(index, sub)
         if request.switch and len(value) <= request.switch:
             return self._upload(InitiateUpload(index, sub), value, now)
-        self._session = BlockUpload(value, request.blksize, request.crc, self.timeout, now)
+        self._transfer = BlockUpload(value, request.blksize, request.crc, self.timeout, now)
         return BlockUploadInitiated(index, sub, len(value)).encode()
 
     def _trimmed(self, request: ExpeditedDownload) -> bytes:
-        """The bytes of a download that count.
+        """The bytes of a download that are the value.
 
-        Without an indicated size those that the object needs. In the dialect that sends every number in four bytes
-        the same, if what is cut off is zero. Everything else is as long as it says, and the dictionary judges it.
+        Without an indicated size, as many as the object has; the same in a dialect that sends every number in four
+        bytes, if the others are zero. Otherwise all of them: the dictionary checks the length.
         """
         data = request.data
         if request.indicated and (self.dialect.lengths == "exact" or len(data) != 4):
@@ -273,20 +306,20 @@ class SdoServer:
         return data[:size]
 
     def _widened(self, request: InitiateUpload, data: bytes) -> bytes:
-        """In that dialect a request 43h is answered in four bytes and 4Bh in two, whatever the object has."""
+        """In such a dialect the response to 43h has four bytes and to 4Bh two, whatever the size of the object."""
         if self.dialect.lengths == "exact" or request.command == 0x40:
             return data
-        asked = {command: size for size, command in self.dialect.read_commands}.get(request.command, 0)
-        return data.ljust(asked, b"\0")
+        size = {command: size for size, command in self.dialect.read_commands}.get(request.command, 0)
+        return data.ljust(size, b"\0")
 
 
 def _following(segment: bytes) -> int:
-    """The number of the segment that a client sends after this one; 0 if none follows in this block."""
+    """The number of the segment after this one; 0 if none follows in this block."""
     return segment[0] + 1 if segment[0] < BLOCK_MAX else 0
 
 
-def _begins(data: bytes) -> bool:
-    """Whether a client that says this begins a transfer."""
+def _is_initiate(data: bytes) -> bool:
+    """Whether these bytes begin a transfer."""
     try:
         decode_sdo_request(data)
     except DecodeError:

@@ -1,12 +1,12 @@
-"""The server's four long transfers: what is remembered between two frames of a client.   [CiA 301, SDO]
+"""The four transfers of a server that take more than one frame.   [CiA 301, SDO]
 
-        SegmentedUpload      60 70 ...           -> 00 10 ... the bytes             the value as it was when asked for
+        SegmentedUpload      60 70 ...           -> 00 10 ... the bytes             the value at the time of the request
         SegmentedDownload    00 10 ... bytes     -> 20 30                           written to the dictionary at the end
         BlockUpload          A3, A2, A1          -> 01 02 03 ..., C1                with a BlockSender
         BlockDownload        01 02 03 ..., C1    -> A2, A1                          with a BlockReceiver
 
-Each is a machine with the same members, and there is one of them at a time, or none. What it must not hear any more it
-answers by raising Breach or SdoAbort; then it is over.
+Each is a machine with the same members; a server has one of them at a time, or none. A frame that is not allowed in its
+present state ends it: `feed` raises ProtocolViolation or SdoAbort.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.errors import DecodeError
 
 _Write = Callable[[bytes], None]
-"""Takes a whole value, or refuses it by raising SdoAbort."""
+"""Writes a whole value, or refuses it by raising SdoAbort."""
 
 
 class ServerTransfer(Protocol):
-    """A transfer that has begun. `deadline` is when it wants to be fed None."""
+    """A transfer that has begun. At its `deadline` it must be fed None."""
 
     over: bool
 
@@ -36,44 +36,44 @@ class ServerTransfer(Protocol):
 
     @property
     def next_segment(self) -> int:
-        """The number of the block segment that would come next; 0 where none is expected."""
+        """The number of the next block segment; 0 if none is expected."""
 
     @property
     def gives_way(self) -> bool:
-        """Whether all that matters has been said, so that a new request may take its place."""
+        """Whether the value is transferred, so that a new request may replace this transfer."""
 
     def accept(self, data: bytes, now: float) -> bool:
-        """Whether that was the next segment inside a block, and nothing is to be said to it: see `BlockReceiver`."""
+        """Accept the next segment inside a block, which needs no response: see `BlockReceiver`."""
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]: ...
 
 
-def never(data: bytes, now: float) -> bool:
-    """The `accept` of the transfers that answer every frame."""
+def _never(data: bytes, now: float) -> bool:
+    """The `accept` of the transfers that respond to every frame."""
     return False
 
 
 def _expect(data: bytes, *kinds: type[M]) -> M:
-    """The message; anything else ends the transfer."""
+    """Decode a message of these kinds; anything else ends the transfer."""
     try:
         return decode_one_of(data, kinds)
     except DecodeError as error:
         raise ProtocolViolation(AbortCode.COMMAND, error.text) from None
 
 
-def _silence(now: float, deadline: float) -> list[bytes]:
+def _check_timeout(now: float, deadline: float) -> list[bytes]:
     if now >= deadline:
-        raise ProtocolViolation(AbortCode.TIMED_OUT, "the client said nothing more")
+        raise ProtocolViolation(AbortCode.TIMED_OUT, "the client was silent")
     return []
 
 
 class SegmentedUpload:
-    """A value that is fetched segment by segment."""
+    """Sends a value segment by segment."""
 
     __slots__ = ("_timeout", "_toggle", "_value", "deadline", "over")
     next_segment = 0
     gives_way = False
-    accept = staticmethod(never)
+    accept = staticmethod(_never)
 
     def __init__(self, value: bytes, timeout: float, now: float) -> None:
         self._value = Outgoing((value,), len(value))
@@ -85,10 +85,12 @@ class SegmentedUpload:
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
         """The next segment."""
         if data is None:
-            return _silence(now, self.deadline)
+            return _check_timeout(now, self.deadline)
         toggle = _expect(data, NextSegment).toggle
         if toggle != self._toggle:
-            raise ProtocolViolation(AbortCode.TOGGLE, f"segment with toggle bit {toggle} asked, {self._toggle} is next")
+            raise ProtocolViolation(
+                AbortCode.TOGGLE, f"segment with toggle bit {toggle} requested, {self._toggle} is next"
+            )
         part = self._value.take(SEGMENT)
         self.over = self._value.exhausted
         self._toggle ^= 1
@@ -97,12 +99,12 @@ class SegmentedUpload:
 
 
 class SegmentedDownload:
-    """A value that comes segment by segment."""
+    """Receives a value segment by segment."""
 
     __slots__ = ("_buffer", "_timeout", "_toggle", "_value", "_write", "deadline", "over")
     next_segment = 0
     gives_way = False
-    accept = staticmethod(never)
+    accept = staticmethod(_never)
 
     def __init__(self, write: _Write, size: int | None, limit: int, timeout: float, now: float) -> None:
         self._buffer = bytearray()
@@ -114,9 +116,9 @@ class SegmentedDownload:
         self.over = False
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The confirmation of a segment; of the last one when the dictionary has taken the value."""
+        """The confirmation of a segment; of the last one after the value is written."""
         if data is None:
-            return _silence(now, self.deadline)
+            return _check_timeout(now, self.deadline)
         segment = _expect(data, SdoSegment)
         if segment.toggle != self._toggle:
             raise ProtocolViolation(
@@ -133,11 +135,11 @@ class SegmentedDownload:
 
 
 class BlockUpload:
-    """A value that is sent in blocks, once the client says start."""
+    """Sends a value in blocks, after the start message of the client."""
 
     __slots__ = ("_blksize", "_crc", "_sender", "_timeout", "_value", "deadline", "over")
     next_segment = 0
-    accept = staticmethod(never)
+    accept = staticmethod(_never)
 
     def __init__(self, value: bytes, blksize: int, crc: bool, timeout: float, now: float) -> None:
         self._value = value
@@ -150,7 +152,7 @@ class BlockUpload:
 
     @property
     def gives_way(self) -> bool:
-        """The end has been said: a client that begins anew has what it wanted, only its A1 was lost."""
+        """True once the end is sent: a client that begins a new transfer has the value, only its A1 was lost."""
         return self._sender is not None and self._sender.ended
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
@@ -158,18 +160,18 @@ class BlockUpload:
         sender = self._sender
         if sender is None:
             if data is None:
-                return _silence(now, self.deadline)
+                return _check_timeout(now, self.deadline)
             _expect(data, StartBlockUpload)
             value = Outgoing((self._value,), len(self._value))
             sender = BlockSender(value, self._blksize, crc=self._crc, timeout=self._timeout, burst=BURST, now=now)
             self._sender, data = sender, None
-        said = sender.feed(None if data is None else _expect(data, *RECEIVER_MESSAGES), now)
+        frames = sender.feed(None if data is None else _expect(data, *RECEIVER_MESSAGES), now)
         self.deadline, self.over = sender.deadline, sender.over
-        return said
+        return frames
 
 
 class BlockDownload:
-    """A value that comes in blocks."""
+    """Receives a value in blocks."""
 
     __slots__ = ("_buffer", "_receiver", "_write", "accept", "over")
     gives_way = False
@@ -180,25 +182,25 @@ class BlockDownload:
         self._buffer = bytearray()
         value = Incoming(self._buffer.extend, size, limit=limit)
         self._receiver = BlockReceiver(value, blksize, crc=crc, timeout=timeout, now=now)
-        self.accept = self._receiver.accept  # the way of nearly every frame, and so without a step in between
+        self.accept = self._receiver.accept  # the path of nearly every frame, called directly
         self._write = write
         self.over = False
 
     @property
     def deadline(self) -> float:
-        """When the receiver wants to be told that time has passed."""
+        """When the receiver must be fed None."""
         return self._receiver.deadline
 
     @property
     def next_segment(self) -> int:
-        """The number of the segment that would come next; 0 when all of them are here."""
+        """The number of the next segment; 0 when all of them are here."""
         return self._receiver.next_segment
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The acknowledgement of a block; of the whole when the dictionary has taken the value."""
+        """The acknowledgement of a block; of the whole value after it is written."""
         receiver = self._receiver
-        said = receiver.feed(data, now)
+        frames = receiver.feed(data, now)
         if receiver.over:
             self._write(bytes(self._buffer))
             self.over = True
-        return said
+        return frames
