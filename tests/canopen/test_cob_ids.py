@@ -72,7 +72,7 @@ def test_node_ids(node: int) -> None:
 
 
 def test_what_cannot_be_asked() -> None:
-    with pytest.raises(EncodeError, match="say which node"):
+    with pytest.raises(EncodeError, match="expected a node"):
         cob_id("TPDO1")
     with pytest.raises(EncodeError, match="expected one of"):
         cob_id("SDO", 1)  # type: ignore[arg-type]

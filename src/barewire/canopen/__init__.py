@@ -1,34 +1,23 @@
-"""CANopen: what CAN frames say to each other about objects, states and process data.   [CiA 301]
+"""CANopen: network management, SDO, PDO, emergencies, SYNC, TIME, LSS as values and machines.   [CiA 301]
 
         605h                    | 40       | 41 60   | 00        | 00 00 00 00 |
-        identifier              | command  | index   | sub-index | data        |      an SDO asks for 6041h:00
+        identifier              | command  | index   | sub-index | data        |      an SDO request for 6041h:00
         = function code + node
 
-CAN delivers whole frames, so there is no envelope and no noise here. Which file for which question:
+CAN delivers whole frames, so there is no framing here. The rooms and files, in reading order:
 
-    frame        one CAN frame, and its line of text          cob          whose identifier is that?
-    nmt          who may speak in which state                  nmt_master   command, and have it confirmed
-    heartbeat    who is alive                                  guarding     the same, asked for
-    sdo/         read and write any object of any length       emcy         what went wrong, in one message
-    emcy_producer, emcy_consumer    which errors there are: in this device, in the others
-    sync         the beat that PDOs follow                     time_stamp   what time it is
-    pdo          which bits of a frame are which object        pdo_records  how a PDO is configured
-    pdo_live, pdo_engine            when it travels            pdo_remote   the PDOs of another device
-    mpdo         an object in a frame that says which it is
-    pdo_listen   the same as named values                      nmt_wait     wait for what a node says of itself
-    presence     who was heard, and when                       claims       who may talk now, where many want to
-    lss          messages that give a node-ID                  lss_slave, lss_master, lss_scan    who says them
-    survey       who is on the bus, and why we believe it
-    datatypes, times    which type has how many bytes          dictionary   the objects of one device
-    remote_objects      the objects of another, as values
-    eds/         the same objects as a file, read and written without loss
-    own_objects, error_control, device_sync, device_sdo, stored    its services, as their objects say
-    device       all of it together: one node
+    frame                  one CAN frame, and its text             cob_ids         the identifiers of services and nodes
+    datatypes, time_types  the types of objects                    object_dictionary        the objects of one device
+    communication_objects  reading and validating 1000h-1FFFh      sync, time_stamp         SYNC and TIME messages
+    nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
+    emcy/                  emergency messages                      pdo/     process data
+    lss/                   assign node-IDs                         bus/     scan, time-out explanations, locks
+    device/                `LocalNode`, a whole device             eds/     EDS and DCF files
+    gateway/               CiA 309-3 commands                      conformance/    checks of a device
 
-Two nodes meet as two machines, or as a conversation and a machine; neither knows a bus or a clock.
+Two nodes communicate as two machines, or as a conversation and a machine; neither has a bus or a clock.
 
-I know: frames, nodes, objects.  I never know: Modbus, what an object means, ports, time except as a number.
-Who may import me: devices, shells, cli, bench, tests.
+Depends on: `barewire.codecs`, `conversation`, `errors`. Used by: `devices`, `explain`, `io`, `cli`.
 """
 
 from typing import TYPE_CHECKING
@@ -96,6 +85,9 @@ if TYPE_CHECKING:
         NmtConfirmation as NmtConfirmation,
         request_state as request_state,
         send_nmt as send_nmt,
+        wait_for_boot_up as wait_for_boot_up,
+        wait_for_heartbeat as wait_for_heartbeat,
+        wait_for_state as wait_for_state,
     )
     from barewire.canopen.nmt.messages import (
         NmtChange as NmtChange,
@@ -110,11 +102,6 @@ if TYPE_CHECKING:
         GuardEvent as GuardEvent,
         GuardingMaster as GuardingMaster,
         LifeEvent as LifeEvent,
-    )
-    from barewire.canopen.nmt.wait import (
-        wait_for_boot_up as wait_for_boot_up,
-        wait_for_heartbeat as wait_for_heartbeat,
-        wait_for_state as wait_for_state,
     )
     from barewire.canopen.object_dictionary import Entry as Entry, ObjectDictionary as ObjectDictionary
     from barewire.canopen.pdo.config import PdoConfig as PdoConfig, pdos_of as pdos_of
@@ -174,8 +161,7 @@ __getattr__, __all__ = lazy(
         "object_dictionary": "Entry ObjectDictionary",
         "time_types": "TimeOfDay TimeDifference",
         "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave",
-        "nmt.master": "send_nmt request_state NmtConfirmation",
-        "nmt.wait": "wait_for_boot_up wait_for_heartbeat wait_for_state",
+        "nmt.master": "NmtConfirmation request_state send_nmt wait_for_boot_up wait_for_heartbeat wait_for_state",
         "nmt.heartbeat": (
             "NodeState HeartbeatProducer HeartbeatConsumer HeartbeatEvent consumer_entry guarding_request"
         ),

@@ -1,14 +1,13 @@
-"""COB-IDs: which identifier belongs to which service of which node.
+"""COB-IDs: which identifier belongs to which service of which node.   [CiA 301, predefined connection set]
 
         10  9  8  7 | 6  5  4  3  2  1  0
        function code|      node-ID              605h = 1100 | 0000101  = SDO request to node 5
-                                                           [CiA 301, predefined connection set]
 
-The lower the identifier, the sooner it wins the bus, so the table below is also the order of precedence: network
-management before SYNC before emergencies before process data before parameters before heartbeats.
+On CAN the lowest identifier wins arbitration, so the table below is also the order of priority: network management,
+SYNC, emergencies, process data, parameters, heartbeats.
 
-The guide of the AZ3 prints the COB-IDs of its PDOs *without* the node-ID (200h, 180h ...): what travels is the
-printed number plus the node-ID, exactly as `cob_id` makes it.
+Some manuals (that of the AZ3, for example) print the COB-IDs of PDOs *without* the node-ID (200h, 180h ...). The
+identifier on the bus is the printed number plus the node-ID, which is what `cob_id` returns.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ class Service(NamedTuple):
 
     name: ServiceName
     base: int
-    from_device: bool  # True: the device sends it, seen from a device as the standard always looks
+    from_device: bool  # True: the device sends it
     broadcast: bool = False
 
     @property
@@ -79,19 +78,19 @@ _BY_NAME = {service.name: service for service in SERVICES}
 _OF_ALL = {service.base: service for service in SERVICES if service.broadcast}
 _OF_NODE = {service.function_code: service for service in SERVICES if not service.broadcast}
 
-# Never to be given to a PDO, SYNC, EMCY or a further SDO channel.            [CiA 301, restricted CAN-IDs]
+# May not be used for a PDO, SYNC, EMCY or a further SDO channel.            [CiA 301, restricted CAN-IDs]
 _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
 
 
 def check_node(node: int) -> int:
-    """The node-ID, or an EncodeError: 0 means "all nodes" in an NMT command and is nobody's number."""
+    """The node-ID itself; EncodeError outside 1..127: 0 addresses all nodes in an NMT command and is no node-ID."""
     if not NODE_MIN <= node <= NODE_MAX:
         raise EncodeError(f"node {node}: expected {NODE_MIN}..{NODE_MAX}")
     return node
 
 
 def cob_id(service: ServiceName, node: int | None = None) -> int:
-    """The identifier of a service, of that node if each node has its own.
+    """The identifier of a service; `node` is needed unless the service is a broadcast. Raises EncodeError.
 
     >>> f"{cob_id('SDO request', 5):X}h", f"{cob_id('TPDO1', 15):X}h", f"{cob_id('SYNC'):X}h"
     ('605h', '18Fh', '80h')
@@ -102,14 +101,14 @@ def cob_id(service: ServiceName, node: int | None = None) -> int:
     if row.broadcast:
         return row.base
     if node is None:
-        raise EncodeError(f"{service} has an identifier for each node: say which node")
+        raise EncodeError(f"{service} has an identifier for each node: expected a node")
     return row.base + check_node(node)
 
 
 def classify(frame: CanFrame) -> tuple[Service, int] | None:
-    """Whose frame this is by the predefined connection set: the service and its node, 0 for all nodes.
+    """The service and the node of a frame by the predefined connection set; node 0 for a broadcast.
 
-    None for what has no owner there: an extended identifier, a gap between the services.
+    None for an identifier outside that set: an extended one, or one in a gap between the services.
 
     >>> service, node = classify(CanFrame(0x585)) or (None, 0)
     >>> service.name, node
@@ -127,7 +126,7 @@ def classify(frame: CanFrame) -> tuple[Service, int] | None:
 
 SYNC_KEY = (cob_id("SYNC"), False)
 TIME_KEY = (cob_id("TIME"), False)
-"""(identifier, extended) of the two whose identifier a network may move: what they are without being told."""
+"""(identifier, extended) by default; a network may configure other COB-IDs for SYNC and TIME."""
 
 
 def is_restricted(identifier: int) -> bool:
@@ -136,13 +135,13 @@ def is_restricted(identifier: int) -> bool:
 
 
 class CobEntry(NamedTuple):
-    """A COB-ID as it lies in the object dictionary, 32 bits: two flags, the frame format, the identifier.
+    """A COB-ID as the object dictionary stores it in 32 bits: two flags, the frame format, the identifier.
 
         31 | 30 | 29 | 28 ... 0
         a    b    x    identifier            x = 1: 29 bits
 
-    What the flags mean depends on the object, and bit 31 is a trap: 1 is *switched off* for a PDO, an SDO channel
-    and EMCY, but *consumes* for TIME. Bit 30: no remote requests (PDO), generates (SYNC), produces (TIME).
+    The meaning of the flags depends on the object. Bit 31: *not in use* for a PDO, an SDO channel and EMCY, but
+    *consumes* for TIME. Bit 30: no remote requests (PDO), produces (SYNC, TIME), dynamically assigned (SDO channel).
 
     >>> CobEntry.unpack(0xC000_0185)
     CobEntry(identifier=389, extended=False, bit30=True, bit31=True)
@@ -155,7 +154,7 @@ class CobEntry(NamedTuple):
 
     @classmethod
     def unpack(cls, word: int) -> CobEntry:
-        """From the 32 bits of the object; of 29 identifier bits a base frame uses the low 11."""
+        """From the 32 bits of the object; without bit 29 only the low 11 identifier bits count."""
         extended = bool(word >> 29 & 1)
         identifier = word & (0x1FFF_FFFF if extended else 0x7FF)
         return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))

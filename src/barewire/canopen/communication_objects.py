@@ -1,13 +1,16 @@
-"""The communication objects 1000h to 1FFFh, as the device that has them reads them and guards them.   [CiA 301]
+"""The communication objects 1000h to 1FFFh of a device: reading them and validating writes to them.   [CiA 301]
 
         1001  error register          100C  guard time, ms            1014  COB-ID EMCY         1017  heartbeat time
         1003  error history           100D  life time factor          1015  inhibit time EMCY   1018  identity
         1005  COB-ID SYNC             1010  store parameters          1016  heartbeat consumer  1019  SYNC overflow
-        1006  SYNC period, us         1011  restore defaults          1028  emergencies heard   1029  error behaviour
+        1006  SYNC period, us         1011  restore defaults          1028  EMCY consumer       1029  error behaviour
         1007  SYNC window, us         1012  COB-ID TIME
 
-All are optional but 1000h, 1001h and 1018h, and a service whose object is missing works with 0 in its place.
-`standard_objects` makes a set that fits most devices.
+Only 1000h, 1001h and 1018h are mandatory; a service whose object is missing works as if it were 0. `standard_objects`
+makes a set that fits most devices.
+
+Depends on: the object dictionary, COB-IDs, SDO abort codes. Used by: the machines of a local node (EMCY producer, PDOs,
+error control, SYNC, SDO channels, storage).
 """
 
 from __future__ import annotations
@@ -25,8 +28,8 @@ from barewire.errors import BarewireError
 IDENTITY_OBJECT = 0x1018
 
 
-def read_integer(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
-    """The value of an object, `default` where there is none or none to be had."""
+def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
+    """The value of an object as an integer; `default` if it is missing or cannot be read."""
     if (index, sub) not in objects:
         return default
     try:
@@ -36,12 +39,15 @@ def read_integer(objects: ObjectDictionary, index: int, sub: int = 0, default: i
 
 
 def lss_address(objects: ObjectDictionary) -> LssAddress:
-    """1018h: the 128 bits by which LSS knows a device."""
-    return LssAddress(*(read_integer(objects, IDENTITY_OBJECT, sub) for sub in (1, 2, 3, 4)))
+    """The identity object 1018h as the 128-bit address that LSS uses."""
+    return LssAddress(*(integer_value(objects, IDENTITY_OBJECT, sub) for sub in (1, 2, 3, 4)))
 
 
 def validate_writes(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int], None]) -> None:
-    """From now on whoever writes the object by SDO must pass `check`, which refuses by raising SdoAbort."""
+    """Have `check` validate every SDO write to an object, before its own `on_write`; `check` refuses with SdoAbort.
+
+    Without that object nothing happens.
+    """
     if (index, sub) not in objects:
         return
     entry = objects.entry(index, sub)
@@ -56,7 +62,7 @@ def validate_writes(objects: ObjectDictionary, index: int, sub: int, check: Call
 
 
 def replace_entry(objects: ObjectDictionary, entry: Entry) -> None:
-    """This entry in place of the one that is there, with the same present value."""
+    """Replace an entry and keep its present value."""
     value = None if entry.on_read is not None else objects.get(entry.index, entry.sub)
     objects.replace(entry)
     if value is not None:
@@ -69,18 +75,19 @@ def validate_cob_id_writes(
     in_use: Callable[[CobEntry], bool],
     sub: int = 0,
     *,
-    heard: bool = False,
+    always_received: bool = False,
 ) -> None:
-    """A COB-ID may get another identifier only while its service is off, and never one that belongs to others.
+    """Let the identifier of a COB-ID change only while its service is off, and never to a restricted one: 0609 0030h.
 
-    A service that is off may have any: 8000 0000h is how masters switch off. `heard`: the identifier is listened to
-    even when nothing is said with it, so it has to be a lawful one at any time.
+    `in_use` returns whether the service is on. A service that is off may have any identifier: masters write 8000 0000h
+    to switch it off. With `always_received` the device also receives on the identifier while it sends nothing with it,
+    so a restricted one is refused at any time.
     """
 
     def check(word: int) -> None:
-        new, old = CobEntry.unpack(word), CobEntry.unpack(read_integer(objects, index, sub))
+        new, old = CobEntry.unpack(word), CobEntry.unpack(integer_value(objects, index, sub))
         same = (new.identifier, new.extended) == (old.identifier, old.extended)
-        taken = not new.extended and is_restricted(new.identifier) and (heard or in_use(new))
+        taken = not new.extended and is_restricted(new.identifier) and (always_received or in_use(new))
         if (taken and not (same and in_use(old))) or (not same and in_use(old) and in_use(new)):
             raise SdoAbort(AbortCode.INVALID_VALUE, index, sub)
 
@@ -95,14 +102,14 @@ def standard_objects(
     heartbeat: int = 0,
     history: int = 8,
     watched: int = 4,
-    heard: int = 0,
+    emcy_consumers: int = 0,
     servers: int = 1,
 ) -> list[Entry]:
-    """The communication objects of a usual device: everything of the drawing above but storing parameters.
+    """The communication objects of a common device: all objects of the drawing above except 1010h and 1011h.
 
-    `heartbeat` is the time of 1017h in ms, `history` the room of 1003h, `watched` how many nodes 1016h can watch,
-    `heard` up to which node 1028h can list whose emergencies are taken, `servers` how many SDO servers there are: those
-    beyond the first are switched off until somebody gives them a channel.
+    `heartbeat` is the time of 1017h in ms, `history` the number of errors in 1003h, `watched` the number of nodes in
+    1016h, `emcy_consumers` the highest node-ID in 1028h, `servers` the number of SDO servers. Servers beyond the first
+    are switched off until COB-IDs are configured for them.
 
     >>> objects = ObjectDictionary(standard_objects(LssAddress(0x360, 1, 2, 3), heartbeat=1000))
     >>> objects.get(0x1017), lss_address(objects).vendor == 0x360
@@ -130,7 +137,10 @@ def standard_objects(
             )
         ),
         Entry(0x1019, 0, "synchronous counter overflow value", "u8", "rw"),
-        *(Entry(0x1028, sub, f"emergency consumer {sub}", "u32", "rw", 0x8000_0000) for sub in range(1, heard + 1)),
+        *(
+            Entry(0x1028, sub, f"emergency consumer {sub}", "u32", "rw", 0x8000_0000)
+            for sub in range(1, emcy_consumers + 1)
+        ),
         Entry(0x1029, 1, "communication error", "u8", "rw"),
     ]
     if servers > 1:

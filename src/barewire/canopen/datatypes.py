@@ -1,12 +1,12 @@
-"""The types of the object dictionary: the standard's number and name, our name, the width.   [CiA 301, data types]
+"""The data types of the object dictionary: number, name, width and codec.   [CiA 301, data types]
 
         0001h BOOLEAN   bool   1 bit in a PDO, 1 byte in an SDO
         0003h INTEGER16 i16    16 bits, little-endian everywhere in CANopen
         0008h REAL32    f32    32 bits
-        000Ch TIME_OF_DAY      48 bits, milliseconds and days: see times
+        000Ch TIME_OF_DAY      48 bits, milliseconds and days: see `time_types`
 
-Types of no fixed size (strings, domains) have 0 bits here: how long they are is told by the value. `RECORDS` are the
-numbers of whole objects, which have no value of their own.
+Types of variable size (strings, domains) have 0 bits here. `RECORDS` are the types of whole records, which have no
+value of their own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from barewire.errors import DecodeError, EncodeError
 
 
 class DataType(NamedTuple):
-    """One row: number in the dictionary, the standard's name, our type name, bits in a PDO (0: varies)."""
+    """One row: number in the dictionary, name in the standard, name in barewire, bits in a PDO (0: varies)."""
 
     code: int
     standard: str
@@ -61,7 +61,7 @@ RECORDS = {
     0x22: "SDO_PARAMETER",
     0x23: "IDENTITY",
 }
-"""Types of records: a number in the dictionary and a name, no codec."""
+"""Number in the dictionary -> name. They have no codec."""
 
 BY_NAME = {row.name: row for row in DATA_TYPES}
 BY_CODE = {row.code: row for row in DATA_TYPES}
@@ -75,7 +75,7 @@ class BooleanCodec:
     def encode(self, value: Value) -> bytes:
         """True or 1, False or 0."""
         if value not in (0, 1):
-            raise EncodeError(f"{value!r} is no truth value")
+            raise EncodeError(f"{value!r} is no truth value: expected True, False, 1 or 0")
         return b"\1" if value else b"\0"
 
     def decode(self, data: bytes) -> bool:
@@ -88,7 +88,7 @@ class BooleanCodec:
 
 
 class BytesCodec:
-    """VISIBLE_STRING, OCTET_STRING, DOMAIN: bytes of any length. A text is given and taken as latin-1."""
+    """VISIBLE_STRING, OCTET_STRING, DOMAIN: bytes of any length. Text is encoded as latin-1."""
 
     size = None
 
@@ -112,12 +112,12 @@ class BytesCodec:
 
 
 class UnicodeCodec:
-    """UNICODE_STRING: 16 bits a character, the low byte first. Halves of a pair are kept as they are."""
+    """UNICODE_STRING: UTF-16, the low byte first. Lone surrogates are kept as they are."""
 
     name, size = "unicode", None
 
     def encode(self, value: Value) -> bytes:
-        """Text as UTF-16."""
+        """Text as UTF-16; EncodeError for anything else."""
         if not isinstance(value, str):
             raise EncodeError(f"{value!r} is no text")
         return value.encode("utf-16-le", "surrogatepass")
@@ -140,7 +140,7 @@ _SINGLE: dict[str, ObjectCodec] = {
 
 
 def object_codec(name: str) -> ObjectCodec:
-    """The codec of a type name, as CANopen has it on the wire.
+    """The codec of a type name, little-endian as on the wire.
 
     >>> object_codec("f32").encode(1.1).hex(" ").upper()
     'CD CC 8C 3F'

@@ -1,19 +1,20 @@
-"""One CAN frame as a value, and the line of text that the whole world writes for it.
+"""One CAN frame as a value, and its text in the notation of can-utils.   [ISO 11898-1]
 
-CAN delivers whole frames or nothing: length, check sum, acknowledgement and repetition are the controller's work.
-So where Modbus needs three rooms of envelopes, CANopen needs one value:
+The CAN controller does the work of a serial envelope: length, check sum, acknowledgement and repetition. A frame
+arrives whole or not at all, so one value is enough:
 
         identifier             length   data
-        11 bits (base)         DLC      0 to 8 bytes                     605#4000100000000000
-        29 bits (extended)                                               00000605#4000100000000000
-        remote frame (RTR)     DLC      none: "who owns this, say it"    705#R1
+        11 bits (base)         DLC      0 to 8 bytes                              605#4000100000000000
+        29 bits (extended)                                                        00000605#4000100000000000
+        remote frame (RTR)     DLC      none: a request for the frame of this     705#R1
+                                        identifier, DLC bytes long
 
-The base identifier 605h and the extended identifier 00000605h are two different things on the wire, although the
-numbers are equal. That is why `key`, the identity of a frame, is a pair. CANopen speaks with base identifiers;
-an extended frame usually belongs to somebody else on the same cable.
+The base identifier 605h and the extended identifier 00000605h are two different identifiers on the wire, although the
+numbers are equal. So `key`, the identity of a frame, is a pair. CANopen uses base identifiers; an extended frame
+usually belongs to another protocol on the same cable.
 
-What else a bus interface hands over is no `CanFrame` and never gets into a machine: a CAN FD frame (`FdFrame`), and an
-error frame (`ErrorFrame`), which nobody sent: the controller reports the state of the bus with it.
+A bus interface also delivers two things that are no `CanFrame` and are never fed to a machine: CAN FD frames
+(`FdFrame`) and error frames (`ErrorFrame`), in which the controller itself reports the state of the bus.
 """
 
 from __future__ import annotations
@@ -27,14 +28,12 @@ BASE_MAX = 0x7FF
 EXTENDED_MAX = 0x1FFF_FFFF
 DATA_MAX = 8
 
-_new = tuple.__new__  # what CanFrame(...) comes to, without the function around it
-
 
 class CanFrame(NamedTuple):
     """A classical CAN frame: a data frame, or a remote frame that asks for `requested` bytes.
 
-    The plain constructor checks nothing, because a receiving shell makes thousands a second from what a controller
-    has checked already. Whoever puts a frame together from numbers of his own takes `CanFrame.checked`.
+    The plain constructor checks nothing, because a port makes thousands a second out of what the controller has checked
+    already. `CanFrame.checked` validates a frame made of the caller's own numbers.
 
     >>> str(CanFrame(0x605, bytes.fromhex("40 00 10 00 00 00 00 00")))
     '605#4000100000000000'
@@ -50,35 +49,35 @@ class CanFrame(NamedTuple):
     def checked(
         cls, id: int, data: bytes = b"", *, extended: bool = False, remote: bool = False, requested: int = 0
     ) -> CanFrame:
-        """The frame, or an EncodeError that says why the wire cannot carry it."""
+        """The frame; EncodeError if CAN cannot carry it."""
         limit, kind = (EXTENDED_MAX, "an extended") if extended else (BASE_MAX, "a base")
         if not 0 <= id <= limit:
             raise EncodeError(f"identifier {id:X}h: expected 0..{limit:X}h for {kind} frame")
         if len(data) > DATA_MAX:
             raise EncodeError(f"{len(data)} bytes of data: a CAN frame carries at most {DATA_MAX}")
         if remote and data:
-            raise EncodeError("a remote frame carries no data: it asks for some")
+            raise EncodeError("a remote frame carries no data: it requests some")
         if not 0 <= requested <= DATA_MAX or (requested and not remote):
             raise EncodeError(f"{requested} bytes requested: expected 0..{DATA_MAX}, and only in a remote frame")
         return cls(id, bytes(data), extended, remote, requested)
 
     @classmethod
     def each(cls, id: int, every: Iterable[bytes], extended: bool = False) -> list[CanFrame]:
-        """A frame for each of these data, as quickly as that can be done: a block of SDO is 127 of them.
+        """One frame for each of `every`, for example the up to 127 segments of an SDO block.
 
         >>> [str(frame) for frame in CanFrame.each(0x605, [bytes([1, 65]), bytes([0x82, 66])])]
         ['605#0141', '605#8242']
         """
-        return [_new(cls, (id, data, extended, False, 0)) for data in every]
+        return [cls(id, data, extended) for data in every]
 
     @property
     def key(self) -> tuple[int, bool]:
-        """Who is speaking: (identifier, extended). Two frames with different keys have nothing in common."""
+        """(identifier, extended): what filters, tables and machines compare."""
         return self.id, self.extended
 
     @property
     def dlc(self) -> int:
-        """The data length code: of a remote frame, how many bytes it asks for."""
+        """The data length code; in a remote frame, how many bytes it requests."""
         return self.requested if self.remote else len(self.data)
 
     def __str__(self) -> str:
@@ -89,14 +88,14 @@ class CanFrame(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> CanFrame:
-        """The frame behind the text that `candump -L` writes: `str` backwards.
+        """The frame of a text as `candump -L` writes it, the inverse of `str`.
 
         >>> CanFrame.parse("705#R1").dlc
         1
         >>> CanFrame.parse("00000581#11.22.33").key
         (1409, True)
 
-        Three digits are a base identifier, eight an extended one; dots between bytes are welcome. Raises DecodeError.
+        Three digits are a base identifier, eight an extended one; dots between bytes are skipped. Raises DecodeError.
         """
         raw = text.strip()
         seen = raw.encode("ascii", "replace")
@@ -116,7 +115,7 @@ class CanFrame(NamedTuple):
         if body[:1] in ("R", "r"):
             asked = body[1:] or "0"
             if len(asked) != 1 or asked not in "012345678":
-                raise DecodeError("value", seen, at + 1, f"remote frame asks for {asked!r} bytes: expected 0..8")
+                raise DecodeError("value", seen, at + 1, f"remote frame requests {asked!r} bytes: expected 0..8")
             return cls(number, b"", extended, True, int(asked))
         digits = body.replace(".", "")
         if len(digits) % 2:
@@ -129,7 +128,7 @@ class CanFrame(NamedTuple):
 
 
 class FdFrame(NamedTuple):
-    """A CAN FD frame: up to 64 bytes. Classical CANopen neither sends nor understands it.
+    """A CAN FD frame of up to 64 bytes. Classical CANopen does not use it.
 
     >>> str(FdFrame(0x605, bytes.fromhex("40 00 10")))
     '605##0400010'
@@ -156,11 +155,11 @@ _ERROR_CLASSES = (
     "bus error",
     "controller restarted",
 )
-"""What the bits of an error frame's identifier mean on SocketCAN, bit 0 first."""
+"""The bits in the identifier of an error frame, as SocketCAN defines them, bit 0 first."""
 
 
 class ErrorFrame(NamedTuple):
-    """A report of the controller about the bus.
+    """A report of the CAN controller about the state of the bus.
 
     >>> ErrorFrame(0x60).text
     'no acknowledgement, bus off'

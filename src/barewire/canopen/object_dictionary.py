@@ -1,17 +1,17 @@
-"""The object dictionary: everything a device lets others read and write, by index and sub-index.   [CiA 301]
+"""The object dictionary: all values of a device that can be read and written, by index and sub-index.   [CiA 301]
 
-        1000h-1FFFh   communication: who I am, heartbeat, SDO channels, PDOs
-        2000h-5FFFh   the manufacturer's own
-        6000h-9FFFh   the profile's: a drive has its controlword at 6040h:00
+        1000h-1FFFh   communication: identity, heartbeat, SDO channels, PDOs
+        2000h-5FFFh   manufacturer-specific
+        6000h-9FFFh   device profile: a drive has its controlword at 6040h:00
 
-Each entry has a type, an access right, a default and perhaps limits; each refusal has its own abort code:
+Each entry has a type, an access right, a default and optional limits; each kind of refusal has its own abort code:
 
         0602 0000h  no such object              0601 0001h  read a write-only one      0607 0012h  too many bytes
         0609 0011h  no such sub-index           0601 0002h  write a read-only one      0607 0013h  too few bytes
         0609 0031h  too high                    0609 0032h  too low                    0609 0030h  no value of the type
 
-Two doors lead in. `read` and `write` are the one for strangers (the SDO server): bytes, rights, limits. `get` and `set`
-are the one for the device itself: values, and no rights, because a status word is read-only to everybody but its owner.
+There are two interfaces. `read` and `write` are for the SDO server: bytes, with access rights and limits. `get` and
+`set` are for the device's own code: values, without access rights, because the device writes its own status word.
 """
 
 from __future__ import annotations
@@ -27,18 +27,20 @@ from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 
 ObjectAccess = Literal["ro", "wo", "rw", "const"]
-ObjectRef = str | int | tuple[int, int]
-"""Where a value is, for people: a name, an index, or an index and a sub-index."""
+ObjectAddress = tuple[int, int]
+"""(index, sub-index)."""
+ObjectRef = str | int | ObjectAddress
+"""How a caller names an object: by name, by index, or by index and sub-index."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One object: what it is. Its value lives in the dictionary.
+    """The description of one object. Its value is in the dictionary.
 
-    `minimum` and `maximum` are limits of the value; of strings and domains, `maximum` is the longest length.
-    `on_read` gives the value in place of the stored one. `on_write` sees a value that has passed every check, before it
-    is stored, and may refuse it by raising SdoAbort. `object_name` is the name of the whole record or array that the
-    entry belongs to; `mappable` says in which PDOs it may stand.
+    `minimum` and `maximum` are limits of the value; for strings and domains `maximum` is the greatest length.
+    `on_read` returns the value in place of the stored one. `on_write` gets a value that has passed every check, before
+    it is stored, and may refuse it by raising SdoAbort. `object_name` is the name of the record or array that the entry
+    belongs to; `mappable` lists the kinds of PDO into which it may be mapped.
     """
 
     index: int
@@ -56,14 +58,14 @@ class Entry:
 
     @property
     def codec(self) -> ObjectCodec:
-        """What turns the value into bytes."""
+        """The codec between value and bytes."""
         return object_codec(self.type)
 
 
 class ObjectDictionary:
     """The entries of one device and their present values.
 
-    An index with sub-indices has at sub-index 0 the highest of them; where nobody gives that entry, it is made.
+    Sub-index 0 of a record holds its highest sub-index; if that entry is not given, it is added.
 
     >>> objects = ObjectDictionary([Entry(0x206A, 1, "VREF SET POINT", "f32", "rw", 0.0)])
     >>> objects.write(0x206A, 1, bytes.fromhex("CDCC8C3F"))
@@ -73,8 +75,8 @@ class ObjectDictionary:
     >>> objects["VREF SET POINT"], objects[0x206A, 1]
     (2.5, 2.5)
 
-    `changes` counts whatever may have changed a value, so who obeys objects need not look at them each time. Only what
-    has an `on_read` changes without that; `computed` are the indices of such entries.
+    `changes` counts everything that may have changed a stored value, so a machine that follows objects reads them again
+    only after a change. An entry with `on_read` changes without being counted; `computed` holds the indices of those.
     """
 
     __slots__ = ("_entries", "_subs", "_values", "changes", "computed")
@@ -92,18 +94,20 @@ class ObjectDictionary:
                 self.add(Entry(index, 0, "highest sub-index supported", "u8", "const", subs[-1]))
 
     def add(self, entry: Entry) -> None:
-        """One more entry. EncodeError if there is one already, or if the default is no value of the type."""
-        place = entry.index, entry.sub
+        """Add an entry. EncodeError if its address is in use already, or if its default does not fit its type."""
+        address = entry.index, entry.sub
         if not (0 <= entry.index <= 0xFFFF and 0 <= entry.sub <= 0xFF):
-            raise EncodeError(f"{entry.name}: index {entry.index:X}h, sub-index {entry.sub:X}h do not exist")
-        if place in self._entries:
-            raise EncodeError(f"{entry.index:04X}h:{entry.sub:02X} is there twice: {entry.name}")
+            raise EncodeError(
+                f"{entry.name}: index {entry.index:X}h, sub-index {entry.sub:X}h: expected 0..FFFFh and 0..FFh"
+            )
+        if address in self._entries:
+            raise EncodeError(f"{entry.index:04X}h:{entry.sub:02X} is defined twice: {entry.name}")
         if entry.access not in _ACCESSES:
             raise EncodeError(f"{entry.name}: access {entry.access!r}: expected one of {', '.join(_ACCESSES)}")
         default = self._default(entry)
         entry.codec.encode(default)
-        self._entries[place] = entry
-        self._values[place] = default
+        self._entries[address] = entry
+        self._values[address] = default
         self.changes += 1
         if entry.on_read is not None:
             self.computed.add(entry.index)
@@ -112,20 +116,20 @@ class ObjectDictionary:
         subs.sort()
 
     def replace(self, entry: Entry) -> None:
-        """This entry in place of the one at its index and sub-index, or as a new one. Its value is its default."""
+        """Replace the entry at this index and sub-index, or add it. Its value is its default."""
         if self._entries.pop((entry.index, entry.sub), None) is not None:
             self._subs[entry.index].remove(entry.sub)
         self.add(entry)
 
     def __iter__(self) -> Iterator[Entry]:
         """All entries in order of index and sub-index."""
-        return (self._entries[place] for place in sorted(self._entries))
+        return (self._entries[address] for address in sorted(self._entries))
 
-    def __contains__(self, place: object) -> bool:
-        return place in self._entries
+    def __contains__(self, address: object) -> bool:
+        return address in self._entries
 
     def entry(self, index: int, sub: int = 0) -> Entry:
-        """The entry, or SdoAbort: no such object, or no such sub-index of it."""
+        """The entry; SdoAbort if the object or its sub-index does not exist."""
         found = self._entries.get((index, sub))
         if found is None:
             if not isinstance(index, int):
@@ -134,13 +138,13 @@ class ObjectDictionary:
         return found
 
     def find(self, name: str) -> Entry:
-        """The entry of that name, whatever its case and blanks; "object.entry" where the entry's name is not enough.
+        """The entry of a name, ignoring case and extra blanks; "object.entry" where the entry's name is ambiguous.
 
         >>> objects = ObjectDictionary([Entry(0x1018, 1, "Vendor-ID", "u32", object_name="Identity")])
         >>> objects.find("identity.vendor-id").sub
         1
 
-        EncodeError if there is none, or if several have it: the text tells their places.
+        EncodeError if no entry has the name, or if several have it; the text lists their addresses.
         """
         wanted = _fold(name)
         found = [entry for entry in self if wanted in (_fold(entry.name), _fold(f"{entry.object_name}.{entry.name}"))]
@@ -149,34 +153,34 @@ class ObjectDictionary:
         places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in found[:5])
         raise EncodeError(f"{name!r} is in several places: {places}" if found else f"no object is called {name!r}")
 
-    def at(self, place: ObjectRef) -> Entry:
-        """The entry of that name or number. EncodeError if there is none."""
-        if isinstance(place, str):
-            return self.find(place)
-        index, sub = (place, 0) if isinstance(place, int) else place
+    def at(self, ref: ObjectRef) -> Entry:
+        """The entry of a name or an address. EncodeError if there is none."""
+        if isinstance(ref, str):
+            return self.find(ref)
+        index, sub = (ref, 0) if isinstance(ref, int) else ref
         if (index, sub) not in self._entries:
             raise EncodeError(f"there is no object {index:04X}h:{sub:02X}")
         return self._entries[index, sub]
 
     def subs(self, index: int) -> tuple[int, ...]:
-        """The sub-indices of an object, none if it does not exist."""
+        """The sub-indices of an object in ascending order; empty if it does not exist."""
         return tuple(self._subs.get(index, ()))
 
-    # The door for strangers: the ObjectStore that an SDO server asks.
+    # The interface of the SDO server (`ObjectStore`).
 
     def size(self, index: int, sub: int) -> int | None:
-        """How many bytes the object has, None if that varies."""
+        """The size of an object in bytes, None if it varies."""
         return self.entry(index, sub).codec.size
 
     def read(self, index: int, sub: int) -> bytes:
-        """The value as bytes, if it may be read."""
+        """The value as bytes. SdoAbort if it is write-only or does not exist."""
         entry = self.entry(index, sub)
         if entry.access == "wo":
             raise SdoAbort(AbortCode.WRITE_ONLY, index, sub)
         return entry.codec.encode(self.get(index, sub))
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
-        """Refuse now what `write` would refuse whatever the bytes are."""
+        """Raise the SdoAbort that `write` would raise for every value of this size (None: not known yet)."""
         entry = self.entry(index, sub)
         if entry.access in ("ro", "const"):
             raise SdoAbort(AbortCode.READ_ONLY, index, sub)
@@ -191,13 +195,13 @@ class ObjectDictionary:
 
     @staticmethod
     def _longest(entry: Entry) -> float:
-        """The most bytes that a value of no fixed length may have."""
+        """The greatest size in bytes of a value of variable length."""
         if entry.maximum is None:
             return math.inf
         return entry.maximum * (2 if entry.type == "unicode" else 1)
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """Take bytes as the new value, if it may be written and they are one."""
+        """Decode, check and store a new value. Raises SdoAbort if it is refused."""
         entry = self.entry(index, sub)
         if entry.access in ("ro", "const"):
             raise SdoAbort(AbortCode.READ_ONLY, index, sub)
@@ -227,38 +231,44 @@ class ObjectDictionary:
         if code is not None:
             raise SdoAbort(code, entry.index, entry.sub)
 
-    # The door for the device itself.
+    # The interface of the device's own code.
 
     def get(self, index: int, sub: int = 0) -> Value:
-        """The present value, whatever the rights."""
+        """The present value, without regard to access rights."""
         entry = self.entry(index, sub)
         return self._values[index, sub] if entry.on_read is None else entry.on_read()
 
     def set(self, index: int, sub: int, value: Value) -> None:
-        """Another value, whatever the rights; EncodeError if it is none of the type. No hook is called."""
+        """Store a value without regard to access rights and limits; no `on_write` is called.
+
+        EncodeError if it does not fit the type.
+        """
         self.entry(index, sub).codec.encode(value)
         self._values[index, sub] = value
         self.changes += 1
 
-    def __getitem__(self, place: ObjectRef) -> Value:
-        """`get`, by name too."""
-        entry = self.at(place)
+    def __getitem__(self, ref: ObjectRef) -> Value:
+        """`get` by name or address."""
+        entry = self.at(ref)
         return self.get(entry.index, entry.sub)
 
-    def __setitem__(self, place: ObjectRef, value: Value) -> None:
-        """`set`, by name too."""
-        entry = self.at(place)
+    def __setitem__(self, ref: ObjectRef, value: Value) -> None:
+        """`set` by name or address."""
+        entry = self.at(ref)
         self.set(entry.index, entry.sub, value)
 
     def hook(
         self,
-        place: ObjectRef,
+        ref: ObjectRef,
         *,
         on_read: Callable[[], Value] | None = None,
         on_write: Callable[[Value], None] | None = None,
     ) -> None:
-        """Give an entry that is there its functions: one out of an EDS has none. Checks that it has come first."""
-        entry = self.at(place)
+        """Attach functions to an existing entry, for example to one from an EDS.
+
+        An `on_write` that the entry already has is called before the new one.
+        """
+        entry = self.at(ref)
         at, checks = (entry.index, entry.sub), entry.on_write
 
         def both(value: Value) -> None:
@@ -272,19 +282,19 @@ class ObjectDictionary:
             self.computed.add(entry.index)
 
     def default(self, index: int, sub: int = 0) -> Value:
-        """What the value is after a reset."""
+        """The value after a reset."""
         return self._default(self.entry(index, sub))
 
     def restore(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
-        """Defaults again for the indices `first` to `last`: what a reset does. No hook is called."""
-        for place, entry in self._entries.items():
-            if first <= place[0] <= last:
-                self._values[place] = self._default(entry)
+        """Reset the objects of the indices `first` to `last` to their defaults; no `on_write` is called."""
+        for address, entry in self._entries.items():
+            if first <= address[0] <= last:
+                self._values[address] = self._default(entry)
         self.changes += 1
 
     @staticmethod
     def _default(entry: Entry) -> Value:
-        """0 stands for "nothing given", and of a string nothing is an empty one."""
+        """The default of an entry. 0 stands for "none given"; for a string or domain that is an empty one."""
         if entry.default == 0 and entry.codec.size is None:
             return "" if entry.type in ("string", "unicode") else b""
         return entry.default

@@ -1,13 +1,13 @@
-"""SYNC: the beat that synchronous PDOs follow.   [CiA 301, SYNC]
+"""SYNC: the periodic message that triggers synchronous PDOs, with its producer and a monitor.   [CiA 301, SYNC]
 
         080h |              0 bytes, or
         080h | counter 1    1 byte, 1 up to the value of 1019h (2..240), then 1 again
 
-A type 1 PDO is sent or takes effect at every SYNC, a type n PDO at every n-th. The AZ3 leaves the factory with type 0
-and type 1 only: without somebody who sends SYNC, nothing moves.
+A type 1 PDO is sent or takes effect at every SYNC, a type n PDO at every n-th. A device whose PDOs are all synchronous
+(the AZ3 as it leaves the factory) exchanges no process data until a node produces SYNC.
 
-        producer   t0 + T, t0 + 2T, t0 + 3T ...      an absolute beat: a late shell does not make it drift
-        monitor    beat, wrong length, jump, lost    somebody who listens to the beat of another
+        producer   t0 + T, t0 + 2T, t0 + 3T ...      times are absolute, so one late call does not shift the later ones
+        monitor    beat, wrong, jump, lost           checks the SYNC that another node produces
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, EncodeError
 
 COUNTER_MAX = 240
-LOST_AFTER = 1.5
-"""How many periods without a SYNC mean that its producer is gone."""
+_LOST_AFTER = 1.5
+"""Periods without a SYNC after which it counts as lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class SyncMessage:
-    """One beat, with its number if the producer counts.
+    """One SYNC message, with its counter if the producer counts.
 
     >>> str(SyncMessage().encode()), str(SyncMessage(1).encode())
     ('080#', '080#01')
@@ -35,7 +35,7 @@ class SyncMessage:
     counter: int | None = None
 
     def encode(self, key: tuple[int, bool] = SYNC_KEY) -> CanFrame:
-        """The frame, with COB-ID 080h if 1005h does not say another."""
+        """The frame, with COB-ID 080h unless 1005h configures another. EncodeError for a counter outside 1..240."""
         if self.counter is None:
             return CanFrame(key[0], b"", key[1])
         if not 1 <= self.counter <= COUNTER_MAX:
@@ -46,14 +46,14 @@ class SyncMessage:
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> SyncMessage:
         """Raises DecodeError for another identifier, for more than one byte, for a counter of 0 or above 240."""
         if frame.key != key or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: that has COB-ID {key[0]:03X}h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: expected COB-ID {key[0]:03X}h")
         return cls(sync_counter(frame.data))
 
 
 def sync_counter(data: bytes) -> int | None:
-    """The counter in the data of a SYNC, whatever its COB-ID; None if it counts nothing. Raises DecodeError."""
+    """The counter in the data of a SYNC, None if it has none. Raises DecodeError."""
     if len(data) > 1:
-        raise DecodeError("long", data, 1, "SYNC has a counter or nothing")
+        raise DecodeError("long", data, 1, "a SYNC has no data, or a counter of 1 byte")
     if not data:
         return None
     if not 1 <= data[0] <= COUNTER_MAX:
@@ -62,14 +62,15 @@ def sync_counter(data: bytes) -> int | None:
 
 
 class SyncProducer:
-    """Beats every `period` seconds, and counts up to `overflow` (0: does not count). A machine.
+    """Produces SYNC every `period` seconds with a counter from 1 to `overflow` (0: without counter). A machine.
 
     >>> producer = SyncProducer(0.01, overflow=2)
     >>> producer.start(0.0)
     >>> [str(producer.feed(None, now)[0]) for now in (0.01, 0.02, 0.03)]
     ['080#01', '080#02', '080#01']
 
-    A beat that the shell was too late for is not made up for; `missed` counts them, `latest` is the longest delay.
+    A SYNC that was due while `feed` was not called is not sent later; `missed` counts those, `latest` is the longest
+    delay in seconds.
     """
 
     __slots__ = ("_counter", "_next", "key", "latest", "missed", "overflow", "period")
@@ -93,16 +94,16 @@ class SyncProducer:
         return self._next
 
     def start(self, now: float) -> None:
-        """The first SYNC goes out one period from now, with the counter 1."""
+        """Send the first SYNC one period from now, with the counter 1."""
         self._counter = 0
         self._next = now + self.period
 
     def stop(self) -> None:
-        """No further SYNC."""
+        """Send no further SYNC."""
         self._next = None
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """What is due now."""
+        """The SYNC, if one is due."""
         if self._next is None or now < self._next:
             return []
         self.latest = max(self.latest, now - self._next)
@@ -111,10 +112,10 @@ class SyncProducer:
         self._next += (late + 1) * self.period
         if self._next <= now:  # rounding: a period that is tiny against the time
             self._next = now + self.period
-        return [self.beat()]
+        return [self.next_frame()]
 
-    def beat(self) -> CanFrame:
-        """One SYNC now, out of turn or by hand: the counter goes on."""
+    def next_frame(self) -> CanFrame:
+        """The next SYNC, independent of the period: the counter advances."""
         if not self.overflow:
             return CanFrame(self.key[0], b"", self.key[1])
         self._counter = self._counter % self.overflow + 1
@@ -125,20 +126,20 @@ SyncKind = Literal["beat", "jump", "wrong", "lost"]
 
 
 class SyncEvent(NamedTuple):
-    """`beat` a SYNC, `jump` one whose counter is not the next (some were lost, or the producer began again), `wrong`
-    one of a length or with a counter that must not be, `lost` none for one and a half periods."""
+    """`beat` a SYNC; `jump` one whose counter is not the next (some were lost, or the producer restarted); `wrong` one
+    with an invalid length or counter; `lost` none for one and a half periods."""
 
     kind: SyncKind
     counter: int | None
     at: float
-    since: float | None  # seconds since the beat before
+    since: float | None  # seconds since the previous SYNC
 
 
 class SyncMonitor:
-    """Listens to somebody's SYNC. A machine.
+    """Checks the SYNC of another node. A machine.
 
-    `overflow` is what 1019h says here: more than 0 wants a counter, 0 none, None takes what comes. `shortest` and
-    `longest` are the intervals seen, so `longest - shortest` is the jitter.
+    `overflow` is the expected value of 1019h: above 0 a counter is required, 0 forbids it, None accepts both.
+    `shortest` and `longest` are the intervals measured in seconds, so `longest - shortest` is the jitter.
 
     >>> monitor = SyncMonitor(0.015)
     >>> [monitor.feed(SyncMessage(number).encode(), number / 100)[0].kind for number in (1, 2, 4)]
@@ -161,13 +162,13 @@ class SyncMonitor:
 
     @property
     def deadline(self) -> float | None:
-        """When the beat will be missed."""
+        """When SYNC counts as lost unless one comes before."""
         if self.period is None or self._last is None or self._lost:
             return None
-        return self._last + LOST_AFTER * self.period
+        return self._last + _LOST_AFTER * self.period
 
     def feed(self, frame: CanFrame | None, now: float) -> list[SyncEvent]:
-        """What the frame or the time tells about the beat."""
+        """The events of a frame, and of time passing."""
         events: list[SyncEvent] = []
         due = self.deadline
         since = None if self._last is None else now - self._last
@@ -190,7 +191,7 @@ class SyncMonitor:
         return [*events, SyncEvent(kind, counter, now, since)]
 
     def _follows(self, counter: int | None) -> bool:
-        """Whether this counter comes behind the last one; where nobody told the overflow, 1 may always come."""
+        """Whether this counter follows the previous one. If `overflow` is unknown, a wrap to 1 is always accepted."""
         if counter is None or self._previous is None:
             return True
         if self.overflow is None and counter == 1:

@@ -1,11 +1,11 @@
-"""TIME: what time it is, said to everybody.   [CiA 301, TIME; TIME_OF_DAY]
+"""TIME: the time of day as a broadcast message, its producer and consumer.   [CiA 301, TIME; TIME_OF_DAY]
 
         100h | milliseconds since midnight, 28 bits + 4 reserved | days since 1 January 1984, 16 bits |      6 bytes
 
         95 2C B3 02 4D 39        29 February 2024, 12:34:56.789
 
-The standard knows no time zone: whether it is UTC is agreed upon beforehand, and here it is. The days end in
-June 2163. In 1012h bit 31 means that a device *takes* the time, bit 30 that it *says* it.
+The standard defines no time zone; barewire uses UTC. The 16 bits of days end in June 2163. In 1012h, bit 31 means that
+a device *consumes* TIME, bit 30 that it *produces* it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from barewire.canopen.time_types import TimeCodec, TimeOfDay
 from barewire.errors import DecodeError, EncodeError
 
 EPOCH_UNIX = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
-"""1 January 1984 in seconds of Unix."""
+"""1 January 1984 in seconds since 1 January 1970."""
 
 _CODEC = TimeCodec("time_of_day")
 
 
 @dataclass(frozen=True, slots=True)
 class TimeStamp:
-    """One moment: milliseconds since 1 January 1984.
+    """One TIME message: a moment in milliseconds since 1 January 1984.
 
     >>> stamp = TimeStamp.of_unix(1709210096.789)
     >>> str(stamp.encode()), stamp.unix
@@ -38,11 +38,11 @@ class TimeStamp:
 
     @classmethod
     def of_unix(cls, seconds: float) -> TimeStamp:
-        """The time so many seconds after 1 January 1970, to the nearest millisecond. Raises EncodeError."""
+        """From seconds since 1 January 1970, rounded to milliseconds. EncodeError for a day out of range."""
         try:
             moment = TimeOfDay(round((seconds - EPOCH_UNIX) * 1000))
         except (ValueError, OverflowError):
-            raise EncodeError(f"{seconds} s is no moment") from None
+            raise EncodeError(f"{seconds} s is no time of day: expected a finite number of seconds") from None
         _CODEC.encode(moment)
         return cls(moment)
 
@@ -52,24 +52,24 @@ class TimeStamp:
         return EPOCH_UNIX + int(self.moment) / 1000
 
     def encode(self, key: tuple[int, bool] = TIME_KEY) -> CanFrame:
-        """The frame, with COB-ID 100h if no other was agreed upon. EncodeError for a day that it does not reach."""
+        """The frame, with COB-ID 100h unless the network uses another. EncodeError for a day out of range."""
         return CanFrame(key[0], _CODEC.encode(self.moment), key[1])
 
     @classmethod
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = TIME_KEY) -> TimeStamp:
-        """Raises DecodeError for another identifier, another length, a day of more than 24 hours.
+        """Raises DecodeError for another identifier, another length, a time of 24 hours or more.
 
-        The four reserved bits are read over.
+        The four reserved bits are ignored.
         """
         if frame.key != key or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no TIME: that has COB-ID {key[0]:03X}h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no TIME: expected COB-ID {key[0]:03X}h")
         return cls(TimeOfDay(_CODEC.decode(frame.data)))
 
 
 class TimeProducer:
-    """Says the time every `period` seconds. A machine.
+    """Produces TIME every `period` seconds. A machine.
 
-    It has no clock but `now`: `unix_at_zero` is what time it was when `now` was 0.
+    Its only clock is `now`; `unix_at_zero` is the Unix time at which `now` was 0.
 
     >>> producer = TimeProducer(60.0, unix_at_zero=EPOCH_UNIX)
     >>> [str(frame) for frame in producer.feed(None, 0.0)], producer.deadline
@@ -88,11 +88,11 @@ class TimeProducer:
 
     @property
     def deadline(self) -> float | None:
-        """When the time is said next; None before the first `feed`, which says it."""
+        """When the next TIME is due; None before the first `feed`, which sends one."""
         return self._next
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """The time, if it is due."""
+        """The TIME message, if it is due."""
         if self._next is not None and now < self._next:
             return []
         self._next = now + self.period
@@ -100,7 +100,7 @@ class TimeProducer:
 
 
 class TimeReceived(NamedTuple):
-    """A TIME message: `unix_at_zero` is what a clock that shows `now` lacks to the time told."""
+    """A received TIME message; `unix_at_zero` is the Unix time at which `now` was 0, according to it."""
 
     stamp: TimeStamp
     at: float
@@ -108,7 +108,7 @@ class TimeReceived(NamedTuple):
 
 
 class TimeConsumer:
-    """Keeps the time that others say. A machine.
+    """Follows the TIME messages of another node. A machine; `unreadable` counts those that cannot be decoded.
 
     >>> consumer = TimeConsumer()
     >>> heard = consumer.feed(TimeStamp.of_unix(EPOCH_UNIX + 1.5).encode(), 10.0)
@@ -125,15 +125,15 @@ class TimeConsumer:
 
     @property
     def deadline(self) -> float | None:
-        """None: it waits for nothing but messages."""
+        """None: nothing is timed."""
         return None
 
     def unix(self, now: float) -> float | None:
-        """What time it is now, None before anybody told."""
+        """The Unix time now, None before the first TIME message."""
         return None if self.last is None else self.last.unix_at_zero + now
 
     def feed(self, frame: CanFrame | None, now: float) -> list[TimeReceived]:
-        """The time that the frame tells, if it tells one."""
+        """The time stamp of the frame, if it is a TIME message."""
         if frame is None or frame.key != self.key or frame.remote:
             return []
         try:

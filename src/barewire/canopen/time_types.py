@@ -1,14 +1,12 @@
-"""Dates and spans of time as CANopen writes them: milliseconds and days.   [CiA 301, TIME_OF_DAY, TIME_DIFFERENCE]
+"""The two time types of the object dictionary: milliseconds and days.   [CiA 301, TIME_OF_DAY, TIME_DIFFERENCE]
 
         TIME_OF_DAY        ms since midnight, 28 bits | void, 4 bits | days since 1 January 1984, 16 bits
         TIME_DIFFERENCE    ms, 28 bits                | void, 4 bits | days, 16 bits
 
         2 January 1984, 00:00:01     E8 03 00 00 | 01 00         both little-endian, 48 bits in all
 
-A value is a number, milliseconds in all, so it has an order and limits like any other; `datetime` and `timedelta` are
-what people make of it. A device says its own local time: nothing here knows a time zone or a leap second.
-
-I know: two types of the object dictionary.  I never know: the clock, COB-IDs.
+A value is the total of milliseconds as an int, so it has an order and limits like any other number; `datetime` and
+`timedelta` are conversions of it. There are no time zones and no leap seconds: the value is the local time of a device.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ class TimeDifference(int):
 
     @classmethod
     def of(cls, span: timedelta) -> TimeDifference:
-        """From a timedelta; what is finer than a millisecond is cut off."""
+        """From a timedelta, rounded down to milliseconds."""
         return cls(span // _MILLISECOND)
 
     @property
@@ -62,7 +60,7 @@ class TimeOfDay(int):
 
     @classmethod
     def of(cls, moment: datetime) -> TimeOfDay:
-        """From a datetime, as the clock on the wall shows it: a time zone is not looked at."""
+        """From a datetime; its time zone is ignored."""
         return cls((moment.replace(tzinfo=None) - EPOCH) // _MILLISECOND)
 
     @property
@@ -85,13 +83,13 @@ class TimeCodec:
 
     size = 6
     minimum, maximum = 0, DAY << 16
-    """Milliseconds; the maximum itself is the first that does not fit."""
+    """Milliseconds, the maximum excluded."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def encode(self, value: Value | datetime | timedelta) -> bytes:
-        """Six bytes. EncodeError for what lies outside of 65536 days."""
+        """Six bytes. EncodeError for another type, and outside of 0..65535 days."""
         if isinstance(value, datetime) and self.name == "time_of_day":
             value = TimeOfDay.of(value)
         elif isinstance(value, timedelta) and self.name == "time_difference":
@@ -104,7 +102,7 @@ class TimeCodec:
         return milliseconds.to_bytes(4, "little") + days.to_bytes(2, "little")
 
     def decode(self, data: bytes) -> TimeOfDay | TimeDifference:
-        """The value; the four void bits are read over, a day of more than 24 hours is DecodeError("value")."""
+        """The value; the four void bits are ignored, 24 hours or more in the first field are DecodeError("value")."""
         if len(data) != self.size:
             short = len(data) < self.size
             text = f"{self.name} takes {self.size} bytes, here are {len(data)}"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Channel, ErrorFrame, NmtState, NodeState, upload
+from barewire.canopen import CanFrame, Channel, ErrorFrame, upload
 from barewire.canopen.bus.node_monitor import NodeMonitor
-from barewire.canopen.nmt.wait import wait_for_boot_up, wait_for_heartbeat, wait_for_state
-from barewire.conversation import Conversation, Heard, Listen, play
+from barewire.conversation import play
 from barewire.errors import NoAnswer
 
 
@@ -65,39 +64,7 @@ def test_a_channel_explains_with_what_the_bus_knows() -> None:
     )
 
 
-def listening(conversation: Conversation[CanFrame, NodeState], *lines: tuple[float, str]) -> NodeState:
-    """Carry out what only listens: the frames are on their way already."""
-    coming = [(at, CanFrame.parse(text)) for at, text in lines]
-    now = 0.0
-    step = next(conversation)
-    try:
-        while True:
-            assert isinstance(step, Listen)
-            if coming and coming[0][0] <= max(step.until, now):
-                at, frame = coming.pop(0)
-                now = max(now, at)
-                step = conversation.send(Heard(frame, now))
-            else:
-                now = max(now, step.until)
-                step = conversation.send(Heard(None, now))
-    except StopIteration as stop:
-        result: NodeState = stop.value
-        return result
-
-
-def test_waiting_for_what_a_node_says() -> None:
-    beats = (0.1, "706#00"), (0.2, "705#00"), (0.3, "705#7F"), (0.4, "185#00"), (0.5, "705#05")
-    assert listening(wait_for_boot_up(5), *beats).node == 5
-    assert listening(wait_for_boot_up(), *beats).node == 6
-    assert listening(wait_for_heartbeat(5), *beats).state == NmtState.PRE_OPERATIONAL
-    assert listening(wait_for_state(5, [NmtState.OPERATIONAL]), *beats).state == 5
-    with pytest.raises(NoAnswer, match=r"within 0.35 s that it is operational: its last word was pre-operational"):
-        listening(wait_for_state(5, [NmtState.OPERATIONAL], timeout=0.35), *beats)
-    with pytest.raises(NoAnswer, match="no node said within 1 s that it has booted"):
-        listening(wait_for_boot_up(timeout=1.0))
-
-
-def test_a_wrong_node_id_shows() -> None:
+def test_other_nodes_are_listed_when_the_node_was_never_heard() -> None:
     monitor = NodeMonitor()
     mark = monitor.mark(0x585)
     monitor.feed(CanFrame.parse("581#0000000000000000"), 1.0)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import example, given, strategies as st
 
-from barewire.canopen import CanFrame, LocalNode, Pdo, eds
+from barewire.canopen import CanFrame, LocalNode, PdoConfig, eds
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import EncodeError
@@ -143,13 +143,13 @@ def test_dummies() -> None:
 
 
 def test_a_device_is_served_out_of_a_file() -> None:
-    device = LocalNode(5, eds.parse(GOOD.encode()).dictionary(5), [Pdo("TPDO", 1, (0x20000010,))])
+    device = LocalNode(5, eds.parse(GOOD.encode()).dictionary(5), [PdoConfig("TPDO", 1, (0x20000010,))])
     device.start(0.0)
     answers = device.feed(CanFrame.parse("605#4000200000000000"), 0.1)
     assert [str(frame) for frame in answers] == ["585#4B00200005000000"]
     unmapped = eds.parse(GOOD.replace("PDOMapping=1", "PDOMapping=0").encode())
     with pytest.raises(EncodeError, match="not meant for an TPDO"):
-        LocalNode(5, unmapped.dictionary(5), [Pdo("TPDO", 1, (0x20000010,))])
+        LocalNode(5, unmapped.dictionary(5), [PdoConfig("TPDO", 1, (0x20000010,))])
 
 
 # Whatever comes

@@ -172,7 +172,7 @@ def test_other_identifiers_boots_and_floods() -> None:
 
 
 def test_1028h_says_whose_emergencies_are_taken() -> None:
-    objects = ObjectDictionary(standard_objects(heard=127))
+    objects = ObjectDictionary(standard_objects(emcy_consumers=127))
     device = LocalNode(5, objects)
     device.start(0.0)
     hear = [CanFrame.parse(text) for text in ("089#3081110000000000", "1F0#1032150000000000")]

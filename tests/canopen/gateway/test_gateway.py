@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, ObjectDictionary, Pdo, standard_objects
+from barewire.canopen import (
+    CanFrame,
+    Entry,
+    LocalNode,
+    LssAddress,
+    LssSlave,
+    ObjectDictionary,
+    PdoConfig,
+    standard_objects,
+)
 from barewire.canopen.gateway import GatewayError, GatewaySession
 from barewire.canopen.gateway.commands import parse_line
 from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text
@@ -55,7 +64,9 @@ def objects() -> ObjectDictionary:
 @pytest.fixture
 def bus() -> VirtualBus:
     made = VirtualBus()
-    device = LocalNode(5, objects(), [Pdo("TPDO", 1, (0x60410010,), type=1), Pdo("RPDO", 1, (0x60400010,), type=255)])
+    device = LocalNode(
+        5, objects(), [PdoConfig("TPDO", 1, (0x60410010,), type=1), PdoConfig("RPDO", 1, (0x60400010,), type=255)]
+    )
     made.add(device, said=device.start(0.0))
     made.pass_time(0.1)
     return made

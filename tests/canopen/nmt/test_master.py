@@ -1,18 +1,24 @@
-"""Commands and their proof, against our own device, in virtual time."""
+"""NMT commands and their confirmation by a local node, and waiting for a state, in virtual time."""
 
 from __future__ import annotations
 
 import pytest
 
 from barewire.canopen import (
+    CanFrame,
     LocalNode,
     NmtCommand,
     NmtState,
+    NodeState,
     ObjectDictionary,
     request_state,
     send_nmt,
     standard_objects,
+    wait_for_boot_up,
+    wait_for_heartbeat,
+    wait_for_state,
 )
+from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import NoAnswer
 from tests.canopen.virtual_bus import VirtualBus
 
@@ -37,31 +43,63 @@ def bus_with(*nodes: int, heartbeat: int = 100) -> VirtualBus:
     ],
 )
 def test_every_command_is_confirmed(command: NmtCommand, state: NmtState) -> None:
-    (obeyed,) = bus_with(5).run(send_nmt(command, 5))
-    assert (obeyed.node, obeyed.state) == (5, state)
-    assert obeyed.after < 0.11
+    (confirmed,) = bus_with(5).run(send_nmt(command, 5))
+    assert (confirmed.node, confirmed.state) == (5, state)
+    assert confirmed.after < 0.11
 
 
-def test_a_node_without_heartbeat_is_asked() -> None:
+def test_a_node_without_heartbeat_is_polled() -> None:
     bus = bus_with(5, heartbeat=0)
-    with pytest.raises(NoAnswer, match="start was not confirmed within 1 s: node 5: it said nothing of its state"):
+    with pytest.raises(NoAnswer, match="start was not confirmed within 1 s: node 5: it did not report its state"):
         bus.run(send_nmt(NmtCommand.START, 5, timeout=1.0))
     assert bus.run(send_nmt(NmtCommand.STOP, 5, ask_every=0.05))[0].after < 0.06
     assert bus.run(request_state(5)).name == "stopped"
-    with pytest.raises(NoAnswer, match="node 6 did not tell its state"):
+    with pytest.raises(NoAnswer, match="node 6 did not report its state"):
         bus.run(request_state(6))
 
 
-def test_all_of_them() -> None:
+def test_a_command_to_all_nodes_is_confirmed_by_each() -> None:
     bus = bus_with(5, 6, 7)
-    assert bus.run(send_nmt(NmtCommand.START)) == []  # nobody is waited for
-    obeyed = bus.run(send_nmt(NmtCommand.STOP, 0, confirmed_by=[5, 6, 7]))
-    assert sorted(told.node for told in obeyed) == [5, 6, 7]
+    assert bus.run(send_nmt(NmtCommand.START)) == []  # returns without waiting
+    confirmed = bus.run(send_nmt(NmtCommand.STOP, 0, confirmed_by=[5, 6, 7]))
+    assert sorted(one.node for one in confirmed) == [5, 6, 7]
 
 
-def test_the_last_word_of_a_node_that_does_not_obey_is_told() -> None:
+def test_the_last_state_of_a_node_that_does_not_confirm_is_in_the_error() -> None:
     bus = VirtualBus()
     for tick in range(30):
         bus.inject("705#04", tick / 10)
-    with pytest.raises(NoAnswer, match=r"its last word was stopped, 1\.\d+ s after the command"):
+    with pytest.raises(NoAnswer, match=r"it last reported stopped, 1\.\d+ s after the command"):
         bus.run(send_nmt(NmtCommand.START, 5))
+
+
+def listening(conversation: Conversation[CanFrame, NodeState], *lines: tuple[float, str]) -> NodeState:
+    """Run a conversation that only listens, with frames that arrive at given times."""
+    coming = [(at, CanFrame.parse(text)) for at, text in lines]
+    now = 0.0
+    step = next(conversation)
+    try:
+        while True:
+            assert isinstance(step, Listen)
+            if coming and coming[0][0] <= max(step.until, now):
+                at, frame = coming.pop(0)
+                now = max(now, at)
+                step = conversation.send(Heard(frame, now))
+            else:
+                now = max(now, step.until)
+                step = conversation.send(Heard(None, now))
+    except StopIteration as stop:
+        result: NodeState = stop.value
+        return result
+
+
+def test_waiting_for_boot_up_heartbeat_and_state() -> None:
+    beats = (0.1, "706#00"), (0.2, "705#00"), (0.3, "705#7F"), (0.4, "185#00"), (0.5, "705#05")
+    assert listening(wait_for_boot_up(5), *beats).node == 5
+    assert listening(wait_for_boot_up(), *beats).node == 6
+    assert listening(wait_for_heartbeat(5), *beats).state == NmtState.PRE_OPERATIONAL
+    assert listening(wait_for_state(5, [NmtState.OPERATIONAL]), *beats).state == 5
+    with pytest.raises(NoAnswer, match=r"from node 5 within 0\.35 s: last reported was pre-operational"):
+        listening(wait_for_state(5, [NmtState.OPERATIONAL], timeout=0.35), *beats)
+    with pytest.raises(NoAnswer, match="no boot-up message from any node within 1 s"):
+        listening(wait_for_boot_up(timeout=1.0))

@@ -1,1 +1,11 @@
-"""."""
+"""A local node: a whole CANopen device as one machine.   [CiA 301]
+
+        device           `LocalNode`: all services of one node, each in the NMT states that allow it
+        error_control    heartbeat, node guarding and life guarding as the objects configure them
+        sync             SYNC as the objects configure it
+        consumers        TIME and EMCY consumers as the objects configure them
+        sdo_channels     additional SDO servers, and the channels of SDO clients
+        storage          store parameters 1010h, restore defaults 1011h
+
+Depends on: the other rooms of `barewire.canopen`. Used by: simulators, `io`, tests.
+"""

@@ -9,7 +9,7 @@ While TIME is heard or produced, its identifier stays as it is: 0609 0030h.
 from __future__ import annotations
 
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.communication_objects import read_integer, validate_cob_id_writes
+from barewire.canopen.communication_objects import integer_value, validate_cob_id_writes
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
@@ -34,10 +34,11 @@ class DeviceConsumers:
 
     def follow(self) -> None:
         """What the objects say now."""
-        entry = CobEntry.unpack(read_integer(self.objects, TIME, default=TIME_HEARD))
+        entry = CobEntry.unpack(integer_value(self.objects, TIME, default=TIME_HEARD))
         self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
         listed = {
-            sub: CobEntry.unpack(read_integer(self.objects, EMERGENCIES, sub)) for sub in self.objects.subs(EMERGENCIES)
+            sub: CobEntry.unpack(integer_value(self.objects, EMERGENCIES, sub))
+            for sub in self.objects.subs(EMERGENCIES)
         }
         self.emergencies.cob_ids = {
             (entry.identifier, entry.extended): node for node, entry in listed.items() if node and not entry.bit31
@@ -50,5 +51,5 @@ class DeviceConsumers:
 
     def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
         """The TIME message, if 1012h lets this device produce it."""
-        entry = CobEntry.unpack(read_integer(self.objects, TIME))
+        entry = CobEntry.unpack(integer_value(self.objects, TIME))
         return [stamp.encode((entry.identifier, entry.extended))] if entry.bit30 else []

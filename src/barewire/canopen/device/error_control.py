@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from barewire.canopen.communication_objects import read_integer, validate_writes
+from barewire.canopen.communication_objects import integer_value, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatProducer, consumer_entry
 from barewire.canopen.nmt.messages import NmtState
@@ -41,7 +41,7 @@ def validate_consumer_writes(objects: ObjectDictionary) -> None:
 
         def check(word: int, sub: int = sub) -> None:
             entry = consumer_entry(word)
-            others = [read_integer(objects, CONSUMER, other) for other in objects.subs(CONSUMER)[1:] if other != sub]
+            others = [integer_value(objects, CONSUMER, other) for other in objects.subs(CONSUMER)[1:] if other != sub]
             if entry is not None and entry[0] in {other[0] for other in map(consumer_entry, others) if other}:
                 raise SdoAbort(AbortCode.INCOMPATIBLE_PARAMETER, CONSUMER, sub)
 
@@ -88,11 +88,11 @@ class ErrorControl:
     def follow(self, now: float) -> None:
         """What the objects say now."""
         objects = self.objects
-        self.heartbeat.set_period(read_integer(objects, HEARTBEAT_TIME) / 1000, now)
-        self.guarded.life_time = read_integer(objects, GUARD_TIME) * read_integer(objects, LIFE_FACTOR) / 1000
+        self.heartbeat.set_period(integer_value(objects, HEARTBEAT_TIME) / 1000, now)
+        self.guarded.life_time = integer_value(objects, GUARD_TIME) * integer_value(objects, LIFE_FACTOR) / 1000
         subs = objects.subs(CONSUMER)
         if subs:
-            entries = [consumer_entry(read_integer(objects, CONSUMER, sub)) for sub in subs if sub]
+            entries = [consumer_entry(integer_value(objects, CONSUMER, sub)) for sub in subs if sub]
             times = dict(entry for entry in reversed(entries) if entry is not None)
             if times != self.consumer.times:
                 self.consumer.watch(times)
@@ -101,7 +101,7 @@ class ErrorControl:
         """Where an error of the communication leads a device in this state."""
         if state is not NmtState.OPERATIONAL:
             return state
-        return _LEADS_TO.get(read_integer(self.objects, BEHAVIOUR, 1), state)
+        return _LEADS_TO.get(integer_value(self.objects, BEHAVIOUR, 1), state)
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[ErrorControlEvent]]:
         """Frames to say, and who is missed or heard again."""

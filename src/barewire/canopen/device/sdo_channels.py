@@ -21,7 +21,7 @@ from dataclasses import replace
 
 from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.cob_ids import NODE_MAX, CobEntry, cob_id
-from barewire.canopen.communication_objects import read_integer, replace_entry, validate_cob_id_writes, validate_writes
+from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
@@ -54,7 +54,7 @@ def validate_channel_writes(objects: ObjectDictionary) -> None:
 
 def _pair(objects: ObjectDictionary, index: int) -> Pair | None:
     """The two COB-IDs of a channel, None while it is not in use."""
-    words = [read_integer(objects, index, sub, default=-1) for sub in (ASKED, ANSWERED)]
+    words = [integer_value(objects, index, sub, default=-1) for sub in (ASKED, ANSWERED)]
     if -1 in words:
         return None
     asked, answered = map(CobEntry.unpack, words)
@@ -85,7 +85,7 @@ def client_channel(
     pair = _pair(objects, index)
     if pair is None:
         raise EncodeError(f"SDO client {client} is not in use: {index:04X}h is missing or has bit 31 set")
-    return Channel(read_integer(objects, index, NODE), dialect, cob_ids=pair, node_monitor=node_monitor)
+    return Channel(integer_value(objects, index, NODE), dialect, cob_ids=pair, node_monitor=node_monitor)
 
 
 class AdditionalServers:

@@ -19,7 +19,7 @@ from functools import partial
 
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.communication_objects import validate_writes
-from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.canopen.object_dictionary import ObjectAddress, ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 
@@ -29,8 +29,6 @@ SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
 ON_COMMAND = 1
 _AREAS = {1: (0x1000, 0x9FFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
 _MANUFACTURER = (0x2000, 0x5FFF)
-
-ObjectAddress = tuple[int, int]
 
 
 class StoredParameters:

@@ -13,7 +13,7 @@ was set.
 from __future__ import annotations
 
 from barewire.canopen.cob_ids import SYNC_KEY, CobEntry
-from barewire.canopen.communication_objects import read_integer, validate_cob_id_writes, validate_writes
+from barewire.canopen.communication_objects import integer_value, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
@@ -27,13 +27,13 @@ def validate_sync_writes(objects: ObjectDictionary) -> None:
     """1019h may change only while there is no period, and a counter ends at 2 to 240."""
 
     def overflow(value: int) -> None:
-        if read_integer(objects, PERIOD):
+        if integer_value(objects, PERIOD):
             raise SdoAbort(AbortCode.DEVICE_STATE, OVERFLOW, 0)
         if value == 1 or value > COUNTER_MAX:
             raise SdoAbort(AbortCode.INVALID_VALUE, OVERFLOW, 0)
 
     validate_writes(objects, OVERFLOW, 0, overflow)
-    validate_cob_id_writes(objects, COB_ID, lambda entry: entry.bit30, heard=True)
+    validate_cob_id_writes(objects, COB_ID, lambda entry: entry.bit30, always_received=True)
 
 
 class DeviceSync:
@@ -67,10 +67,10 @@ class DeviceSync:
         """What the objects say now."""
         objects = self.objects
         told = (
-            read_integer(objects, COB_ID, default=SYNC_KEY[0]),
-            read_integer(objects, PERIOD),
-            read_integer(objects, WINDOW),
-            read_integer(objects, OVERFLOW, default=-1),
+            integer_value(objects, COB_ID, default=SYNC_KEY[0]),
+            integer_value(objects, PERIOD),
+            integer_value(objects, WINDOW),
+            integer_value(objects, OVERFLOW, default=-1),
         )
         if told == self._set:
             return

@@ -18,7 +18,7 @@ from dataclasses import replace
 from functools import partial
 
 from barewire.canopen.cob_ids import CobEntry, cob_id
-from barewire.canopen.communication_objects import read_integer, replace_entry, validate_cob_id_writes, validate_writes
+from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.emcy.message import Emergency, register_of
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
@@ -74,7 +74,7 @@ class EmcyProducer:
 
     def renumber(self, node: int) -> None:
         """The device has another node-ID. A 1014h of 80h, or of the node-ID before, stands for the default."""
-        if read_integer(self.objects, COB_ID) in (cob_id("SYNC"), cob_id("EMCY", self.node)):
+        if integer_value(self.objects, COB_ID) in (cob_id("SYNC"), cob_id("EMCY", self.node)):
             self.objects.replace(replace(self.objects.entry(COB_ID), default=cob_id("EMCY", node)))
         self.node = node
 
@@ -102,7 +102,7 @@ class EmcyProducer:
     def register(self) -> int:
         """The error register: the bits of all errors; bit 0 whenever there is one."""
         if self._own_register:
-            return read_integer(self.objects, REGISTER)
+            return integer_value(self.objects, REGISTER)
         bits = 0
         for more in self._active.values():
             bits |= more | 1
@@ -144,7 +144,7 @@ class EmcyProducer:
             self._waiting.clear()
         if not self._waiting or now < self._free_at:
             return []
-        inhibit = read_integer(self.objects, INHIBIT) / 10_000
+        inhibit = integer_value(self.objects, INHIBIT) / 10_000
         if inhibit:
             self._free_at = now + inhibit
             return [self._waiting.popleft()]
@@ -155,7 +155,7 @@ class EmcyProducer:
     def _say(self, code: int, info: bytes, now: float) -> list[CanFrame]:
         if not self.allowed:
             return []
-        entry = CobEntry.unpack(read_integer(self.objects, COB_ID, default=cob_id("EMCY", self.node)))
+        entry = CobEntry.unpack(integer_value(self.objects, COB_ID, default=cob_id("EMCY", self.node)))
         if entry.bit31:
             return []
         frame = Emergency(self.node, code, self.register, info).encode()

@@ -1,1 +1,9 @@
-"""."""
+"""NMT: network management and error control of nodes.   [CiA 301, NMT, heartbeat, node guarding, boot-up]
+
+        messages         the NMT commands, the states of a node and their transitions
+        heartbeat        the state byte on 700h+n; heartbeat producer and consumer
+        node_guarding    the older error control, by remote frames
+        master           send a command and have it confirmed; wait for a state or a boot-up message
+
+Depends on: frames, COB-IDs, conversations. Used by: the EMCY consumer, LSS, `bus`, `device`, the gateway, `io.canopen`.
+"""

@@ -1,19 +1,18 @@
-"""Error control: who is alive, and in which state.   [CiA 301, heartbeat, node guarding, boot-up]
+"""Error control by heartbeat: the state byte of a node, its producer and its consumer.   [CiA 301, heartbeat, boot-up]
 
         700h+n | t sssssss |        1 byte        s = 00 boot-up, 04 stopped, 05 operational, 7F pre-operational
                                                   t = 0 in a heartbeat; alternates in the answers to node guarding
 
-A *producer* says its state every 1017h milliseconds without being asked. A *consumer* has a time for each node it
-cares for (1016h: `00 | node | time in ms`) and notices silence. The older way, node guarding, has the master ask
-with a remote frame on 700h+n; the answer is the same byte with a toggle bit, which is how 84h, 85h and FFh come to
-stand in the guide of the AZ3.
+A *producer* sends its state every 1017h milliseconds. A *consumer* has a time for each node it monitors (1016h:
+`00 | node | time in ms`) and reports a node whose heartbeat stays away for longer. In the older node guarding, the
+master requests the same byte with a remote frame on 700h+n, and its top bit toggles (84h, 85h, FFh).
 
-The consumer keeps one of three words for each node, and each step between them is an event:
+The consumer keeps one of three conditions for each node; each transition is an event:
 
         unknown --heartbeat--> active --silence--> lost --heartbeat--> active
            ^______________________boot-up_______________|
 
-A boot-up message alone does not start the watch: a device whose heartbeat is switched off boots as well.
+A boot-up message alone does not start the monitoring: a device without heartbeat sends one as well.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _NAMES = {state.value: state.name.lower().replace("_", "-") for state in NmtStat
 
 @dataclass(frozen=True, slots=True)
 class NodeState:
-    """A heartbeat, a boot-up message or the answer to node guarding: all are this one byte.
+    """A heartbeat, a boot-up message or the response to node guarding: all carry this one byte.
 
         700h+n | t sssssss
 
@@ -50,12 +49,12 @@ class NodeState:
 
     @property
     def is_boot_up(self) -> bool:
-        """00h: somebody has just come up."""
+        """00h: the node has just finished initialising."""
         return self.state == NmtState.INITIALISING and not self.toggle
 
     @property
     def name(self) -> str:
-        """The state in words; a number that no standard knows stays a number."""
+        """The state in words; a reserved value as a number."""
         return _NAMES.get(self.state, f"state {self.state:02X}h")
 
     def encode(self) -> CanFrame:
@@ -64,10 +63,13 @@ class NodeState:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> NodeState:
-        """More than one byte is tolerated, as some devices send it; none at all is DecodeError("short")."""
+        """The message of a frame. Bytes behind the first are ignored, because some devices send them.
+
+        Raises DecodeError for another identifier and for a frame without data.
+        """
         found = classify(frame)
         if found is None or found[0].name != "error control" or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} tells no node's state")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no error control message: those have 701h..77Fh")
         if not frame.data:
             raise DecodeError("short", frame.data, 0, "the state is byte 0, but there are none")
         fields = STATE_BYTE.decode(frame.data[0])
@@ -75,7 +77,7 @@ class NodeState:
 
 
 def guarding_request(node: int) -> CanFrame:
-    """The remote frame with which a master asks one node for its state.
+    """The remote frame by which a master requests the state of a node.
 
     >>> str(guarding_request(5))
     '705#R1'
@@ -94,10 +96,10 @@ def consumer_entry(word: int) -> tuple[int, float] | None:
 
 
 class HeartbeatProducer:
-    """Says `state` every `period` seconds, 0 for never. A machine.
+    """Sends `state` every `period` seconds, 0 for never. A machine.
 
-    The beat is absolute (t0 + k times the period), so a late shell does not make it drift; and after a long sleep
-    it is said once, not once for every beat that was missed.
+    The times are absolute (t0 + k times the period), so a late call does not shift the later ones. After a long pause
+    one heartbeat is sent, not one for each that was missed.
     """
 
     __slots__ = ("_next", "_period", "node", "state")
@@ -119,19 +121,19 @@ class HeartbeatProducer:
         return self._period
 
     def set_period(self, period: float, now: float) -> None:
-        """The object 1017h was written. The same value again changes nothing, another one starts at once."""
+        """Take a new 1017h, in seconds. The same value changes nothing; another one sends a heartbeat at once."""
         if period == self._period:
             return
         self._period = period
         self._next = now if period > 0 else None
 
     def boot_up(self, now: float) -> CanFrame:
-        """The boot-up message, and the beat begins one period later."""
+        """The boot-up message; the first heartbeat is due one period later."""
         self._next = now + self._period if self._period > 0 else None
         return NodeState(self.node, NmtState.INITIALISING).encode()
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """What is due now."""
+        """The heartbeat, if one is due."""
         if self._next is None or now < self._next:
             return []
         missed = int((now - self._next) / self._period)
@@ -144,10 +146,10 @@ HeartbeatKind = Literal["active", "state", "lost", "booted", "rebooted"]
 
 
 class HeartbeatEvent(NamedTuple):
-    """Something changed about a node.
+    """A change of a node.
 
-    `active` first or again heard, `state` another NMT state than before, `lost` silent for too long, `booted` its
-    boot-up message, `rebooted` the same of a node that was active: it has restarted without being told to by us.
+    `active` its first heartbeat, or the first after it was lost; `state` another NMT state than before; `lost` no
+    heartbeat within its time; `booted` its boot-up message; `rebooted` the boot-up message of a node that was active.
     """
 
     node: int
@@ -166,7 +168,7 @@ class _Watched:
 
 
 class HeartbeatConsumer:
-    """Listens to every node and watches those that have a time. A machine.
+    """Follows the heartbeats of all nodes and monitors those that have a time. A machine.
 
     >>> consumer = HeartbeatConsumer({5: 1.5})
     >>> [event.kind for event in consumer.feed(CanFrame.parse("705#7F"), 10.0)], consumer.deadline
@@ -183,7 +185,7 @@ class HeartbeatConsumer:
         self.watch(times)
 
     def watch(self, times: Mapping[int, float]) -> None:
-        """Care for these nodes from now on. What is known of a node stays known; one with a new time begins anew."""
+        """Monitor these nodes: node -> seconds. Monitoring restarts for a node whose time changed."""
         for node, seconds in times.items():
             check_node(node)
             if not seconds > 0:
@@ -194,26 +196,26 @@ class HeartbeatConsumer:
         self.times = dict(times)
 
     def expect(self, node: int, until: float) -> None:
-        """Miss this node at `until` even if it was never heard: for a master that has just started it."""
+        """Report the node as lost at `until` even without any heartbeat before: for a master that just started it."""
         self._nodes.setdefault(check_node(node), _Watched()).deadline = until
 
     @property
     def deadline(self) -> float | None:
-        """When the first of the active nodes will be lost if it stays silent."""
+        """When the next node counts as lost unless its heartbeat comes before."""
         return min((w.deadline for w in self._nodes.values() if w.deadline is not None), default=None)
 
     def liveness(self, node: int) -> Liveness:
-        """What is known about a node."""
+        """The condition of a node."""
         watched = self._nodes.get(node)
         return "unknown" if watched is None else watched.liveness
 
     def state(self, node: int) -> int | None:
-        """The last NMT state that the node told, None before the first."""
+        """The last NMT state that the node reported, None before the first."""
         watched = self._nodes.get(node)
         return None if watched is None else watched.state
 
     def feed(self, frame: CanFrame | None, now: float) -> list[HeartbeatEvent]:
-        """Who was lost up to now, then what the frame tells. Foreign frames tell nothing."""
+        """The events of nodes lost by now, then of the frame. Frames of other services cause none."""
         events: list[HeartbeatEvent] = []
         for node, watched in self._nodes.items():
             if watched.deadline is not None and now >= watched.deadline:
@@ -222,22 +224,22 @@ class HeartbeatConsumer:
         if frame is None:
             return events
         try:
-            told = NodeState.decode(frame)
+            received = NodeState.decode(frame)
         except DecodeError:
             return events
-        watched = self._nodes.setdefault(told.node, _Watched())
+        watched = self._nodes.setdefault(received.node, _Watched())
         before, state_before = watched.liveness, watched.state
-        watched.state = told.state
-        if told.is_boot_up:
+        watched.state = received.state
+        if received.is_boot_up:
             watched.liveness, watched.deadline = "unknown", None
             kind: HeartbeatKind = "rebooted" if before == "active" else "booted"
-            events.append(HeartbeatEvent(told.node, kind, told.state, now))
+            events.append(HeartbeatEvent(received.node, kind, received.state, now))
             return events
-        seconds = self.times.get(told.node)
+        seconds = self.times.get(received.node)
         watched.liveness = "active"
         watched.deadline = None if seconds is None else now + seconds
         if before != "active":
-            events.append(HeartbeatEvent(told.node, "active", told.state, now))
-        elif told.state != state_before:
-            events.append(HeartbeatEvent(told.node, "state", told.state, now))
+            events.append(HeartbeatEvent(received.node, "active", received.state, now))
+        elif received.state != state_before:
+            events.append(HeartbeatEvent(received.node, "state", received.state, now))
         return events

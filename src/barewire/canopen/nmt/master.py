@@ -1,27 +1,33 @@
-"""The master's side of NMT: a command, and the proof that it was obeyed.   [CiA 301, NMT]
+"""The NMT master: send a command and wait until the node confirms it; wait for a state or a boot-up.   [CiA 301]
 
         000h | 01 05           ->
-                               <-        705h | 05        the next heartbeat says operational: obeyed
+                               <-        705h | 05        the next heartbeat reports operational: confirmed
 
-NMT commands are never confirmed, so a master that must know waits for what the node says of itself: a heartbeat with
-the wanted state, the boot-up message after a reset. A node without heartbeat is asked by guarding (`ask_every`).
+NMT has no response, so a command is confirmed by the error control messages of the node: a heartbeat with the target
+state, or the boot-up message after a reset. Nodes without heartbeat are polled by node guarding (`ask_every`).
+
+Waiting sends nothing:
+
+        705h | 00     wait_for_boot_up
+        705h | 7F     wait_for_heartbeat
+        705h | 05     wait_for_state
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
-from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage
+from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage, NmtState
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, NoAnswer
 
 
 class NmtConfirmation(NamedTuple):
-    """A node that is where the command led it: the state it told, and how many seconds after the command."""
+    """A node that confirmed a command: its state, and the seconds from the command to the confirmation."""
 
     node: int
     state: int
@@ -36,22 +42,22 @@ def send_nmt(
     timeout: float = 2.0,
     ask_every: float | None = None,
 ) -> Conversation[CanFrame, list[NmtConfirmation]]:
-    """Command a node, or with 0 all of them, and wait until every node of `confirmed_by` says that it is there.
+    """Send a command to a node, or with 0 to all, and wait until each node of `confirmed_by` reports the target state.
 
-    Without `confirmed_by` that is the node itself, and nobody for a command to all. An empty one waits for nothing.
-    `ask_every` so many seconds the nodes that have not confirmed yet are asked by node guarding: for nodes that have
-    no heartbeat. After a reset only the boot-up message is a proof.
+    By default `confirmed_by` is the node itself, and empty for a command to all; if it is empty, nothing is waited for.
+    With `ask_every` (seconds), nodes that have not confirmed yet are polled by node guarding: for nodes without
+    heartbeat. A reset is confirmed by the boot-up message only.
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.1, CanFrame.parse("705#7F")), (now + 0.6, CanFrame.parse("705#05"))]
     >>> play(send_nmt(NmtCommand.START, 5), node)[0]
     [NmtConfirmation(node=5, state=5, after=0.6)]
 
-    Raises NoAnswer with the last word of each node that did not confirm.
+    Raises NoAnswer with the last state that each unconfirmed node reported.
     """
     waiting = {check_node(number): "" for number in (confirmed_by if confirmed_by is not None else [node] * (node > 0))}
     sent: Heard[CanFrame] = yield Send(NmtMessage(command, node).encode())
-    obeyed: list[NmtConfirmation] = []
+    confirmed: list[NmtConfirmation] = []
     frames = 0
     until = sent.now + timeout
     asking = float("inf") if ask_every is None else sent.now + ask_every
@@ -59,23 +65,25 @@ def send_nmt(
         heard: Heard[CanFrame] = yield Listen(min(until, asking))
         if heard.item is not None:
             frames += 1
-            told = _state(heard.item)
-            if told is not None and told.node in waiting:
-                waiting[told.node] = f"its last word was {told.name}, {heard.now - sent.now:.3g} s after the command"
-                if told.state == STATE_AFTER[command]:
-                    del waiting[told.node]
-                    obeyed.append(NmtConfirmation(told.node, told.state, heard.now - sent.now))
+            received = _state(heard.item)
+            if received is not None and received.node in waiting:
+                waiting[received.node] = (
+                    f"it last reported {received.name}, {heard.now - sent.now:.3g} s after the command"
+                )
+                if received.state == STATE_AFTER[command]:
+                    del waiting[received.node]
+                    confirmed.append(NmtConfirmation(received.node, received.state, heard.now - sent.now))
         if heard.now >= until and waiting:
-            raise NoAnswer(_missing(command, waiting, timeout, frames))
+            raise NoAnswer(_unconfirmed(command, waiting, timeout, frames))
         if heard.now >= asking:
             asking = heard.now + (ask_every or timeout)
             for number in waiting:
                 yield Send(guarding_request(number))
-    return obeyed
+    return confirmed
 
 
 def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, NodeState]:
-    """The state of a node, asked by node guarding; a heartbeat that comes meanwhile is as good. Raises NoAnswer."""
+    """Request the state of a node by node guarding; a heartbeat that arrives meanwhile counts too. Raises NoAnswer."""
     sent: Heard[CanFrame] = yield Send(guarding_request(check_node(node)))
     until = sent.now + timeout
     frames = 0
@@ -83,11 +91,59 @@ def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, 
         heard: Heard[CanFrame] = yield Listen(until)
         if heard.item is not None:
             frames += 1
-            told = _state(heard.item)
-            if told is not None and told.node == node:
-                return told
+            received = _state(heard.item)
+            if received is not None and received.node == node:
+                return received
         if heard.now >= until:
-            raise NoAnswer(f"node {node} did not tell its state within {timeout:g} s; {frames} other frames were heard")
+            raise NoAnswer(f"node {node} did not report its state within {timeout:g} s; {frames} other frames came")
+
+
+def wait_for_boot_up(node: int | None = None, *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
+    """Wait for the boot-up message of a node, or of any node with None. Raises NoAnswer.
+
+    >>> from barewire.conversation import play
+    >>> play(wait_for_state(5, [NmtState.STOPPED], timeout=0.5), lambda frame, now: [])
+    Traceback (most recent call last):
+    barewire.errors.NoAnswer: no state stopped from node 5 within 0.5 s: no state was reported
+    """
+    return _wait(node, "boot-up message", lambda received: received.is_boot_up, timeout)
+
+
+def wait_for_heartbeat(node: int | None = None, *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
+    """Wait for the next heartbeat of a node, or of any node with None; a boot-up message does not count."""
+    return _wait(node, "heartbeat", lambda received: not received.is_boot_up, timeout)
+
+
+def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
+    """Wait until a node reports one of these states. Raises NoAnswer."""
+    names = " or ".join(NodeState(node, state).name for state in states)
+    return _wait(node, f"state {names}", lambda received: received.state in states, timeout)
+
+
+def _wait(
+    node: int | None, what: str, wanted: Callable[[NodeState], bool], timeout: float
+) -> Conversation[CanFrame, NodeState]:
+    if node is not None:
+        check_node(node)
+    return _waiting(node, what, wanted, timeout)
+
+
+def _waiting(
+    node: int | None, what: str, wanted: Callable[[NodeState], bool], timeout: float
+) -> Conversation[CanFrame, NodeState]:
+    heard: Heard[CanFrame] = yield Listen(float("-inf"))
+    until = heard.now + timeout
+    last = ""
+    while True:
+        received = None if heard.item is None else _state(heard.item)
+        if received is not None and node in (None, received.node):
+            if wanted(received):
+                return received
+            last = f"last reported was {NmtState.INITIALISING.name.lower() if received.is_boot_up else received.name}"
+        if heard.now >= until:
+            source = "any node" if node is None else f"node {node}"
+            raise NoAnswer(f"no {what} from {source} within {timeout:g} s: {last or 'no state was reported'}")
+        heard = yield Listen(until)
 
 
 def _state(frame: CanFrame) -> NodeState | None:
@@ -97,7 +153,7 @@ def _state(frame: CanFrame) -> NodeState | None:
         return None
 
 
-def _missing(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int) -> str:
+def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int) -> str:
     what = command.name.lower().replace("_", " ")
-    each = "; ".join(f"node {node}: {word or 'it said nothing of its state'}" for node, word in waiting.items())
-    return f"{what} was not confirmed within {timeout:g} s: {each} ({frames} frames were heard)"
+    each = "; ".join(f"node {node}: {state or 'it did not report its state'}" for node, state in waiting.items())
+    return f"{what} was not confirmed within {timeout:g} s: {each} ({frames} frames came)"

@@ -1,6 +1,6 @@
-"""Network management: five commands from one master, four states in every device.   [CiA 301, NMT]
+"""NMT messages and states: five commands from the master, four states in every device.   [CiA 301, NMT]
 
-        000h | command | node |          2 bytes, never confirmed; node 0 is everybody
+        000h | command | node |          2 bytes, not confirmed; node 0 addresses all nodes
 
         01 start         02 stop         80 enter pre-operational         81 reset node      82 reset communication
 
@@ -10,8 +10,8 @@
                                                                                    |  ^  01 80  |  ^
                                                               OPERATIONAL 05 <-----+  +---------+  STOPPED 04
 
-Start, stop and enter pre-operational lead to their state from any of the three; a device in INITIALISING hears
-nothing. What a device may do depends on where it is: `SERVICES_IN` is the table, and `NmtSlave.may` reads it.
+Start, stop and enter pre-operational lead to their state from any of the other three; a device in INITIALISING receives
+nothing. `SERVICES_IN` is the table of the services that work in each state, `NmtSlave.may` reads it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class NmtCommand(IntEnum):
 
 
 class NmtState(IntEnum):
-    """The states, with the numbers that a heartbeat carries. 00 travels once, as the boot-up message."""
+    """The states, with the numbers that a heartbeat carries. 00 is sent once, as the boot-up message."""
 
     INITIALISING = 0x00
     STOPPED = 0x04
@@ -64,12 +64,12 @@ SERVICES_IN: dict[NmtState, frozenset[ServiceName]] = {
     NmtState.OPERATIONAL: _CONFIGURING | _PDOS,
     NmtState.STOPPED: frozenset({"NMT", "error control"}),
 }
-"""What a device says and hears in which state. PDO 5 to 512 follow the row of the first four."""
+"""The services that a device sends and receives in each state. PDO 5 to 512 work where the first four do."""
 
 
 @dataclass(frozen=True, slots=True)
 class NmtMessage:
-    """A command to one node, or to all with node 0.
+    """A command to one node, or to all nodes with node 0.
 
         000h | command 1 | node 1
 
@@ -83,7 +83,7 @@ class NmtMessage:
     layout = Layout("<BB", "command", "node")
 
     def encode(self) -> CanFrame:
-        """The frame with COB-ID 000h."""
+        """The frame with COB-ID 000h. EncodeError for an unknown command or a node outside 0..127."""
         if self.node:
             check_node(self.node)
         if not isinstance(self.command, int):
@@ -95,7 +95,7 @@ class NmtMessage:
     def decode(cls, frame: CanFrame) -> NmtMessage:
         """Raises DecodeError for another identifier, another length, an unknown command, a node above 127."""
         if frame.key != (cob_id("NMT"), False) or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: those have COB-ID 000h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: expected COB-ID 000h")
         command, node = cls.layout.unpack(frame.data)
         if command not in STATE_AFTER:
             raise DecodeError("function", frame.data, 0, f"{command:02X}h is no NMT command")
@@ -105,7 +105,7 @@ class NmtMessage:
 
 
 class NmtChange(NamedTuple):
-    """What a command did. `before` and `after` may be equal: start a device that is operational already."""
+    """A received command and its effect. `before` and `after` are equal if the device was in that state already."""
 
     command: NmtCommand
     before: NmtState
@@ -113,9 +113,9 @@ class NmtChange(NamedTuple):
 
 
 class NmtSlave:
-    """The state of one device, moved by the commands that are for it. A machine.
+    """The NMT state of one device, changed by the commands addressed to it. A machine.
 
-    After a reset it stands in INITIALISING until whoever owns it has set its house in order and calls `booted`.
+    After a reset it is in INITIALISING until its owner has finished initialising and calls `booted`.
 
     >>> slave = NmtSlave(5)
     >>> slave.booted()
@@ -131,17 +131,17 @@ class NmtSlave:
 
     @property
     def deadline(self) -> float | None:
-        """None: a state machine of commands waits for nothing but commands."""
+        """None: nothing is timed."""
         return None
 
     def booted(self) -> None:
-        """Initialising is over: PRE-OPERATIONAL. The boot-up message goes out at this moment."""
+        """End of initialising: PRE-OPERATIONAL. The caller sends the boot-up message now."""
         if self.state is not NmtState.INITIALISING:
             raise EncodeError(f"node {self.node} is {self.state.name}, not INITIALISING")
         self.state = NmtState.PRE_OPERATIONAL
 
     def feed(self, frame: CanFrame | None, now: float) -> list[NmtChange]:
-        """Whatever is no NMT command for this node changes nothing; an unreadable command neither."""
+        """Apply an NMT command. Other frames, commands to other nodes and invalid commands change nothing."""
         if frame is None or frame.id or self.state is NmtState.INITIALISING:
             return []
         try:
@@ -154,5 +154,5 @@ class NmtSlave:
         return [NmtChange(message.command, before, self.state)]
 
     def may(self, service: ServiceName) -> bool:
-        """Whether the service works in the present state."""
+        """Whether a service works in the present state."""
         return service in SERVICES_IN[self.state]

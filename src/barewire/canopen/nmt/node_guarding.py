@@ -1,4 +1,4 @@
-"""Node guarding and life guarding: the older way of error control, in which the master asks.   [CiA 301, guarding]
+"""Node guarding and life guarding: error control by polling with remote frames.   [CiA 301, node guarding]
 
         master                                     node
         700h+n, remote         ->                                  every guard time
@@ -6,11 +6,11 @@
 
         guard time 100Ch x life time factor 100Dh = life time
 
-        no answer for a life time: the master has lost the node           (node guarding)
-        no question for a life time: the node has lost the master         (life guarding, from the first question on)
+        no response for a life time: the master has lost the node         (node guarding)
+        no request for a life time: the node has lost the master          (life guarding, from the first request on)
 
-The toggle bit tells an answer of now from one that a queue somewhere repeats: an answer with the wrong one does not
-count. A node that says heartbeats (1017h is not 0) is not guarded: the one replaces the other.
+The toggle bit distinguishes a new response from a repeated old one: a response with the wrong toggle bit does not
+count. A node that produces heartbeats (1017h is not 0) is not guarded; the two exclude each other.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from barewire.errors import DecodeError, EncodeError
 
 
 class Guard(NamedTuple):
-    """How a node is guarded: a question every `time` seconds, lost after `factor` of them without an answer."""
+    """How a node is guarded: a request every `time` seconds, lost after `factor` of them without a response."""
 
     time: float
     factor: int = 3
 
 
 class GuardEvent(NamedTuple):
-    """Something changed about a guarded node.
+    """A change of a guarded node.
 
-    `answered` its first answer, or the first after it was lost; `state` another NMT state than before; `toggle` an
-    answer with the wrong toggle bit; `lost` no answer for a life time; `booted` its boot-up message.
+    `answered` its first response, or the first after it was lost; `state` another NMT state than before; `toggle` a
+    response with the wrong toggle bit; `lost` no response for a life time; `booted` its boot-up message.
     """
 
     node: int
@@ -51,19 +51,19 @@ class _Guarded:
     guard: Guard
     next: float
     lost_at: float
-    toggle: bool | None = None  # of the answer to come; None: either, we may have come later
+    toggle: bool | None = None  # of the next response; None: either, because the node may have been guarded before
     state: int | None = None
     active: bool = False
     lost: bool = False
 
 
 class GuardingMaster:
-    """Guards nodes: asks each in its time, and says both its questions (CanFrame) and what changed (GuardEvent).
+    """Guards nodes. A machine: `feed` returns the requests to send (CanFrame) and the changes (GuardEvent).
 
     >>> master = GuardingMaster({5: Guard(1.0, 2)}, 0.0)
-    >>> [str(said) for said in master.feed(None, 0.0)]
+    >>> [str(frame) for frame in master.feed(None, 0.0)]
     ['705#R1']
-    >>> [said.kind for said in master.feed(CanFrame.parse("705#7F"), 0.001)]
+    >>> [event.kind for event in master.feed(CanFrame.parse("705#7F"), 0.001)]
     ['answered']
     """
 
@@ -74,77 +74,76 @@ class GuardingMaster:
             check_node(node)
             if not (guard.time > 0 and guard.factor >= 1):
                 raise EncodeError(f"guarding of node {node}: {guard}: expected a time above 0 and a factor from 1 on")
-        # The questions to many nodes are spread over the guard time, not said in one burst.
+        # The requests to many nodes are spread over the guard time instead of sent in one burst.
+        shares = {node: step / len(guards) for step, node in enumerate(guards)}
         self._nodes = {
-            node: _Guarded(
-                guard, now + place * guard.time / len(guards), now + guard.time * (guard.factor + place / len(guards))
-            )
-            for place, (node, guard) in enumerate(guards.items())
+            node: _Guarded(guard, now + guard.time * shares[node], now + guard.time * (guard.factor + shares[node]))
+            for node, guard in guards.items()
         }
 
     @property
     def deadline(self) -> float | None:
-        """When the next question is due, or a node is lost."""
+        """When the next request is due, or a node counts as lost."""
         dues = [node.next for node in self._nodes.values()]
         dues += [node.lost_at for node in self._nodes.values() if not node.lost]
         return min(dues, default=None)
 
     def state(self, node: int) -> int | None:
-        """The last state that the node told, None before the first, or while it is lost."""
+        """The last state that the node reported, None before the first and while it is lost."""
         guarded = self._nodes.get(node)
         return None if guarded is None or guarded.lost else guarded.state
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | GuardEvent]:
-        """What the frame tells, who was lost, and the questions that are due."""
-        said: list[CanFrame | GuardEvent] = []
+        """The events of the frame, of nodes lost by now, and the requests that are due."""
+        output: list[CanFrame | GuardEvent] = []
         if frame is not None:
-            said += self._hear(frame, now)
+            output += self._receive(frame, now)
         for number, node in self._nodes.items():
             if not node.lost and now >= node.lost_at:
                 node.lost, node.active = True, False
-                said.append(GuardEvent(number, "lost", node.state, now))
+                output.append(GuardEvent(number, "lost", node.state, now))
             if now >= node.next:
                 missed = int((now - node.next) / node.guard.time)
                 node.next += (missed + 1) * node.guard.time
                 if node.next <= now:
                     node.next = now + node.guard.time
-                said.append(guarding_request(number))
-        return said
+                output.append(guarding_request(number))
+        return output
 
-    def _hear(self, frame: CanFrame, now: float) -> list[GuardEvent]:
+    def _receive(self, frame: CanFrame, now: float) -> list[GuardEvent]:
         try:
-            told = NodeState.decode(frame)
+            received = NodeState.decode(frame)
         except DecodeError:
             return []
-        node = self._nodes.get(told.node)
+        node = self._nodes.get(received.node)
         if node is None:
             return []
-        if told.is_boot_up:
-            node.toggle, node.state = False, told.state
+        if received.is_boot_up:
+            node.toggle, node.state = False, received.state
             node.lost_at = now + node.guard.time * node.guard.factor
-            return [GuardEvent(told.node, "booted", told.state, now)]
-        if node.toggle is not None and told.toggle is not node.toggle:
-            return [GuardEvent(told.node, "toggle", told.state, now)]
-        node.toggle = not told.toggle
+            return [GuardEvent(received.node, "booted", received.state, now)]
+        if node.toggle is not None and received.toggle is not node.toggle:
+            return [GuardEvent(received.node, "toggle", received.state, now)]
+        node.toggle = not received.toggle
         node.lost_at = now + node.guard.time * node.guard.factor
-        before, node.state = node.state, told.state
+        before, node.state = node.state, received.state
         was_active, node.active, node.lost = node.active, True, False
         if not was_active:
-            return [GuardEvent(told.node, "answered", told.state, now)]
-        return [] if before == told.state else [GuardEvent(told.node, "state", told.state, now)]
+            return [GuardEvent(received.node, "answered", received.state, now)]
+        return [] if before == received.state else [GuardEvent(received.node, "state", received.state, now)]
 
 
 class LifeEvent(NamedTuple):
-    """Life guarding, seen from the node: `lost` the master asks no longer, `resolved` it asks again."""
+    """Life guarding of a node: `lost` the requests of the master stay away, `resolved` they come again."""
 
     kind: Literal["lost", "resolved"]
     at: float
 
 
 class GuardedNode:
-    """The node's side: answers questions with its `state` (CanFrame), and watches that they keep coming (LifeEvent).
+    """The node's side. A machine: `feed` returns the response with `state` (CanFrame) and life guarding (LifeEvent).
 
-    A machine. A `life_time` of 0 watches nothing.
+    A `life_time` of 0 switches life guarding off.
 
     >>> node = GuardedNode(5)
     >>> node.state = NmtState.OPERATIONAL
@@ -165,28 +164,28 @@ class GuardedNode:
 
     @property
     def deadline(self) -> float | None:
-        """When the master will be missed."""
+        """When the master counts as lost unless it sends a request before."""
         if self._asked_at is None or self._lost or not self.life_time:
             return None
         return self._asked_at + self.life_time
 
     def reset(self) -> None:
-        """A boot: the toggle bit begins with 0, and nobody has asked yet."""
+        """A boot: the toggle bit starts with 0, and life guarding waits for the first request."""
         self._toggle, self._asked_at, self._lost = False, None, False
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | LifeEvent]:
-        """The answer to a question, and what the time brings."""
-        said: list[CanFrame | LifeEvent] = []
+        """The response to a request, and the events of life guarding."""
+        output: list[CanFrame | LifeEvent] = []
         due = self.deadline
         if due is not None and now >= due:
             self._lost = True
-            said.append(LifeEvent("lost", now))
+            output.append(LifeEvent("lost", now))
         if frame is None or not frame.remote or frame.key != self._key:
-            return said
+            return output
         self._asked_at = now
         if self._lost:
             self._lost = False
-            said.append(LifeEvent("resolved", now))
-        said.append(NodeState(self.node, self.state, self._toggle).encode())
+            output.append(LifeEvent("resolved", now))
+        output.append(NodeState(self.node, self.state, self._toggle).encode())
         self._toggle = not self._toggle
-        return said
+        return output

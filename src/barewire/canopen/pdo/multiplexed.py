@@ -26,12 +26,11 @@ from typing import Literal
 
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.canopen.object_dictionary import ObjectAddress, ObjectDictionary
 from barewire.codecs import Layout
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
 Addressing = Literal["SAM", "DAM"]
-ObjectAddress = tuple[int, int]
 
 MPDO_COUNTS: dict[int, Addressing] = {0xFE: "SAM", 0xFF: "DAM"}
 """What stands in sub-index 00 of the mapping."""
