@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from sys import modules
 from typing import Any
 
 
@@ -33,7 +34,9 @@ def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], lis
 
     def find(name: str) -> Any:
         if name in file_of:
-            return getattr(import_module(f"{room}.{file_of[name]}"), name)
+            found = getattr(import_module(f"{room}.{file_of[name]}"), name)
+            vars(modules[room])[name] = found  # from now on the package has it, and this is not called again
+            return found
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
 
     return find, list(file_of)

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from barewire import modbus
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import shown
 from barewire.io.engine.methods import Operation, method
@@ -104,130 +105,96 @@ class ModbusMethods:
     @method
     def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
         """Read 1 to 2000 coils from `address` on (function 01)."""
-        from barewire.modbus.messages.coils import ReadCoils
-
-        return Exchange(ReadCoils(address, quantity), _bits)
+        return Exchange(modbus.ReadCoils(address, quantity), _bits)
 
     @method
     def read_discrete_inputs(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
         """Read 1 to 2000 discrete inputs from `address` on (function 02)."""
-        from barewire.modbus.messages.coils import ReadDiscreteInputs
-
-        return Exchange(ReadDiscreteInputs(address, quantity), _bits)
+        return Exchange(modbus.ReadDiscreteInputs(address, quantity), _bits)
 
     @method
     def read_holding_registers(self, address: int, quantity: int) -> Exchange[tuple[int, ...]]:
         """Read 1 to 125 holding registers from `address` on (function 03)."""
-        from barewire.modbus.messages.registers import ReadHoldingRegisters
-
-        return Exchange(ReadHoldingRegisters(address, quantity), _registers)
+        return Exchange(modbus.ReadHoldingRegisters(address, quantity), _registers)
 
     @method
     def read_input_registers(self, address: int, quantity: int) -> Exchange[tuple[int, ...]]:
         """Read 1 to 125 input registers from `address` on (function 04)."""
-        from barewire.modbus.messages.registers import ReadInputRegisters
-
-        return Exchange(ReadInputRegisters(address, quantity), _registers)
+        return Exchange(modbus.ReadInputRegisters(address, quantity), _registers)
 
     @method
     def write_single_coil(self, address: int, value: bool) -> Exchange[None]:
         """Write one coil (function 05)."""
-        from barewire.modbus.messages.coils import WriteSingleCoil
-
-        return Exchange(WriteSingleCoil(address, value), _nothing)
+        return Exchange(modbus.WriteSingleCoil(address, value), _nothing)
 
     @method
     def write_single_register(self, address: int, value: int) -> Exchange[None]:
         """Write one holding register, 0..65535 (function 06)."""
-        from barewire.modbus.messages.registers import WriteSingleRegister
-
-        return Exchange(WriteSingleRegister(address, value), _nothing)
+        return Exchange(modbus.WriteSingleRegister(address, value), _nothing)
 
     @method
     def write_multiple_coils(self, address: int, bits: Sequence[bool | int]) -> Exchange[None]:
         """Write 1 to 1968 coils from `address` on (function 0F)."""
-        from barewire.modbus.messages.coils import WriteMultipleCoils
-
-        return Exchange(WriteMultipleCoils(address, tuple(bits)), _nothing)
+        return Exchange(modbus.WriteMultipleCoils(address, tuple(bits)), _nothing)
 
     @method
     def write_multiple_registers(self, address: int, registers: Sequence[int]) -> Exchange[None]:
         """Write 1 to 123 holding registers from `address` on (function 10h)."""
-        from barewire.modbus.messages.registers import WriteMultipleRegisters
-
-        return Exchange(WriteMultipleRegisters(address, registers), _nothing)
+        return Exchange(modbus.WriteMultipleRegisters(address, registers), _nothing)
 
     @method
     def mask_write_register(self, address: int, and_mask: int, or_mask: int) -> Exchange[None]:
         """Set a holding register to (its value AND and_mask) OR (or_mask AND NOT and_mask) (function 16h)."""
-        from barewire.modbus.messages.combined import MaskWriteRegister
-
-        return Exchange(MaskWriteRegister(address, and_mask, or_mask), _nothing)
+        return Exchange(modbus.MaskWriteRegister(address, and_mask, or_mask), _nothing)
 
     @method
     def read_write_multiple_registers(
         self, read_address: int, read_quantity: int, write_address: int, registers: Sequence[int]
     ) -> Exchange[tuple[int, ...]]:
         """Write 1 to 121 holding registers, then read 1 to 125, in one exchange (function 17h)."""
-        from barewire.modbus.messages.combined import ReadWriteMultipleRegisters
-
-        return Exchange(ReadWriteMultipleRegisters(read_address, read_quantity, write_address, registers), _registers)
+        return Exchange(
+            modbus.ReadWriteMultipleRegisters(read_address, read_quantity, write_address, registers), _registers
+        )
 
     @method
     def read_fifo_queue(self, address: int) -> Exchange[tuple[int, ...]]:
         """Read the up to 31 registers of a FIFO queue, which stay in it (function 18h)."""
-        from barewire.modbus.messages.fifo import ReadFifoQueue
-
-        return Exchange(ReadFifoQueue(address), _registers)
+        return Exchange(modbus.ReadFifoQueue(address), _registers)
 
     @method
     def read_file_record(self, places: Sequence[tuple[int, int, int]]) -> Exchange[tuple[tuple[int, ...], ...]]:
         """Read records of files (function 14h). `places` are (file, record, length in registers)."""
-        from barewire.modbus.messages.files import ReadFileRecord
-
-        return Exchange(ReadFileRecord(places), lambda response: response.records)
+        return Exchange(modbus.ReadFileRecord(places), lambda response: response.records)
 
     @method
     def write_file_record(self, records: Sequence[tuple[int, int, Sequence[int]]]) -> Exchange[None]:
         """Write records of files (function 15h). `records` are (file, record, registers)."""
-        from barewire.modbus.messages.files import WriteFileRecord
-
-        return Exchange(WriteFileRecord(records), _nothing)
+        return Exchange(modbus.WriteFileRecord(records), _nothing)
 
     @method
     def read_exception_status(self) -> Exchange[int]:
         """Read the eight exception status bits (function 07, serial lines)."""
-        from barewire.modbus.messages.diagnostics import ReadExceptionStatus
-
-        return Exchange(ReadExceptionStatus(), lambda response: response.status)
+        return Exchange(modbus.ReadExceptionStatus(), lambda response: response.status)
 
     @method
     def diagnostics(self, sub_function: int, data: bytes = b"\0\0") -> Exchange[bytes]:
         """Carry out a diagnostic sub-function (function 08, serial lines); the data of its response."""
-        from barewire.modbus.messages.diagnostics import Diagnostics
-
-        return Exchange(Diagnostics(sub_function, data), lambda response: response.data)
+        return Exchange(modbus.Diagnostics(sub_function, data), lambda response: response.data)
 
     @method
     def get_comm_event_counter(self) -> Exchange[GetCommEventCounterResponse]:
         """Read the status and the event counter (function 0B, serial lines)."""
-        from barewire.modbus.messages.comm_events import GetCommEventCounter
-
-        return Exchange(GetCommEventCounter(), _whole)
+        return Exchange(modbus.GetCommEventCounter(), _whole)
 
     @method
     def get_comm_event_log(self) -> Exchange[GetCommEventLogResponse]:
         """Read the status, the counters and the latest 64 events (function 0C, serial lines)."""
-        from barewire.modbus.messages.comm_events import GetCommEventLog
-
-        return Exchange(GetCommEventLog(), _whole)
+        return Exchange(modbus.GetCommEventLog(), _whole)
 
     @method
     def report_server_id(self) -> Exchange[bytes]:
         """Read the server's ID, run indicator and additional data (function 11h, serial lines)."""
-        from barewire.modbus.messages.identification import ReportServerId
-
-        return Exchange(ReportServerId(), lambda response: response.data)
+        return Exchange(modbus.ReportServerId(), lambda response: response.data)
 
     @method
     def read_device_identification(self, read_code: int = 1) -> BusConversation[DeviceIdentification]:
