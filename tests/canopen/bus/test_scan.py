@@ -101,7 +101,7 @@ def test_a_foreign_application_is_not_slowed() -> None:
     bus = VirtualBus()
     objects = ObjectDictionary([Entry(0x1000, 0, "device type", "u32", "const", 0)])
     device = LocalNode(9, objects)
-    bus.add(device, said=device.start(0.0))
+    bus.add(device, sent=device.start(0.0))
     for tick in range(5000):
         bus.inject("185#1122334455667788", tick / 2000)
     survey = bus.run(scan(range(1, 20), timeout=0.05))

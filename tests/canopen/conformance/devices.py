@@ -49,7 +49,7 @@ def az3() -> Participant:
 def bus_with(device: Participant) -> VirtualBus:
     """A bus on which the device has been switched on."""
     bus = VirtualBus()
-    bus.add(device, said=device.start(0.0) if isinstance(device, LocalNode) else [])
+    bus.add(device, sent=device.start(0.0) if isinstance(device, LocalNode) else [])
     bus.pass_time(0.01)
     return bus
 

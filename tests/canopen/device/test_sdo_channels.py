@@ -37,7 +37,7 @@ def device(*channels: tuple[int, int, int, int]) -> LocalNode:
 
 def on_bus(node: LocalNode) -> VirtualBus:
     bus = VirtualBus()
-    bus.add(node, said=node.start(0.0))
+    bus.add(node, sent=node.start(0.0))
     return bus
 
 

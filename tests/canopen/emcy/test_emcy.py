@@ -1,4 +1,4 @@
-"""EMCY: a device's register, history and inhibit time; what a listener makes of the messages."""
+"""EMCY: error register, history and inhibit time of a device; the active errors that a consumer derives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from barewire.canopen import (
     standard_objects,
 )
 from barewire.canopen.emcy.consumer import ERRORS_MAX
-from barewire.canopen.emcy.producer import _WAITING_MAX
+from barewire.canopen.emcy.producer import WAITING_MAX
 from barewire.canopen.sdo import SdoAbort
 
 
@@ -34,15 +34,15 @@ def texts(frames: list[CanFrame]) -> list[str]:
     ("code", "register"),
     [(0x1000, 1), (0x2310, 3), (0x3210, 5), (0x4210, 9), (0x5000, 1), (0x8130, 0x11), (0x8000, 1), (0xFF42, 0x81)],
 )
-def test_register_of_a_code(code: int, register: int) -> None:
+def test_register_bits_of_a_code(code: int, register: int) -> None:
     assert register_of(code) == register
 
 
-def test_zero_clears_only_what_it_says() -> None:
+def test_code_0000h_reports_the_remaining_register() -> None:
     one = device()
     assert texts(one.error(0x3210, 1.0)) == ["085#1032050000000000"]
     assert texts(one.error(0x8130, 2.0, info=b"\2")) == ["085#3081150200000000"]
-    assert one.error(0x8130, 2.5) == []  # it is there already
+    assert one.error(0x8130, 2.5) == []  # active already
     assert texts(one.error_gone(0x3210, 3.0)) == ["085#0000110000000000"]
     assert one.error_gone(0x3210, 3.5) == []
     assert one.objects.get(0x1001) == 0x11
@@ -50,14 +50,14 @@ def test_zero_clears_only_what_it_says() -> None:
     assert one.errors.active == ()
 
 
-def test_the_same_error_of_two_sources_is_two() -> None:
+def test_the_same_error_from_two_sources_counts_twice() -> None:
     one = device()
     one.error(0x8210, 0.0, source=1)
     assert len(one.error(0x8210, 0.0, source=2)) == 1
     assert texts(one.error_gone(0x8210, 0.0, source=1)) == ["085#0000110000000000"]
 
 
-def test_history() -> None:
+def test_history_is_read_and_cleared_by_1003h() -> None:
     one = device()
     for code in range(0x1001, 0x100B):
         one.error(code, 0.0, info=b"\x34\x12")
@@ -75,7 +75,7 @@ def test_history() -> None:
         objects.read(0x1003, 1)
 
 
-def test_inhibit_time() -> None:
+def test_messages_wait_for_the_inhibit_time() -> None:
     one = device()
     one.objects.set(0x1015, 0, 1000)  # 100 ms
     assert len(one.error(0x1000, 0.0)) == 1
@@ -88,15 +88,15 @@ def test_inhibit_time() -> None:
     assert one.deadline is None
 
 
-def test_what_waits_does_not_grow() -> None:
+def test_the_number_of_waiting_messages_is_bounded() -> None:
     errors = EmcyProducer(5, ObjectDictionary([Entry(0x1015, 0, "inhibit", "u16", "rw", 60_000)]))
-    for code in range(0x1000, 0x1000 + 3 * _WAITING_MAX):
-        errors.come(code, 0.0)
-    assert errors.dropped == 2 * _WAITING_MAX - 1
+    for code in range(0x1000, 0x1000 + 3 * WAITING_MAX):
+        errors.error(code, 0.0)
+    assert errors.dropped == 2 * WAITING_MAX - 1
     assert len(errors.history) == 8
 
 
-def test_stopped_devices_keep_it_to_themselves() -> None:
+def test_a_stopped_device_sends_no_emergency_but_keeps_register_and_history() -> None:
     one = device()
     one.feed(CanFrame.parse("000#0205"), 0.0)
     assert one.error(0x3210, 0.0) == []
@@ -106,7 +106,7 @@ def test_stopped_devices_keep_it_to_themselves() -> None:
     assert texts(one.error_gone(0x3210, 1.0)) == ["085#0000000000000000"]
 
 
-def test_1014h_moves_and_switches_off() -> None:
+def test_1014h_changes_the_identifier_and_switches_emcy_off() -> None:
     one = device()
     assert one.objects.get(0x1014) == 0x85
     for word, code in ((0x86, "0609 0030h"), (0x80000605, None), (0x605, "0609 0030h"), (0x9A, None)):
@@ -121,7 +121,7 @@ def test_1014h_moves_and_switches_off() -> None:
     assert one.error_gone(0x1000, 0.0) == []
 
 
-def test_resets() -> None:
+def test_a_reset_clears_communication_errors_or_all_errors() -> None:
     one = device()
     one.error(0x3210, 0.0)
     one.error(0x8130, 0.0)
@@ -131,13 +131,13 @@ def test_resets() -> None:
     assert (one.errors.active, one.errors.history) == ((), ())
 
 
-def test_a_register_of_the_application_is_left_to_it() -> None:
+def test_a_register_computed_by_the_application_is_sent_unchanged() -> None:
     one = LocalNode(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro", on_read=lambda: 0x20)]))
     one.start(0.0)
     assert texts(one.error(0xFF00, 0.0)) == ["085#00FF200000000000"]
 
 
-def test_the_consumer_keeps_what_is_not_gone() -> None:
+def test_the_consumer_clears_errors_whose_register_bit_is_reset() -> None:
     consumer = EmcyConsumer()
     for text in ("085#1032050000000000", "085#3081150200000000", "085#1042150000000000"):
         (event,) = consumer.feed(CanFrame.parse(text), 0.0)
@@ -149,7 +149,7 @@ def test_the_consumer_keeps_what_is_not_gone() -> None:
     assert event.gone == (0x8130,)
 
 
-def test_short_messages_are_kept_and_flagged() -> None:
+def test_short_messages_are_padded_and_marked() -> None:
     consumer = EmcyConsumer()
     (event,) = consumer.feed(CanFrame.parse("085#308111"), 0.0)
     assert (event.message.padded, event.active) == (True, (0x8130,))
@@ -160,7 +160,7 @@ def test_short_messages_are_kept_and_flagged() -> None:
     assert len(consumer.history) == 1
 
 
-def test_other_identifiers_boots_and_floods() -> None:
+def test_configured_identifiers_boot_ups_and_the_limit_of_errors() -> None:
     consumer = EmcyConsumer({(0x18FF0005, True): 5})
     assert consumer.feed(CanFrame.parse("18FF0005#3081110200000000"), 0.0)[0].message.node == 5
     consumer.feed(CanFrame.parse("705#00"), 1.0)
@@ -171,17 +171,17 @@ def test_other_identifiers_boots_and_floods() -> None:
     assert consumer.active(6)[-1] == 0x13FF
 
 
-def test_1028h_says_whose_emergencies_are_taken() -> None:
+def test_1028h_lists_the_nodes_whose_emergencies_are_consumed() -> None:
     objects = ObjectDictionary(standard_objects(emcy_consumers=127))
     device = LocalNode(5, objects)
     device.start(0.0)
-    hear = [CanFrame.parse(text) for text in ("089#3081110000000000", "1F0#1032150000000000")]
-    for frame in hear:
+    frames = [CanFrame.parse(text) for text in ("089#3081110000000000", "1F0#1032150000000000")]
+    for frame in frames:
         device.feed(frame, 0.1)
     assert (device.emergencies.active(9), device.emergencies.active(16)) == ((), ())
     objects.write(0x1028, 9, (0x89).to_bytes(4, "little"))
     objects.write(0x1028, 16, (0x1F0).to_bytes(4, "little"))
-    for frame in [*hear, CanFrame.parse("08A#3081110000000000")]:
+    for frame in [*frames, CanFrame.parse("08A#3081110000000000")]:
         device.feed(frame, 0.2)
         device.feed(frame, 0.2)
     assert device.emergencies.active(9) == (0x8130,)
@@ -189,7 +189,7 @@ def test_1028h_says_whose_emergencies_are_taken() -> None:
     assert device.emergencies.active(10) == ()
 
 
-def test_a_controller_that_was_bus_off_and_is_back_is_told() -> None:
+def test_recovery_from_bus_off_is_sent_as_8140h() -> None:
     device = LocalNode(5, ObjectDictionary(standard_objects()))
     device.start(0.0)
     assert [str(frame) for frame in device.recovered(1.0)] == ["085#4081110000000000", "085#0000000000000000"]

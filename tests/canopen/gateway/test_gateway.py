@@ -67,7 +67,7 @@ def bus() -> VirtualBus:
     device = LocalNode(
         5, objects(), [PdoConfig("TPDO", 1, (0x60410010,), type=1), PdoConfig("RPDO", 1, (0x60400010,), type=255)]
     )
-    made.add(device, said=device.start(0.0))
+    made.add(device, sent=device.start(0.0))
     made.pass_time(0.1)
     return made
 
@@ -250,7 +250,7 @@ def unconfigured() -> VirtualBus:
     made = VirtualBus()
     slave = LssSlave(ADDRESS, store=lambda node, rate: True)
     device = LocalNode(None, ObjectDictionary(standard_objects(ADDRESS)), lss=slave)
-    made.add(device, said=device.start(0.0))
+    made.add(device, sent=device.start(0.0))
     return made
 
 

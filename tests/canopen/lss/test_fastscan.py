@@ -1,4 +1,4 @@
-"""Fastscan: addresses that nobody knows, found fast, by several devices, with frames lost."""
+"""Fastscan: unknown addresses of one or several devices, response times, lost frames."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def add(bus: VirtualBus, address: LssAddress, latency: float = 0.001) -> LocalNo
 def test_128_bits_in_five_seconds(address: LssAddress, latency: float) -> None:
     bus = VirtualBus()
     device = add(bus, address, latency)
-    limit = 5.0 if latency < 0.01 else 8.0  # 16 ms is an adapter that hands over in batches
+    limit = 5.0 if latency < 0.01 else 8.0  # 16 ms: an adapter that delivers frames in batches
     assert bus.run(fastscan()) == address
     assert bus.now < limit
     assert device.lss is not None
     assert device.lss.state.name == "CONFIGURATION"
 
 
-def test_how_the_time_is_spent() -> None:
+def test_a_scan_takes_128_steps_with_the_shortest_time_out() -> None:
     steps: list[FastscanProgress] = []
     bus = VirtualBus()
     add(bus, ADDRESS)
@@ -55,13 +55,13 @@ def test_how_the_time_is_spent() -> None:
     assert bus.now < 1.6
 
 
-def test_nobody_there() -> None:
+def test_without_devices_the_result_is_none() -> None:
     bus = VirtualBus()
     assert bus.run(fastscan(timeout=0.1)) is None
     assert bus.now == pytest.approx(0.2)
 
 
-def test_what_is_known_is_not_asked_bit_by_bit() -> None:
+def test_known_parts_are_confirmed_not_scanned() -> None:
     bus = VirtualBus()
     add(bus, ADDRESS)
     steps: list[FastscanProgress] = []
@@ -71,12 +71,12 @@ def test_what_is_known_is_not_asked_bit_by_bit() -> None:
     assert [one.node for one in bus.run(assign_node_ids([5], known))] == [5]
 
 
-def test_known_parts_that_nobody_has() -> None:
+def test_known_parts_that_no_device_has() -> None:
     bus = VirtualBus()
     add(bus, ADDRESS)
     assert bus.run(fastscan((0x360, None, None, None))) is None
     assert bus.run(fastscan((ADDRESS.vendor, 1, None, None))) is None
-    with pytest.raises(EncodeError, match="an LSS address has 4"):
+    with pytest.raises(EncodeError, match="expected 4"):
         bus.run(fastscan((1, 2)))
 
 
@@ -85,15 +85,15 @@ def test_several_devices_get_their_node_ids(latencies: tuple[float, ...]) -> Non
     bus = VirtualBus()
     addresses = [ADDRESS, LssAddress(0x12345678, 0x9ABCDEF0, 7, 8), LssAddress(0x12345678, 0x9ABCDEF0, 7, 9)]
     devices = [add(bus, address, latency) for address, latency in zip(addresses, latencies)]
-    told: list[AssignedNode] = []
-    result = bus.run(assign_node_ids(range(10, 20), found=told.append))
-    assert result == told
+    reported: list[AssignedNode] = []
+    result = bus.run(assign_node_ids(range(10, 20), found=reported.append))
+    assert result == reported
     assert sorted(one.address for one in result) == sorted(addresses)
     assert [(one.node, one.booted) for one in result] == [(10, True), (11, True), (12, True)]
     assert sorted(device.node or 0 for device in devices) == [10, 11, 12]
 
 
-def test_no_more_devices_than_node_ids() -> None:
+def test_assigning_ends_with_the_last_node_id() -> None:
     bus = VirtualBus()
     for serial in range(3):
         add(bus, LssAddress(1, 2, 3, serial))
@@ -104,8 +104,8 @@ def is_number(missing: int, number: int, frame: CanFrame) -> bool:
     return number == missing
 
 
-def test_every_single_frame_lost_in_turn() -> None:
-    """Whichever frame is missing, the address found is the right one and the device is in configuration."""
+def test_any_single_lost_frame_does_not_change_the_result() -> None:
+    """Whichever frame is lost, the right address is found and the device is in configuration."""
     bus = VirtualBus()
     add(bus, ADDRESS)
     bus.run(fastscan())
@@ -120,22 +120,22 @@ def test_every_single_frame_lost_in_turn() -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_two_in_a_hundred_frames_lost(seed: int) -> None:
-    chance = random.Random(seed)
-    bus = VirtualBus(lose=lambda number, frame: chance.random() < 0.02)
+def test_two_percent_of_frames_lost(seed: int) -> None:
+    generator = random.Random(seed)
+    bus = VirtualBus(lose=lambda number, frame: generator.random() < 0.02)
     add(bus, ADDRESS)
     assert bus.run(fastscan()) == ADDRESS
 
 
-def test_a_bus_that_loses_half_of_everything() -> None:
-    chance = random.Random(1)
-    bus = VirtualBus(lose=lambda number, frame: number > 40 and chance.random() < 0.5)
+def test_half_of_the_frames_lost_raises() -> None:
+    generator = random.Random(1)
+    bus = VirtualBus(lose=lambda number, frame: number > 40 and generator.random() < 0.5)
     add(bus, ADDRESS)
-    with pytest.raises(NoAnswer, match="never came to an address"):
+    with pytest.raises(NoAnswer, match="found no address"):
         bus.run(fastscan())
 
 
-def test_others_talk_on_the_same_bus() -> None:
+def test_frames_of_other_services_are_ignored() -> None:
     bus = VirtualBus(lose=never)
     add(bus, ADDRESS)
     for tick in range(2000):
@@ -144,8 +144,8 @@ def test_others_talk_on_the_same_bus() -> None:
     assert bus.run(fastscan()) == ADDRESS
 
 
-def test_late_answers_are_not_believed() -> None:
-    """A device whose answers take longer and longer: the wait follows, or the confirmation finds the wrong bit."""
+def test_late_answers_do_not_change_the_result() -> None:
+    """A device with some late answers: the time-out adapts, or the confirmation detects the wrong bit."""
 
     class Slow:
         def __init__(self) -> None:

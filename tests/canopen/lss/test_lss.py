@@ -1,4 +1,4 @@
-"""LSS service by service: our master and our device on one bus, in virtual time."""
+"""The LSS services: master and local node on one bus, in virtual time."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def stored() -> list[tuple[int | None, int | None]]:
 
 def with_device(node: int | None, stored: list[tuple[int | None, int | None]]) -> tuple[VirtualBus, LocalNode]:
     bus, one = VirtualBus(), device(node, stored=stored)
-    bus.add(one, said=one.start(0.0))
+    bus.add(one, sent=one.start(0.0))
     return bus, one
 
 
-def test_directions_are_not_swapped() -> None:
+def test_the_identifiers_of_both_directions() -> None:
     assert (REQUEST_KEY, ANSWER_KEY) == ((0x7E5, False), (0x7E4, False))
     assert LssMessage(LssService.SELECTED, answer=True).encode().id == 0x7E4
 
@@ -75,13 +75,13 @@ def test_directions_are_not_swapped() -> None:
         ("605#0400000000000000", "mismatch"),
     ],
 )
-def test_what_is_no_message(text: str, reason: str) -> None:
+def test_frames_that_are_no_lss_message(text: str, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
         LssMessage.decode(CanFrame.parse(text))
     assert caught.value.reason == reason
 
 
-def test_what_cannot_be_said() -> None:
+def test_messages_that_cannot_be_encoded() -> None:
     with pytest.raises(EncodeError):
         LssMessage(LssService.STORE, bytes(8)).encode()
     for wrong in (Fastscan(0, 32, 0, 0), Fastscan(0, 0, 4, 0), Fastscan(1 << 32, 0, 0, 0)):
@@ -104,7 +104,7 @@ def test_a_device_without_a_node_id_is_silent_until_lss_gives_it_one(
     bus.run(configure_node(5))
     bus.run(store_configuration())
     assert stored == [(5, None)]
-    assert one.deadline is None  # the master has not let go of it yet
+    assert one.deadline is None  # still in configuration
     bus.run(switch_global(LssState.WAITING))
     assert bus.pass_time(0.1) == ["705#00"]
     assert (one.node, one.state) == (5, NmtState.PRE_OPERATIONAL)
@@ -113,7 +113,7 @@ def test_a_device_without_a_node_id_is_silent_until_lss_gives_it_one(
     assert bus.run(identify_unconfigured()) == 0
 
 
-def test_a_configured_device_takes_its_new_node_id_at_the_next_reset(
+def test_a_configured_device_activates_its_new_node_id_at_the_next_reset(
     stored: list[tuple[int | None, int | None]],
 ) -> None:
     bus, one = with_device(5, stored)
@@ -124,8 +124,8 @@ def test_a_configured_device_takes_its_new_node_id_at_the_next_reset(
     bus.run(switch_global(LssState.WAITING))
     assert bus.pass_time(0.1) == []
     assert one.node == 5
-    obeyed = bus.run(send_nmt(NmtCommand.RESET_COMMUNICATION, 5, confirmed_by=[6]))
-    assert [(told.node, told.state) for told in obeyed] == [(6, 0)]
+    confirmed = bus.run(send_nmt(NmtCommand.RESET_COMMUNICATION, 5, confirmed_by=[6]))
+    assert [(one.node, one.state) for one in confirmed] == [(6, 0)]
     assert one.objects.get(0x1014) == 0x86
     bus.run(switch_global(LssState.CONFIGURATION))
     bus.run(configure_node(None))
@@ -134,22 +134,22 @@ def test_a_configured_device_takes_its_new_node_id_at_the_next_reset(
     assert one.node is None
 
 
-def test_selective_finds_one_of_two(stored: list[tuple[int | None, int | None]]) -> None:
+def test_switch_selective_finds_one_of_two_devices(stored: list[tuple[int | None, int | None]]) -> None:
     bus, one = with_device(5, stored)
     two = device(6, OTHER, stored=stored)
-    bus.add(two, said=two.start(0.0))
+    bus.add(two, sent=two.start(0.0))
     assert bus.run(switch_selective(OTHER)) is True
     assert bus.run(inquire_address()) == OTHER
     assert bus.run(inquire_node()) == 6
     bus.run(switch_global(LssState.WAITING))
     assert bus.run(switch_selective(LssAddress(1, 2, 3, 4))) is False
-    with pytest.raises(NoAnswer, match="nobody in the LSS state configuration"):
+    with pytest.raises(NoAnswer, match="no device in the LSS state configuration"):
         bus.run(inquire_node())
     assert one.lss is not None
     assert one.lss.state is LssState.WAITING
 
 
-def test_parts_of_an_address_count_in_their_order_only() -> None:
+def test_parts_of_an_address_are_accepted_in_order_only() -> None:
     slave = LssSlave(ADDRESS, 5)
     parts = [LssMessage(0x40 + part, number.to_bytes(4, "little")).encode() for part, number in enumerate(ADDRESS)]
     for order in ((0, 1, 3), (1, 2, 3), (0, 2, 1, 3), (0, 1, 2, 0, 3)):
@@ -160,17 +160,17 @@ def test_parts_of_an_address_count_in_their_order_only() -> None:
 def test_identify_within_limits(stored: list[tuple[int | None, int | None]]) -> None:
     bus, _ = with_device(5, stored)
     two = device(6, OTHER, stored=stored)
-    bus.add(two, latency=0.004, said=two.start(0.0))
+    bus.add(two, latency=0.004, sent=two.start(0.0))
     assert bus.run(identify_slaves(0x360, 0x10203)) == 2
     assert bus.run(identify_slaves(0x360, 0x10203, serials=(2, 0xFFFFFFFF))) == 1
     assert bus.run(identify_slaves(0x360, 0x10203, revisions=(0, 0x20000))) == 0
     assert bus.run(identify_slaves(0x361, 0x10203)) == 0
 
 
-def test_refusals() -> None:
+def test_refused_services_raise() -> None:
     bus = VirtualBus()
     one = LocalNode(5, ObjectDictionary(), lss=LssSlave(ADDRESS, rates=frozenset({4})))
-    bus.add(one, said=one.start(0.0))
+    bus.add(one, sent=one.start(0.0))
     bus.run(switch_global(LssState.CONFIGURATION))
     with pytest.raises(LssRefused, match="store: not supported"):
         bus.run(store_configuration())
@@ -184,24 +184,24 @@ def test_refusals() -> None:
     assert bus.pass_time(0.1)[-1] == "7E4#1101000000000000"
 
 
-def test_a_store_that_fails() -> None:
+def test_a_failed_store_is_answered_with_code_2() -> None:
     slave = LssSlave(ADDRESS, 5, store=lambda node, rate: False)
     slave.state = LssState.CONFIGURATION
     assert str(slave.feed(LssMessage(LssService.STORE).encode(), 0.0)[0]) == "7E4#1702000000000000"
 
 
-def test_another_bit_rate_is_entered_in_silence() -> None:
-    told: list[tuple[int | None, float]] = []
-    slave = LssSlave(ADDRESS, on_bit_timing=lambda entry, delay: told.append((entry, delay)))
+def test_the_device_is_silent_while_the_bit_rate_changes() -> None:
+    changes: list[tuple[int | None, float]] = []
+    slave = LssSlave(ADDRESS, on_bit_timing=lambda entry, delay: changes.append((entry, delay)))
     bus, one = VirtualBus(), LocalNode(5, ObjectDictionary(standard_objects(ADDRESS, heartbeat=100)), lss=slave)
-    bus.add(one, said=one.start(0.0))
+    bus.add(one, sent=one.start(0.0))
     bus.run(switch_global(LssState.CONFIGURATION))
     bus.run(configure_bit_timing(4))
     start = bus.now
     again = bus.run(activate_bit_timing(0.5))
     assert again == pytest.approx(start + 1.0)
     bus.pass_time(0.001)
-    assert told == [(4, 0.5)]
+    assert changes == [(4, 0.5)]
     assert bus.pass_time(again - bus.now - 0.01) == []
     assert bus.pass_time(0.1)[0] == "705#7F"
     with pytest.raises(EncodeError):

@@ -27,7 +27,7 @@ def bus_with(*nodes: int, heartbeat: int = 100) -> VirtualBus:
     bus = VirtualBus()
     for node in nodes:
         device = LocalNode(node, ObjectDictionary(standard_objects(heartbeat=heartbeat)))
-        bus.add(device, said=device.start(0.0))
+        bus.add(device, sent=device.start(0.0))
     bus.pass_time(0.01)
     return bus
 

@@ -231,7 +231,7 @@ def test_a_type_that_does_not_go_with_it_is_refused_and_not_silently_off() -> No
 def test_a_master_reads_and_writes_it(policy: PdoConfigPolicy) -> None:
     device = LocalNode(7, objects(*scanner(0x01_6401_01)), [PdoConfig("TPDO", 1, (0x64010110,), type=1)])
     bus = VirtualBus()
-    bus.add(device, said=device.start(0.0))
+    bus.add(device, sent=device.start(0.0))
     wanted = PdoConfig("TPDO", 1, (), type=254, cob_id=0x187, inhibit=100, multiplexed="SAM")
     bus.run(write_pdo(7, wanted, policy=policy))
     assert bus.run(read_pdo(7, "TPDO", 1)) == wanted

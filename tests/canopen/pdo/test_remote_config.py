@@ -31,7 +31,7 @@ def bus_with(*pdos: PdoConfig) -> tuple[VirtualBus, LocalNode]:
         Entry(0x6064, 0, "position", "i32", "ro", -2),
     ]
     bus, device = VirtualBus(), LocalNode(5, ObjectDictionary(objects), pdos)
-    bus.add(device, said=device.start(0.0))
+    bus.add(device, sent=device.start(0.0))
     bus.pass_time(0.01)
     return bus, device
 

@@ -24,7 +24,7 @@ def entries() -> list[Entry]:
 
 def bus() -> tuple[VirtualBus, LocalNode]:
     bus, device = VirtualBus(), LocalNode(5, ObjectDictionary(entries()))
-    bus.add(device, said=device.start(0.0))
+    bus.add(device, sent=device.start(0.0))
     return bus, device
 
 

@@ -91,8 +91,8 @@ def recorded() -> tuple[tuple[float, CanFrame], ...]:
     drive = simulator("az3", node=DRIVE)
     assert drive.canopen is not None
     node = plain()
-    bus.add(drive.canopen, said=drive.canopen.start(0.0))
-    bus.add(node, said=node.start(0.0))
+    bus.add(drive.canopen, sent=drive.canopen.start(0.0))
+    bus.add(node, sent=node.start(0.0))
     bus.add(master)
     bus.pass_time(2.2)  # heartbeats
     az3, channel = Channel(DRIVE, dialect=AZ3), Channel(PLAIN)
@@ -127,7 +127,7 @@ def recorded() -> tuple[tuple[float, CanFrame], ...]:
     bus.run(inquire_address())
     bus.run(switch_global(LssState.WAITING))
     fresh = LocalNode(None, ObjectDictionary(), lss=LssSlave(NEW))
-    bus.add(fresh, said=fresh.start(bus.now))
+    bus.add(fresh, sent=fresh.start(bus.now))
     bus.run(fastscan())
     bus.pass_time(1.5)
     return tuple(sorted(((at, CanFrame.parse(text)) for at, text in bus.log), key=lambda pair: pair[0]))

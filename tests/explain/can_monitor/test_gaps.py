@@ -58,7 +58,7 @@ def carried_out(kind: Bus, lose: Callable[[int, CanFrame], bool] = never) -> Tim
     """What was on the bus; afterwards one more transfer, so that everybody has gone on."""
     bus = VirtualBus(lose=lose)
     node = plain()
-    bus.add(node, said=node.start(0.0))
+    bus.add(node, sent=node.start(0.0))
     bus.pass_time(0.1)
     channel = Channel(PLAIN)
     for step in (kind, expedited):

@@ -215,11 +215,11 @@ class LocalNode:
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
         """An error has come: it is in the register and the history, and said where the state allows it."""
-        return self.errors.come(code, now, source=source, info=info, register=register)
+        return self.errors.error(code, now, source=source, info=info, register=register)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
         """That error is gone; said with 0000h and the register that is left."""
-        return self.errors.gone(code, now, source=source, info=info)
+        return self.errors.error_gone(code, now, source=source, info=info)
 
     def bus_off(self, now: float) -> None:
         """The CAN controller left the bus, or somebody is missed on it: what 1029h says."""
@@ -241,7 +241,11 @@ class LocalNode:
         said, beat, wrong = self.sync.feed(frame, now)
         if wrong is not None and frame is not None:
             length = bytes([len(frame.data)])
-            said += self.errors.come(WRONG_LENGTH, now, info=length) if wrong else self.errors.gone(WRONG_LENGTH, now)
+            said += (
+                self.errors.error(WRONG_LENGTH, now, info=length)
+                if wrong
+                else self.errors.error_gone(WRONG_LENGTH, now)
+            )
         self.pdo.sync_key, self.pdo.window = self.sync.key, self.sync.window
         return said + self.pdo.feed(beat if wrong is not None or beat is not None else frame, now)
 
@@ -249,8 +253,8 @@ class LocalNode:
         """Somebody is silent who must not be, or is heard again."""
         source, info = ("missed", node), bytes([node])
         if gone:
-            return self.errors.gone(HEARTBEAT_ERROR, now, source=source, info=info)
-        said = self.errors.come(HEARTBEAT_ERROR, now, source=source, info=info)
+            return self.errors.error_gone(HEARTBEAT_ERROR, now, source=source, info=info)
+        said = self.errors.error(HEARTBEAT_ERROR, now, source=source, info=info)
         self.bus_off(now)
         return said
 

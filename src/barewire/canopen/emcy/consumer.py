@@ -1,12 +1,12 @@
-"""Which errors the other nodes have: what their emergencies add up to.   [CiA 301, EMCY]
+"""The EMCY consumer: the active errors of other nodes.   [CiA 301, EMCY]
 
-        80h+n   30 81 | 11 | ...     8130h has come                        {8130h}
-        80h+n   10 32 | 15 | ...     3210h has come                        {8130h, 3210h}
-        80h+n   00 00 | 05 | ...     one is gone; voltage is still set     {3210h}
-        80h+n   00 00 | 00 | ...     all is well                           {}
+        80h+n   30 81 | 11 | ...     8130h occurred                        {8130h}
+        80h+n   10 32 | 15 | ...     3210h occurred                        {8130h, 3210h}
+        80h+n   00 00 | 05 | ...     one is cleared; voltage is set        {3210h}
+        80h+n   00 00 | 00 | ...     none is left                          {}
 
-A message 0000h does not say which error is gone, and clears only what it says: the errors whose bit is no longer set
-in the register that it carries. With register 00h that is all of them.
+A message 0000h does not name the error that is cleared. It clears the errors whose bit is no longer set in the register
+that it carries; with register 00h that is all of them.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.errors import DecodeError
 
 ERRORS_MAX = 64
-"""How many errors of one node are kept; a node that never takes one back does not fill the memory."""
-GENERIC = 0x01  # set with every error, so it tells one from another only where nothing else is set
+"""How many errors of one node are kept, so that a node that never clears one does not fill the memory."""
+_GENERIC = 0x01  # set with every error, so it identifies an error only if no other bit is set
 
 
 class EmcyEvent(NamedTuple):
-    """One emergency: the message, the codes that are gone with it, and those that the node has now."""
+    """A received emergency: the message, the error codes that it cleared, and those that are active now."""
 
     message: Emergency
     gone: tuple[int, ...]
@@ -35,11 +35,11 @@ class EmcyEvent(NamedTuple):
 
 
 class EmcyConsumer:
-    """The errors of all nodes. A machine.
+    """The active errors of all nodes. A machine.
 
-    `cob_ids` tells whose emergencies have another identifier than 80h + node: (identifier, extended) -> node. With
-    `listed_only` no other emergencies are taken: that is the device whose 1028h says whom it listens to.
-    `history` holds the last messages of all nodes, `unreadable` counts frames too short to hold a code.
+    `cob_ids` maps (identifier, extended) to the node for emergencies on other identifiers than 80h + node. With
+    `listed_only` all others are ignored, as in a device with 1028h. `history` holds the last messages of all nodes,
+    `unreadable` counts frames too short for an error code.
 
     >>> consumer = EmcyConsumer()
     >>> for text in ("085#3081110200000000", "085#1032150000000000", "085#0000050000000000"):
@@ -66,26 +66,26 @@ class EmcyConsumer:
 
     @property
     def deadline(self) -> float | None:
-        """None: it waits for nothing but messages."""
+        """None: nothing is timed."""
         return None
 
     def active(self, node: int) -> tuple[int, ...]:
-        """The errors that a node has, in the order in which they came."""
+        """The active error codes of a node, the oldest first."""
         return tuple(self._active.get(node, ()))
 
     def register(self, node: int) -> int | None:
-        """The last error register that a node told, None if it never told one."""
+        """The last error register that a node reported, None before the first."""
         return self._registers.get(node)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[EmcyEvent]:
-        """What the frame tells about errors. A boot-up message of a node clears all of its errors."""
+        """The event of an emergency message. The boot-up message of a node clears its errors without an event."""
         if frame is None or frame.remote:
             return []
         node = self.cob_ids.get(frame.key)
         if node is not None:
             frame = frame._replace(id=0x80 + node, extended=False)
         elif self.listed_only or frame.extended or not 0x80 < frame.id < 0x100:
-            self._boots(frame)
+            self._clear_on_boot_up(frame)
             return []
         try:
             message = Emergency.decode(frame)
@@ -101,7 +101,7 @@ class EmcyConsumer:
         gone: list[int] = []
         if message.code:
             errors.pop(message.code, None)
-            errors[message.code] = register_of(message.code) & ~GENERIC or GENERIC
+            errors[message.code] = register_of(message.code) & ~_GENERIC or _GENERIC
             if len(errors) > ERRORS_MAX:
                 del errors[next(iter(errors))]
         else:
@@ -112,13 +112,13 @@ class EmcyConsumer:
             self._registers[message.node] = message.register
         return EmcyEvent(message, tuple(gone), tuple(errors), now)
 
-    def _boots(self, frame: CanFrame) -> None:
+    def _clear_on_boot_up(self, frame: CanFrame) -> None:
         if frame.extended or frame.id >> 7 != 0x700 >> 7:
             return
         try:
-            told = NodeState.decode(frame)
+            received = NodeState.decode(frame)
         except DecodeError:
             return
-        if told.is_boot_up:
-            self._active.pop(told.node, None)
-            self._registers.pop(told.node, None)
+        if received.is_boot_up:
+            self._active.pop(received.node, None)
+            self._registers.pop(received.node, None)

@@ -1,11 +1,11 @@
-"""Emergencies: a device says, once, that an error has come or gone.   [CiA 301, EMCY]
+"""The emergency message: sent once when an error occurs and once when it is cleared.   [CiA 301, EMCY]
 
         080h+n | error code 2 | error register 1 | manufacturer 5 |      8 bytes, numbers little-endian
 
         30 81 11 02 00 00 00 00      8130h heartbeat lost, register 11h (generic, communication), node 2 in byte 3
 
-Code 0000h means that an error is gone. If others remain, the register in that message still has bits set: only
-register 00h says that all is well.
+Code 0000h means that an error is cleared. While other errors remain, the register in that message has bits set; only
+register 00h means that no error is left.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
 
-# Four digits, or the first two of them: of 3210h this table knows that it is a voltage inside the device.
+# By four digits, or by the first two: 3210h is found as 32, a voltage inside the device.
 ERROR_CODES: dict[str, str] = {
     "00": "no error, or an error is gone",
     "10": "generic error",
@@ -61,7 +61,7 @@ REGISTER_BITS = ("generic", "current", "voltage", "temperature", "communication"
 
 
 def error_text(code: int) -> str:
-    """What a code means, as exactly as the table knows.
+    """The meaning of an error code: the most specific entry of the table.
 
     >>> error_text(0x8130)
     'life guarding or heartbeat error'
@@ -86,11 +86,11 @@ def register_names(register: int) -> tuple[str, ...]:
 
 
 _CLASS_BITS = {2: 1, 3: 2, 4: 3, 8: 4}
-"""First digit of a code -> bit of the register; every other class has the generic bit alone."""
+"""First digit of a code -> bit of the register; all other classes have only the generic bit."""
 
 
 def register_of(code: int) -> int:
-    """The bits of the error register that an error of this code sets: its own, and the generic one.
+    """The bits of the error register that an error of this code sets: the bit of its class, and the generic bit.
 
     >>> register_names(register_of(0x3210)), register_names(register_of(0xFF01)), register_names(register_of(0x6100))
     (('generic', 'voltage'), ('generic', 'manufacturer'), ('generic',))
@@ -115,7 +115,7 @@ class Emergency:
     code: int
     register: int = 0
     info: bytes = b"\0\0\0\0\0"
-    padded: bool = False  # heard with fewer than 8 bytes; never sent so
+    padded: bool = False  # received with fewer than 8 bytes
 
     layout = Layout("<HB", "code", "register", tail="info")
 
@@ -125,18 +125,18 @@ class Emergency:
         return error_text(self.code)
 
     def encode(self) -> CanFrame:
-        """Always 8 bytes on 080h+n, the manufacturer's filled up with zeros."""
+        """The frame on 080h+n, always 8 bytes. EncodeError for more than 5 bytes of manufacturer information."""
         if len(self.info) > 5:
-            raise EncodeError(f"{len(self.info)} bytes of manufacturer information: there is room for 5")
+            raise EncodeError(f"{len(self.info)} bytes of manufacturer information: expected at most 5")
         return CanFrame(
             cob_id("EMCY", self.node), self.layout.pack(self.code, self.register, tail=self.info.ljust(5, b"\0"))
         )
 
     @classmethod
     def decode(cls, frame: CanFrame) -> Emergency:
-        """A short message, as some devices send it, is filled up and marked `padded`: an emergency is not to be lost.
+        """A short message, as some devices send it, is filled with zeros and marked `padded` rather than lost.
 
-        Raises DecodeError for another identifier, or when not even the code is there.
+        Raises DecodeError for another identifier and for a frame without a whole error code.
         """
         found = classify(frame)
         if found is None or found[0].name != "EMCY" or frame.remote:

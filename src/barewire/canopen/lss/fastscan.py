@@ -1,20 +1,20 @@
-"""Fastscan: find a device that has no node-ID and that nobody has heard of, bit by bit.   [CiA 305]
+"""Fastscan: find devices without a node-ID whose address is unknown, bit by bit.   [CiA 305]
 
-        51 | number | bit | sub | next       "is your part `sub` equal to `number`, from bit `bit` upwards?"
+        51 | number | bit | sub | next       devices answer if their part `sub` equals `number` from bit `bit` upwards
 
-        begin            anybody there? -> yes                          how long they need to answer is measured here
-        part 0, bit 31   "is it 0?"  -> yes: the bit is 0               silence: the bit is 1
-        ...              32 questions for a part, 128 for an address
-        part 0 whole     must be confirmed -> yes: on to part 1
+        begin            any device without a node-ID answers           its response time is measured
+        part 0, bit 31   number 0  -> answer: the bit is 0              no answer: the bit is 1
+        ...              32 requests for a part, 128 for an address
+        part 0 whole     must be confirmed -> answer: go on to part 1
 
-A 1 costs a whole time-out, so how long that is decides how long a scan takes: not a fixed half second, but three
-times the longest answer so far, and never less than `floor`. Devices that answer one after the other (each with its
-own delay) would have the later answer taken for that to the next question; so if the beginning brought several
-answers, every answer is waited out for as long as they lay apart.
+A bit that is 1 costs a whole time-out, so the time-out decides how long a scan takes. It is three times the longest
+response time so far, and never less than `floor`. If devices answer with different delays, a late answer would be taken
+for one to the next request; so if the begin request brought several answers, the scan waits after every answer for as
+long as those were apart (`linger`).
 
-A lost frame looks like silence and makes a wrong bit. The confirmation of the part finds it: then the wait is doubled,
-from now on silence is believed the second time only, and the scan begins again; what was confirmed before is not asked
-bit by bit once more.
+A lost frame looks like "no answer" and makes a wrong bit. The confirmation of the part detects that: the time-out is
+doubled, from now on each request without answer is repeated, and the scan starts again; parts that were confirmed
+before are confirmed again with one request instead of scanned.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 _FLOOR = 0.010
-"""The shortest wait for a "no". A device answers within a millisecond or two; the rest is for the adapter."""
+"""The shortest time-out in seconds. A device answers within a millisecond or two; the rest is for the adapter."""
 
 KnownAddress = Sequence[int | None]
-"""What is known beforehand of vendor-ID, product code, revision, serial number."""
+"""Vendor-ID, product code, revision and serial number as far as they are known; None for an unknown part."""
 
 _NOTHING_KNOWN: KnownAddress = (None, None, None, None)
 
 
 class FastscanProgress(NamedTuple):
-    """Where a scan stands: bit `bit` of part `part`, `number` so far; `wait` is what a "no" costs, in seconds."""
+    """The progress of a scan: bit `bit` of part `part`, `number` so far; `wait` is the present time-out in seconds."""
 
     part: int
     bit: int
@@ -59,19 +59,19 @@ class FastscanProgress(NamedTuple):
 
 @dataclass(slots=True)
 class _Pace:
-    """How long to wait, learnt from the answers, and from what went wrong."""
+    """The time-out, adapted to response times and to failures."""
 
     floor: float
     longest: float
     wait: float
-    linger: float = 0.0  # after an answer, for those of slower devices
+    linger: float = 0.0  # after an answer, for the answers of slower devices
     restarts: int = 0
 
     def learn(self, took: float) -> None:
         self.wait = min(max(self.wait, 3 * took), self.longest)
 
     def distrust(self) -> None:
-        """Something went wrong: a frame was lost, or an answer came after we had given up."""
+        """A frame was lost, or an answer came after the time-out."""
         self.restarts += 1
         self.wait = min(2 * self.wait, self.longest)
         if self.linger:
@@ -79,7 +79,7 @@ class _Pace:
 
     @property
     def times(self) -> int:
-        """How often a question is asked before silence is believed: once, until something went wrong."""
+        """How often a request is sent before "no answer" is accepted: once, until a scan failed."""
         return 1 if not self.restarts else 2 if self.restarts < 4 else 3
 
 
@@ -91,14 +91,14 @@ def fastscan(
     attempts: int = 10,
     progress: Callable[[FastscanProgress], None] | None = None,
 ) -> Conversation[CanFrame, LssAddress | None]:
-    """The address of one device without a node-ID, which is in configuration afterwards. None: there is none.
+    """Find one device without a node-ID and switch it to configuration. Returns its address, None if there is none.
 
-    `known` parts are not scanned but confirmed with one question each; then None means that nobody is like that.
-    `timeout` is the wait at the beginning, before anything is measured. Raises NoAnswer when `attempts` scans did not
-    lead to an address that a device confirmed: a bus that loses too much.
+    `known` parts are not scanned but confirmed with one request each; None then means that no device matches them.
+    `timeout` and `floor` (seconds) are the time-out of the begin request and the shortest of all others. Raises
+    NoAnswer if after `attempts` scans no device confirmed an address, because the bus loses too many frames.
     """
     if len(known) != 4:
-        raise EncodeError(f"{len(known)} known parts: an LSS address has 4")
+        raise EncodeError(f"{len(known)} known parts: expected 4, None for an unknown one")
     pace = _Pace(floor, timeout, floor)
     found: list[int | None] = [None, None, None, None]
     denied = 0
@@ -113,15 +113,15 @@ def fastscan(
         elif not pace.restarts:
             return None
         pace.distrust()
-        # A device that heard the last question, whose yes we did not hear, has left the scan: call it back.
+        # If the last answer was lost, its device is in configuration and no longer takes part: switch it back.
         yield from switch_global(LssState.WAITING)
-    raise NoAnswer(f"fastscan began {attempts} times and never came to an address that a device confirmed")
+    raise NoAnswer(f"fastscan ran {attempts} times and found no address that a device confirmed")
 
 
 def _begin(pace: _Pace, timeout: float) -> Conversation[CanFrame, bool]:
-    """Is anybody there, how long do they need, and how far apart do they answer? A lost question is asked again."""
+    """Send the begin request, twice if unanswered; measure the response time and how far apart the answers are."""
     for _ in range(2):
-        times = yield from _question(Fastscan(0, BEGIN, 0, 0), timeout, None)
+        times = yield from _request(Fastscan(0, BEGIN, 0, 0), timeout, None)
         if times:
             pace.learn(times[-1])
             if len(times) > 1:
@@ -133,12 +133,12 @@ def _begin(pace: _Pace, timeout: float) -> Conversation[CanFrame, bool]:
 def _scan(
     known: KnownAddress, found: list[int | None], pace: _Pace, progress: Callable[[FastscanProgress], None] | None
 ) -> Conversation[CanFrame, int | None]:
-    """One pass over the four parts. The part that nobody confirmed, None if all were; those are left in `found`."""
+    """One pass over the four parts, collected in `found`. Returns the part that was not confirmed, None if all were."""
     for part in range(4):
         number = known[part] if known[part] is not None else found[part]
         if number is None:
             number = yield from _scan_part(part, pace, progress)
-        if not (yield from _is_so(Fastscan(number, 0, part, (part + 1) % 4), pace)):
+        if not (yield from _matches(Fastscan(number, 0, part, (part + 1) % 4), pace)):
             found[part] = None
             return part
         found[part] = number
@@ -152,24 +152,24 @@ def _scan_part(
     for bit in range(31, -1, -1):
         if progress is not None:
             progress(FastscanProgress(part, bit, number, pace.wait, pace.restarts))
-        if not (yield from _is_so(Fastscan(number, bit, part, part), pace)):
+        if not (yield from _matches(Fastscan(number, bit, part, part), pace)):
             number |= 1 << bit
     return number
 
 
-def _is_so(question: Fastscan, pace: _Pace) -> Conversation[CanFrame, bool]:
-    """Whether any device says yes."""
+def _matches(request: Fastscan, pace: _Pace) -> Conversation[CanFrame, bool]:
+    """Whether any device answers."""
     for _ in range(pace.times):
-        times = yield from _question(question, pace.wait, pace.linger)
+        times = yield from _request(request, pace.wait, pace.linger)
         if times:
             pace.learn(times[0])
             return True
     return False
 
 
-def _question(question: Fastscan, wait: float, linger: float | None) -> Conversation[CanFrame, list[float]]:
-    """Ask, and wait for a first answer, then `linger` for others; None: the whole `wait`. How long each took."""
-    sent: Heard[CanFrame] = yield Send(question.encode())
+def _request(request: Fastscan, wait: float, linger: float | None) -> Conversation[CanFrame, list[float]]:
+    """The response times of a request: wait for a first answer, then `linger` for others (None: the whole `wait`)."""
+    sent: Heard[CanFrame] = yield Send(request.encode())
     until = sent.now + wait
     times: list[float] = []
     while True:
@@ -183,7 +183,7 @@ def _question(question: Fastscan, wait: float, linger: float | None) -> Conversa
 
 
 class AssignedNode(NamedTuple):
-    """A device that was found and given a node-ID. `booted`: its boot-up message was heard."""
+    """A device that was found and given a node-ID. `booted`: its boot-up message was received."""
 
     address: LssAddress
     node: int
@@ -200,9 +200,10 @@ def assign_node_ids(
     progress: Callable[[FastscanProgress], None] | None = None,
     found: Callable[[AssignedNode], None] | None = None,
 ) -> Conversation[CanFrame, list[AssignedNode]]:
-    """Find every device without a node-ID and give it the next of `nodes`, until there is silence or no node-ID left.
+    """Find all devices without a node-ID and assign the node-IDs `nodes` in order, until no device or node-ID is left.
 
-    Raises LssRefused if a device does not take its node-ID or, with `store`, cannot keep it.
+    `known`, `timeout` and `floor` as in `fastscan`; `found` is called for each device. Raises LssRefused if a device
+    refuses its node-ID or, with `store`, cannot store it.
     """
     every: list[AssignedNode] = []
     yield from switch_global(LssState.WAITING)
@@ -214,13 +215,13 @@ def assign_node_ids(
         if store:
             yield from store_configuration(timeout=timeout)
         now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
-        every.append(AssignedNode(address, node, (yield from _boots(node, now + timeout))))
+        every.append(AssignedNode(address, node, (yield from _wait_for_boot_up(node, now + timeout))))
         if found is not None:
             found(every[-1])
     return every
 
 
-def _boots(node: int, until: float) -> Conversation[CanFrame, bool]:
+def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:
     """Wait for the boot-up message of the node."""
     while True:
         heard: Heard[CanFrame] = yield Listen(until)

@@ -1,17 +1,16 @@
-"""The master's side of LSS, service by service. Each is a conversation.   [CiA 305]
+"""The LSS master: each service is a conversation.   [CiA 305]
 
 master                                   the devices
 40 41 42 43 | address          ->
-                               <-        44            the one with this address: True, or silence: False
+                               <-        44            the device with this address: True; no answer: False
 11 | 05                        ->
                                <-        11 | 00       done, or LssRefused
 17                             ->
                                <-        17 | 00       stored
-04 | 00                        ->                      all back to waiting; a device that got its node-ID now boots
+04 | 00                        ->                      all back to waiting; a device with a new node-ID boots now
 
-There is one master on a bus and it asks one thing at a time, so an answer belongs to the last question. Silence is a
-usual answer here: where it means "nobody", the result says so; where a device in configuration must answer, it is
-NoAnswer.
+A bus has one LSS master, which sends one request at a time, so an answer belongs to the last request. Where no answer
+means "no such device", the result is False, 0 or None; where a device in configuration must answer, NoAnswer is raised.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 LSS_TIMEOUT = 0.5
-"""Seconds to wait for an answer. Devices need about a millisecond; an adapter behind USB needs up to 20."""
+"""Default time-out in seconds. Devices answer within about a millisecond; a USB adapter adds up to 20 ms."""
 
 
 def send_lss(message: LssMessage) -> Conversation[CanFrame, float]:
-    """Say something that nobody answers. Returns when it was out."""
+    """Send a message without waiting for an answer. Returns the time at which it was sent."""
     sent: Heard[CanFrame] = yield Send(message.encode())
     return sent.now
 
@@ -43,7 +42,7 @@ def send_lss(message: LssMessage) -> Conversation[CanFrame, float]:
 def request_lss(
     message: LssMessage, wanted: int, timeout: float = LSS_TIMEOUT
 ) -> Conversation[CanFrame, LssMessage | None]:
-    """Say something and return the first answer of the service `wanted`, None if none came in time."""
+    """Send a message and return the first answer of the service `wanted`, None if none came in time."""
     now = yield from send_lss(message)
     until = now + timeout
     while True:
@@ -57,7 +56,7 @@ def request_lss(
 
 
 def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
-    """The frame as an answer of this service, None for whatever else it is."""
+    """The frame as an answer of the service `wanted`, None for every other frame."""
     try:
         message = LssMessage.decode(frame)
     except DecodeError:
@@ -66,7 +65,7 @@ def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
 
 
 def count_answers(message: LssMessage, wanted: int, timeout: float) -> Conversation[CanFrame, int]:
-    """Say something and count the answers until the time is up. On a wire answers of one moment are one frame."""
+    """Send a message and count the answers until the time-out. Simultaneous answers merge to one frame."""
     now = yield from send_lss(message)
     until, count = now + timeout, 0
     while True:
@@ -78,12 +77,12 @@ def count_answers(message: LssMessage, wanted: int, timeout: float) -> Conversat
 
 
 def switch_global(state: LssState) -> Conversation[CanFrame, None]:
-    """Every device to waiting or to configuration. Configuration for all is for a bus with one device on it."""
+    """Switch every device to waiting or configuration. Configuration is for a bus with one device only."""
     yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([state])))
 
 
 def switch_selective(address: LssAddress, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, bool]:
-    """The device with this address to configuration. False: nobody said that it is him."""
+    """Switch the device with this address to configuration. False if no device answered."""
     parts = (LssService.SELECT_VENDOR, LssService.SELECT_PRODUCT, LssService.SELECT_REVISION)
     for service, number in zip(parts, address):
         yield from send_lss(with_number(service, number))
@@ -99,7 +98,7 @@ def identify_slaves(
     *,
     timeout: float = LSS_TIMEOUT,
 ) -> Conversation[CanFrame, int]:
-    """How many answers came from devices within these limits, both ends included."""
+    """The number of answers of devices within these limits, both ends included."""
     numbers = (vendor, product, *revisions, *serials)
     services = [LssService(LssService.IDENTIFY_VENDOR + step) for step in range(6)]
     for service, number in list(zip(services, numbers))[:-1]:
@@ -108,13 +107,13 @@ def identify_slaves(
 
 
 def identify_unconfigured(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int]:
-    """How many answers came from devices that have no node-ID."""
-    question = LssMessage(LssService.IDENTIFY_UNCONFIGURED)
-    return (yield from count_answers(question, LssService.UNCONFIGURED_IDENTIFIED, timeout))
+    """The number of answers of devices without a node-ID."""
+    request = LssMessage(LssService.IDENTIFY_UNCONFIGURED)
+    return (yield from count_answers(request, LssService.UNCONFIGURED_IDENTIFIED, timeout))
 
 
 def inquire_address(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, LssAddress]:
-    """The address of the one device in configuration. Raises NoAnswer."""
+    """The address of the device in configuration. Raises NoAnswer."""
     parts = []
     for step in range(4):
         answer = yield from _must_answer(LssMessage(LssService(LssService.INQUIRE_VENDOR + step)), timeout)
@@ -129,33 +128,34 @@ def inquire_node(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int 
 
 
 def configure_node(node: int | None, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Give the device in configuration this node-ID, or none. Raises LssRefused and NoAnswer."""
+    """Set the pending node-ID of the device in configuration, or remove it. Raises LssRefused and NoAnswer."""
     number = UNCONFIGURED if node is None else check_node(node)
     yield from _must_agree(LssMessage(LssService.CONFIGURE_NODE, bytes([number])), timeout)
 
 
 def configure_bit_timing(entry: int, table: int = 0, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Give the device in configuration this bit rate, an entry of `BIT_RATES`. Raises LssRefused and NoAnswer."""
+    """Set the bit rate of the device in configuration, an entry of `BIT_RATES`. Raises LssRefused and NoAnswer."""
     if not (0 <= entry <= 255 and 0 <= table <= 255):
-        raise EncodeError(f"bit timing {table}, {entry}: expected two numbers in 0..255")
+        raise EncodeError(f"bit timing table {table}, entry {entry}: expected 0..255 for both")
     yield from _must_agree(LssMessage(LssService.CONFIGURE_BIT_TIMING, bytes([table, entry])), timeout)
 
 
 def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
-    """All devices in configuration change their bit rate `delay` seconds from now, and are silent as long once more.
+    """All devices in configuration change their bit rate after `delay` seconds and stay silent for as long again.
 
-    Returns the time at which they speak again; until then the caller must have changed the rate of his own port.
+    Returns the time at which they send again; by then the caller must have changed the bit rate of its own port.
+    EncodeError for a delay outside 0..65.535 s.
     """
     milliseconds = round(delay * 1000)
     if not 0 <= milliseconds <= 0xFFFF:
-        raise EncodeError(f"a switch delay of {delay} s: expected 0..65.535")
+        raise EncodeError(f"switch delay {delay} s: expected 0..65.535")
     body = milliseconds.to_bytes(2, "little")
     now = yield from send_lss(LssMessage(LssService.ACTIVATE_BIT_TIMING, body))
     return now + 2 * delay
 
 
 def store_configuration(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Let the device in configuration keep what it was given. Raises LssRefused and NoAnswer."""
+    """Have the device in configuration store node-ID and bit rate. Raises LssRefused and NoAnswer."""
     yield from _must_agree(LssMessage(LssService.STORE), timeout)
 
 
@@ -163,7 +163,7 @@ def _must_answer(message: LssMessage, timeout: float) -> Conversation[CanFrame, 
     answer = yield from request_lss(message, message.service, timeout)
     if answer is None:
         what = LssService(message.service).name.lower().replace("_", " ")
-        raise NoAnswer(f"nobody in the LSS state configuration answered {what} within {timeout:g} s")
+        raise NoAnswer(f"no device in the LSS state configuration answered {what} within {timeout:g} s")
     return answer
 
 

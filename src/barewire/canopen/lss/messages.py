@@ -1,18 +1,18 @@
-"""LSS: give a device its node-ID and bit rate over the bus itself.   [CiA 305]
+"""The LSS messages: they assign node-ID and bit rate to a device over the bus.   [CiA 305]
 
         7E5h | service | 7 bytes, numbers little-endian, unused 0 |      master -> every device
         7E4h | service | 7 bytes                                  |      device -> master
 
-A device has an address that nobody else in the world has: the four numbers of 1018h, 128 bits in all. With it the
-master puts one device into the state *configuration* (the others stay in *waiting*) and asks or tells it things:
+The LSS address of a device is unique: the four numbers of 1018h, 128 bits in all. With it the master puts one device
+into the state *configuration* (the others stay in *waiting*) and configures or inquires it:
 
         vendor-ID    product code    revision    serial number
         1018h:01     1018h:02        1018h:03    1018h:04
 
-    switch global 04         all of them, no answer          configure node-ID 11   bit timing 13   answer: 0 done
-    switch selective 40..43  the one with this address       activate bit timing 15, no answer      store 17
-    identify 46..4B, 4C      who is within these limits?     inquire address 5A..5D, node-ID 5E
-    fastscan 51              is a bit of your address so?    how a master finds what it has never heard of
+    switch global 04         all devices, no answer            configure node-ID 11   bit timing 13   answer: 0 done
+    switch selective 40..43  the device with this address      activate bit timing 15, no answer      store 17
+    identify 46..4B, 4C      all devices within these limits   inquire address 5A..5D, node-ID 5E
+    fastscan 51              compares bits of the address      to find devices whose address is unknown
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ UNCONFIGURED = 0xFF
 """The node-ID of a device that has none yet."""
 
 LSS_BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
-"""Table 0 of the bit timings: entry -> bits in a second. 5 is reserved, 9 finds out by itself."""
+"""Bit timing table 0: entry -> bit/s. Entry 5 is reserved, 9 is automatic bit rate detection."""
 AUTOMATIC_BIT_RATE = 9
 
 
 class LssService(IntEnum):
-    """The first byte of a message."""
+    """The command specifier, the first byte of a message."""
 
     SWITCH_GLOBAL = 0x04
     CONFIGURE_NODE = 0x11
@@ -67,14 +67,14 @@ class LssService(IntEnum):
 
 
 class LssState(IntEnum):
-    """The two states of a device, with the numbers of switch global."""
+    """The two LSS states of a device, with their numbers in switch global."""
 
     WAITING = 0
     CONFIGURATION = 1
 
 
 class LssAddress(NamedTuple):
-    """The 128 bits of 1018h.
+    """The LSS address: the 128 bits of 1018h.
 
     >>> str(LssAddress(0x360, 1, 0x10002, 77))
     '00000360-00000001-00010002-0000004D'
@@ -91,7 +91,7 @@ class LssAddress(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LssMessage:
-    """One message: the service, and what stands behind it, filled up with zeros to 8 bytes.
+    """One message: the service and up to 7 bytes, filled with zeros to 8 bytes in all.
 
     >>> str(LssMessage(LssService.CONFIGURE_NODE, b"\\x05").encode())
     '7E5#1105000000000000'
@@ -102,9 +102,9 @@ class LssMessage:
     answer: bool = False
 
     def encode(self) -> CanFrame:
-        """The frame from the master, or from a device with `answer`."""
+        """The frame of the master, or of a device if `answer`. EncodeError for more than 7 bytes."""
         if len(self.body) > 7:
-            raise EncodeError(f"{len(self.body)} bytes behind the service: there is room for 7")
+            raise EncodeError(f"{len(self.body)} bytes behind the service: expected at most 7")
         data = bytes([self.service]) + self.body
         return CanFrame((ANSWER_KEY if self.answer else REQUEST_KEY)[0], data.ljust(8, b"\0"))
 
@@ -112,7 +112,7 @@ class LssMessage:
     def decode(cls, frame: CanFrame) -> LssMessage:
         """Raises DecodeError for another identifier, for other than 8 bytes, for a service that does not exist."""
         if frame.key not in (REQUEST_KEY, ANSWER_KEY) or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no LSS message: those have 7E5h or 7E4h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no LSS message: expected COB-ID 7E5h or 7E4h")
         if len(frame.data) != 8:
             wrong: Reason = "short" if len(frame.data) < 8 else "long"
             raise DecodeError(wrong, frame.data, min(len(frame.data), 8), "an LSS message has 8 bytes")
@@ -132,18 +132,18 @@ LSS_REQUESTS = frozenset(int(service) for service in LssService) - {0x44, 0x4F, 
 
 
 def with_number(service: LssService, number: int) -> LssMessage:
-    """A message with a number of 32 bits. EncodeError if it has more."""
+    """A request with a 32-bit number. EncodeError if the number needs more bits."""
     return LssMessage(service, Layout("<I", "number").pack(number))
 
 
 @dataclass(frozen=True, slots=True)
 class Fastscan:
-    """One question of a fastscan: is part `sub` of your address equal to `number`, from bit `bit` upwards?
+    """One request of a fastscan: devices answer if part `sub` of their address equals `number` from bit `bit` upwards.
 
         51 | number 4 | bit 1 | sub 1 | next 1
 
-    Bit 80h asks for nothing but "is anybody without a node-ID here", and begins a scan. With bit 0 and the next part,
-    the devices that say yes go on to that part; if it is the first again, the one that is left is in configuration.
+    Bit 80h starts a scan: every device without a node-ID answers. With bit 0, devices that match continue with part
+    `next`; if that is smaller than `sub`, the device that matches all parts switches to configuration.
 
     >>> str(Fastscan(0x11223344, 31, 0, 0).encode())
     '7E5#51443322111F0000'
@@ -157,20 +157,20 @@ class Fastscan:
     layout = Layout("<IBBB", "number", "bit", "sub", "next")
 
     def encode(self) -> CanFrame:
-        """The frame."""
+        """The frame. Raises EncodeError as `check`."""
         self.check()
         body = self.layout.pack(self.number, self.bit, self.sub, self.next)
         return LssMessage(LssService.FASTSCAN, body).encode()
 
     @classmethod
     def of_body(cls, body: bytes) -> Fastscan:
-        """The question behind the service byte; DecodeError for what no device may answer."""
-        question = cls(*cls.layout.unpack(body))
+        """The request behind the service byte. DecodeError for a bit or a part that does not exist."""
+        request = cls(*cls.layout.unpack(body))
         try:
-            question.check()
+            request.check()
         except EncodeError as error:
             raise DecodeError("value", body, 4, str(error)) from None
-        return question
+        return request
 
     def check(self) -> None:
         """Raises EncodeError for a bit or a part that does not exist."""
@@ -185,7 +185,7 @@ BEGIN = 0x80
 
 
 class LssRefused(Refused):
-    """The device said no. `code` 1: out of its range or not supported; 2 (store): no storage; FFh: see `detail`."""
+    """The device refused. `code` 1: out of range or not supported; 2 (store): no storage; FFh: see `detail`."""
 
     def __init__(self, service: LssService, code: int, detail: int) -> None:
         super().__init__(service, code, detail)

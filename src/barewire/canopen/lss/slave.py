@@ -1,17 +1,17 @@
-"""A device's side of LSS.   [CiA 305]
+"""The LSS slave: the device's side of LSS.   [CiA 305]
 
                           switch global 1
         WAITING  ----------------------------------->  CONFIGURATION
-           ^       40 41 42 43 with my address: 44h        |   11 node-ID   13 bit timing   17 store
-           |       fastscan down to my last bit: 4Fh       |   15 activate  5A..5E inquire
+           ^       40 41 42 43 match its address: 44h      |   11 node-ID   13 bit timing   17 store
+           |       fastscan matches its last bit: 4Fh      |   15 activate  5A..5E inquire
            +-----------------------------------------------+
                           switch global 0
 
-Two node-IDs are kept: the one that is in use and the *pending* one, which 11h sets. A device without a node-ID takes
-the pending one over when it returns to WAITING and boots; one that has a node-ID does so at its next reset. Nothing is
-answered but what is asked in the right state: all devices hear every question, and silence is the usual answer.
+There are two node-IDs: the active one, and the *pending* one that 11h sets. A device without a node-ID activates the
+pending one and boots when it returns to WAITING; a device with a node-ID activates it at its next reset. All devices
+receive every request, so a request that does not match the device or its state gets no answer.
 
-I know: LSS messages, one address, two node-IDs.  I never know: NMT, the object dictionary, how a bit rate is set.
+Depends on: LSS messages. Used by: `LocalNode`, which boots with the new node-ID. How a bit rate is set is the caller's.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ from barewire.canopen.lss.messages import (
 )
 from barewire.errors import DecodeError
 
-OK, OUT_OF_RANGE, NO_STORAGE = 0, 1, 2
+_OK, _OUT_OF_RANGE, _NO_STORAGE = 0, 1, 2
 _PARTS = (0x40, 0x41, 0x42, 0x43)
 _LIMITS = (0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B)
 
 StoreConfiguration = Callable[[int | None, int | None], bool]
-"""Keeps (node-ID, entry of the bit rate table) for the next power-on; False if that fails."""
+"""Stores (node-ID, entry of the bit rate table) for the next power-on; returns False if that fails."""
 
 
 class LssSlave:
-    """A machine. `node` None: no node-ID yet.
+    """The LSS state of one device. A machine. `node` None: no node-ID yet.
 
-    `store` keeps the configuration; without one, the device answers that it cannot. `rates` are the entries of the
-    bit rate table that it can do. `on_bit_timing(entry, delay)` is called for "activate": the device changes over
-    `delay` seconds later and is silent until as many seconds have passed once more.
+    `store` stores the configuration; without it the answer is "not supported". `rates` are the entries of the bit rate
+    table that the device supports. `on_bit_timing(entry, delay)` is called for "activate": the device changes its bit
+    rate after `delay` seconds and sends nothing until `delay` more seconds have passed.
 
     >>> slave = LssSlave(LssAddress(0x360, 1, 2, 3))
     >>> for text in ("7E5#4060030000000000", "7E5#4101000000000000", "7E5#4202000000000000", "7E5#4303000000000000"):
-    ...     said = slave.feed(CanFrame.parse(text), 0.0)
-    >>> str(said[0]), slave.state.name
+    ...     answer = slave.feed(CanFrame.parse(text), 0.0)
+    >>> str(answer[0]), slave.state.name
     ('7E4#4400000000000000', 'CONFIGURATION')
     """
 
-    __slots__ = ("_at", "_limits", "_matched", "address", "bit_timing", "node", "on_bit_timing", "pending", "rates",
+    __slots__ = ("_limits", "_matched", "_part", "address", "bit_timing", "node", "on_bit_timing", "pending", "rates",
                  "silence", "state", "store")  # fmt: skip
 
     def __init__(
@@ -75,30 +75,30 @@ class LssSlave:
         self.store = store
         self.rates = rates
         self.on_bit_timing = on_bit_timing
-        self.silence: Callable[[float], None] | None = None  # the device: say nothing until then
+        self.silence: Callable[[float], None] | None = None  # set by the device: send nothing until that time
         self.state = LssState.WAITING
         self._matched = 0  # how many parts of switch selective have matched, in order
         self._limits = 0  # the same for identify
-        self._at = 0  # the part of the address that a fastscan is at
+        self._part = 0  # the part of the address that a fastscan has reached
 
     @property
     def deadline(self) -> float | None:
-        """None: it waits for nothing but questions."""
+        """None: nothing is timed."""
         return None
 
     @property
     def wants_to_boot(self) -> bool:
-        """A node-ID was given to a device that had none, and the master has let go of it."""
+        """A device without a node-ID was given one, and the master has switched it back to WAITING."""
         return self.state is LssState.WAITING and self.node is None and self.pending is not None
 
     def take_over(self) -> int | None:
-        """A reset: the pending node-ID is the one in use from now on."""
+        """A reset: activate the pending node-ID and return it."""
         self.state = LssState.WAITING
         self.node = self.pending
         return self.node
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The answer, if the question is for this device in this state."""
+        """The answer, if the request concerns this device in its state."""
         if frame is None or frame.key != REQUEST_KEY:
             return []
         try:
@@ -119,17 +119,17 @@ class LssSlave:
         if service in _LIMITS:
             return self._identify(service - _LIMITS[0], message.number)
         if service == LssService.IDENTIFY_UNCONFIGURED:
-            return (LssService.UNCONFIGURED_IDENTIFIED, b"") if self._is_bare else None
+            return (LssService.UNCONFIGURED_IDENTIFIED, b"") if self._is_unconfigured else None
         if service == LssService.FASTSCAN:
-            return (LssService.IDENTIFIED, b"") if self._scanned(message.body) else None
+            return (LssService.IDENTIFIED, b"") if self._matches_scan(message.body) else None
         return self._configure(service, message.body, now) if self.state is LssState.CONFIGURATION else None
 
     @property
-    def _is_bare(self) -> bool:
+    def _is_unconfigured(self) -> bool:
         return self.node is None and self.pending is None
 
     def _select(self, part: int, number: int) -> tuple[int, bytes] | None:
-        """40h to 43h, one after the other; the last one is answered."""
+        """40h to 43h in order; the last one is answered if all match."""
         if self.state is not LssState.WAITING:
             return None
         expected = part == 0 or self._matched == part
@@ -141,7 +141,7 @@ class LssSlave:
         return LssService.SELECTED, b""
 
     def _identify(self, step: int, number: int) -> tuple[int, bytes] | None:
-        """46h to 4Bh: vendor and product as they are, revision and serial number within limits."""
+        """46h to 4Bh in order: vendor and product must be equal, revision and serial number within limits."""
         vendor, product, revision, serial = self.address
         fits = (vendor == number, product == number, number <= revision, revision <= number, number <= serial,
                 serial <= number)[step]  # fmt: skip
@@ -151,34 +151,34 @@ class LssSlave:
         self._limits = 0
         return LssService.IDENTIFIED, b""
 
-    def _scanned(self, body: bytes) -> bool:
-        """Whether to say yes to a fastscan."""
-        if not self._is_bare or self.state is not LssState.WAITING:
+    def _matches_scan(self, body: bytes) -> bool:
+        """Whether the device answers a fastscan request."""
+        if not self._is_unconfigured or self.state is not LssState.WAITING:
             return False
         try:
-            question = Fastscan.of_body(body)
+            request = Fastscan.of_body(body)
         except DecodeError:
             return False
-        if question.bit == BEGIN:
-            self._at = 0
+        if request.bit == BEGIN:
+            self._part = 0
             return True
-        mine = self.address[question.sub]
-        if self._at != question.sub or mine >> question.bit != question.number >> question.bit:
+        number = self.address[request.sub]
+        if self._part != request.sub or number >> request.bit != request.number >> request.bit:
             return False
-        self._at = question.next
-        if question.bit == 0 and question.next < question.sub:
+        self._part = request.next
+        if request.bit == 0 and request.next < request.sub:
             self.state = LssState.CONFIGURATION
         return True
 
     def _configure(self, service: int, body: bytes, now: float) -> tuple[int, bytes] | None:
-        """What is done in the state CONFIGURATION only."""
+        """The services of the state CONFIGURATION."""
         if service == LssService.CONFIGURE_NODE:
             return service, bytes([self._set_node(body[0])])
         if service == LssService.CONFIGURE_BIT_TIMING:
             if body[0] or body[1] not in self.rates:
-                return service, bytes([OUT_OF_RANGE])
+                return service, bytes([_OUT_OF_RANGE])
             self.bit_timing = body[1]
-            return service, bytes([OK])
+            return service, bytes([_OK])
         if service == LssService.ACTIVATE_BIT_TIMING:
             delay = int.from_bytes(body[:2], "little") / 1000
             if self.silence is not None:
@@ -188,8 +188,8 @@ class LssSlave:
             return None
         if service == LssService.STORE:
             if self.store is None:
-                return service, bytes([OUT_OF_RANGE])
-            return service, bytes([OK if self.store(self.pending, self.bit_timing) else NO_STORAGE])
+                return service, bytes([_OUT_OF_RANGE])
+            return service, bytes([_OK if self.store(self.pending, self.bit_timing) else _NO_STORAGE])
         if service == LssService.INQUIRE_NODE:
             return service, bytes([UNCONFIGURED if self.node is None else self.node])
         return service, self.address[service - LssService.INQUIRE_VENDOR].to_bytes(4, "little")
@@ -200,5 +200,5 @@ class LssSlave:
         elif NODE_MIN <= node <= NODE_MAX:
             self.pending = node
         else:
-            return OUT_OF_RANGE
-        return OK
+            return _OUT_OF_RANGE
+        return _OK

@@ -132,7 +132,7 @@ class PdoEngine:
             else:
                 live.heard_at = None
                 index = live.pdo.communication.to_bytes(2, "little")
-                said += self.errors.come(MISSED, now, source=live.pdo.number, info=index)
+                said += self.errors.error(MISSED, now, source=live.pdo.number, info=index)
         return said
 
     def _receive(self, frame: CanFrame, now: float) -> list[CanFrame]:
@@ -166,9 +166,9 @@ class PdoEngine:
         if taken is None or into.addressing == "SAM":
             return []
         if taken:
-            return self.errors.gone(NO_DESTINATION, now, source=source)
+            return self.errors.error_gone(NO_DESTINATION, now, source=source)
         info = message.index.to_bytes(2, "little") + bytes([message.sub])
-        return self.errors.come(NO_DESTINATION, now, source=source, info=info)
+        return self.errors.error(NO_DESTINATION, now, source=source, info=info)
 
     def tell(self, number: int, message: Mpdo, now: float) -> list[CanFrame]:
         """Say something to another node, or to all (node 0), by TPDO `number`, which has to be a DAM MPDO.
@@ -189,10 +189,10 @@ class PdoEngine:
         """The errors that an RPDO of this length brings, and those that it takes away."""
         source = live.pdo.number
         wrong = TOO_SHORT if length < size else TOO_LONG if length > size else 0
-        said = self.errors.come(wrong, now, source=source, info=bytes([length, size])) if wrong else []
+        said = self.errors.error(wrong, now, source=source, info=bytes([length, size])) if wrong else []
         for code in (TOO_SHORT, TOO_LONG, MISSED):
             if code != wrong and not (code == MISSED and wrong == TOO_SHORT):
-                said += self.errors.gone(code, now, source=source)
+                said += self.errors.error_gone(code, now, source=source)
         return said
 
     def _sync(self, frame: CanFrame, now: float) -> list[CanFrame]:
