@@ -146,7 +146,15 @@ def all_that_can_be_seen(ask: Ask, bus: Bus, port: Wrong, asked: tuple[Request[A
     except (BarewireError, KeyboardInterrupt) as error:
         result = type(error), str(error), type(error.__cause__), str(error.__cause__)
     line = bus.line
-    told = line.held, str(line.broken), port.now, port.said, repr(bus.counters), repr(bus._units), bus.suspect
+    told = (
+        line.held,
+        str(line.broken),
+        port.now,
+        port.said,
+        repr(bus.counters),
+        repr(bus.state.units),
+        repr(bus.state.pending),
+    )
     return result, *told
 
 

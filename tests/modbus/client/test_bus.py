@@ -34,7 +34,7 @@ def test_a_late_answer_is_recognised_and_never_delivered(recovery: str, late: fl
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert bus.counters.late >= 1  # a probe that came too late is one of its own
     assert bus.counters.replies[0].request == ReadHoldingRegisters(10, 1)
-    assert bus.suspect == []
+    assert not bus.state.pending
 
 
 def test_an_exception_that_is_late_is_not_the_next_ones() -> None:
@@ -83,7 +83,7 @@ def test_an_answered_question_settles_what_was_lost_before() -> None:
     with pytest.raises(NoAnswer):
         clock.play(read(bus, 10))
     clock.play(bus.ask(1, ReadInputRegisters(20, 1)))
-    assert bus.suspect == []
+    assert not bus.state.pending
     clock.play(read(bus, 30))
     assert bus.counters.probes == 0
 
@@ -155,7 +155,7 @@ def test_a_conversation_that_was_abandoned_leaves_the_line_suspect() -> None:
     conversation.send(heard)
     with pytest.raises(Abandoned):
         conversation.throw(Abandoned())
-    assert bus.suspect == [(1, ReadHoldingRegisters(10, 1))]
+    assert [(one.unit, one.request) for one in bus.state.pending] == [(1, ReadHoldingRegisters(10, 1))]
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert bus.counters.late == 1
 
@@ -192,7 +192,7 @@ def test_a_dead_unit_is_left_alone_for_longer_and_longer() -> None:
     for _ in range(2):
         with pytest.raises(NoAnswer, match="did not answer"):
             clock.play(read(bus, 1, timeout=0.1))
-    with pytest.raises(NoAnswer, match="left 2 questions unanswered: asked again in 1"):
+    with pytest.raises(NoAnswer, match="left 2 requests unanswered: asked again in 1"):
         clock.play(read(bus, 1, timeout=0.1))
     assert len(slow.asked) == 2
     clock.now += 1.1
@@ -231,7 +231,7 @@ def test_whatever_is_late_or_lost_no_value_is_ever_another_ones(
             assert address > 255
             continue
         assert answer.registers == (address,)
-    assert len(bus.suspect) <= 16
+    assert len(bus.state.pending) <= 16
 
 
 ANSWERS = st.one_of(
@@ -267,7 +267,7 @@ def test_any_bytes_at_all_are_an_answer_a_refusal_or_none(answers: list[list[tup
         except (NoAnswer, ModbusException):
             continue
         assert len(answer.registers) == 1  # type: ignore[attr-defined]
-    assert len(bus.suspect) <= 16
+    assert len(bus.state.pending) <= 16
     assert len(bus.line.held) <= 520
 
 

@@ -219,7 +219,7 @@ def test_half_a_frame_that_never_ends_is_waited_for_as_long_as_patience_says() -
 
 
 def test_a_line_that_is_never_silent_is_not_spoken_on() -> None:
-    with refused(NoAnswer, "the line is never silent: somebody else has been talking for 1 s"):
+    with refused(NoAnswer, "the line is never silent: another station has been sending for 1 s"):
         listened_to(rtu(), [(place / 1000, b"\x00") for place in range(3000)])
 
 
@@ -276,5 +276,5 @@ def test_whoever_asks_after_a_broadcast_keeps_the_silence() -> None:
 
 @pytest.mark.parametrize("request_", [READ, ReadCoils(0, 1), ReportServerId(), ReadDeviceIdentification()])
 def test_nobody_answers_a_broadcast_so_reading_makes_no_sense(request_: AnyRequest) -> None:
-    with refused(EncodeError, f"{request_.name} as a broadcast: nobody answers those"):
+    with refused(EncodeError, f"{request_.name} as a broadcast: no unit answers it"):
         play(broadcast(rtu(), request_), answering())

@@ -106,7 +106,7 @@ def test_a_device_that_goes_round_and_round_is_found_out(
         answer = ReadDeviceIdentificationResponse(1, 1, objects, True, following)
         return [(now, tcp_frame(1, answer.encode(), tcp_decode(item).transaction or 0))]
 
-    with refused(DecodeError, f"it says that {following:02X}h follows: that would never end"):
+    with refused(DecodeError, f"the next one given is {following:02X}h: that would never end"):
         play(read_device_identification(Bus(TcpLine()), 1), peer)
 
 

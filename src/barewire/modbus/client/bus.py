@@ -1,63 +1,66 @@
-"""What must be remembered between two questions: the one owner of a line.
+"""The bus: the owner of a line and of what must be remembered between two requests on it.
 
-On a serial line an answer does not say which question it answers. If the answer to A is late, it comes while B is
-being asked; if B looks like A, it passes for the answer to B, and the wrong value is delivered. So after a question
-ended without an answer (time-out, cancellation, damaged answer) the line is *suspect*, and stays so until A's answer is
-proven gone:
+On a serial line a response does not name its request. If the response to A is late, it arrives while B is open; if B
+looks like A, it passes for the response to B, and a wrong value is delivered. So when a request ended without a
+response (time-out, cancellation, damage), its answer stays *pending* until it is proven that it cannot come any more:
 
     A  ------------------->
-       ......... time-out                        A is lost
-    probe (08/00, a number) -------------->      only if A's answer could pass for B's: same unit, same function
-       <--- the late answer to A                 recognised, reported, never delivered
-       <--- the probe's echo, or exception 88    so whatever the unit had to say before is said
+       ......... time-out                        the answer to A is pending
+    probe (08/00, a number) -------------->      only if it could pass for B's: same unit, same function
+       <--- the late answer to A                 recognised, recorded, never delivered
+       <--- the probe's echo, or exception 88    the unit has sent everything that it had to send before
     B  ------------------->
        <--- the answer to B
 
-    recovery = "probe"    as drawn. The probe may be late too, so both are given `late_window`; if nothing comes, B is
+    recovery = "probe"    as drawn. The probe may be late as well, so both have `late_window`; if nothing comes, B is
                           not sent (NoAnswer). A unit that left two probes unanswered is asked again after the window
     recovery = "wait"     no probe: silence for `late_window`, then B
 
-A line whose answers are numbered (TCP) is never suspect. The good case costs nothing. What is assumed: a unit answers
-in the order in which it was asked. A second master on the line defeats it, as it defeats everything on RS-485.
+A line whose responses are numbered (TCP) needs none of this. An exchange without trouble costs nothing extra. The
+assumption: a unit answers in the order in which it was asked. A second master on the line breaks it, as it breaks
+everything else on RS-485.
 
-A write that got no answer may have been carried out: its error is `WriteOutcomeUnknown`, and it is never repeated
-unless the caller says so.
+A write without a response may have been carried out: its error is `WriteOutcomeUnknown`, and it is repeated only if
+the caller allows it.
 
-Nearly every question on TCP is one send and one read. Whoever carries it out may do so without a conversation:
+Most requests on TCP are one send and one receive. These can be carried out without running a conversation:
 
-    ask(unit, request)   =   begin(unit, request) -> the frame; send it; what comes is the answer: answered(unit, now)
-                                                                         it is anything else:      rest(unit, ...)
+    ask(unit, request)   =   begin(unit, request) -> the frame; send it;  the response arrived:     answered(unit, now)
+                                                                          anything else happened:   rest(unit, ...)
+
+Depends on: conversation, line_state, modbus.messages. Used by: exchange, io.modbus (clients), io.engine (fast path).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from copy import copy
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from barewire.conversation import Abandoned, Conversation, Listen, Send
+from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu
-from barewire.modbus.client.line_state import NEVER, LineState, UnitState, describe_event, note, unknown
+from barewire.modbus.client.line_state import NEVER, LineState, PendingAnswer, UnitState, WriteOutcomeUnknown
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
-    from barewire.modbus.framing import Line
-    from barewire.modbus.messages.base import Request, Response
-R = TypeVar("R", bound="Response")
+    from barewire.modbus.framing import Line, LineEvent
+    from barewire.modbus.messages.base import R, Request
 Recovery = Literal["probe", "wait"]
 
-_new = tuple.__new__  # what Send(...) and Listen(...) do, without the function around it
+_PROBES = 2
+"""After so many probes without a response a unit is not probed any more: then only silence proves anything."""
 
 
-class Bus(LineState):
-    """The owner of a line. One conversation at a time; whoever runs several sees to the turns.
+class Bus:
+    """The owner of a line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
-    `late_window` is the silence, in seconds, after which a lost answer is taken for gone; three time-outs if not given.
-    `gaps` are pauses, in seconds, that units need between two exchanges; `gap` is that of all others. After
-    `dead_after` questions in a row without an answer a unit is left alone for a while, longer each time, up to
-    `dead_longest` seconds: None never gives up.
+    `late_window` is the silence, in seconds, after which a pending answer is taken for gone; three time-outs if not
+    given. `gaps` are pauses, in seconds, that units need between two exchanges; `gap` is that of all others. After
+    `dead_after` requests in a row without a response a unit is left alone for a while, longer each time; None: never.
 
+    `line` may be replaced between two requests, after a reconnect: answers that are pending may still come.
     """
 
     def __init__(
@@ -69,25 +72,40 @@ class Bus(LineState):
         gap: float = 0.0,
         gaps: Mapping[int, float] | None = None,
         dead_after: int | None = None,
-        dead_longest: float = 30.0,
     ) -> None:
-        super().__init__(
-            line, late_window=late_window, gap=gap, gaps=gaps, dead_after=dead_after, dead_longest=dead_longest
-        )
+        self.line = line
         self.recovery: Recovery = recovery
+        self.late_window = late_window
+        self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after)
+        self.counters = self.state.counters
         self._nonce = 0
 
-    def ask(
-        self, unit: int, request: Request[R], *, timeout: float = 1.0, retries: int = 0, repeat_writes: bool = False
-    ) -> Conversation[bytes, R]:
-        """Ask `unit` and return its response. `timeout` counts from the moment the request is out, in seconds.
+    def sibling_bus(self, line: Line) -> Self:
+        """A bus for another line to the same units: for several open requests on one connection.
 
-        `retries` repeats a read that got no answer; a write only with `repeat_writes`. Raises ModbusException when the
-        unit declines, NoAnswer when it is silent, WriteOutcomeUnknown when a write got no answer. Where it has to be
-        silent (08/04, Force Listen Only Mode) the response is an `Unanswered`.
+        What is known about the units, and the counters, are shared.
+        """
+        sibling = copy(self)
+        sibling.line = line
+        return sibling
+
+    def ask(
+        self,
+        unit: int,
+        request: Request[R],
+        *,
+        timeout: float = DEFAULT_TIMEOUT,
+        retries: int = 0,
+        repeat_writes: bool = False,
+    ) -> Conversation[bytes, R]:
+        """Send `request` to `unit` and return its response. `timeout`, in seconds, counts from when the request is out.
+
+        `retries` repeats a read that got no response; a write only with `repeat_writes`. Raises ModbusException for an
+        exception response, NoAnswer for silence, WriteOutcomeUnknown for a write without a response. Where the standard
+        has the unit be silent (08/04, Force Listen Only Mode) the response is an `Unanswered`.
         """
         if unit == BROADCAST and not self.line.numbered:
-            raise EncodeError("unit 0 on a serial line is a broadcast: nobody answers, use tell", "unit")
+            raise EncodeError("unit 0 on a serial line is a broadcast, which no unit answers: use broadcast", "unit")
         if retries and (repeat_writes or not request.writes):
             return self._ask_again(unit, request, timeout, retries)
         return self._exchange(unit, request, timeout)
@@ -102,32 +120,34 @@ class Bus(LineState):
                 retries -= 1
 
     def begin(self, unit: int, request: Request[Any]) -> bytes | None:
-        """The frame of a question that may go out at once; None where something has to be heard, waited for or proved
-        before it, which is what `ask` is for.
+        """The frame of a request that may be sent at once; None where something must come before it, as in `ask`.
 
-        Whoever sends it owes `answered` or `rest`.
+        The caller that sends it must then call `answered` or run `rest`.
         """
-        line, known = self.line, self._units.get(unit)
-        if known is None or known.dead_until > NEVER or self.pauses or not line.numbered:
+        line, known = self.line, self.state.units.get(unit)
+        if known is None or known.dead_until > NEVER or self.state.has_gaps or not line.numbered:
             return None
         self.counters.asked += 1
         return line.request(unit, request.encode())
 
+    def answered(self, unit: int, now: float) -> None:
+        """The response to the frame of `begin` arrived."""
+        self.state.answered(unit, now)
+
     def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
-        """What is left of `ask` when a frame of `begin` is out: it listens first."""
+        """The part of `ask` after the frame of `begin` was sent: it listens first."""
         return self._exchange(unit, request, timeout, sent_at=sent_at)
 
     def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
-        """Broadcast to every unit on a serial line. Nobody answers; `turnaround` is their time to act, in seconds.
+        """Send `request` to every unit on a serial line; `turnaround` is their time to carry it out, in seconds.
 
-        [MB-SERIAL 2.4.1]. Raises EncodeError for a request that only reads: nobody would see the answer.
+        [MB-SERIAL 2.4.1]. Raises EncodeError for a request that only reads: no unit answers a broadcast.
         """
         if not request.writes:
-            text = f"{request.name} as a broadcast: nobody answers those, so only writing makes sense"
-            raise EncodeError(text, "unit")
-        return self._tell(request, turnaround)
+            raise EncodeError(f"{request.name} as a broadcast: no unit answers it, so only writes make sense", "unit")
+        return self._broadcast(request, turnaround)
 
-    def _tell(self, request: Request[R], turnaround: float) -> Conversation[bytes, None]:
+    def _broadcast(self, request: Request[R], turnaround: float) -> Conversation[bytes, None]:
         yield from self.wait_until_idle(turnaround + 1.0)
         heard = yield Send(self.line.request(BROADCAST, request.encode()))
         self.line.sent(heard.now)
@@ -136,87 +156,14 @@ class Bus(LineState):
             heard = yield Listen(until)
             self._pass_over(heard)
 
-    def _clear(self, unit: int, request: Request[Any], timeout: float, known: UnitState) -> Conversation[bytes, float]:
-        """Until the unit may be asked: the line silent, its pause over, no lost answer under way. Returns the time."""
-        now = yield from self.wait_until_idle(timeout)
-        if now < known.dead_until:
-            left = known.dead_until - now
-            raise NoAnswer(f"unit {unit} left {known.silent} questions unanswered: asked again in {left:.1f} s")
-        while now < known.free_at:
-            heard = yield Listen(known.free_at)
-            now = self._pass_over(heard)
-        return (yield from self._prove_gone(unit, request, timeout, known, now))
-
-    def _exchange(
-        self, unit: int, request: Request[R], timeout: float, *, is_probe: bool = False, sent_at: float | None = None
-    ) -> Conversation[bytes, R]:
-        """When the unit may be asked, send it and wait for its answer. Nothing keeps a probe from being sent.
-
-        With `sent_at` it is out already.
-        """
-        line = self.line
-        known = self._units.get(unit)
-        if known is None:
-            known = self._units[unit] = UnitState()
-        now = known.free_at if sent_at is None else sent_at
-        # An answer with a number answers nothing else: then there is nothing to hear out before asking.
-        if sent_at is None and not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
-            now = yield from self._clear(unit, request, timeout, known)
-        passed_over: list[str] = []
-        try:
-            # From here on an answer may come, however this ends.
-            if sent_at is None:
-                self.counters.asked += 1
-                heard = yield _new(Send, (line.request(unit, request.encode()),))
-                now = heard.now
-                line.sent(now)
-            until = now + timeout
-            while now < until:
-                wake = line.deadline
-                heard = yield _new(Listen, (until if wake is None or wake > until else wake,))
-                now = heard.now
-                for event in line.feed(heard.item, now):
-                    if isinstance(event, Adu) and line.answers(event):
-                        try:
-                            response = request.read_response(event.pdu)
-                        except ModbusException:
-                            self.answered(unit, now)
-                            raise
-                        except DecodeError as error:
-                            why = str(error)
-                        else:
-                            self.answered(unit, now)
-                            return response
-                    else:
-                        why = describe_event(event)
-                    self._stray(event, now)
-                    note(passed_over, why)
-                if line.broken is not None:
-                    break
-        except (Abandoned, GeneratorExit) as gone:
-            self._lose(unit, request, now, timeout)
-            if request.writes and isinstance(gone, Abandoned):
-                raise unknown(f"unit {unit}, {request.name}: {gone}") from gone
-            raise
-        self._lose(unit, request, now, timeout)
-        if line.broken is None and (silence := request.without_answer(listens_only=known.listens_only)) is not None:
-            self.counters.lost -= 1  # only an exception could still come, late
-            known.listens_only = request.without_answer() is not None
-            return silence
-        if line.broken is not None:
-            text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing behind it can be trusted"
-        else:
-            self._unanswered(known, now)
-            if line.held:
-                note(passed_over, f"{len(line.held)} bytes without an end")
-            instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
-            text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
-        raise unknown(text) if request.writes else NoAnswer(text)
+    def overhear(self, data: bytes | None, now: float) -> None:
+        """Bytes that arrived while no request was open."""
+        self._pass_over(Heard(data, now))
 
     def wait_until_idle(self, patience: float) -> Conversation[bytes, float]:
-        """Hear the line out until it may be spoken on; returns the time. What comes now answers nothing of ours.
+        """Listen until the line may be used, and return the time. What arrives meanwhile answers no request.
 
-        Raises NoAnswer if somebody else never stops talking.
+        Raises NoAnswer if the line does not become silent within `patience` seconds.
         """
         line = self.line
         heard = yield Listen(NEVER)
@@ -227,51 +174,174 @@ class Bus(LineState):
             if heard.item is None and now >= quiet:
                 return now
             if now >= give_up:
-                raise NoAnswer(f"the line is never silent: somebody else has been talking for {patience:g} s")
+                raise NoAnswer(f"the line is never silent: another station has been sending for {patience:g} s")
             heard = yield Listen(max(quiet, now))
 
-    # A lost answer
+    def settle(self) -> Conversation[bytes, None]:
+        """Listen until no pending answer can come any more: before the line is left to another user."""
+        state = self.state
+        while state.pending:
+            until = max(one.until for one in state.pending)
+            heard = yield Listen(until)
+            if self._pass_over(heard) >= until:
+                state.pending.clear()
+
+    # One exchange
+
+    def _exchange(
+        self, unit: int, request: Request[R], timeout: float, *, is_probe: bool = False, sent_at: float | None = None
+    ) -> Conversation[bytes, R]:
+        """Wait until the unit may be asked, send the request, wait for its response. A probe is sent at once.
+
+        With `sent_at` the request is out already.
+        """
+        line, state = self.line, self.state
+        known = state.units.get(unit)
+        if known is None:
+            known = state.units[unit] = UnitState()
+        now = known.free_at if sent_at is None else sent_at
+        # A numbered response answers no other request, so without a pause there is nothing to wait for.
+        if sent_at is None and not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
+            now = yield from self._clear(unit, request, timeout, known)
+        passed_over: list[str] = []
+        try:
+            # From here on a response may come, however this exchange ends.
+            if sent_at is None:
+                self.counters.asked += 1
+                heard = yield Send(line.request(unit, request.encode()))
+                now = heard.now
+                line.sent(now)
+            until = now + timeout
+            while now < until:
+                wake = line.deadline
+                heard = yield Listen(until if wake is None or wake > until else wake)
+                now = heard.now
+                for event in line.feed(heard.item, now):
+                    if isinstance(event, Adu) and line.answers(event):
+                        try:
+                            response = request.read_response(event.pdu)
+                        except ModbusException:
+                            state.answered(unit, now)
+                            raise
+                        except DecodeError as error:
+                            why = str(error)
+                        else:
+                            state.answered(unit, now)
+                            return response
+                    else:
+                        why = describe_event(event)
+                    state.stray(event, now)
+                    _note(passed_over, why)
+                if line.broken is not None:
+                    break
+        except (Abandoned, GeneratorExit) as gone:
+            self._leave_pending(unit, request, now, timeout)
+            if request.writes and isinstance(gone, Abandoned):
+                raise _outcome_unknown(f"unit {unit}, {request.name}: {gone}") from gone
+            raise
+        self._leave_pending(unit, request, now, timeout)
+        if line.broken is None and (silence := request.without_answer(listens_only=known.listens_only)) is not None:
+            self.counters.lost -= 1  # only an exception could still come, late
+            known.listens_only = request.without_answer() is not None
+            return silence
+        raise self._no_answer(unit, request, timeout, known, now, passed_over)
+
+    def _no_answer(
+        self, unit: int, request: Request[Any], timeout: float, known: UnitState, now: float, passed_over: list[str]
+    ) -> NoAnswer:
+        """The error of a request whose time is over, or whose line broke."""
+        line = self.line
+        if line.broken is not None:
+            text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing after it can be trusted"
+        else:
+            self.state.timed_out(known, now)
+            if line.held:
+                _note(passed_over, f"{len(line.held)} bytes without an end")
+            instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
+            text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
+        return _outcome_unknown(text) if request.writes else NoAnswer(text)
+
+    def _leave_pending(self, unit: int, request: Request[Any], now: float, timeout: float) -> None:
+        self.counters.lost += 1
+        if not self.line.numbered:
+            window = 3 * timeout if self.late_window is None else self.late_window
+            self.state.pending.append(PendingAnswer(unit, request, now + window))
+
+    def _pass_over(self, heard: Heard[bytes]) -> float:
+        for event in self.line.feed(heard.item, heard.now):
+            self.state.stray(event, heard.now)
+        return heard.now
+
+    # Before the next request
+
+    def _clear(self, unit: int, request: Request[Any], timeout: float, known: UnitState) -> Conversation[bytes, float]:
+        """Wait until the line is idle, the unit's pause over, and no confusable answer pending. Returns the time."""
+        now = yield from self.wait_until_idle(timeout)
+        if now < known.dead_until:
+            left = known.dead_until - now
+            raise NoAnswer(f"unit {unit} left {known.silent} requests unanswered: asked again in {left:.1f} s")
+        while now < known.free_at:
+            heard = yield Listen(known.free_at)
+            now = self._pass_over(heard)
+        return (yield from self._prove_gone(unit, request, timeout, known, now))
 
     def _prove_gone(
         self, unit: int, request: Request[Any], timeout: float, known: UnitState, now: float
     ) -> Conversation[bytes, float]:
-        """Before a question that a lost answer could pass for: make sure that the lost answer cannot come any more.
+        """Before a request whose response a pending answer could pass for: prove that it cannot come any more.
 
         Returns the time.
         """
-        if not self._confusable(unit, request):
+        state = self.state
+        if not state.confusable(unit, request):
             return now
-        from barewire.modbus.messages.diagnostics import (  # on TCP never needed, elsewhere rarely
-            RETURN_QUERY_DATA,
-            Diagnostics,
-        )
+        # Loaded here because TCP never needs it, and other lines rarely do.
+        from barewire.modbus.messages.diagnostics import RETURN_QUERY_DATA, Diagnostics
 
-        # A probe proves nothing to a question that is one itself; and who left two unanswered has no ear for them.
+        # A probe proves nothing to a request that is one itself, nor to a unit that does not answer probes.
         proof = self.recovery == "probe" and request.function_code != Diagnostics.function_code
-        if proof and known.unproven < 2:
+        if proof and known.unproven < _PROBES:
             self._nonce = self._nonce + 0x9E37 & 0xFFFF  # another number each time: its echo cannot be an older one
             self.counters.probes += 1
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
             known.unproven += 1
-            # "I do not know function 08" is an answer too, and it came after everything before. No answer may be a late
-            # one, like those before: the window is for both.
+            # The exception "function 08 is unknown" proves as much as the echo: it came after everything before it. If
+            # nothing comes, the probe's answer may be late as well, and the window below is for both.
             with suppress(ModbusException, NoAnswer):
                 yield from self._exchange(unit, probe, timeout, is_probe=True)
-        while self._confusable(unit, request):
-            until = max(lost.until for lost in self._lost if lost.unit == unit)
+        while state.confusable(unit, request):
+            until = max(one.until for one in state.pending if one.unit == unit)
             heard = yield Listen(until)
             now = self._pass_over(heard)
-            if now >= until and proof and known.unproven < 2:
-                text = f"unit {unit} owes an answer that may still come, and left a probe unanswered"
+            if now >= until and proof and known.unproven < _PROBES:
+                text = f"unit {unit} has an answer pending that may still come, and left a probe unanswered"
                 raise NoAnswer(f"{text}: {request.name} was not sent")
             if now >= until:
-                self._forget(unit)
+                state.forget(unit)
         return (yield from self.wait_until_idle(timeout))
 
-    def settle(self) -> Conversation[bytes, None]:
-        """Stay on the line until no lost answer can come any more: for whoever leaves it to others."""
-        while self._lost:
-            until = max(lost.until for lost in self._lost)
-            heard = yield Listen(until)
-            if self._pass_over(heard) >= until:
-                self._lost.clear()
+
+def describe_event(event: LineEvent) -> str:
+    """One event in words, for the text of an error."""
+    if isinstance(event, Adu):
+        number = "" if event.transaction is None else f", transaction {event.transaction}"
+        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
+    text = event.text or event.reason
+    if not event.data:
+        return text
+    shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
+    size = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}"
+    # A text such as "3 bytes, then silence" has the number already.
+    return f"{size} {shown}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {shown}: {text}"
+
+
+def _note(passed_over: list[str], text: str) -> None:
+    """Keep the first three: an error is one line, and a line full of noise must not fill the memory."""
+    if len(passed_over) < 3:
+        passed_over.append(text)
+    elif len(passed_over) == 3:
+        passed_over.append("...")
+
+
+def _outcome_unknown(text: str) -> WriteOutcomeUnknown:
+    return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown")

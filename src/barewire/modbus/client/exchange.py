@@ -1,40 +1,39 @@
-"""The turns of talk of a client: ask one unit one thing, or tell all of them.
+"""One exchange of a client: ask one unit, or broadcast to all of them.
 
     client                                       unit
     ------                                       ----
-    wait until the line may be spoken on
+    wait until the line is idle
     request    ------------------------------->
                <-------------------------------  response, or exception response      -> value, or ModbusException
-               <-------------------------------  anything else                        -> heard, told, never taken
+               <-------------------------------  anything else                        -> noted for the error, ignored
                .............. time-out .........                                      -> NoAnswer, with what was heard
 
-An answer that fits no part of the question, from another unit, or damaged, does not end the waiting: the standard keeps
-the timer running [MB-SERIAL 2.4.1], for the right answer may still come.
+A frame that does not answer the request, comes from another unit or is damaged does not end the waiting: the standard
+keeps the timer running [MB-SERIAL 2.4.1], because the right response may still come.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
+from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.modbus.client.bus import Bus
 
 if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.modbus.framing import Line
-    from barewire.modbus.messages.base import Request, Response
-R = TypeVar("R", bound="Response")
+    from barewire.modbus.messages.base import R, Request
 
 
-def ask(line: Line, unit: int, request: Request[R], *, timeout: float = 1.0) -> Conversation[bytes, R]:
-    """Ask `unit` once and return its response; nothing is remembered.
+def ask(line: Line, unit: int, request: Request[R], *, timeout: float = DEFAULT_TIMEOUT) -> Conversation[bytes, R]:
+    """Send `request` to `unit` once and return its response; nothing is remembered afterwards.
 
-    Whoever asks again on the same line takes a `Bus`, which knows which answers may still be late.
-
-    Raises ModbusException when the unit declines, NoAnswer when it is silent.
+    For several requests on the same line use a `Bus`, which recognises late responses. `timeout` is in seconds.
+    Raises ModbusException for an exception response, NoAnswer when the time is over.
     """
     return Bus(line).ask(unit, request, timeout=timeout)
 
 
 def broadcast(line: Line, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
-    """Broadcast to every unit on a serial line, and give them `turnaround` seconds to act."""
+    """Send `request` to every unit on a serial line, then leave them `turnaround` seconds to carry it out."""
     return Bus(line).broadcast(request, turnaround=turnaround)

@@ -1,11 +1,12 @@
-"""Whose turn it is on a line that many want: round about by unit, first come first served within a unit.
+"""Which of several waiting requests is next on a line: round robin by unit, first come first served within a unit.
 
     waiting   unit 1: a b c d      unit 2: e      unit 3: f g
-    turns     a e f b g c d
+    order     a e f b g c d
 
-A unit that is asked a hundred things does not keep the others waiting. Where there is a place and nobody waits, `enter`
-and `exit` do without a ticket. The queue is pure: the shells wait with a condition or with futures, whoever tests it
-needs neither.
+So a unit with a hundred requests does not keep the others waiting. While a place is free and nothing waits, `enter` and
+`exit` are enough, without a ticket. The queue does not block: the callers wait, with a condition or with futures.
+
+Depends on: nothing. Used by: the Modbus clients of io.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections import deque
 
 
 class Ticket:
-    """A place in the queue of one unit. None is the queue of whatever concerns no unit in particular."""
+    """A place in the queue of one unit. `unit` None is the queue of requests to no unit in particular."""
 
     __slots__ = ("unit",)
 
@@ -23,34 +24,34 @@ class Ticket:
 
 
 class FairQueue:
-    """`places` may have their turn at the same time: 1 on a serial line, up to 16 on TCP.
+    """Admits `places` requests at the same time: 1 on a serial line, up to 16 on TCP.
 
-    >>> turns = FairQueue()
-    >>> first, second, other = turns.join(1), turns.join(1), turns.join(2)
-    >>> turns.leave(first)
+    >>> queue = FairQueue()
+    >>> first, second, other = queue.join(1), queue.join(1), queue.join(2)
+    >>> queue.leave(first)
     True
-    >>> turns.has(second), turns.has(other)
+    >>> queue.has(second), queue.has(other)
     (False, True)
     """
 
     def __init__(self, places: int = 1) -> None:
         self._free = places
         self._waiting: dict[int | None, deque[Ticket]] = {}
-        self._served: dict[int | None, int] = {}  # when each unit had its last turn: the number of that turn
+        self._served: dict[int | None, int] = {}  # unit -> the number of its latest admission
         self._count = 0
         self._holders: set[Ticket] = set()
 
     @property
     def holders(self) -> frozenset[Ticket]:
-        """Those whose turn it is, as far as they have a ticket."""
+        """The tickets that are admitted."""
         return frozenset(self._holders)
 
     def has(self, ticket: Ticket) -> bool:
-        """Whether it is this one's turn."""
+        """Whether this ticket is admitted."""
         return ticket in self._holders
 
     def enter(self, unit: int | None) -> bool:
-        """Take a place at once, if nobody is kept waiting by that. Whoever entered exits."""
+        """Take a free place at once, without a ticket; False if there is none, or others wait. `exit` gives it back."""
         if not self._free or self._waiting:
             return False
         self._free -= 1
@@ -59,12 +60,12 @@ class FairQueue:
         return True
 
     def exit(self) -> bool:
-        """The turn of one who entered is over. Whether it is somebody else's turn now."""
+        """Give back a place taken by `enter`. Returns whether another ticket was admitted."""
         self._free += 1
         return bool(self._waiting) and self._admit()
 
     def join(self, unit: int | None) -> Ticket:
-        """Stand in the queue. Whoever joins leaves, whether it got its turn or gave up before."""
+        """Take a ticket, admitted or waiting. `leave` gives it back, in both cases."""
         ticket = Ticket(unit)
         if self.enter(unit):
             self._holders.add(ticket)
@@ -73,7 +74,7 @@ class FairQueue:
         return ticket
 
     def leave(self, ticket: Ticket) -> bool:
-        """The turn is over, or no longer wanted. Whether it is somebody else's turn now."""
+        """Give back a ticket: its request is done, or not wanted any more. Returns whether another one was admitted."""
         if ticket in self._holders:
             self._holders.remove(ticket)
             return self.exit()
@@ -86,7 +87,7 @@ class FairQueue:
 
     def _admit(self) -> bool:
         while self._free and self._waiting:
-            # The one whose last turn is longest ago; of those that had none, the first that came.
+            # The unit admitted longest ago; of those never admitted, the first that came.
             unit = min(self._waiting, key=lambda unit: self._served.get(unit, 0))
             queue = self._waiting[unit]
             self._holders.add(queue.popleft())

@@ -1,7 +1,11 @@
-"""What a bus remembers: lost questions, late replies, what is known of each unit, and how the line is.
+"""What a bus remembers about its line: pending answers, late replies, the state of each unit, and counters.
 
-What happened is kept here by being told of (`LineState`). What is done about it, and when a unit may be asked, are the
-conversations of `bus`.
+    request sent, no response   -->  PendingAnswer: its response may still come, until a given time
+    a frame that fits one       -->  LateReply: recorded, never delivered
+    a response in time          -->  the pending answers of that unit are settled
+
+`LineState` only records what happened. When a unit may be asked, and what to do about a pending answer, is decided by
+the conversations of `bus`.
 """
 
 from __future__ import annotations
@@ -9,31 +13,32 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barewire.conversation import Heard
 from barewire.errors import DecodeError, NoAnswer
 from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
-    from barewire.modbus.framing import Line, LineEvent
+    from barewire.modbus.framing import LineEvent
     from barewire.modbus.messages.base import Request
 
-KEPT = 16
-"""Late replies kept to be looked at, and lost questions remembered: a line in trouble must not fill the memory."""
+_KEPT = 16
+"""The most late replies and pending answers that are kept, so that a line in trouble does not fill the memory."""
 
+_LONGEST_PAUSE = 30.0
+"""Seconds: the longest time for which a dead unit is left alone."""
 
 NEVER = float("-inf")
-"""A time that was always over."""
+"""A time that is always in the past."""
 
 
 class WriteOutcomeUnknown(NoAnswer):
-    """A write was sent and nobody answered: it may have been carried out, or not. Read back before writing again."""
+    """A write was sent and not answered: it may or may not have been carried out. Read back before writing again."""
 
 
 class LateReply(NamedTuple):
-    """An answer that came when nobody waited for it any more. It was not delivered to anybody."""
+    """A response that came after its request had timed out. It was not delivered."""
 
     unit: int
     request: Request[Any]
@@ -42,14 +47,14 @@ class LateReply(NamedTuple):
 
 
 class PendingAnswer(NamedTuple):
-    """A question that went out and got no answer, and until when its answer may still come."""
+    """A request that was sent and not answered; its response may still come until `until`."""
 
     unit: int
     request: Request[Any]
     until: float
 
     def could_be(self, adu: Adu) -> bool:
-        """Whether this frame is its answer, or an exception that says no to it."""
+        """Whether this frame is its response, or an exception response to it."""
         if self.unit != adu.unit:
             return False
         try:
@@ -63,18 +68,18 @@ class PendingAnswer(NamedTuple):
 
 @dataclass
 class UnitState:
-    """What is known of one unit."""
+    """What is known about one unit."""
 
-    free_at: float = NEVER  # not to be spoken to before: its gap
-    silent: int = 0  # questions in a row without an answer
+    free_at: float = NEVER  # its pause is over at this time
+    silent: int = 0  # requests in a row without a response
     dead_until: float = NEVER
-    unproven: int = 0  # probes in a row without an answer
-    listens_only: bool = False  # it was told to, and was silent
+    unproven: int = 0  # probes in a row without a response
+    listens_only: bool = False  # Force Listen Only Mode was sent, and not answered
 
 
 @dataclass
 class BusCounters:
-    """How the line is."""
+    """Counts from 0, and the latest late replies."""
 
     asked: int = 0
     answered: int = 0
@@ -82,133 +87,64 @@ class BusCounters:
     late: int = 0
     probes: int = 0
     strays: int = 0
-    replies: deque[LateReply] = field(default_factory=lambda: deque(maxlen=KEPT))
+    replies: deque[LateReply] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
 
 class LineState:
-    """What a bus knows of its line and of the units on it, kept up to date by being told what happened.
+    """The memory of a bus. `gap` and `gaps` are pauses of units in seconds; `dead_after` None never gives a unit up."""
 
-    `line` may be replaced between two questions, when a connection was made anew: what was lost may still come.
-    """
-
-    def __init__(
-        self,
-        line: Line,
-        *,
-        late_window: float | None,
-        gap: float,
-        gaps: Mapping[int, float] | None,
-        dead_after: int | None,
-        dead_longest: float,
-    ) -> None:
-        self.line = line
-        self.late_window = late_window
+    def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None) -> None:
         self.counters = BusCounters()
-        self.pauses = bool(gap or gaps)
-        """Whether units are given a pause between two exchanges."""
+        self.units: dict[int, UnitState] = {}
+        self.pending: deque[PendingAnswer] = deque(maxlen=_KEPT)
+        """The requests whose responses may still come, the oldest first."""
+        self.has_gaps = bool(gap or gaps)
         self._gap = gap
         self._gaps = gaps or {}
         self._dead_after = dead_after
-        self._dead_longest = dead_longest
-        self._lost: deque[PendingAnswer] = deque(maxlen=KEPT)
-        self._units: dict[int, UnitState] = {}
-
-    @property
-    def suspect(self) -> list[tuple[int, Request[Any]]]:
-        """The questions whose answers may still come."""
-        return [(lost.unit, lost.request) for lost in self._lost]
-
-    def sibling_bus(self, line: Line) -> Self:
-        """A bus for another line to the same units: several questions under way on one connection.
-
-        What is known of the units and the counters are shared.
-        """
-        from copy import copy  # nobody else needs it
-
-        other = copy(self)
-        other.line = line
-        other._lost = deque(maxlen=KEPT)
-        return other
-
-    def overhear(self, data: bytes | None, now: float) -> None:
-        """Bytes that came when nobody was asking."""
-        self._pass_over(Heard(data, now))
 
     def answered(self, unit: int, now: float) -> None:
-        """The unit answered: everything it was asked before is settled."""
-        known = self._units[unit]
+        """The unit sent a response in time, so every earlier request to it is settled."""
+        known = self.units[unit]
         self.counters.answered += 1
         if known.silent or known.unproven:
             known.silent = 0
             known.unproven = 0
             known.dead_until = NEVER
-        if self.pauses and (gap := self._gaps.get(unit, self._gap)):
+        if self.has_gaps and (gap := self._gaps.get(unit, self._gap)):
             known.free_at = now + gap
-        if self._lost:
-            self._forget(unit)
+        if self.pending:
+            self.forget(unit)
 
-    def _unanswered(self, known: UnitState, now: float) -> None:
+    def timed_out(self, known: UnitState, now: float) -> None:
+        """One more request without a response; from `dead_after` on the unit is left alone, each time for longer."""
         known.silent += 1
         if self._dead_after is not None and known.silent >= self._dead_after:
-            known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), self._dead_longest)
+            known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), _LONGEST_PAUSE)
 
-    def _lose(self, unit: int, request: Request[Any], now: float, timeout: float) -> None:
-        self.counters.lost += 1
-        if not self.line.numbered:
-            window = 3 * timeout if self.late_window is None else self.late_window
-            self._lost.append(PendingAnswer(unit, request, now + window))
+    def forget(self, unit: int) -> None:
+        """No pending answer of this unit can come any more."""
+        self.pending = deque((one for one in self.pending if one.unit != unit), maxlen=_KEPT)
 
-    def _forget(self, unit: int) -> None:
-        self._lost = deque((lost for lost in self._lost if lost.unit != unit), maxlen=KEPT)
+    def confusable(self, unit: int, request: Request[Any]) -> list[PendingAnswer]:
+        """The pending answers that could pass for the response to this request.
 
-    def _confusable(self, unit: int, request: Request[Any]) -> list[PendingAnswer]:
-        """The lost questions whose answers could pass for this one's: the same function is enough, for an exception
-        response says no more than that."""
+        The same unit and function are enough: an exception response contains no more.
+        """
         code = request.function_code
-        return [lost for lost in self._lost if lost.unit == unit and lost.request.function_code == code]
+        return [one for one in self.pending if one.unit == unit and one.request.function_code == code]
 
-    def _pass_over(self, heard: Heard[bytes]) -> float:
-        for event in self.line.feed(heard.item, heard.now):
-            self._stray(event, heard.now)
-        return heard.now
-
-    def _stray(self, event: LineEvent, now: float) -> None:
-        """Something that answers nothing we wait for: a late reply if it fits a lost question, weather otherwise."""
+    def stray(self, event: LineEvent, now: float) -> None:
+        """Record a frame or noise that answers no open request: a late reply if it fits a pending answer."""
         self.counters.strays += 1
         if not isinstance(event, Adu):
             return
-        for place, lost in enumerate(self._lost):
-            if lost.could_be(event):
-                # It answers in the order in which it was asked: what was lost before this will not come any more.
-                kept = (other for at, other in enumerate(self._lost) if at > place or other.unit != lost.unit)
-                self._lost = deque(kept, maxlen=KEPT)
-                self._units[lost.unit].unproven = 0
+        for place, late in enumerate(self.pending):
+            if late.could_be(event):
+                # A unit answers in the order in which it was asked: what was pending before this one will not come.
+                kept = (one for at, one in enumerate(self.pending) if at > place or one.unit != late.unit)
+                self.pending = deque(kept, maxlen=_KEPT)
+                self.units[late.unit].unproven = 0
                 self.counters.late += 1
-                self.counters.replies.append(LateReply(lost.unit, lost.request, event.pdu, now))
+                self.counters.replies.append(LateReply(late.unit, late.request, event.pdu, now))
                 return
-
-
-def describe_event(event: LineEvent) -> str:
-    """One event in words, for the text of an error."""
-    if isinstance(event, Adu):
-        number = "" if event.transaction is None else f", transaction {event.transaction}"
-        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
-    if not event.data:
-        return event.text or event.reason
-    shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
-    size, text = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}", event.text or event.reason
-    # "3 bytes, then silence" is not told its number twice.
-    return f"{size} {shown}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {shown}: {text}"
-
-
-def note(passed_over: list[str], text: str) -> None:
-    """Keep the first few: an error is one line, and a babbling line must not fill the memory."""
-    if len(passed_over) < 3:
-        passed_over.append(text)
-    elif len(passed_over) == 3:
-        passed_over.append("...")
-
-
-def unknown(text: str) -> WriteOutcomeUnknown:
-    """The error of a write that got no answer."""
-    return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown")

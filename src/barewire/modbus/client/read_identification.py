@@ -1,20 +1,20 @@
-"""The turn of talk that reads all a device says about itself: a question for each part until nothing follows.
+"""Read all identification objects of a unit (2B/0E): one request for each part, until nothing follows.   [MB-APP 6.21]
 
 client                                         unit
 ------                                         ----
 2B/0E basic, from object 00      ----------->
                                  <-----------  00, 01; more follows, next is 02
 2B/0E basic, from object 02      ----------->
-                                 <-----------  02; this is all                     -> Identification
+                                 <-----------  02; nothing follows          -> DeviceIdentification
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
-from barewire.conversation import Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import DecodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import check_range
 from barewire.modbus.messages.identification import (
     BASIC,
     EXTENDED,
@@ -23,17 +23,12 @@ from barewire.modbus.messages.identification import (
     ReadDeviceIdentificationResponse,
 )
 
-R = TypeVar("R", bound="Response")
-
-
-class Asker(Protocol):
-    """Whoever can ask one question: a `Bus`."""
-
-    def ask(self, unit: int, request: Request[R], *, timeout: float = 1.0) -> Conversation[bytes, R]: ...
+if TYPE_CHECKING:
+    from barewire.modbus.client.bus import Bus
 
 
 class DeviceIdentification(NamedTuple):
-    """What a device said: its conformity (01, 02, 03; with 80h added if it gives single objects too), its objects."""
+    """The identification objects of a unit, and its conformity level: 01, 02 or 03, plus 80h for individual access."""
 
     conformity: int
     objects: dict[int, bytes]
@@ -51,31 +46,30 @@ class DeviceIdentification(NamedTuple):
 
 
 def read_device_identification(
-    asker: Asker, unit: int, read_code: int = BASIC, *, timeout: float = 1.0
+    bus: Bus, unit: int, read_code: int = BASIC, *, timeout: float = DEFAULT_TIMEOUT
 ) -> Conversation[bytes, DeviceIdentification]:
-    """Read the basic (01), regular (02) or extended (03) objects of a unit, however many answers that takes.
+    """Read the basic (01), regular (02) or extended (03) objects of a unit, in as many requests as it takes.
 
-    The number of the next object must grow, so this ends after 256 questions at the latest, whatever the device says:
-    DecodeError("value") if it does not. Raises what `ask` raises otherwise.
+    `timeout`, in seconds, is for each request. Raises what `Bus.ask` raises, and DecodeError("value") if the number of
+    the next object does not grow: so there are never more than 256 requests.
     """
     check_range("read_code", read_code, BASIC, EXTENDED)
-    return _identify(asker, unit, read_code, timeout)
+    return _read_all(bus, unit, read_code, timeout)
 
 
-def _identify(asker: Asker, unit: int, read_code: int, timeout: float) -> Conversation[bytes, DeviceIdentification]:
+def _read_all(bus: Bus, unit: int, read_code: int, timeout: float) -> Conversation[bytes, DeviceIdentification]:
     objects: dict[int, bytes] = {}
     first = 0
     while True:
-        answer = yield from asker.ask(unit, ReadDeviceIdentification(read_code, first), timeout=timeout)
+        answer = yield from bus.ask(unit, ReadDeviceIdentification(read_code, first), timeout=timeout)
         objects.update(answer.objects)
         if not answer.more_follows:
             return DeviceIdentification(answer.conformity, objects)
         if answer.next_object <= max(first, *(number for number, _ in answer.objects), 0):
-            raise _going_round(answer, first)
+            raise _endless(answer, first)
         first = answer.next_object
 
 
-def _going_round(answer: ReadDeviceIdentificationResponse, first: int) -> DecodeError:
-    pdu = answer.encode()
-    text = f"after object {first:02X}h it says that {answer.next_object:02X}h follows: that would never end"
-    return DecodeError("value", pdu, 5, text)
+def _endless(answer: ReadDeviceIdentificationResponse, first: int) -> DecodeError:
+    text = f"after object {first:02X}h the next one given is {answer.next_object:02X}h: that would never end"
+    return DecodeError("value", answer.encode(), 5, text)
