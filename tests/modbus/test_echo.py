@@ -23,7 +23,7 @@ from barewire.modbus import (
     WriteSingleRegister,
     ask,
 )
-from barewire.modbus.echo import TELLING
+from barewire.modbus.echo import DETECTING
 from barewire.rtu import RtuLine, Timing, encode
 from tests.helpers import answering, bytes_of, modest
 
@@ -188,7 +188,7 @@ def test_until_it_is_known_a_copy_is_an_echo_and_never_a_wrong_answer() -> None:
     play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
 
 
-@pytest.mark.parametrize("code", sorted(TELLING))
+@pytest.mark.parametrize("code", sorted(DETECTING))
 def test_the_answer_to_a_question_that_tells_is_never_the_question(code: int) -> None:
     """By length: each kind of request of this function against each answer that fits it."""
     kinds: dict[int, tuple[list[int], list[int]]] = {

@@ -1,4 +1,4 @@
-"""What every envelope delivers: a letter with its address, or noise.
+"""The ADU, which every framing delivers: a PDU with its unit; and noise, the bytes that are no frame.
 
     RTU      | unit | PDU                    | CRC |
     ASCII  : | unit | PDU                    | LRC | CR LF
@@ -6,6 +6,8 @@
                                           '------- ADU, as seen here --'        [MB-APP 4.1]
 
 The PDU (protocol data unit) is the function code and its data, 1 to 253 bytes, the same in all three.
+
+Depends on: errors. Used by: rtu, ascii, tcp and everything in modbus.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ BROADCAST = 0
 
 
 class Adu(NamedTuple):
-    """One whole frame without its envelope. `transaction` is TCP's number, None where there is none."""
+    """One frame without its framing. `transaction` is the number of a TCP frame, None on serial lines."""
 
     unit: int
     pdu: bytes
@@ -27,9 +29,9 @@ class Adu(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Bytes that are no frame, with the reason. On a bus that is weather: reported, counted, never raised.
+    """Bytes that are no frame, with the reason. Noise is normal on a bus: it is reported and counted, never raised.
 
-    Every byte that a line is fed comes out of it in exactly one `Adu` or one `Noise`, or is still held.
+    Every byte fed to a line is returned in exactly one `Adu` or one `Noise`, or is still held.
     """
 
     data: bytes
@@ -38,12 +40,12 @@ class Noise(NamedTuple):
 
 
 def check_unit(unit: int) -> None:
-    """A unit address is one byte; EncodeError otherwise. 0 is broadcast, 248..255 are reserved on serial lines."""
+    """Raise EncodeError unless `unit` is in 0..255. 0 is broadcast, 248..255 are reserved on serial lines."""
     if not 0 <= unit <= 255:
         raise EncodeError(f"unit {unit}: expected 0..255", "unit")
 
 
 def check_pdu(pdu: bytes) -> None:
-    """1 to 253 bytes; EncodeError otherwise [MB-APP 4.1]."""
+    """Raise EncodeError unless the PDU has 1 to 253 bytes [MB-APP 4.1]."""
     if not 1 <= len(pdu) <= PDU_LIMIT:
         raise EncodeError(f"a PDU of {len(pdu)} bytes: expected 1..{PDU_LIMIT}", "pdu")

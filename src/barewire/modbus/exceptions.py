@@ -1,6 +1,8 @@
-"""How a server declines: the exception response and the table of its codes.
+"""Exception codes: the table of the standard, and the error that a client raises for an exception response.
 
-| function code + 80h | exception code |                                   [MB-APP 7]
+    | function code + 80h | exception code |                                   [MB-APP 7]
+
+Depends on: errors. Used by: messages, client, server, and every unit that declines a request.
 """
 
 from __future__ import annotations
@@ -11,23 +13,23 @@ from barewire.errors import Refused
 
 
 class ExceptionCode(NamedTuple):
-    """One row of the table: the name of the standard, and what it usually means on a bench."""
+    """One row of the table: the name in the standard, and its usual cause in practice."""
 
     name: str
     hint: str
 
 
 EXCEPTIONS: dict[int, ExceptionCode] = {
-    0x01: ExceptionCode("illegal function", "this server does not know the function code"),
+    0x01: ExceptionCode("illegal function", "this server does not support the function code"),
     0x02: ExceptionCode("illegal data address", "the address, or the address plus quantity, does not exist there"),
     0x03: ExceptionCode("illegal data value", "a quantity, value or length the server does not accept"),
-    0x04: ExceptionCode("server device failure", "it tried and failed"),
+    0x04: ExceptionCode("server device failure", "the server failed while carrying it out"),
     0x05: ExceptionCode("acknowledge", "accepted, but it takes long: ask later whether it is done"),
     0x06: ExceptionCode("server device busy", "ask again later"),
     0x07: ExceptionCode("negative acknowledge", "an older code that the tables of V1.1b3 no longer list"),
     0x08: ExceptionCode("memory parity error", "file records only: the stored record is damaged"),
-    0x0A: ExceptionCode("gateway path unavailable", "the gateway has no way to that unit"),
-    0x0B: ExceptionCode("gateway target device failed to respond", "the unit behind the gateway is silent"),
+    0x0A: ExceptionCode("gateway path unavailable", "the gateway has no path to that unit"),
+    0x0B: ExceptionCode("gateway target device failed to respond", "the unit behind the gateway did not respond"),
 }
 
 ILLEGAL_FUNCTION = 0x01
@@ -38,15 +40,13 @@ SERVER_DEVICE_BUSY = 0x06
 
 
 def exception_name(code: int) -> str:
-    """'illegal data address' for 2; a code that nobody defined is named as such."""
+    """The name of an exception code: 'illegal data address' for 2, 'undefined exception code' for 9."""
     known = EXCEPTIONS.get(code)
     return known.name if known else "undefined exception code"
 
 
 class ModbusException(Refused):
-    """The server answered with an exception response.
-
-    Raised by a client that reads one, and by a server's own functions that want to send one.
+    """An exception response. A client raises it on receiving one; a unit of a server raises it to send one.
 
     >>> str(ModbusException(2, function_code=3))
     'exception 02 (illegal data address) to function 03'

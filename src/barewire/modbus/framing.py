@@ -1,14 +1,17 @@
-"""What an envelope must offer to carry Modbus: the members that rtu, ascii and tcp have in common.
+"""The protocol of a line: the members that the framings rtu, ascii and tcp have in common.
 
-A *line* is the framing state of one connection. Nobody inherits from this; a class that has these members is a line.
+A *line* is the framing state of one connection. It is a protocol: a class with these members is a line, without
+inheritance.
 
-    to speak                                         to hear
-    --------                                         -------
+    to send                                          to receive
+    -------                                          ----------
     request(unit, pdu) -> bytes on the wire          feed(data | None, now) -> [Adu | Noise, ...]
-    response(to, pdu)  -> bytes on the wire          deadline: feed None at this time if nothing came
-    quiet_at: not before this time                   answers(adu): does it answer the last request?
-    sent(now): what was given is out now             held: bytes that are not decided yet
-                                                     broken: why nothing that comes can be trusted any more
+    response(to, pdu)  -> bytes on the wire          deadline: feed None at this time if nothing arrived
+    quiet_at: do not send before this time           answers(adu): does it come from where the request went?
+    sent(now): the bytes were transmitted            held: bytes that are not decided yet
+                                                     broken: why no later byte can be trusted
+
+Depends on: adu. Used by: client, server, sniffer, echo; implemented by rtu, ascii and tcp.
 """
 
 from __future__ import annotations
@@ -22,19 +25,19 @@ LineEvent: TypeAlias = Adu | Noise
 
 
 class Line(Protocol):
-    """The framing state of one connection, whatever the envelope."""
+    """The framing state of one connection."""
 
     @property
     def numbered(self) -> bool:
-        """Whether answers carry the number of their question, as on TCP; if not, a late one can pass for another's."""
+        """Whether responses carry the number of their request, as on TCP; if not, a late one can pass for another."""
 
     @property
     def quiet_at(self) -> float:
-        """The earliest time at which this line may speak: t3.5 after the last byte on RTU, always elsewhere."""
+        """The earliest time to send: t3.5 after the last byte on RTU; elsewhere a time that is always past."""
 
     @property
     def deadline(self) -> float | None:
-        """When to feed None if nothing came; None if there is nothing to wait for."""
+        """When to feed None if nothing arrived; None if there is nothing to wait for."""
 
     @property
     def held(self) -> bytes:
@@ -42,19 +45,19 @@ class Line(Protocol):
 
     @property
     def broken(self) -> DecodeError | None:
-        """Why nothing that comes can be trusted any more: the connection is to be closed. Only TCP lines can break."""
+        """Why no later byte can be trusted, so that the connection must be closed. Only TCP lines break."""
 
     def request(self, unit: int, pdu: bytes) -> bytes:
-        """The bytes that carry a request. From here on `answers` means this one."""
+        """The bytes that carry a request. From here on `answers` refers to this request."""
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
-        """The bytes that carry the answer to a request that was received."""
+        """The bytes that carry the response to the received request `to`."""
 
     def sent(self, now: float) -> None:
-        """The bytes of `request` or `response` have left; `now` is when the last one did."""
+        """The bytes of `request` or `response` were transmitted, the last one at `now`."""
 
     def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
-        """Bytes that arrived, the last of them at `now`; None says that time has passed. Never raises."""
+        """Bytes that arrived, the last of them at `now`; None if only time has passed. Never raises."""
 
     def answers(self, adu: Adu) -> bool:
         """Whether this frame comes from where the last request went (unit; on TCP the transaction too)."""

@@ -76,7 +76,7 @@ def test_a_late_exception_to_listen_only_is_not_the_restarts() -> None:
 
 
 def test_silence_is_said_by_nobody() -> None:
-    with pytest.raises(EncodeError, match="nothing is sent where nothing is to be said"):
+    with pytest.raises(EncodeError, match="stands for silence and cannot be encoded"):
         Unanswered(0x04).encode()
 
 

@@ -56,6 +56,7 @@ from barewire.modbus import (
     decode_request,
     decode_response,
 )
+from barewire.modbus.messages.combined import masked
 from barewire.modbus.messages.registry import AnyRequest, known_requests, measure_request, measure_response
 from tests.helpers import modest, readable, refused, unhex
 
@@ -382,8 +383,8 @@ def test_canopen_data_is_as_long_as_its_count() -> None:
         CanopenReference(1, 0x2000, dialect="nanotec")  # type: ignore[arg-type]
 
 
-def test_bits_of_a_register_as_masks() -> None:
-    assert MaskWriteRegister.of_bits(7, 0b110, 0b010) == MaskWriteRegister(7, 0xFFF9, 0x0002)
+def test_a_mask_write_sets_the_bits_of_the_or_mask_where_and_is_0() -> None:
+    assert masked(0xABCD, ~0b110 & 0xFFFF, 0b010) == 0xABCB
 
 
 def test_a_written_row_may_be_any_sequence() -> None:
@@ -575,7 +576,7 @@ def test_what_is_no_request_says_where_and_why(pdu: str, reason: str, at: int, t
         ("03 00", "value", 1, "quantity = 0: expected 1..125"),
         ("01 00", "value", 1, "quantity = 0: expected 1..2000"),
         ("10 0000 0000", "value", 3, "quantity = 0: expected 1..123"),
-        ("0C 09 0000 0108 0121 2000", "length", 1, "byte_count says 9, but 8 bytes follow"),
+        ("0C 09 0000 0108 0121 2000", "length", 1, "byte count 9, but 8 bytes follow"),
         ("14 04 04 06 0000", "length", 2, "length 4: expected 06 and whole registers"),
         ("14 04 05 06 0000", "short", 2, "a group of 5 bytes, but 3 follow"),
         ("14 04 03 05 0000", "value", 3, "reference type 5: expected 6"),
@@ -585,9 +586,9 @@ def test_what_is_no_request_says_where_and_why(pdu: str, reason: str, at: int, t
         ("18 0042 0020" + 32 * "0000", "value", 3, "FIFO count 32: expected 0..31"),
         ("AB FF 0007 0D EC 06020000", "value", 2, "length = 07h: expected 06h"),
         ("2B 0E 01 01 01 00 00", "value", 4, "more follows is 01h: expected FFh or 00h"),
-        ("2B 0E 01 01 00 00 01 00 03 5445", "short", 7, "object 0 of 1 is not all there"),
-        ("2B 0E 01 01 00 00 02 00 01 54", "short", 10, "object 1 of 2 is not all there"),
-        ("2B 0E 01 01 00 00 00 00", "long", 7, "1 bytes are left over behind 0 objects"),
+        ("2B 0E 01 01 00 00 01 00 03 5445", "short", 7, "object 0 of 1 is incomplete"),
+        ("2B 0E 01 01 00 00 02 00 01 54", "short", 10, "object 1 of 2 is incomplete"),
+        ("2B 0E 01 01 00 00 00 00", "long", 7, "1 bytes are left over after 0 objects"),
         ("2B 0E 07 01 00 00 00", "value", 2, "read_code = 7: expected 1..4"),
     ],
 )

@@ -26,7 +26,7 @@ from barewire.modbus import (
     register,
 )
 from barewire.modbus.messages.base import Message
-from barewire.modbus.messages.registers import READ_LIMIT
+from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT
 from barewire.modbus.messages.registry import unregister
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import modest
@@ -74,7 +74,7 @@ def test_an_answer_is_read_as_every_answer_is(cls: type[ReadHoldingRegisters], q
 
 def test_every_quantity_takes_the_short_way_and_says_the_same() -> None:
     for cls in READS:
-        for quantity in range(1, READ_LIMIT + 1):
+        for quantity in range(1, READ_REGISTERS_LIMIT + 1):
             row = tuple(range(0xFFFF, 0xFFFF - quantity, -1))
             pdu = cls.response(row).encode()  # type: ignore[call-arg]
             assert pdu == cls.response.layout.pack(cls.function_code, 2 * quantity, tail=from_registers(row))
@@ -94,7 +94,7 @@ def test_registers_that_do_not_fit_are_refused_as_ever(cls: type[ReadHoldingRegi
 def test_a_row_that_grew_behind_our_back_is_an_error_of_ours() -> None:
     row = [1]
     response = ReadHoldingRegistersResponse(row)  # type: ignore[arg-type]
-    row += [2] * READ_LIMIT
+    row += [2] * READ_REGISTERS_LIMIT
     with pytest.raises(EncodeError):
         tcp_frame(1, response.encode())
 

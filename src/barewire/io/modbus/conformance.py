@@ -204,7 +204,7 @@ class _Tester:
         """All at once, in one segment; in datagrams of their own where each has to be one."""
         assert self._port is not None
         if isinstance(self._line, EchoLine):
-            self._line.said(b"".join(frames))
+            self._line.expect_echo(b"".join(frames))
         for data in frames if self._endpoint.scheme == "udp" else [b"".join(frames)]:
             self._port.send(data)
 

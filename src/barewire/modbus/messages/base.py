@@ -1,10 +1,12 @@
-"""What a message is: a frozen value that knows its own bytes, and a request that can read its own answer.
+"""The base of all messages: frozen values with a byte layout; a request can also read its own response.
 
     PDU  | function code | data ... |                       [MB-APP 4.1]
 
-Each message class is the page that teaches it: a drawing, an example that runs, a `layout`. The layout packs,
-unpacks, explains and measures, so nothing here is written twice. A client needs no method per function: it asks,
-and `request.read_response(pdu)` is the only way to a value. A response is a value only if it fits its request.
+Each message class documents one message: a drawing of its bytes, an example that runs, a `layout`. The layout packs,
+unpacks, explains and measures, so no byte position is written twice. A client needs no code per function: it sends the
+request, and `request.read_response(pdu)` returns the response only if it answers exactly that request.
+
+Depends on: codecs, adu, exceptions. Used by: every message, and whatever handles messages in general.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ EXCEPTION_BIT = 0x80
 
 
 class Message:
-    """Common to requests and responses. `function_code` and the names of `layout` are the standard's."""
+    """Common to requests and responses. `function_code` and the field names of `layout` are the standard's."""
 
     __slots__ = ()
 
@@ -34,22 +36,22 @@ class Message:
     layout: ClassVar[Layout]
 
     def encode(self) -> bytes:
-        """The PDU. Everything that could be wrong with it was checked when the message was made."""
+        """The PDU. Its values were checked when the message was made."""
         return self.layout.pack_of(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. DecodeError says where and why it is none: a function code of its own included."""
+        """The PDU as a message. DecodeError, with place and reason, if it is none; another function code included."""
         cls.check_function(pdu)
         return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
 
     @classmethod
     def make(cls, pdu: bytes, *values: Any) -> Self:
-        """The message with these values; what it would refuse to say (EncodeError) it also refuses to read."""
+        """The message with these values. A value that could not be encoded (EncodeError) is a DecodeError here."""
         try:
             return cls(*values)
         except EncodeError as error:
-            # How many registers or bits there are is told by the byte count, so that is the field to point at.
+            # The number of registers or bits follows from the byte count, so that is the field to point at.
             names = (error.field, cls.layout.count)
             places = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
             missing = cls.layout.size if error.field == cls.layout.tail else 0  # a tail of no bytes is no field
@@ -66,17 +68,17 @@ class Message:
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """How many bytes of PDU to wait for, told from the first ones; None if nobody can know."""
+        """The length of the whole PDU in bytes, as far as its first bytes determine it; None if they do not."""
         return cls.layout.measure(pdu)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Every field with its place, for `explain`. Works on damaged messages as far as the bytes go."""
+        """Every field with its place, for `explain`. Damaged messages are shown as far as their bytes go."""
         return cls.layout.fields(pdu)
 
 
 class Request(Message, Generic[R]):
-    """What a client says. `response` is the class of its answer."""
+    """A message that a client sends. `response` is the class of its response."""
 
     __slots__ = ()
 
@@ -84,29 +86,32 @@ class Request(Message, Generic[R]):
     mei_type: ClassVar[int | None] = None
     """The second byte that tells the functions of code 2B apart [MB-APP 6.19]."""
     writes: ClassVar[bool] = False
-    """Whether carrying it out changes something: then a lost answer leaves the outcome unknown."""
+    """Whether carrying it out changes something: then a lost response leaves the outcome unknown."""
 
     def read_response(self, pdu: bytes) -> R:
-        """The answer as a value, if it is one: right function, right byte count, right echo.
+        """The response, if this PDU is one to this request: right function, right byte count, right echo.
 
-        Raises ModbusException when the server declined, DecodeError("mismatch") when it is a well-formed answer
-        to some other question, DecodeError otherwise when it is none at all.
+        Raises ModbusException for an exception response, DecodeError("mismatch") for a well-formed response to another
+        request, and DecodeError with another reason for a PDU that is no response at all.
         """
         if pdu and pdu[0] == self.function_code | EXCEPTION_BIT:
             raise ModbusException(ExceptionResponse.decode(pdu).exception_code, self.function_code)
-        # `response` is a class attribute, and those cannot be generic: so it is said here what it is.
+        # A class attribute cannot be generic, so `response` has no precise type: it is declared here.
         answer: R = self.fit(self.response.decode(pdu), pdu)
         return answer
 
     def without_answer(self, *, listens_only: bool = False) -> R | None:
-        """What stands for the response where the standard has the unit be silent; None where it has to answer.
+        """A value in place of the response if the standard demands silence of the unit; None if it must respond.
 
-        `listens_only`: the unit was told to.
+        `listens_only`: the unit was put into listen only mode before.
         """
         return None
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response, if it answers this request: DecodeError("mismatch") otherwise. Here: an echo must be one."""
+        """The response, if it answers this request; DecodeError("mismatch") if not.
+
+        Here: every field that request and response have in common must be equal. Other messages override it.
+        """
         for field in self.layout.fields(self.encode()):
             if hasattr(response, field.name) and getattr(response, field.name) != getattr(self, field.name, None):
                 self.refuse(pdu, field.name, getattr(self, field.name, None), getattr(response, field.name))
@@ -114,25 +119,25 @@ class Request(Message, Generic[R]):
 
     @classmethod
     def declines(cls, error: DecodeError) -> int:
-        """The exception code for a request of this function that cannot be read: 03, where no figure says otherwise."""
+        """The exception code for a malformed request of this function: 03 unless its figure has another one."""
         return ILLEGAL_DATA_VALUE
 
     def refuse(self, pdu: bytes, field: str, asked: object, answered: object) -> None:
-        """Raise DecodeError("mismatch") for a field of the answer that does not fit what was asked."""
+        """Raise DecodeError("mismatch") for a field of the response that does not fit the request."""
         places = [found.offset for found in self.response.fields(pdu) if found.name == field]
         text = f"{field} {answered} where {asked} was asked ({self.name})"
         raise DecodeError("mismatch", pdu, places[0] if places else 0, text)
 
 
 class Response(Message):
-    """What a server answers."""
+    """A message that a server sends."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class ExceptionResponse(Response):
-    """The server declines.                                                                  [MB-APP 7]
+    """The server declines a request.                                                        [MB-APP 7]
 
         83 | exception code
 
@@ -152,7 +157,7 @@ class ExceptionResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """Any function code with bit 7 set."""
+        """The PDU as a message: any function code with bit 7 set."""
         function_code, exception_code = cls.layout.unpack(pdu)
         if not function_code & EXCEPTION_BIT:
             raise DecodeError("mismatch", pdu, 0, f"function {function_code:02X} is no exception: bit 7 is not set")
@@ -160,7 +165,7 @@ class ExceptionResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The code with its name."""
+        """The fields, the exception code with its name."""
         found = cls.layout.fields(pdu)
         if len(found) > 1:
             found[1] = found[1]._replace(meaning=exception_name(pdu[1]))
@@ -168,13 +173,13 @@ class ExceptionResponse(Response):
 
 
 def check_range(name: str, value: int, low: int, high: int) -> None:
-    """EncodeError unless `value` is a whole number in low..high: the limits of a field."""
+    """Raise EncodeError unless `value` is an integer in low..high, the limits of the field `name`."""
     if not (isinstance(value, int) and low <= value <= high):
         raise EncodeError(f"{name} = {value!r}: expected {low}..{high}", name)
 
 
 def checked(pdu: bytes) -> bytes:
-    """The PDU, if it is one: bytes, and not too many."""
+    """The PDU, if it is 1 to 253 bytes; EncodeError otherwise."""
     if not isinstance(pdu, bytes):
         raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
     check_pdu(pdu)

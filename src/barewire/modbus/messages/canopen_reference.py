@@ -1,21 +1,25 @@
 """An object dictionary behind Modbus: function code 2B/0D, CANopen General Reference. **Experimental.**
 
-The standard gives the number away to CAN in Automation and says no more [MB-APP 6.20]; CiA 309-2 is not public. What is
-here was read in manuals of devices that speak it, which differ by one byte, and was not checked against CiA 309-2:
+The standard leaves the contents to CAN in Automation [MB-APP 6.20], and CiA 309-2 is not public. The two layouts here
+are taken from manuals of devices, which differ by one byte, and were not checked against CiA 309-2:
 
     dialect      layout behind 2B 0D                                                                  known from
     cia309       control 1 | 00 | node 1 | index 2 | sub-index 1 | start 2 | count 2 | data ...       Nanotec
     schneider    control 1      | node 1 | index 2 | sub-index 1 | start 2 | count 2 | data ...       Schneider
 
-Control is 00 to read and 01 to write. Its other bits are not spoken here, and a message that has one set is refused:
-the manuals that can be read publish three of them (counted from the most significant: 0, the value goes on in further
-messages; 1, control has a second byte; 2, a counter byte follows) and not those that tell whether a network number and
-encoded data follow, without which nobody can tell where the node stands. Numbers of the header are big-endian. **The
-data are bytes of the object dictionary and stay bytes here**: a read shows them little-endian, as CANopen has them,
-while no manual settles it for writing.
+Control is 00 to read and 01 to write. Its other bits are not supported, and a message that has one set is refused: the
+public manuals define three of them (counted from the most significant: 0, the value continues in further messages; 1,
+control has a second byte; 2, a counter byte follows), but not those for a network number and for encoded data, on which
+the position of the node depends. Numbers of the header are big-endian. **The data are bytes of the object dictionary
+and stay bytes here**: a read returns them little-endian, as in CANopen; for writing no manual defines the order.
 
-A dialect shows itself: where `cia309` has its 00 there stands the node, and no node has the number 0. What the object
-dictionary refuses comes back as an exception of its own form: `sdo_abort`.
+The dialect can be seen in the bytes: in the place of the 00 of `cia309`, `schneider` has the node, and no node has the
+number 0.
+
+When the object dictionary refuses the access, the exception response carries the SDO abort code. It is the one
+exception response of more than two bytes:
+
+    AB | FF | length 2 | MEI type 0D | EC | SDO abort code 4
 """
 
 from __future__ import annotations
@@ -34,7 +38,7 @@ SDO_ABORT = 0xEC
 
 
 class SdoAborted(ModbusException):
-    """The object dictionary behind the server refused: `abort_code` is CANopen's.
+    """The object dictionary behind the server refused the access with the SDO abort code `abort_code`.
 
     >>> str(SdoAborted(0x06020000))
     'SDO abort 06020000h to function 2B'
@@ -50,7 +54,7 @@ class SdoAborted(ModbusException):
 
 @dataclass(frozen=True, slots=True)
 class ExtendedExceptionResponse(Response):
-    """The object dictionary refuses. Experimental.
+    """The object dictionary refuses the access. Experimental.
 
         AB | FF | length 2 | MEI type 0D | EC | SDO abort code 4
 
@@ -76,7 +80,7 @@ class ExtendedExceptionResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message; each of its fixed fields is as drawn."""
+        """The PDU as a message; its constant fields must be as drawn."""
         cls.check_function(pdu)
         _, *fixed, abort_code = cls.layout.unpack(pdu)
         expected = (("exception_code", 1, EXTENDED), ("length", 2, 6), ("mei_type", 4, MEI_CANOPEN), ("error", 5, 0xEC))
@@ -87,15 +91,15 @@ class ExtendedExceptionResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length tells it, once it is in."""
+        """The length field determines it, once it has arrived."""
         return 4 + int.from_bytes(pdu[2:4], "big") if len(pdu) >= 4 else 4
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The constants in words."""
+        """The fields, the constants in words."""
         words = {
             "exception_code": "extended: the error follows",
-            "length": "so many bytes follow",
+            "length": "bytes that follow",
             "error": "SDO abort",
         }
         found = [field._replace(meaning=words.get(field.name, field.meaning)) for field in cls.layout.fields(pdu)]
@@ -117,7 +121,7 @@ _LAYOUTS: dict[str, Layout] = {
 
 
 def _dialect(pdu: bytes) -> ReferenceDialect:
-    """Whose layout these bytes have: no node is number 0."""
+    """The dialect of these bytes: no node has the number 0."""
     return "cia309" if len(pdu) < 4 or pdu[3] == 0 else "schneider"
 
 
@@ -141,7 +145,7 @@ def _encode(message: CanopenReference | CanopenReferenceResponse) -> bytes:
 
 
 def _decode(pdu: bytes, *, has_data: bool) -> dict[str, Any]:
-    """The fields of either message; `has_data` where a write carries data, as in requests, and a read does not."""
+    """The fields of either message. `has_data`: writes carry data (requests); otherwise reads do (responses)."""
     dialect = _dialect(pdu)
     _, mei_type, control, *rest, data = _LAYOUTS[dialect].unpack(pdu)
     if mei_type != MEI_CANOPEN:
@@ -149,10 +153,10 @@ def _decode(pdu: bytes, *, has_data: bool) -> dict[str, Any]:
     if control not in (READ, WRITE):
         raise DecodeError("value", pdu, 2, f"control {control:02X}h: expected 00h (read) or 01h (write)")
     node, index, sub_index, start, count = rest[-5:]
-    there = count if (control == WRITE) == has_data else 0
-    if len(data) != there:
+    expected = count if (control == WRITE) == has_data else 0
+    if len(data) != expected:
         at = _LAYOUTS[dialect].size - 2
-        raise DecodeError("length", pdu, at, f"count {count}, but {len(data)} bytes of data where {there} belong")
+        raise DecodeError("length", pdu, at, f"count {count}, but {len(data)} bytes of data where {expected} belong")
     place = {"node": node, "index": index, "sub_index": sub_index, "start": start, "count": count}
     return {**place, "data": bytes(data), "write": control == WRITE, "dialect": dialect}
 
@@ -169,14 +173,14 @@ def _measure(pdu: bytes, *, has_data: bool) -> int:
 def _fields(pdu: bytes) -> list[Field]:
     dialect = _dialect(pdu)
     controls = {READ: "read", WRITE: "write"}
-    words = {"control": f"{controls.get(pdu[2], 'more than this can tell')}; dialect {dialect}"} if len(pdu) > 2 else {}
+    words = {"control": f"{controls.get(pdu[2], 'not supported')}; dialect {dialect}"} if len(pdu) > 2 else {}
     found = [field._replace(meaning=words.get(field.name, "")) for field in _LAYOUTS[dialect].fields(pdu)]
     return [field._replace(meaning=f"object {field.value:04X}h") if field.name == "index" else field for field in found]
 
 
 @dataclass(frozen=True, slots=True)
 class CanopenReferenceResponse(Response):
-    """The header once more, with the bytes that were read. Experimental.                  [MB-APP 6.20]
+    """The header repeated, with the bytes that were read. Experimental.                   [MB-APP 6.20]
 
         2B | 0D | control | (00) | node | index 2 | sub-index | start 2 | count 2 | data, when reading
 
@@ -204,24 +208,24 @@ class CanopenReferenceResponse(Response):
             raise EncodeError(f"{len(self.data)} bytes of data for a count of {self.count}", "count")
 
     def encode(self) -> bytes:
-        """The PDU, in its dialect."""
+        """The PDU, in the dialect of the message."""
         return _encode(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message, whichever dialect it is."""
+        """The PDU, of either dialect, as a message."""
         cls.check_function(pdu)
         fields = _decode(pdu, has_data=False)
         return cls.make(pdu, *fields.values())
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """An answer to a read carries as many bytes as its count says."""
+        """The length: the response to a read carries `count` bytes."""
         return _measure(pdu, has_data=False)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """With the dialect in words."""
+        """The fields, with the dialect in words."""
         return _fields(pdu)
 
 
@@ -251,7 +255,7 @@ class CanopenReference(Request[CanopenReferenceResponse]):
     mei_type: ClassVar[int | None] = MEI_CANOPEN
     layout: ClassVar[Layout] = _LAYOUTS["cia309"]
     response: ClassVar[type[Response]] = CanopenReferenceResponse
-    writes: ClassVar[bool] = True  # whether it does is not told by the class, so it is never repeated by itself
+    writes: ClassVar[bool] = True  # a single class reads and writes, so it is never repeated automatically
 
     def __post_init__(self) -> None:
         _check(self)
@@ -262,44 +266,44 @@ class CanopenReference(Request[CanopenReferenceResponse]):
     def read(
         cls, node: int, index: int, sub_index: int = 0, *, count: int, dialect: ReferenceDialect = "cia309"
     ) -> Self:
-        """Ask for at most `count` bytes of an object."""
+        """The request for at most `count` bytes of an object."""
         return cls(node, index, sub_index, count=count, dialect=dialect)
 
     @classmethod
     def write_to(
         cls, node: int, index: int, sub_index: int, data: bytes, *, dialect: ReferenceDialect = "cia309"
     ) -> Self:
-        """Write these bytes, in the order in which the device wants them."""
+        """The request to write `data`, in the byte order of the device."""
         return cls(node, index, sub_index, count=len(data), data=data, write=True, dialect=dialect)
 
     def encode(self) -> bytes:
-        """The PDU, in its dialect."""
+        """The PDU, in the dialect of the message."""
         return _encode(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message, whichever dialect it is."""
+        """The PDU, of either dialect, as a message."""
         cls.check_function(pdu)
         return cls.make(pdu, *_decode(pdu, has_data=True).values())
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """A request to write carries as many bytes as its count says."""
+        """The length: a request to write carries `count` bytes."""
         return _measure(pdu, has_data=True)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """With the dialect in words."""
+        """The fields, with the dialect in words."""
         return _fields(pdu)
 
     def read_response(self, pdu: bytes) -> CanopenReferenceResponse:
-        """As always; an abort of the object dictionary is raised as `SdoAborted`."""
+        """The response, as of every request; an SDO abort of the object dictionary is raised as `SdoAborted`."""
         if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
             raise SdoAborted(ExtendedExceptionResponse.decode(pdu).abort_code)
         return Request.read_response(self, pdu)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The same object of the same node, in the same dialect; and no more bytes than were asked for."""
+        """The response must have the object, node and dialect of the request, and at most `count` bytes."""
         for name in ("write", "dialect", "node", "index", "sub_index", "start"):
             if getattr(response, name) != getattr(self, name):
                 self.refuse(pdu, name, getattr(self, name), getattr(response, name))

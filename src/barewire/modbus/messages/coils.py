@@ -1,7 +1,7 @@
 """Coils and discrete inputs: function codes 01, 02, 05 and 0F.
 
-On the wire a row of bits is packed eight to a byte, the first in the lowest bit of the first byte; the last byte is
-filled up with zeros [MB-APP 6.1]. Coils can be written, discrete inputs cannot.
+On the wire bits are packed eight to a byte, the first in the lowest bit of the first byte; the last byte is padded with
+zeros [MB-APP 6.1]. Coils can be written, discrete inputs cannot.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from barewire.codecs import Field, Layout, pack_bits, unpack_bits
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.messages.base import Request, Response, check_range
 
-READ_LIMIT = 2000
-WRITE_LIMIT = 1968
+READ_COILS_LIMIT = 2000
+WRITE_COILS_LIMIT = 1968
 ON, OFF = 0xFF00, 0x0000
 _BITS = frozenset((False, True))
 
 
 def _packed(bits: Sequence[bool | int]) -> bytes:
-    """A row of bits as bytes; EncodeError for what is none, which would pass for `on`."""
+    """Bits as bytes; EncodeError for a value that is no bit, such as 2, which would otherwise pass for `on`."""
     if not _BITS.issuperset(bits):
         place = next(place for place, bit in enumerate(bits) if bit not in _BITS)
         raise EncodeError(f"bit {place} of {len(bits)}: {bits[place]!r} is not True or False", "bits")
@@ -34,7 +34,7 @@ def _check_coil(value: bool | int) -> None:
 
 
 def _bit_fields(found: list[Field], name: str) -> list[Field]:
-    """A packed row opened up: one line for each byte, its bits in the order of their addresses."""
+    """These fields, with the packed tail replaced by one field for each byte, its bits in the order of addresses."""
     tail = found[-1] if found and isinstance(found[-1].value, str) else None
     if tail is None:
         return found
@@ -48,11 +48,11 @@ def _bit_fields(found: list[Field], name: str) -> list[Field]:
 
 @dataclass(frozen=True, slots=True)
 class ReadCoilsResponse(Response):
-    """The coils asked for.                                                                [MB-APP 6.1]
+    """The coils that were read.                                                           [MB-APP 6.1]
 
         01 | byte count | packed coils ...
 
-    Decoded alone it holds whole bytes of coils; `ReadCoils.read_response` gives as many as were asked.
+    Decoded alone it has whole bytes of coils; `ReadCoils.read_response` returns as many as were asked for.
 
     >>> ReadCoilsResponse((True, False, True)).encode().hex(" ")
     '01 01 05'
@@ -65,7 +65,7 @@ class ReadCoilsResponse(Response):
     layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="coils", count="byte_count")
 
     def __post_init__(self) -> None:
-        check_range("quantity", len(self.bits), 1, READ_LIMIT)
+        check_range("quantity", len(self.bits), 1, READ_COILS_LIMIT)
 
     def encode(self) -> bytes:
         """The PDU."""
@@ -80,13 +80,13 @@ class ReadCoilsResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Bit by bit."""
+        """The fields, bit by bit."""
         return _bit_fields(cls.layout.fields(pdu), str(cls.layout.tail)[:-1])
 
 
 @dataclass(frozen=True, slots=True)
 class ReadDiscreteInputsResponse(ReadCoilsResponse):
-    """The discrete inputs asked for.                                                      [MB-APP 6.2]
+    """The discrete inputs that were read.                                                 [MB-APP 6.2]
 
     02 | byte count | packed inputs ...
     """
@@ -116,10 +116,10 @@ class ReadCoils(Request[ReadCoilsResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, READ_LIMIT)
+        check_range("quantity", self.quantity, 1, READ_COILS_LIMIT)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """Exactly the bytes that the quantity fills, cut to the quantity."""
+        """The response must have exactly the bytes that the quantity fills; its bits are cut to the quantity."""
         asked = (self.quantity + 7) // 8
         if len(response.bits) != 8 * asked:
             self.refuse(pdu, "byte_count", asked, len(response.bits) // 8)
@@ -143,7 +143,7 @@ class ReadDiscreteInputs(ReadCoils):
 
 @dataclass(frozen=True, slots=True)
 class WriteSingleCoilResponse(Response):
-    """The echo.                                                                           [MB-APP 6.5]
+    """The request, repeated.                                                              [MB-APP 6.5]
 
     05 | address 2 | FF00 or 0000
     """
@@ -165,7 +165,7 @@ class WriteSingleCoilResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """FF00h is on, 0000h is off, everything else is DecodeError("value")."""
+        """The PDU as a message. FF00h is on, 0000h is off, any other value is DecodeError("value")."""
         cls.check_function(pdu)
         _, address, value = cls.layout.unpack(pdu)
         if value not in (ON, OFF):
@@ -174,7 +174,7 @@ class WriteSingleCoilResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The value in words."""
+        """The fields, the value in words."""
         found = cls.layout.fields(pdu)
         if len(found) > 2:
             word = {ON: "on", OFF: "off"}.get(int(str(found[2].value)), "neither on (FF00h) nor off (0000h)")
@@ -211,19 +211,19 @@ class WriteSingleCoil(Request[WriteSingleCoilResponse]):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """As the response: they are the same bytes."""
+        """The PDU as a message: the same bytes as the response."""
         same = WriteSingleCoilResponse.decode(pdu)
         return cls(same.address, same.value)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """As the response."""
+        """The fields: the same as those of the response."""
         return WriteSingleCoilResponse.fields(pdu)
 
 
 @dataclass(frozen=True, slots=True)
 class WriteMultipleCoilsResponse(Response):
-    """How many were written, and from where.                                              [MB-APP 6.11]
+    """The address and the number of coils that were written.                              [MB-APP 6.11]
 
     0F | address 2 | quantity 2
     """
@@ -237,7 +237,7 @@ class WriteMultipleCoilsResponse(Response):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, WRITE_LIMIT)
+        check_range("quantity", self.quantity, 1, WRITE_COILS_LIMIT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,13 +263,13 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", len(self.bits), 1, WRITE_LIMIT)
+        check_range("quantity", len(self.bits), 1, WRITE_COILS_LIMIT)
         _packed(self.bits)  # each one on or off, or EncodeError
         object.__setattr__(self, "bits", tuple(map(bool, self.bits)))
 
     @property
     def quantity(self) -> int:
-        """How many coils."""
+        """The number of coils."""
         return len(self.bits)
 
     def encode(self) -> bytes:
@@ -279,11 +279,11 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message; the byte count must be what the quantity fills."""
+        """The PDU as a message; the byte count must fit the quantity."""
         cls.check_function(pdu)
         _, address, quantity, byte_count, data = cls.layout.unpack(pdu)
         try:
-            check_range("quantity", quantity, 1, WRITE_LIMIT)
+            check_range("quantity", quantity, 1, WRITE_COILS_LIMIT)
         except EncodeError as error:
             raise DecodeError("value", pdu, 3, str(error)) from None
         if byte_count != (quantity + 7) // 8:
@@ -292,5 +292,5 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Bit by bit."""
+        """The fields, bit by bit."""
         return _bit_fields(cls.layout.fields(pdu), "coil")

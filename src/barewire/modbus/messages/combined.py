@@ -1,6 +1,6 @@
-"""Two things in one message: function codes 16 (mask write) and 17 (write, then read).
+"""Reading and writing in one request: function codes 16 (mask write) and 17 (write, then read).
 
-Between a read and a write of its own a client may be overtaken by another one; these two cannot be.
+Between a client's separate read and write another client may change the registers; within these requests it cannot.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import Any, ClassVar, Self
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.messages.base import Request, Response, check_range
-from barewire.modbus.messages.registers import READ_LIMIT, ReadHoldingRegistersResponse, register_fields
+from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT, ReadHoldingRegistersResponse, register_fields
 
-WRITE_LIMIT = 121
-"""Two registers fewer than function 10 can write: the read address and the read quantity need their place."""
+_WRITE_LIMIT = 121
+"""Two registers fewer than function 10 can write: the read address and the read quantity take their place."""
 
 
 def masked(register: int, and_mask: int, or_mask: int) -> int:
-    """What a mask write makes of a register: kept where AND is 1, taken from OR where AND is 0.   [MB-APP 6.16]
+    """The register after a mask write: each bit is kept where AND is 1, and taken from OR where AND is 0. [MB-APP 6.16]
 
     >>> hex(masked(0x12, and_mask=0xF2, or_mask=0x25))
     '0x17'
@@ -29,7 +29,7 @@ def masked(register: int, and_mask: int, or_mask: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class MaskWriteRegisterResponse(Response):
-    """The echo.                                                                           [MB-APP 6.16]
+    """The request, repeated.                                                              [MB-APP 6.16]
 
     16 | address 2 | AND mask 2 | OR mask 2
     """
@@ -48,7 +48,7 @@ class MaskWriteRegisterResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """What each mask does."""
+        """The fields, with the effect of each mask."""
         found = cls.layout.fields(pdu)
         words = ("", "", "bits to keep", "value of the bits that are not kept")
         return [field._replace(meaning=meaning) for field, meaning in zip(found, words)]
@@ -62,6 +62,8 @@ class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
 
     >>> MaskWriteRegister(address=4, and_mask=0xF2, or_mask=0x25).encode().hex(" ")
     '16 00 04 00 f2 00 25'
+
+    To set the bits of `mask` to those of `value`: `MaskWriteRegister(address, ~mask & 0xFFFF, value & mask)`.
     """
 
     address: int
@@ -78,13 +80,8 @@ class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
         MaskWriteRegisterResponse(self.address, self.and_mask, self.or_mask)  # the same fields, the same limits
 
     @classmethod
-    def of_bits(cls, address: int, mask: int, value: int) -> Self:
-        """Set the bits of `mask` to `value`: bits 1 and 2 of register 7 to 01 is `of_bits(7, 0b110, 0b010)`."""
-        return cls(address, ~mask & 0xFFFF, value & mask)
-
-    @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """As the response."""
+        """The fields: the same as those of the response."""
         return MaskWriteRegisterResponse.fields(pdu)
 
 
@@ -127,15 +124,15 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
 
     def __post_init__(self) -> None:
         check_range("read_address", self.read_address, 0, 0xFFFF)
-        check_range("read_quantity", self.read_quantity, 1, READ_LIMIT)
+        check_range("read_quantity", self.read_quantity, 1, READ_REGISTERS_LIMIT)
         check_range("write_address", self.write_address, 0, 0xFFFF)
-        check_range("write_quantity", len(self.registers), 1, WRITE_LIMIT)
+        check_range("write_quantity", len(self.registers), 1, _WRITE_LIMIT)
         object.__setattr__(self, "registers", tuple(self.registers))
         from_registers(self.registers)  # each one in 0..65535, or EncodeError
 
     @property
     def write_quantity(self) -> int:
-        """How many registers are written."""
+        """The number of registers to write."""
         return len(self.registers)
 
     def encode(self) -> bytes:
@@ -150,8 +147,8 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
         cls.check_function(pdu)
         _, read_address, read_quantity, write_address, write_quantity, byte_count, data = cls.layout.unpack(pdu)
         try:
-            check_range("read_quantity", read_quantity, 1, READ_LIMIT)
-            check_range("write_quantity", write_quantity, 1, WRITE_LIMIT)
+            check_range("read_quantity", read_quantity, 1, READ_REGISTERS_LIMIT)
+            check_range("write_quantity", write_quantity, 1, _WRITE_LIMIT)
         except EncodeError as error:
             raise DecodeError("value", pdu, 3 if error.field == "read_quantity" else 7, str(error)) from None
         if byte_count != 2 * write_quantity:
@@ -159,12 +156,12 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
         return cls(read_address, read_quantity, write_address, to_registers(data))
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """Exactly as many registers as were to be read."""
+        """The response must have exactly as many registers as were to be read."""
         if len(response.registers) != self.read_quantity:
             self.refuse(pdu, "byte_count", 2 * self.read_quantity, 2 * len(response.registers))
         return response
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Register by register."""
+        """The fields, register by register."""
         return register_fields(cls.layout.fields(pdu))

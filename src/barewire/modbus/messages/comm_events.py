@@ -1,9 +1,9 @@
-"""What a serial server has done lately: function codes 0B (event counter) and 0C (event log).
+"""The recent events of a serial server: function codes 0B (event counter) and 0C (event log).
 
 An event is one byte; what its bits mean depends on the two at the top [MB-APP 6.10]:
 
-    1.......    a request came       bit 1 damaged, 4 overrun, 5 while in listen only mode, 6 a broadcast
-    01......    it was dealt with    bit 0 exception 1..3, 1 exception 4, 2 exception 5 or 6, 3 exception 7,
+    1.......    a request arrived    bit 1 damaged, 4 overrun, 5 while in listen only mode, 6 a broadcast
+    01......    it was handled       bit 0 exception 1..3, 1 exception 4, 2 exception 5 or 6, 3 exception 7,
                                      4 write time-out, 5 while in listen only mode
     00000100    entered listen only mode
     00000000    communications were restarted
@@ -19,10 +19,10 @@ from barewire.errors import DecodeError
 from barewire.modbus.messages.base import Request, Response, check_range
 
 EVENT_LIMIT = 64
-"""The most events that a log holds."""
+"""The most events in a log."""
 
 READY, BUSY = 0x0000, 0xFFFF
-"""The status word: BUSY while a program command given before is still being worked on."""
+"""The status word: BUSY while an earlier program command is still being executed."""
 
 RESTARTED, LISTENS_ONLY, SENT, RECEIVED = 0x00, 0x04, 0x40, 0x80
 
@@ -50,8 +50,8 @@ def event_text(event: int) -> str:
     else:
         known = {RESTARTED: "communications restarted", LISTENS_ONLY: "entered listen only mode"}
         return known.get(event, "undefined event")
-    told = ", ".join(words for bit, words in bits.items() if event >> bit & 1)
-    return f"{kind}: {told}" if told else kind
+    details = ", ".join(words for bit, words in bits.items() if event >> bit & 1)
+    return f"{kind}: {details}" if details else kind
 
 
 def _status_words(found: list[Field], name: str = "status") -> list[Field]:
@@ -66,7 +66,7 @@ def _status_words(found: list[Field], name: str = "status") -> list[Field]:
 
 @dataclass(frozen=True, slots=True)
 class GetCommEventCounterResponse(Response):
-    """How many requests were carried out well.                                            [MB-APP 6.9]
+    """The number of requests that were carried out without an exception.                  [MB-APP 6.9]
 
         0B | status 2 | event count 2
 
@@ -87,13 +87,15 @@ class GetCommEventCounterResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The status in words."""
+        """The fields, the status in words."""
         return _status_words(cls.layout.fields(pdu))
 
 
 @dataclass(frozen=True, slots=True)
 class GetCommEventCounter(Request[GetCommEventCounterResponse]):
-    """Ask how many requests were carried out well: the same before and after a lost answer, it was not.  [MB-APP 6.9]
+    """Read the number of requests that were carried out without an exception.             [MB-APP 6.9]
+
+    After a lost response it tells whether the request was carried out: if so, the number has grown.
 
         0B
 
@@ -149,7 +151,7 @@ class GetCommEventLogResponse(Response):
         cls.check_function(pdu)
         _, byte_count, status, event_count, message_count, events = cls.layout.unpack(pdu)
         if byte_count != 6 + len(events):
-            text = f"byte_count says {byte_count}, but {6 + len(events)} bytes follow"
+            text = f"byte count {byte_count}, but {6 + len(events)} bytes follow"
             raise DecodeError("length", pdu, 1, text)
         if len(events) > EVENT_LIMIT:
             raise DecodeError("value", pdu, 1, f"{len(events)} events: expected 0..{EVENT_LIMIT}")
@@ -157,12 +159,12 @@ class GetCommEventLogResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The byte count tells it, once it is in; never less than the three counters."""
+        """The byte count determines it, once it has arrived; never less than the three counters."""
         return max(cls.layout.size, 2 + pdu[1]) if len(pdu) > 1 else cls.layout.size
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Event by event, in words."""
+        """The fields, event by event, in words."""
         found = _status_words([field for field in cls.layout.fields(pdu) if field.name != "events"])
         rows = [Field(at, 1, "event", pdu[at], event_text(pdu[at])) for at in range(cls.layout.size, len(pdu))]
         return [*found, *rows]
@@ -170,7 +172,7 @@ class GetCommEventLogResponse(Response):
 
 @dataclass(frozen=True, slots=True)
 class GetCommEventLog(Request[GetCommEventLogResponse]):
-    """Ask what happened lately.                                                           [MB-APP 6.10]
+    """Read both counters and the event log.                                               [MB-APP 6.10]
 
         0C
 

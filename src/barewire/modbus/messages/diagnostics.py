@@ -1,7 +1,8 @@
-"""The state of the server itself: function codes 07 and 08. Serial lines only, says the standard; many have it on TCP.
+"""The state of the server itself: function codes 07 and 08. For serial lines only by the standard; many TCP servers
+have them too.
 
-Diagnostics (08) is a family: two bytes of sub-function say what is asked for. 00 is an echo, 01 to 04 and 0A, 14 do
-something, 0B to 12 are the counters that every serial server keeps.
+Diagnostics (08) has sub-functions, in two bytes: 00 is an echo, 01 to 04, 0A and 14 are commands, 0B to 12 read the
+counters of a serial server.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from barewire.modbus.messages.base import Request, Response, check_range
 
 @dataclass(frozen=True, slots=True)
 class ReadExceptionStatusResponse(Response):
-    """Eight bits whose meaning is the device's own.                                       [MB-APP 6.7]
+    """Eight bits whose meaning is specific to the device.                                 [MB-APP 6.7]
 
         07 | status
 
@@ -35,7 +36,7 @@ class ReadExceptionStatusResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The bits, 7 to 0."""
+        """The fields, with the bits 7 to 0."""
         found = cls.layout.fields(pdu)
         if len(found) > 1:
             found[1] = found[1]._replace(meaning=f"bits 7..0: {pdu[1]:08b}")
@@ -86,7 +87,7 @@ SUB_FUNCTIONS: dict[int, str] = {
 """The public sub-functions [MB-APP 6.8.1]. The others are reserved."""
 
 ECHOED = frozenset({0x00, 0x01, 0x03, 0x0A, 0x14})
-"""Sub-functions whose response is the request once more."""
+"""Sub-functions whose response repeats the request."""
 
 
 RESTART_AND_CLEAR_LOG = b"\xff\x00"
@@ -96,13 +97,13 @@ RESTART_AND_CLEAR_LOG = b"\xff\x00"
 def _check_diagnostics(sub_function: int, data: bytes) -> None:
     check_range("sub_function", sub_function, 0, 0xFFFF)
     check_range("data length", len(data), 0, 250)
-    # What a reserved sub-function has for data is nobody's business: a server declines it whatever it is.
+    # The data of reserved sub-functions are not defined, so they are not checked: a server declines these anyway.
     if sub_function in SUB_FUNCTIONS and sub_function != RETURN_QUERY_DATA and len(data) != 2:
         raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, here are {len(data)}", "data")
 
 
 def _check_asked(sub_function: int, data: bytes) -> None:
-    """The data of a request: zeros, but for what is echoed, to restart (0000 or FF00), and the delimiter (CHAR 00)."""
+    """Data of a request must be zeros, except for echoes, restart (0000 or FF00) and the delimiter (CHAR 00)."""
     if sub_function == RESTART_COMMUNICATIONS:
         allowed = data in (b"\0\0", RESTART_AND_CLEAR_LOG)
     elif sub_function == CHANGE_ASCII_DELIMITER:
@@ -124,7 +125,7 @@ def _diagnostics_fields(found: list[Field]) -> list[Field]:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticsResponse(Response):
-    """The echo, or what was asked for.                                                    [MB-APP 6.8]
+    """The request repeated, or the value asked for.                                       [MB-APP 6.8]
 
         08 | sub-function 2 | data 2 (Return Query Data: any length)
 
@@ -144,7 +145,7 @@ class DiagnosticsResponse(Response):
 
     @property
     def count(self) -> int:
-        """The data as a number: what the counters are."""
+        """The data as a number: the value of a counter."""
         return int.from_bytes(self.data, "big")
 
     def encode(self) -> bytes:
@@ -159,19 +160,20 @@ class DiagnosticsResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """Two bytes of data. Longer echoes exist, and on RTU only silence ends those."""
+        """The length with two bytes of data. Echoes may be longer: on RTU only silence ends those."""
         return cls.layout.size + 2
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The sub-function with its name."""
+        """The fields, the sub-function with its name."""
         return _diagnostics_fields(cls.layout.fields(pdu))
 
 
 @dataclass(frozen=True, slots=True)
 class Unanswered(DiagnosticsResponse):
-    """What `ask` returns for Force Listen Only Mode, and for the restart of a unit that listens only, when the unit was
-    silent: nothing was said, and nothing was to be. Whether it is there at all is not known. [MB-APP 6.8.1]
+    """The result of `ask` where the standard demands silence and the unit was silent.     [MB-APP 6.8.1]
+
+    That is: for Force Listen Only Mode, and for a restart of a unit in that mode. Whether the unit exists is unknown.
 
     >>> Diagnostics(FORCE_LISTEN_ONLY).without_answer()
     Unanswered(sub_function=4, data=b'')
@@ -180,16 +182,16 @@ class Unanswered(DiagnosticsResponse):
     data: bytes = b""
 
     def __post_init__(self) -> None:
-        """Nothing to check."""
+        """There is nothing to check."""
 
     def encode(self) -> bytes:
-        """It is never sent."""
-        raise EncodeError("nothing is sent where nothing is to be said", "data")
+        """Raises EncodeError: it stands for the absence of a message."""
+        raise EncodeError("Unanswered stands for silence and cannot be encoded", "data")
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnostics(Request[DiagnosticsResponse]):
-    """Ask a server about itself, or to do something about it.                             [MB-APP 6.8]
+    """Read a counter of a server, test the line, or change the server's mode.             [MB-APP 6.8]
 
         08 | sub-function 2 | data 2 (Return Query Data: any length)
 
@@ -221,22 +223,22 @@ class Diagnostics(Request[DiagnosticsResponse]):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """As the response."""
+        """The length: the same as that of the response."""
         return DiagnosticsResponse.measure(pdu)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The sub-function with its name."""
+        """The fields, the sub-function with its name."""
         return _diagnostics_fields(cls.layout.fields(pdu))
 
     def without_answer(self, *, listens_only: bool = False) -> DiagnosticsResponse | None:
-        """Force Listen Only Mode is not answered; nor is a restart by a unit that listens only."""
+        """Force Listen Only Mode has no response; nor has a restart of a unit in listen only mode."""
         if self.sub_function == FORCE_LISTEN_ONLY or (listens_only and self.sub_function == RESTART_COMMUNICATIONS):
             return Unanswered(self.sub_function)
         return None
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The same sub-function; and the same data, where the response is an echo."""
+        """The response must have the same sub-function; and the same data, where it is an echo."""
         if response.sub_function != self.sub_function:
             self.refuse(pdu, "sub_function", self.sub_function, response.sub_function)
         if self.sub_function in ECHOED and response.data != self.data:

@@ -1,4 +1,4 @@
-"""A queue that a device fills and a client reads: function code 18."""
+"""A queue of registers that a device fills and a client reads: function code 18."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.registers import register_fields
 
 FIFO_LIMIT = 31
-"""The most registers that one answer may hold; a queue that is longer is answered with exception 03 [MB-APP 6.18]."""
+"""The most registers in one response; a longer queue is exception 03 [MB-APP 6.18]."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadFifoQueueResponse(Response):
-    """What is in the queue, 0 to 31 registers, the oldest first.                          [MB-APP 6.18]
+    """The content of the queue, 0 to 31 registers, the oldest first.                      [MB-APP 6.18]
 
         18 | byte count 2 (of all that follows) | FIFO count 2 | registers, 2 bytes each ...
 
-    The only answer of the standard with a byte count of two bytes.
+    The only response of the standard with a byte count of two bytes.
 
     >>> ReadFifoQueueResponse((440, 4740)).encode().hex(" ")
     '18 00 06 00 02 01 b8 12 84'
@@ -42,7 +42,7 @@ class ReadFifoQueueResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. Both counts must tell what there is."""
+        """The PDU as a message. Both counts must fit the bytes."""
         cls.check_function(pdu)
         _, byte_count, fifo_count, data = cls.layout.unpack(pdu)
         if byte_count != 2 + len(data):
@@ -56,18 +56,18 @@ class ReadFifoQueueResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The byte count tells it, once it is in."""
+        """The byte count determines it, once it has arrived."""
         return 3 + int.from_bytes(pdu[1:3], "big") if len(pdu) >= 3 else cls.layout.size
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Register by register."""
+        """The fields, register by register."""
         return register_fields(cls.layout.fields(pdu))
 
 
 @dataclass(frozen=True, slots=True)
 class ReadFifoQueue(Request[ReadFifoQueueResponse]):
-    """Read the queue whose count lies at an address. The standard's read takes nothing out.      [MB-APP 6.18]
+    """Read the queue whose count register is at `address`; its content stays there.       [MB-APP 6.18]
 
         18 | FIFO pointer address 2
 

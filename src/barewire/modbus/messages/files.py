@@ -1,6 +1,7 @@
 """File records, the extended memory of older devices: function codes 14 (read) and 15 (write).
 
-A file has 10000 records of one register, 0 to 9999 (270Fh). One message has several groups of them, each with a 06.
+A file has 10000 records of one register each, 0 to 9999 (270Fh). One message has several groups of records, and each
+group begins with the reference type 06.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_DATA_VALUE
 from barewire.modbus.messages.base import R, Request, Response, check_range
 
-REFERENCE_TYPE = 6
+_REFERENCE_TYPE = 6
 RECORD_LIMIT = 0x270F
-READ_LIMIT = 0xF5  # the longest list of places: 35 of 7 bytes each
-BYTES_LIMIT = 0xFB  # the longest list of records: 253 - 2; figure 25 of the standard says F5h, its table FBh
+_READ_LIMIT = 0xF5  # bytes of the longest request: 35 places of 7 bytes each
+_BYTES_LIMIT = 0xFB  # bytes of the longest list of records: 253 - 2; figure 25 of the standard has F5h, its table FBh
 
 _PLACE = Layout(">BHHH", "reference_type", "file", "record", "length")
 
@@ -41,13 +42,13 @@ class FileRecord(NamedTuple):
 def _check_place(file: int, record: int, length: int) -> None:
     check_range("file", file, 1, 0xFFFF)
     check_range("record", record, 0, RECORD_LIMIT)
-    check_range("length", length, 1, BYTES_LIMIT // 2)
+    check_range("length", length, 1, _BYTES_LIMIT // 2)
 
 
 def _refused(pdu: bytes, at: int, file: int, record: int, length: int) -> DecodeError | None:
-    """Why the group at this offset is no place, if it is none."""
-    if pdu[at] != REFERENCE_TYPE:
-        return DecodeError("value", pdu, at, f"reference type {pdu[at]}: expected {REFERENCE_TYPE}")
+    """The error of the group at this offset, if it is not valid."""
+    if pdu[at] != _REFERENCE_TYPE:
+        return DecodeError("value", pdu, at, f"reference type {pdu[at]}: expected {_REFERENCE_TYPE}")
     try:
         _check_place(file, record, length)
     except EncodeError as error:
@@ -61,13 +62,13 @@ class _FileRequest(Request[R]):
 
     @classmethod
     def declines(cls, error: DecodeError) -> int:
-        """A reference type, file or record that cannot be is an address that does not exist  [MB-APP figures 24, 25]"""
+        """An invalid reference type, file or record is exception 02, all else 03.        [MB-APP figures 24, 25]"""
         return ILLEGAL_DATA_ADDRESS if error.reason == "value" and error.at > 1 else ILLEGAL_DATA_VALUE
 
 
 @dataclass(frozen=True, slots=True)
 class ReadFileRecordResponse(Response):
-    """The registers of each group, in the order asked.                                    [MB-APP 6.14]
+    """The registers of each group, in the order of the request.                           [MB-APP 6.14]
 
         14 | byte count | for each group:  length (of what follows) | 06 | registers ...
 
@@ -83,19 +84,19 @@ class ReadFileRecordResponse(Response):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "records", tuple(map(tuple, self.records)))
-        check_range("byte_count", sum(2 + 2 * len(registers) for registers in self.records), 4, BYTES_LIMIT)
+        check_range("byte_count", sum(2 + 2 * len(registers) for registers in self.records), 4, _BYTES_LIMIT)
         for registers in self.records:
-            check_range("length", len(registers), 1, BYTES_LIMIT // 2)
+            check_range("length", len(registers), 1, _BYTES_LIMIT // 2)
 
     def encode(self) -> bytes:
         """The PDU."""
         groups = map(from_registers, self.records)
-        data = b"".join(bytes([1 + len(group), REFERENCE_TYPE]) + group for group in groups)
+        data = b"".join(bytes([1 + len(group), _REFERENCE_TYPE]) + group for group in groups)
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: groups one behind the other, the last of them ending where the PDU does."""
+        """The PDU as a message: group after group, the last one ends with the PDU."""
         cls.check_function(pdu)
         cls.layout.unpack(pdu)
         records, at = [], cls.layout.size
@@ -105,19 +106,19 @@ class ReadFileRecordResponse(Response):
                 raise DecodeError("length", pdu, at, f"length {size}: expected 06 and whole registers, 3, 5, 7 ...")
             if at + 1 + size > len(pdu):
                 raise DecodeError("short", pdu, at, f"a group of {size} bytes, but {len(pdu) - at - 1} follow")
-            if pdu[at + 1] != REFERENCE_TYPE:
-                raise DecodeError("value", pdu, at + 1, f"reference type {pdu[at + 1]}: expected {REFERENCE_TYPE}")
+            if pdu[at + 1] != _REFERENCE_TYPE:
+                raise DecodeError("value", pdu, at + 1, f"reference type {pdu[at + 1]}: expected {_REFERENCE_TYPE}")
             records.append(to_registers(pdu[at + 2 : at + 1 + size]))
             at += 1 + size
         return cls.make(pdu, tuple(records))
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Group by group."""
+        """The fields, group by group."""
         found, at = cls.layout.fields(pdu)[:2], cls.layout.size
         while at < len(pdu):
             end = min(len(pdu), at + 1 + pdu[at])
-            found.append(Field(at, 1, "length", pdu[at], "so many bytes in this group"))
+            found.append(Field(at, 1, "length", pdu[at], "bytes in this group"))
             found += [Field(at + 1, 1, "reference_type", pdu[at + 1]) for _ in pdu[at + 1 : min(end, at + 2)]]
             found += _register_rows(pdu, at + 2, end)
             at = end
@@ -125,7 +126,7 @@ class ReadFileRecordResponse(Response):
 
 
 def _register_rows(pdu: bytes, start: int, end: int) -> list[Field]:
-    """One line for each register between two offsets, and one for half of one."""
+    """One field for each register between two offsets, and one for an odd byte at the end."""
     whole = (end - start) // 2 if end > start else 0
     rows = [
         Field(at, 2, f"register {number}", int.from_bytes(pdu[at : at + 2], "big"))
@@ -154,16 +155,16 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "places", tuple(RecordPlace(*place) for place in self.places))
-        check_range("byte_count", _PLACE.size * len(self.places), _PLACE.size, READ_LIMIT)
+        check_range("byte_count", _PLACE.size * len(self.places), _PLACE.size, _READ_LIMIT)
         for place in self.places:
             _check_place(*place)
         answered = sum(2 + 2 * length for _, _, length in self.places)
-        if answered > BYTES_LIMIT:
+        if answered > _BYTES_LIMIT:
             raise EncodeError(f"the answer would have {2 + answered} bytes: more than the 253 of a PDU", "byte_count")
 
     def encode(self) -> bytes:
         """The PDU."""
-        data = b"".join(_PLACE.pack(REFERENCE_TYPE, *place) for place in self.places)
+        data = b"".join(_PLACE.pack(_REFERENCE_TYPE, *place) for place in self.places)
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
@@ -182,7 +183,7 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
         return cls.make(pdu, tuple(places))
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """As many groups as were asked, each as long as it was asked."""
+        """The response must have as many groups as the request, each of the length asked for."""
         asked, answered = [length for _, _, length in self.places], list(map(len, response.records))
         if asked != answered:
             self.refuse(pdu, "byte_count", asked, answered)
@@ -190,7 +191,7 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Group by group."""
+        """The fields, group by group."""
         found = cls.layout.fields(pdu)[:2]
         for at in range(cls.layout.size, len(pdu), _PLACE.size):
             found += _PLACE.fields(pdu[at : at + _PLACE.size], at)
@@ -199,7 +200,7 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
 
 @dataclass(frozen=True, slots=True)
 class WriteFileRecordResponse(Response):
-    """The echo.                                                                           [MB-APP 6.15]
+    """The request, repeated.                                                              [MB-APP 6.15]
 
     15 | byte count | for each group:  06 | file 2 | record 2 | length 2, in registers | registers ...
     """
@@ -216,14 +217,14 @@ class WriteFileRecordResponse(Response):
     def encode(self) -> bytes:
         """The PDU."""
         data = b"".join(
-            _PLACE.pack(REFERENCE_TYPE, file, record, len(registers), tail=from_registers(registers))
+            _PLACE.pack(_REFERENCE_TYPE, file, record, len(registers), tail=from_registers(registers))
             for file, record, registers in self.records
         )
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: groups one behind the other, the last of them ending where the PDU does."""
+        """The PDU as a message: group after group, the last one ends with the PDU."""
         cls.check_function(pdu)
         cls.layout.unpack(pdu)
         records, at = [], cls.layout.size
@@ -242,7 +243,7 @@ class WriteFileRecordResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Group by group, register by register."""
+        """The fields, group by group and register by register."""
         found, at = cls.layout.fields(pdu)[:2], cls.layout.size
         while at < len(pdu):
             head = _PLACE.fields(pdu[at : at + _PLACE.size], at)
@@ -254,12 +255,12 @@ class WriteFileRecordResponse(Response):
 
 
 def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
-    """The groups as they are kept, each one checked."""
+    """The groups as `FileRecord`, each one checked."""
     found = tuple(FileRecord(file, record, tuple(registers)) for file, record, registers in records)
     for group in found:
         _check_place(group.file, group.record, len(group.registers))
         from_registers(group.registers)  # each one in 0..65535, or EncodeError
-    check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, BYTES_LIMIT)
+    check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, _BYTES_LIMIT)
     return found
 
 
@@ -285,15 +286,15 @@ class WriteFileRecord(_FileRequest[WriteFileRecordResponse]):
         object.__setattr__(self, "records", _records(self.records))
 
     def encode(self) -> bytes:
-        """The PDU: the same bytes as its echo."""
+        """The PDU: the same bytes as the response."""
         return WriteFileRecordResponse(self.records).encode()
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """As the response: they are the same bytes."""
+        """The PDU as a message: the same bytes as the response."""
         return cls(WriteFileRecordResponse.decode(pdu).records)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """As the response."""
+        """The fields: the same as those of the response."""
         return WriteFileRecordResponse.fields(pdu)

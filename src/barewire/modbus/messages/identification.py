@@ -1,4 +1,4 @@
-"""Who are you: function codes 11 (Report Server ID) and 2B/0E (Read Device Identification)."""
+"""Identification of a device: function codes 11 (Report Server ID) and 2B/0E (Read Device Identification)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from barewire.modbus.messages.base import Request, Response, check_range, checke
 
 MEI_DEVICE_IDENTIFICATION = 0x0E
 OBJECT_LIMIT = 244
-"""The longest value an object can have: 253 - 7 bytes of header - 2 of the object's own [MB-APP 6.21]."""
+"""Bytes of the longest object: 253 - 7 of the header - 2 for its number and length [MB-APP 6.21]."""
 
 BASIC, REGULAR, EXTENDED, INDIVIDUAL = 1, 2, 3, 4
 SINGLE_ACCESS = 0x80
-"""Set in the conformity of a device that also answers `INDIVIDUAL`."""
+"""Set in the conformity level of a device that also supports `INDIVIDUAL`."""
 
 READ_CODES = {BASIC: "basic", REGULAR: "regular", EXTENDED: "extended", INDIVIDUAL: "one object"}
 MORE, NO_MORE = 0xFF, 0x00
@@ -33,7 +33,7 @@ OBJECT_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class ReportServerIdResponse(Response):
-    """Bytes of the device's own; the standard asks for an id and a run indicator (FF or 00) among them.  [MB-APP 6.13]
+    """Device-specific bytes; by the standard with an id and a run indicator (FF or 00).   [MB-APP 6.13]
 
         11 | byte count | data ...
 
@@ -63,7 +63,7 @@ class ReportServerIdResponse(Response):
 
 @dataclass(frozen=True, slots=True)
 class ReportServerId(Request[ReportServerIdResponse]):
-    """Ask a device what it is and whether it runs.                                        [MB-APP 6.13]
+    """Read the id and the run indicator of a device.                                      [MB-APP 6.13]
 
         11
 
@@ -79,7 +79,7 @@ class ReportServerId(Request[ReportServerIdResponse]):
 
 @dataclass(frozen=True, slots=True)
 class ReadDeviceIdentificationResponse(Response):
-    """Objects as text, as many as fit; `more_follows` says that there are others.         [MB-APP 6.21]
+    """Identification objects, as many as fit; `more_follows` if there are others.         [MB-APP 6.21]
 
         2B | 0E | read code | conformity | more follows | next object | number of objects
            then for each object:  id | length | value ...
@@ -127,7 +127,7 @@ class ReadDeviceIdentificationResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. A list that ends inside an object, or goes on behind the last, is an error."""
+        """The PDU as a message. The list must end exactly with its last object."""
         cls.check_function(pdu)
         _, mei_type, read_code, conformity, more, next_object, number, tail = cls.layout.unpack(pdu)
         if mei_type != MEI_DEVICE_IDENTIFICATION:
@@ -138,19 +138,17 @@ class ReadDeviceIdentificationResponse(Response):
         at = cls.layout.size
         for _ in range(number):
             if at + 2 > len(pdu) or at + 2 + pdu[at + 1] > len(pdu):
-                raise DecodeError(
-                    "short", pdu, min(at, len(pdu)), f"object {len(objects)} of {number} is not all there"
-                )
+                raise DecodeError("short", pdu, min(at, len(pdu)), f"object {len(objects)} of {number} is incomplete")
             objects.append((pdu[at], bytes(pdu[at + 2 : at + 2 + pdu[at + 1]])))
             at += 2 + pdu[at + 1]
         if at < len(pdu):
-            raise DecodeError("long", pdu, at, f"{len(pdu) - at} bytes are left over behind {number} objects")
+            raise DecodeError("long", pdu, at, f"{len(pdu) - at} bytes are left over after {number} objects")
         del tail
         return cls.make(pdu, read_code, conformity, tuple(objects), more == MORE, next_object)
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """Walk the objects as far as they are in: each one tells where the next begins."""
+        """Walk the objects that have arrived: the length of each one determines where the next begins."""
         at = cls.layout.size
         if len(pdu) < at:
             return at
@@ -162,7 +160,7 @@ class ReadDeviceIdentificationResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Object by object, with the standard's names."""
+        """The fields, object by object, with the standard's names."""
         found = [field for field in cls.layout.fields(pdu) if field.name != "objects"]
         at = cls.layout.size
         while at + 1 < len(pdu):
@@ -213,14 +211,14 @@ class ReadDeviceIdentification(Request[ReadDeviceIdentificationResponse]):
         return cls.make(pdu, read_code, object_id)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The read code is the one that was asked."""
+        """The response must have the read code of the request."""
         if response.read_code != self.read_code:
             self.refuse(pdu, "read_code", self.read_code, response.read_code)
         return response
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The codes in words."""
+        """The fields, the codes in words."""
         found = cls.layout.fields(pdu)
         if len(found) > 2:
             found[2] = found[2]._replace(meaning=READ_CODES.get(pdu[2], "not defined"))

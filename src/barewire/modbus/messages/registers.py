@@ -1,7 +1,9 @@
 """Holding and input registers: function codes 03, 04, 06 and 10.
 
 A register is 16 bits, the more significant byte first [MB-APP 4.2]. Holding registers can be written, input registers
-cannot. What several registers mean together is not Modbus's business: see `barewire.codecs.order`.
+cannot. Modbus does not define values of several registers: see `barewire.codecs.order`.
+
+Reading registers is what clients and servers do most, so `ReadHoldingRegisters` has shortcuts: see `_SHORTCUTS` below.
 """
 
 from __future__ import annotations
@@ -15,18 +17,18 @@ from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.messages.base import Request, Response, check_range
 
-READ_LIMIT = 125
-WRITE_LIMIT = 123
+READ_REGISTERS_LIMIT = 125
+_WRITE_LIMIT = 123
 _REQUEST = Struct(">BHH")
-_ROWS = tuple(Struct(f">{quantity}H") for quantity in range(READ_LIMIT + 1))
-"""For each quantity, what turns its bytes into registers."""
+_ROWS = tuple(Struct(f">{quantity}H") for quantity in range(READ_REGISTERS_LIMIT + 1))
+"""By quantity: the registers of a response."""
 _ROW = Layout(">BB", "function_code", "byte_count", tail="registers", count="byte_count")
-_RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_LIMIT + 1))
-"""For each quantity, what makes the whole answer."""
+_RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_REGISTERS_LIMIT + 1))
+"""By quantity: a whole response."""
 
 
 def register_fields(found: list[Field]) -> list[Field]:
-    """A tail of registers opened up: one line for each."""
+    """These fields, with the tail of registers replaced by one field for each register."""
     tail = found[-1] if found and isinstance(found[-1].value, str) else None
     if tail is None:
         return found
@@ -42,7 +44,7 @@ def register_fields(found: list[Field]) -> list[Field]:
 
 @dataclass(frozen=True, slots=True)
 class ReadHoldingRegistersResponse(Response):
-    """The registers asked for.                                                            [MB-APP 6.3]
+    """The registers that were read.                                                       [MB-APP 6.3]
 
         03 | byte count | registers, 2 bytes each ...
 
@@ -57,7 +59,7 @@ class ReadHoldingRegistersResponse(Response):
     layout: ClassVar[Layout] = _ROW
 
     def __post_init__(self) -> None:
-        check_range("quantity", len(self.registers), 1, READ_LIMIT)
+        check_range("quantity", len(self.registers), 1, READ_REGISTERS_LIMIT)
 
     def encode(self) -> bytes:
         """The PDU."""
@@ -67,7 +69,7 @@ class ReadHoldingRegistersResponse(Response):
                 return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
         except (StructError, IndexError):
             pass
-        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # says what is wrong
+        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # raises, with the reason
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
@@ -80,13 +82,13 @@ class ReadHoldingRegistersResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Register by register."""
+        """The fields, register by register."""
         return register_fields(cls.layout.fields(pdu))
 
 
 @dataclass(frozen=True, slots=True)
 class ReadInputRegistersResponse(ReadHoldingRegistersResponse):
-    """The registers asked for.                                                            [MB-APP 6.4]
+    """The registers that were read.                                                       [MB-APP 6.4]
 
     04 | byte count | registers, 2 bytes each ...
     """
@@ -115,15 +117,14 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, READ_LIMIT)
+        check_range("quantity", self.quantity, 1, READ_REGISTERS_LIMIT)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """As of every message. Where nothing can be wrong, and nearly always nothing is, one look is enough; but who
-        knows what a subclass of a user's wants besides."""
-        if cls in _OURS and len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
+        """The PDU as a message, by the shortcut if it is a valid one."""
+        if cls in _SHORTCUTS and len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
             _, address, quantity = _REQUEST.unpack(pdu)
-            if 1 <= quantity <= READ_LIMIT:
+            if 1 <= quantity <= READ_REGISTERS_LIMIT:
                 request = _new(cls)
                 _set_address(request, address)
                 _set_quantity(request, quantity)
@@ -131,22 +132,22 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
         return super(ReadHoldingRegisters, cls).decode(pdu)  # a dataclass with slots is a second class: no bare super()
 
     def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
-        """As of every request. The answer that fits, and nearly all do, is known at one look and read by one call."""
+        """The response, by the shortcut if the PDU is one to this request."""
         size = 2 * self.quantity
-        if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size or type(self) not in _OURS:
+        if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size or type(self) not in _SHORTCUTS:
             return Request.read_response(self, pdu)
         return _with_row(self.response, _ROWS[self.quantity].unpack_from(pdu, 2))
 
     def answer(self, row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
-        """The response with this row, which must be registers and as many as were asked: nobody looks again."""
-        if type(self) in _OURS:
+        """The response with this row, which must be as many registers as were asked for: it is not checked again."""
+        if type(self) in _SHORTCUTS:
             return _with_row(self.response, row)
         cls: Any = self.response
         response: ReadHoldingRegistersResponse = cls(row)
         return response
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """Exactly as many registers as were asked."""
+        """The response must have exactly as many registers as were asked for."""
         if len(response.registers) != self.quantity:
             self.refuse(pdu, "byte_count", 2 * self.quantity, 2 * len(response.registers))
         return response
@@ -167,8 +168,12 @@ class ReadInputRegisters(ReadHoldingRegisters):
     response: ClassVar[type[Response]] = ReadInputRegistersResponse
 
 
-_OURS = (ReadHoldingRegisters, ReadInputRegisters)
-"""Whose shortcuts are the whole truth: they put values that are known to be right straight into their slots."""
+# The shortcuts. `decode` and `read_response` of these two requests first test the PDU for the usual, valid form. If it
+# has that form, its values need no further check, so the object is made without `__init__`: by `object.__new__`, and
+# each value is stored by the slot descriptor of its field (a frozen dataclass refuses plain assignment). Any other PDU
+# takes the general path, which finds the reason. `read_response` is about 4 times faster by this, `decode` 2.5 times.
+# A subclass is not in `_SHORTCUTS`, because its own checks must run.
+_SHORTCUTS = (ReadHoldingRegisters, ReadInputRegisters)
 _new = object.__new__
 _set_address, _set_quantity = (vars(ReadHoldingRegisters)[name].__set__ for name in ("address", "quantity"))
 _set_registers = vars(ReadHoldingRegistersResponse)["registers"].__set__
@@ -182,7 +187,7 @@ def _with_row(cls: type[Any], row: tuple[int, ...]) -> ReadHoldingRegistersRespo
 
 @dataclass(frozen=True, slots=True)
 class WriteSingleRegisterResponse(Response):
-    """The echo.                                                                           [MB-APP 6.6]
+    """The request, repeated.                                                              [MB-APP 6.6]
 
     06 | address 2 | value 2
     """
@@ -225,7 +230,7 @@ class WriteSingleRegister(Request[WriteSingleRegisterResponse]):
 
 @dataclass(frozen=True, slots=True)
 class WriteMultipleRegistersResponse(Response):
-    """How many were written, and from where.                                              [MB-APP 6.12]
+    """The address and the number of registers that were written.                          [MB-APP 6.12]
 
     10 | address 2 | quantity 2
     """
@@ -239,7 +244,7 @@ class WriteMultipleRegistersResponse(Response):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, WRITE_LIMIT)
+        check_range("quantity", self.quantity, 1, _WRITE_LIMIT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,13 +270,13 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", len(self.registers), 1, WRITE_LIMIT)
+        check_range("quantity", len(self.registers), 1, _WRITE_LIMIT)
         object.__setattr__(self, "registers", tuple(self.registers))
         from_registers(self.registers)  # each one in 0..65535, or EncodeError
 
     @property
     def quantity(self) -> int:
-        """How many registers."""
+        """The number of registers."""
         return len(self.registers)
 
     def encode(self) -> bytes:
@@ -285,7 +290,7 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
         cls.check_function(pdu)
         _, address, quantity, byte_count, data = cls.layout.unpack(pdu)
         try:
-            check_range("quantity", quantity, 1, WRITE_LIMIT)
+            check_range("quantity", quantity, 1, _WRITE_LIMIT)
         except EncodeError as error:
             raise DecodeError("value", pdu, 3, str(error)) from None
         if byte_count != 2 * quantity:
@@ -294,5 +299,5 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Register by register."""
+        """The fields, register by register."""
         return register_fields(cls.layout.fields(pdu))

@@ -19,7 +19,7 @@ from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 AnyRequest: TypeAlias = Request[Any]
 
 ENCAPSULATED = 0x2B
-"""Behind this function code a second byte, the MEI type, says which function it is [MB-APP 6.19]."""
+"""The function code that is followed by an MEI type, which selects the function [MB-APP 6.19]."""
 
 _requests: dict[int, type[AnyRequest]] = {}
 _encapsulated: dict[int, type[AnyRequest]] = {}
@@ -48,10 +48,10 @@ def register(request: type[AnyRequest], mei_type: int | None = None) -> type[Any
 
 
 def unregister(request: type[AnyRequest]) -> None:
-    """Undo `register`: its function code is unknown again. For tests; what was replaced does not come back."""
-    for known_by in (_requests, _encapsulated):
-        for number in [number for number, known_requests in known_by.items() if known_requests is request]:
-            del known_by[number]
+    """Undo `register`: the function code is unknown again. A class that was replaced does not come back."""
+    for table in (_requests, _encapsulated):
+        for number in [number for number, registered in table.items() if registered is request]:
+            del table[number]
 
 
 for _name in messages.NAMES:
@@ -61,13 +61,13 @@ for _name in messages.NAMES:
 
 
 def known_requests() -> list[type[AnyRequest]]:
-    """Every request class there is, by function code."""
+    """Every registered request class, by function code."""
     found = [*_requests.values(), *_encapsulated.values()]
     return sorted(found, key=lambda request: request.function_code)
 
 
 def request_class(pdu: bytes) -> type[AnyRequest] | None:
-    """The class of a request PDU, told from its first byte or two; None for an unknown function."""
+    """The class of a request PDU, from its first one or two bytes; None for an unknown function."""
     if not pdu:
         return None
     if pdu[0] == ENCAPSULATED:
@@ -89,14 +89,13 @@ def _measure(message: type[Message] | None, pdu: bytes) -> int | None:
     try:
         size = message.measure(pdu)
     except Exception:
-        # A `measure` of the user's, called with the first bytes of anything at all. Who fails to count cannot count:
-        # silence ends the frame then, and the line goes on.
+        # A user's own `measure` may fail on the first bytes of a damaged frame. Then silence ends the frame instead.
         return None
     return size if isinstance(size, int) and size > 0 else None
 
 
 def measure_request(pdu: bytes) -> int | None:
-    """How many bytes of a request to wait for, told from the first ones; None if nobody can know.
+    """The length of a request PDU in bytes, as far as its first bytes determine it; None if they do not.
 
     >>> measure_request(b"\\x03"), measure_request(b"\\x10\\x00\\x00\\x00\\x02\\x04"), measure_request(b"\\x41")
     (5, 10, None)
@@ -105,7 +104,7 @@ def measure_request(pdu: bytes) -> int | None:
 
 
 def measure_response(pdu: bytes) -> int | None:
-    """The same for a response.
+    """The length of a response PDU, as `measure_request` does it.
 
     >>> measure_response(b"\\x03"), measure_response(b"\\x03\\x04"), measure_response(b"\\x83")
     (2, 6, 2)
@@ -114,7 +113,7 @@ def measure_response(pdu: bytes) -> int | None:
 
 
 def decode_request(pdu: bytes) -> AnyRequest:
-    """A request PDU as a message. DecodeError("function") for a code that nobody here knows.
+    """A request PDU as a message. DecodeError("function") for an unregistered function code.
 
     >>> decode_request(bytes.fromhex("03006B0003"))
     ReadHoldingRegisters(address=107, quantity=3)
@@ -128,7 +127,7 @@ def decode_request(pdu: bytes) -> AnyRequest:
 
 
 def decode_response(pdu: bytes) -> Response:
-    """A response PDU as a message, without its request: use `request.read_response` where there is one.
+    """A response PDU as a message, without its request; where there is one, use `request.read_response` instead.
 
     >>> decode_response(bytes.fromhex("8302"))
     ExceptionResponse(function_code=131, exception_code=2)

@@ -79,7 +79,7 @@ class ModbusAdapter:
         match request:
             # ReadDiscreteInputs is a ReadCoils and ReadInputRegisters a ReadHoldingRegisters: one row for each pair.
             case bits.ReadCoils(address, quantity):
-                row = self._read(code, address, quantity, bits.READ_LIMIT)
+                row = self._read(code, address, quantity, bits.READ_COILS_LIMIT)
                 kind = bits.ReadCoilsResponse if code == 0x01 else bits.ReadDiscreteInputsResponse
                 return kind(tuple(map(bool, row)))
             case registers.ReadHoldingRegisters(address, quantity):
@@ -91,7 +91,7 @@ class ModbusAdapter:
                 self._write(code, address, (int(on),), 1)
                 return bits.WriteSingleCoilResponse(address, on)
             case bits.WriteMultipleCoils(address, row_of_bits):
-                self._write(code, address, tuple(map(int, row_of_bits)), bits.WRITE_LIMIT)
+                self._write(code, address, tuple(map(int, row_of_bits)), bits.WRITE_COILS_LIMIT)
                 return bits.WriteMultipleCoilsResponse(address, len(row_of_bits))
             case registers.WriteSingleRegister(address, value):
                 self._write(code, address, (value,), 1)
