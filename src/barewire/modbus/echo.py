@@ -9,9 +9,9 @@ Received bytes are compared, not counted. Where they differ from the sent ones, 
 
 **Whether a line echoes** can be detected (`echoes=None`): by the first request whose response can never be the same
 bytes as the request, such as reading registers. If its own bytes come back, that is an echo; if its response comes
-first, there is none. Until then the first copy of any other request (the response to writing one register is the same bytes)
-is taken for an echo: on a line without echo that means no response, but never a wrong one. So a caller that relies on
-the detection should read a register first.
+first, there is none. Until then the first copy of any other request is taken for an echo, although the response to
+writing one register is the same bytes: on a line without echo that means no response, but never a wrong one. So a
+caller that relies on the detection should read a register first.
 
 Depends on: adu, framing. Used by: io.modbus, where a URL has `echo`.
 """
