@@ -156,7 +156,7 @@ def test_a_following_error_is_no_success(csd: Bench) -> None:
     """Reaction code 0 stops the motor and leaves it enabled: bit 13 and "target reached" at once."""
 
     def slips(progress: DriveProgress) -> None:
-        if progress.waiting_for == "target reached" and progress.look.velocity and not stepper(csd).shaft.lost:
+        if progress.waiting_for == "target reached" and progress.look.velocity and not stepper(csd).shaft.error:
             stepper(csd).slip(-3000, progress.look.now)
 
     csd.drive.progress = slips

@@ -23,7 +23,7 @@ def test_any_writes(name: str, data: st.DataObject) -> None:
     face = bench.machine.modbus
     assert face is not None
     code, image = next((code, face.writes[code]) for code in (0x10, 0x06) if code in face.writes)
-    places = sorted(image.pieces)
+    places = sorted(image.words)
     for _ in range(data.draw(st.integers(1, 12))):
         address = data.draw(st.sampled_from(places))
         words = tuple(data.draw(st.lists(WORDS, min_size=1, max_size=4)))

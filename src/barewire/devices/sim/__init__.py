@@ -1,31 +1,30 @@
-"""Simulated machines: the three of the catalogue, behaving, and any other that somebody describes.
+"""Simulated machines: the three of the catalogue with their behaviour, and any other described device without.
 
-        machine = simulator("az3")            a user's own:  simulator(load("my_device/"))
-        machine.modbus.handle(request, now)   a `barewire.modbus.server.server.Unit`, or None if it is not on Modbus
-        machine.canopen.feed(frame, now)      frames in, frames out, a `deadline`; None if it is not on CAN
-        machine.tick(now)                     time is what it is told: nothing here looks at a clock
+        machine = simulator("az3")            a description of one's own:  simulator(load("my_device/"))
+        machine.modbus.handle(request, now)   a `barewire.modbus.server.server.Unit`; None for a machine without Modbus
+        machine.canopen.feed(frame, now)      frames in, frames out, a `deadline`; None for a machine without CAN
+        machine.tick(now)                     time is passed in: nothing here reads a clock
 
-A simulator behaves; it does not merely answer. Both faces look into one store, so a value that is written over Modbus
-is read over CANopen, and what moves by itself moves while nobody asks.
+Both buses read and write one store: a value that is written over Modbus is read over CANopen, and values that change by
+themselves change between requests.
 
-What is real: every parameter of the description, at its place, with its type, rights and range; function codes, limits
-and refusals of each device; the CiA 402 states and status words; ramps and trapezoids that last as long as they must; a
-soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; stored parameters and power-off.
-What is drawn: currents, torques, temperatures and their curves. What is only stored: everything that the head of
-`adxl`, `az3` and `csd_mt` lists. What the manuals leave open is decided in one place, and said there. The world around
-a machine (a supply that fails, a switch that is passed) is set by hand, on attributes that the same heads name.
+Simulated: every parameter of the description, at its address or object, with its type, rights and range; the function
+codes, limits and exceptions of each device; the CiA 402 states and status words; ramps and trapezoids of the right
+duration; a soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; saved parameters and
+power-off. Simplified: currents, torques, temperatures and their curves. Only stored: what the heads of `adxl.machine`,
+`az3.machine` and `csd_mt.machine` list. What the manuals leave open is decided in one place, and documented there. The
+environment of a machine (a supply that fails, a switch that is passed) is set by attributes that the same heads name.
 
-Files, from the store upwards:
+In reading order:
 
-    store       every value once                    modbus_face, canopen_face    how the buses see it
-    image       registers composed of values        simulator                    any device, without behaviour
-    trajectory  motion in closed form               axis                         CiA 402 states and motion
-    addressed   a machine under the unit address that it has now
-    adxl: adxl_face, adxl_values, adxl_motor, adxl_memory           az3: az3_values, az3_motion, az3_service
-    csd_mt: csd_mt_world and the files that its head draws; profile
+    core      the store, the adapters for Modbus and CANopen, `Simulator`: any device without behaviour
+    motion    trajectories in closed form, the CiA 402 axis
+    adxl      the soft starter
+    az3       the servo drive
+    csd_mt    the stepper drive
 
-I know: descriptions, requests, frames, time as a number.  I never know: envelopes, ports, clocks.
-Who may import me: shells, cli, bench, tests.
+Depends on: device descriptions, messages, the CANopen node.  Used by: io, cli, tests. Framing, ports and clocks are
+unknown here.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from barewire.devices.sim.core.simulator import MachineUnits, Simulator
 from barewire.devices.sim.csd_mt.machine import CsdMt
 
 _SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
-"""The machines that have been taught to move, by the name of their description."""
+"""The machines with behaviour, by the name of their description."""
 
 
 def simulator(
@@ -52,29 +51,26 @@ def simulator(
     bitrate: int | None = None,
     unit: int | None = None,
 ) -> Simulator:
-    """The simulator of a device, by its name, its path or its description.
+    """The simulator of a device, given by its name, its path or its description. `now`: the time in seconds.
 
-    `node`, `bitrate` (CANopen) and `unit` (Modbus) are how it is delivered, if not as the description has it.
+    `node`, `bitrate` (CANopen, bit/s) and `unit` (Modbus) replace the settings of the description at delivery.
 
     >>> machine = simulator("csd-mt")
     >>> type(machine).__name__, machine.canopen
     ('CsdMt', None)
     """
     described = device if isinstance(device, Device) else load(device)
-    # A description of somebody's own may have the name of one of ours; only ours has the parameters we move.
-    kind = (
-        _SIMULATORS[described.name]
-        if described.name in _SIMULATORS and described is load(described.name)
-        else Simulator
-    )
-    side = described.canopen
-    if side is not None:
-        side = side._replace(node=node or side.node, bitrate=bitrate or side.bitrate)
-        described = replace(described, canopen=side)
+    # A user's description may have the name of a shipped one, but not the parameters that its simulator needs.
+    shipped = described.name in _SIMULATORS and described is load(described.name)
+    kind = _SIMULATORS[described.name] if shipped else Simulator
+    settings = described.canopen
+    if settings is not None:
+        settings = settings._replace(node=node or settings.node, bitrate=bitrate or settings.bitrate)
+        described = replace(described, canopen=settings)
     machine = kind(described, now)
     if unit is not None:
         machine.readdress(unit)
     return machine
 
 
-__all__ = ["simulator", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt", "_SIMULATORS"]
+__all__ = ["simulator", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.devices.sim import simulator
-from barewire.devices.sim.adxl.menus import EVENTS
+from barewire.devices.sim.adxl.menus import EventList
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.messages.registers import (
@@ -127,9 +127,9 @@ def test_events(bench: Bench) -> None:
     assert bench.refused(ReadInputRegisters(0x5031, 27)) == 3
     assert bench.refused(ReadInputRegisters(0x5032, 1)) == 3
     assert bench.refused(WriteSingleRegister(0x502F, 2)) == 3
-    for _ in range(EVENTS):
+    for _ in range(EventList.SIZE):
         bench.write("C01 Reset maintenance service interval", 0)
-    assert bench.words(0x502F, 1, "input") == (EVENTS << 8 | 2,)
+    assert bench.words(0x502F, 1, "input") == (EventList.SIZE << 8 | 2,)
     bench.write("C16 Reset the events list", 15)
     assert bench.words(0x502F, 1, "input") == (0,)
 

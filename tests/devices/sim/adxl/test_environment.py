@@ -121,11 +121,11 @@ def test_inputs_limits_and_remotes(bench: Bench) -> None:
     assert [bench.read(f"Remote {place}") for place in (1, 2, 3, 4)] == [True, False, True, False]
     bench.write("C06 Reset LIM variables with memory", 5)
     assert [bench.read(f"Limit {place}") for place in (1, 2, 3, 4)] == [False] * 4
-    assert machine.service == pytest.approx(24.0 / 3600)
+    assert machine.service_hours == pytest.approx(24.0 / 3600)
     bench.write("C04 Reset the motor's hour meter", 3)
-    assert machine.service == pytest.approx(24.0 / 3600)
+    assert machine.service_hours == pytest.approx(24.0 / 3600)
     bench.write("C01 Reset maintenance service interval", 0)
-    assert machine.service == 0
+    assert machine.service_hours == 0
 
 
 def test_a_new_node_address_counts_after_the_reboot(bench: Bench) -> None:

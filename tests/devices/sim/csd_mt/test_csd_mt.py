@@ -279,6 +279,6 @@ def test_the_watchdog_of_messages(bench: CsdBench) -> None:
     assert bench.status(0.8) == "0637"
     assert bench.status(2.0) == "0218"
     assert (bench.read("Drive Alarm Time 0"), bench.read("Error Code")) == (1, 0)  # at 1.3 s, not at 2
-    assert len(bench.drive.service.alarms) == 1
+    assert len(bench.drive.context.alarms.entries) == 1
     assert bench.control(0x00, 0x80) == "0270"
     assert bench.status(3.0) == "0218"  # whatever the state

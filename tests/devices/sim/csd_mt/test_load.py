@@ -103,7 +103,7 @@ def test_a_small_lag_is_left_alone(bench: CsdBench) -> None:
     assert bench.position(1.0) == 60
     bench.drive.slip(70, 2.0)
     assert bench.position(2.1) == 60  # more than one full step is made good
-    assert bench.drive.shaft.held
+    assert bench.drive.shaft.in_step
     bench.put(Target_Position=100_000)
     bench.control(0x1F)
     bench.drive.slip(100, 3.0)  # in motion it is two
@@ -121,7 +121,7 @@ def test_auto_sync_can_be_switched_on_the_way(bench: CsdBench) -> None:
     assert bench.velocity(4.0) == 0
     bench.settle()
     bench.status()
-    assert bench.drive.shaft.held  # the command stands, and the shaft is in step again
+    assert bench.drive.shaft.in_step  # the command stands, and the shaft is in step again
 
 
 def test_reactivity_nothing_recovers_nothing(bench: CsdBench) -> None:

@@ -47,24 +47,24 @@ def test_a_threshold_below_the_warning_does_not_hang(bench: CsdBench) -> None:
 
 
 def test_the_current_is_reduced_at_standstill(bench: CsdBench) -> None:
-    assert bench.drive.heat.current == 0
+    assert bench.drive.thermal.current == 0
     bench.put(Target_Position=100_000, Current_Ratio=100, Current_Reduction_Ratio=25)
     bench.enable()
     bench.control(0x1F)
-    assert bench.drive.heat.current == 4  # of motor code 1544h
+    assert bench.drive.thermal.current == 4  # of motor code 1544h
     ends_at = bench.settle()
-    assert bench.drive.heat.current == 4
+    assert bench.drive.thermal.current == 4
     bench.status(ends_at + 0.081)
-    assert bench.drive.heat.current == 1
+    assert bench.drive.thermal.current == 1
     bench.write("Auto Sync Enable", 1)  # "current reduction disabled"
-    assert bench.drive.heat.current == 4
+    assert bench.drive.thermal.current == 4
     bench.write("Auto Sync Enable", 3)
-    assert bench.drive.heat.current == 1
+    assert bench.drive.thermal.current == 1
     bench.write("Auto Sync Kv", 0)
     bench.drive.slip(1000, bench.now)  # a gap that nothing closes
-    assert bench.drive.heat.current == 1
+    assert bench.drive.thermal.current == 1
     bench.write("Auto Sync Enable", 2)  # "not working to recover an excessive position gap"
-    assert bench.drive.heat.current == 4
+    assert bench.drive.thermal.current == 4
 
 
 # Memory
@@ -148,20 +148,6 @@ def test_outputs(bench: CsdBench) -> None:
     bench.drive.solve(1.0)
     bench.control(0x80)
     assert bench.read("Digital Output") == 0b11001 << 16
-
-
-def test_busy_is_over_a_little_later(bench: CsdBench) -> None:
-    bench.enable()
-    bench.put(Target_Position=20_000, Busy_Delay=500)
-    bench.status(5.0)
-    assert not bench.drive.service.busy
-    bench.control(0x1F)
-    assert bench.drive.service.busy
-    ends_at = bench.settle()
-    bench.status(ends_at + 0.49)
-    assert bench.drive.service.busy
-    bench.status(ends_at + 0.51)
-    assert not bench.drive.service.busy
 
 
 def test_the_clock_may_begin_anywhere() -> None:

@@ -1,37 +1,36 @@
-"""The ADXL soft starter, behaving: a motor that starts and stops in time, menus, events, reboot.   [ADXL addendum]
+"""The ADXL soft starter, simulated: a motor that starts and stops in time, menus, events, reboot.   [ADXL addendum]
 
-        1002h = 1 start   1003h = 1 stop  --> motor (adxl_motor.py) --> F84h status, currents, power, energy, hours
-        2FF0h = 0 .. 15   C01 .. C16      --> what each of them names
-        5000h .. 5004h    menus           --> adxl_memory.py: P01.04 is the time of the next start
+        1002h = 1 start   1003h = 1 stop  --> motor (motor.py) --> F84h status, currents, power, energy, hours
+        2FF0h = 0 .. 15   C01 .. C16      --> the action of each command
+        5000h .. 5004h    menus           --> menus.py: P01.04 is the time of the next start
         5030h, 5032h      events
         2F03h = 5         save and reboot: no answer, then busy (exception 06) for `REBOOT_TAKES` seconds
 
-Measures are read with 03 and 04, settings and events with 04 only (tables 2 and 4, parameter setting); 06 writes, 07
-tells eight bits of state, 17 who the starter is.
+Simulated: 03 and 04 read measures, only 04 reads settings and events (tables 2 and 4, parameter setting); 06 writes, 07
+returns eight bits of state, 17 the identity. A start is executed when the starter is ready; while it stops, the answer
+is exception 04. C01 restarts the `service_hours` interval, C06 sets the limits to 0. C15, the test with a motor of low
+power, lasts until the starter is switched on again: currents are a twentieth, so no limit is reached, protections are
+inhibited (`trip` is an event and no alarm), and a running motor shows status 11. A new node address (P08.01) takes
+effect at the next power-on or reboot.
 
-The world around it is set by hand: `supply`, `trip` and `clear` an alarm, `close` an input, `limits` and `remotes` as
-bits, `preheats` and `selects_motor` for status 1 and 14, and `motor.start_delay`, `kick_time` and `torque_limit` for
-status 3, 4 and 7.
+The environment is set by attributes and methods: `supply`, `trip` and `clear` an alarm, `close` an input, `limits` and
+`remotes` as bits, `preheats` and `selects_motor` for status 1 and 14, and `motor.start_delay`, `kick_time` and
+`torque_limit` for status 3, 4 and 7.
 
-C15, the test with a motor of low power, lasts until the starter is switched on anew: currents are a twentieth, so no
-limit is reached, protections are inhibited (`trip` is an event and no alarm) and a running motor shows status 11.
-C06 sets the limits to 0; C01 begins the `service` interval anew; C11, the AUTOSET wizard, is an event only.
-
-Simplified: the curves of a start are drawn and not calculated, see `adxl_motor`. A new node address (P08.01) counts
-from the next switching on or reboot; baud rate, format and protocol (P08.02 to P08.05) are only stored. A start is
-executed when the starter is ready; while it stops, the answer is exception 04.
+Simplified: the curves of a start are plausible and not calculated, see `motor`. C11, the AUTOSET wizard, is an event
+and nothing else. Only stored: baud rate, format and protocol (P08.02 to P08.05).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from barewire.codecs import Value
-from barewire.devices.device import Device
-from barewire.devices.sim.adxl.measurements import hang_values
-from barewire.devices.sim.adxl.menus import ACCELERATION_TIME, FACTORY, NODE_ADDRESS, Events, Menus
+from barewire.devices.device import Device, ModbusSettings
+from barewire.devices.sim.adxl.menus import ACCELERATION_TIME, FACTORY, NODE_ADDRESS, EventList, Menus
 from barewire.devices.sim.adxl.modbus import AdxlModbusAdapter
-from barewire.devices.sim.adxl.motor import Motor, Phase
+from barewire.devices.sim.adxl.motor import FREQUENCY, LINE_RATIOS, RATED_CURRENT, Motor, MotorPhase, MotorSample
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.core.store import Declined
@@ -39,17 +38,19 @@ from barewire.devices.sim.core.store import Declined
 REBOOT_TAKES = 3.0
 """Seconds; the manual does not say how long."""
 
-ABSENT, PREHEATING, READY, DELAY, KICK, RAMP, CURRENT_LIMIT, TORQUE_LIMIT, RUN, BYPASS = range(10)
-DECELERATION, INHIBITED, FREEWHEEL, ALARM, SELECTION = range(10, 15)
-STATUS = {
-    Phase.READY: READY,
-    Phase.DELAYED: DELAY,
-    Phase.KICKING: KICK,
-    Phase.STARTING: RAMP,
-    Phase.CLOSING: RUN,
-    Phase.BYPASSED: BYPASS,
-    Phase.STOPPING: DECELERATION,
-    Phase.COASTING: FREEWHEEL,
+_ABSENT, _PREHEATING, _READY, _DELAY, _KICK, _RAMP, _CURRENT_LIMIT, _TORQUE_LIMIT, _RUN, _BYPASS = range(10)
+_DECELERATION, _INHIBITED, _FREEWHEEL, _ALARM, _SELECTION = range(10, 15)
+"""Values of the status register F84h."""
+
+_PHASE_STATUS = {
+    MotorPhase.READY: _READY,
+    MotorPhase.DELAYED: _DELAY,
+    MotorPhase.KICKING: _KICK,
+    MotorPhase.STARTING: _RAMP,
+    MotorPhase.CLOSING: _RUN,
+    MotorPhase.BYPASSED: _BYPASS,
+    MotorPhase.STOPPING: _DECELERATION,
+    MotorPhase.COASTING: _FREEWHEEL,
 }
 
 
@@ -74,11 +75,11 @@ class Adxl(Simulator):
         super().__init__(device, now)
         self.motor = Motor(now)
         self.menus = Menus()
-        self.events = Events()
+        self.events = EventList()
         self.has_line = True
         self.alarm = ""
         self.inhibited = False
-        """Protections inhibited: an alarm is told, and nothing else."""
+        """Protections inhibited: an alarm is only an event."""
         self.preheats = False
         self.selects_motor = False
         self.inputs = 0
@@ -89,35 +90,35 @@ class Adxl(Simulator):
         """The remote variables REM1 to REM4 as bits 0 to 3."""
         self._serviced_at = 0.0
         self.reboots_until = now
-        hang_values(self)
-        self._hang_commands()
+        self._bind_measurements()
+        self._bind_commands()
         self.events.add(self.uptime, "POWER ON")
 
-    def _modbus_face(self) -> ModbusAdapter | None:
-        assert self.device.modbus is not None
-        return AdxlModbusAdapter(self, self.device.modbus)
+    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
+        """The adapter for Modbus, with functions 07 and 17."""
+        return AdxlModbusAdapter(self, settings)
 
     def tick(self, now: float) -> None:
-        """The motor goes on."""
+        """Let time pass for the motor."""
         super().tick(now)
         self.motor.advance(self.now)
 
     def reset(self) -> None:
-        """Restart: the saved parameters, a motor without current; what was counted stays."""
+        """Restart: the saved parameters, a motor without current. The counters keep their values."""
         super().reset()
         self.motor.cut()
-        self.motor.small = False
+        self.motor.low_power = False
         self.menus.values = dict(self.menus.saved)
         self.alarm, self.inhibited = "", False
         self.address = self.menus.saved[NODE_ADDRESS]
         self.events.add(self.uptime, "POWER ON")
 
     def readdress(self, address: int) -> None:
-        """Deliver it with another node address."""
+        """Set the node address with which the starter is delivered."""
         super().readdress(address)
         self.menus.values[NODE_ADDRESS] = self.menus.saved[NODE_ADDRESS] = address
 
-    # What a test bench does to it
+    # Environment
 
     def supply(self, on: bool, now: float) -> None:
         """Switch the line on or off."""
@@ -127,7 +128,7 @@ class Adxl(Simulator):
             self.motor.cut()
 
     def trip(self, text: str, now: float) -> None:
-        """A protection acts: the motor is cut off and the status is alarm, until `clear`; inhibited, it is an event."""
+        """Let a protection act: no current, and status alarm until `clear`. If inhibited, it is only an event."""
         self.tick(now)
         if self.inhibited:
             self.events.add(self.uptime, f"INHIBITED {text}")
@@ -137,7 +138,7 @@ class Adxl(Simulator):
         self.events.add(self.uptime, f"ALARM {text}")
 
     def clear(self, now: float) -> None:
-        """The alarm is gone."""
+        """End the alarm."""
         self.tick(now)
         self.alarm = ""
 
@@ -153,7 +154,7 @@ class Adxl(Simulator):
             self._stop()
 
     def set_environment(self, text: str) -> None:
-        """line=0, i1=1, limits=3, remotes=1, preheats=1, selects-motor=1, inhibited=1, start-delay=2 ..."""
+        """Set line=0, i1=1, limits=3, remotes=1, preheats=1, selects-motor=1, inhibited=1, start-delay=2 ..."""
         bits, flags = ("limits", "remotes"), ("preheats", "selects_motor", "inhibited")
         of_motor = ("start_delay", "kick_time", "torque_limit")
         name, value = parse_setting(text, ("line", "i1", "i2", "i3", *bits, *flags, *of_motor))
@@ -171,34 +172,34 @@ class Adxl(Simulator):
     @property
     def is_ready(self) -> bool:
         """Whether a start would be executed."""
-        at_rest = self.motor.phase not in (Phase.STOPPING, Phase.COASTING)
+        at_rest = self.motor.phase not in (MotorPhase.STOPPING, MotorPhase.COASTING)
         return at_rest and self.has_line and not self.alarm and not self.selects_motor
 
     @property
-    def service(self) -> float:
-        """Hours of running since the maintenance interval began, C01."""
+    def service_hours(self) -> float:
+        """Hours of running since the maintenance interval began (C01)."""
         return (self.motor.seconds - self._serviced_at) / 3600
 
     def status(self) -> int:
-        """F84h."""
+        """The status register, F84h."""
         if not self.has_line:
-            return ABSENT
+            return _ABSENT
         if self.alarm:
-            return ALARM
+            return _ALARM
         phase = self.motor.phase
-        if phase is Phase.READY and self.selects_motor:
-            return SELECTION
-        if phase is Phase.READY and self.preheats:
-            return PREHEATING
-        if phase in (Phase.CLOSING, Phase.BYPASSED) and self.inhibited:
-            return INHIBITED
+        if phase is MotorPhase.READY and self.selects_motor:
+            return _SELECTION
+        if phase is MotorPhase.READY and self.preheats:
+            return _PREHEATING
+        if phase in (MotorPhase.CLOSING, MotorPhase.BYPASSED) and self.inhibited:
+            return _INHIBITED
         if self.motor.is_limited:
-            return CURRENT_LIMIT
-        return TORQUE_LIMIT if self.motor.is_torque_limited else STATUS[phase]
+            return _CURRENT_LIMIT
+        return _TORQUE_LIMIT if self.motor.is_torque_limited else _PHASE_STATUS[phase]
 
     def exception_status(self) -> int:
-        """Function 07. Its ninth bit, bypass active, has no room in a byte."""
-        ready = self.motor.phase is Phase.READY and self.is_ready
+        """The byte of function 07. The ninth bit of the manual, bypass active, does not fit."""
+        ready = self.motor.phase is MotorPhase.READY and self.is_ready
         starting = bool(self.inputs & 1)
         bits = (
             starting,
@@ -213,14 +214,67 @@ class Adxl(Simulator):
         return sum(1 << place for place, bit in enumerate(bits) if bit)
 
     def selected(self) -> tuple[int, int, int]:
-        """Menu, sub-menu and parameter as they stand in 5000h, 5001h, 5002h."""
+        """Menu, sub-menu and parameter in 5000h, 5001h and 5002h."""
         names = ("Menu number selection", "Sub-menu number selection", "Parameter number selection")
         menu, sub, number = (self.store.whole(name) for name in names)
         return menu, sub, number
 
-    # Commands
+    # Measurements and commands
 
-    def _hang_commands(self) -> None:
+    def _bind_measurements(self) -> None:
+        """Let every measured value (table 2), the menu parameter and the event text be computed when they are read."""
+        motor = self.motor
+
+        def amperes(phase: int) -> float:
+            return self._sample().current * RATED_CURRENT * LINE_RATIOS[phase]
+
+        def power(phase: int) -> float:
+            return motor.power(self._sample()) / 3 * LINE_RATIOS[phase]
+
+        def largest() -> float:
+            return max(amperes(phase) for phase in range(3))
+
+        def bit(name: str, place: int) -> bool:
+            return bool(getattr(self, name) >> place & 1)
+
+        measures: dict[str, Callable[[], Value]] = {
+            "L3-L1 Voltage": lambda: motor.line_voltage() if self.has_line else 0,
+            "Frequency": lambda: FREQUENCY if self.has_line else 0,
+            "Total active power": lambda: motor.power(self._sample()),
+            "Total power factor": lambda: self._sample().power_factor,
+            "Max current": largest,
+            "Torque": lambda: 100 * self._sample().torque,
+            "Maximum instantaneous current %": lambda: 100 * largest() / RATED_CURRENT,
+            "Motor hour meter": lambda: motor.seconds / 3600,
+            "Start counter": lambda: motor.starts,
+            "Status": self.status,
+            "Motor thermal status": lambda: motor.thermal,
+            "Thyristors temperature": lambda: motor.thyristors,
+            "Total active energy": lambda: motor.energy,
+            "Output 1": lambda: motor.is_running,
+            "Output 2": lambda: motor.phase is MotorPhase.BYPASSED,
+            "Output 3": lambda: bool(self.alarm),
+            "Events counter": lambda: len(self.events.texts),
+            "Events pointer": lambda: self.events.pointer,
+            "Event description": self.events.text,
+            "Parameter value": lambda: self.menus.read(self.selected()),
+        }
+        for place in range(3):
+            line = f"L{place + 1}"
+            measures[f"{line} current"] = partial(amperes, place)
+            measures[f"{line} active power"] = partial(power, place)
+            measures[f"{line} power factor"] = lambda: self._sample().power_factor
+            measures[f"Input {place + 1}"] = partial(bit, "inputs", place)
+        for place in range(4):
+            measures[f"Remote {place + 1}"] = partial(bit, "remotes", place)
+            measures[f"Limit {place + 1}"] = partial(bit, "limits", place)
+        for name, read in measures.items():
+            self.store.measure(name, read)
+
+    def _sample(self) -> MotorSample:
+        return self.motor.sample(self.now)
+
+    def _bind_commands(self) -> None:
         commands: dict[str, Callable[[], None]] = {
             "C01 Reset maintenance service interval": lambda: setattr(self, "_serviced_at", self.motor.seconds),
             "C02 Thermal status reset": lambda: setattr(self.motor, "thermal", 0.0),
@@ -232,7 +286,7 @@ class Adxl(Simulator):
             "C12 Restore the factory default settings": lambda: self.menus.values.update(FACTORY),
             "C13 Save a copy of the setup parameters": self._copy,
             "C14 Restore a copy of the setup parameters": lambda: self.menus.values.update(self.menus.copy or {}),
-            "C15 Test with low power motor": self._test_small,
+            "C15 Test with low power motor": self._test_low_power,
             "C16 Reset the events list": self.events.clear,
             "Motor start command": self._start,
             "Motor stop command": self._stop,
@@ -243,7 +297,7 @@ class Adxl(Simulator):
         self.store.veto("Motor start command", self._may_start)
         self.store.veto("C14 Restore a copy of the setup parameters", self._may_restore)
         self.store.veto("Parameter value", lambda value: self.menus.check(self.selected(), int(value)))
-        self.store.after("Parameter value", self._set)
+        self.store.after("Parameter value", self._set_parameter)
         self.store.veto("Event index", lambda value: self.events.check(int(value)))
         self.store.after("Event index", lambda value: self.events.select(int(value)))
 
@@ -263,23 +317,23 @@ class Adxl(Simulator):
             raise Declined("state", "no copy has been saved")
 
     def _start(self) -> None:
-        if self.motor.phase is Phase.READY:
+        if self.motor.phase is MotorPhase.READY:
             self.motor.start(self.menus.values[ACCELERATION_TIME])
 
     def _stop(self) -> None:
-        if self.motor.phase is Phase.DELAYED:
+        if self.motor.phase is MotorPhase.DELAYED:
             self.motor.cut()
-        elif self.motor.is_running and self.motor.phase is not Phase.STOPPING:
+        elif self.motor.is_running and self.motor.phase is not MotorPhase.STOPPING:
             self.motor.stop()
 
     def _reset_hours(self) -> None:
         self._serviced_at -= self.motor.seconds
         self.motor.seconds = 0.0
 
-    def _test_small(self) -> None:
-        self.motor.small = self.inhibited = True
+    def _test_low_power(self) -> None:
+        self.motor.low_power = self.inhibited = True
 
-    def _set(self, value: Value) -> None:
+    def _set_parameter(self, value: Value) -> None:
         self.menus.values[self.selected()] = int(value)
 
     def _copy(self) -> None:

@@ -1,10 +1,10 @@
-"""What an ADXL keeps in its head: the parameters of its menus, and the list of events.
+"""The memory of the ADXL: the parameters of its menus, and the list of events.                   [ADXL addendum]
 
         menu 5000h, sub-menu 5001h, parameter 5002h  --->  5004h  one value of P01.04, P08.01 ...
 
-The Modbus manual names six parameters and no more, so no others exist here: an unknown number is exception 02. Their
-ranges, and the numbers that stand for the choices of P08.02, P08.03 and P08.05, are not printed; they are counted from
-0 in the order of the list.
+Simulated are the six parameters that the Modbus manual names; every other number is exception 02. Their ranges, and the
+numbers for the choices of P08.02, P08.03 and P08.05, are not printed; here they count from 0 in the order of the list.
+Only the acceleration time and the node address have an effect, the others are only stored.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from barewire.devices.sim.core.store import Declined
 
 ACCELERATION_TIME = (1, 0, 4)
 NODE_ADDRESS = (8, 0, 1)
-EVENTS = 60
-TEXT_LENGTH = 56
+_TEXT_LENGTH = 56
 
 
-class Setting(NamedTuple):
+class MenuParameter(NamedTuple):
     """One parameter of a menu."""
 
     default: int
@@ -27,21 +26,21 @@ class Setting(NamedTuple):
     maximum: int
 
 
-SETTINGS: dict[tuple[int, int, int], Setting] = {
-    ACCELERATION_TIME: Setting(10, 1, 120),  # seconds; the example of the manual sets 10
-    NODE_ADDRESS: Setting(1, 1, 255),
-    (8, 0, 2): Setting(3, 0, 7),  # 1200 2400 4800 9600 19200 38400 57600 115200
-    (8, 0, 3): Setting(0, 0, 4),  # 8N 8O 8E 7O 7E
-    (8, 0, 4): Setting(1, 1, 2),  # stop bits
-    (8, 0, 5): Setting(0, 0, 2),  # Modbus RTU, ASCII, TCP
+_PARAMETERS: dict[tuple[int, int, int], MenuParameter] = {
+    ACCELERATION_TIME: MenuParameter(10, 1, 120),  # seconds; the example of the manual sets 10
+    NODE_ADDRESS: MenuParameter(1, 1, 255),
+    (8, 0, 2): MenuParameter(3, 0, 7),  # 1200 2400 4800 9600 19200 38400 57600 115200
+    (8, 0, 3): MenuParameter(0, 0, 4),  # 8N 8O 8E 7O 7E
+    (8, 0, 4): MenuParameter(1, 1, 2),  # stop bits
+    (8, 0, 5): MenuParameter(0, 0, 2),  # Modbus RTU, ASCII, TCP
 }
 """By (menu, sub-menu, parameter); sub-menu 0 where a menu has none."""
 
-FACTORY = {key: setting.default for key, setting in SETTINGS.items()}
+FACTORY = {key: parameter.default for key, parameter in _PARAMETERS.items()}
 
 
 class Menus:
-    """The parameters: as they are, as they are saved, and the copy that C13 makes."""
+    """The parameters: the values in use, the saved ones, and the copy that C13 makes."""
 
     def __init__(self) -> None:
         self.values = dict(FACTORY)
@@ -49,22 +48,24 @@ class Menus:
         self.copy: dict[tuple[int, int, int], int] | None = None
 
     def read(self, key: tuple[int, int, int]) -> int:
-        """The value; Declined if there is no such parameter."""
+        """The value; raises Declined if there is no such parameter."""
         if key not in self.values:
             menu, sub, number = key
             raise Declined("place", f"no parameter {number} in menu {menu}, sub-menu {sub}")
         return self.values[key]
 
     def check(self, key: tuple[int, int, int], value: int) -> None:
-        """Declined for a parameter that does not exist and for a value out of its range."""
+        """Raise Declined for a parameter that does not exist and for a value out of its range."""
         self.read(key)
-        setting = SETTINGS[key]
-        if not setting.minimum <= value <= setting.maximum:
-            raise Declined("value", f"{value}: expected {setting.minimum}..{setting.maximum}")
+        parameter = _PARAMETERS[key]
+        if not parameter.minimum <= value <= parameter.maximum:
+            raise Declined("value", f"{value}: expected {parameter.minimum}..{parameter.maximum}")
 
 
-class Events:
-    """The last sixty events. Index 0 is the oldest one that is still there; the manual does not say which end it is."""
+class EventList:
+    """The last sixty events. Index 0 is the oldest one here; the manual does not state the order."""
+
+    SIZE = 60
 
     def __init__(self) -> None:
         self.texts: list[str] = []
@@ -72,31 +73,31 @@ class Events:
         self.index = 0
 
     def add(self, uptime: float, text: str) -> None:
-        """One more event, with the seconds since power-on in front of it."""
-        self.texts = [*self.texts, f"{int(uptime):08d} {text}"[:TEXT_LENGTH]][-EVENTS:]
+        """Add an event; its text begins with the seconds since power-on."""
+        self.texts = [*self.texts, f"{int(uptime):08d} {text}"[:_TEXT_LENGTH]][-self.SIZE :]
         self.total += 1
 
     def clear(self) -> None:
-        """C16."""
+        """Delete all events (C16)."""
         self.texts, self.total, self.index = [], 0, 0
 
     @property
     def pointer(self) -> int:
-        """Goes up with every event; with the sixtieth it is 0 again (table 4)."""
-        return self.total % EVENTS
+        """Increases with every event; with the sixtieth it is 0 again (table 4)."""
+        return self.total % self.SIZE
 
     def select(self, index: int) -> None:
-        """Which event is read next: "smaller than the number of events stored"."""
+        """Select the event that is read next: "smaller than the number of events stored"."""
         self.check(index)
         self.index = index
 
     def check(self, index: int) -> None:
-        """Declined for an event that is not there."""
+        """Raise Declined for an event that is not stored."""
         if index >= len(self.texts):
             raise Declined("value", f"event {index}: {len(self.texts)} are stored")
 
     def text(self) -> str:
-        """The event that the index points to; Declined("state") behind the last one."""
+        """The event at the index; raises Declined("state") after the last one."""
         if self.index >= len(self.texts):
             raise Declined("state", "no event is left to read")
         return self.texts[self.index]

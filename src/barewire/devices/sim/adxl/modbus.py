@@ -1,16 +1,19 @@
-"""The Modbus side of the ADXL: its function codes, and the two reads that do more than read.   [ADXL addendum]
+"""The Modbus adapter of the ADXL: its function codes, and reads with an effect.                  [ADXL addendum]
 
         03, 04   measures (table 2)         04 alone   settings and events         06   writes
-        07       eight bits of state        17 (11h)   who the starter is          all else: exception 01
+        07       eight bits of state        17 (11h)   identity                    all others: exception 01
 
 The text of an event, 28 registers from 5032h, is read "with a single function 04", and the index moves on after it.
-While the starter reboots everything is exception 06; what made it reboot is not answered.
+While the starter reboots every answer is exception 06; the request that starts the reboot gets no answer.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
+from barewire.devices.device import ModbusSettings
+from barewire.devices.sim.adxl.menus import EventList
+from barewire.devices.sim.core.machine import SimulatedMachine
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, SERVER_DEVICE_BUSY, ModbusException
 from barewire.modbus.messages.base import Response
@@ -18,60 +21,74 @@ from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExcept
 from barewire.modbus.messages.identification import ReportServerId, ReportServerIdResponse
 from barewire.modbus.messages.registers import ReadInputRegisters
 
-if TYPE_CHECKING:
-    from barewire.devices.sim.adxl.machine import Adxl
+_SERVER_ID = bytes((1, 2, 0, 0, 5, 0, 0, 0))
+"""Function 17: an ADXL0030600 (1), software revision 2, of the ADXL series (5), as in the example of the manual."""
 
-IDENTITY = bytes((1, 2, 0, 0, 5, 0, 0, 0))
-"""Function 17: an ADXL0030600 (1), software revision 2, of the ADXL series (5), as in the example."""
-
-FIRST_SETTING = 0x4FFF
+_FIRST_SETTING = 0x4FFF
 """From this wire address on (printed 5000h) only function 04 reads."""
 
-EVENT_TEXT = 0x5031
+_EVENT_TEXT = 0x5031
+_EVENT_REGISTERS = 28
+
+
+class Starter(SimulatedMachine, Protocol):
+    """What this adapter uses of the soft starter."""
+
+    events: EventList
+    reboots_until: float
+
+    def exception_status(self) -> int:
+        """The byte of function 07."""
 
 
 class AdxlModbusAdapter(ModbusAdapter):
-    """03, 04, 06, 07 and 17 (hexadecimal 11), and silence while it reboots."""
+    """03, 04, 06, 07 and 17 (hexadecimal 11); exception 06 while the starter reboots."""
 
-    machine: Adxl
+    def __init__(self, starter: Starter, settings: ModbusSettings) -> None:
+        super().__init__(starter, settings)
+        self.starter = starter
 
     def images(self) -> None:
-        """03 reaches the measures of table 2, 04 everything that can be read."""
+        """03 reads the measures of table 2, 04 everything that can be read."""
         super().images()
         self.reads[0x03] = self.image(
             cell
             for cell in self.cells("input")
-            if cell.parameter.modbus and cell.parameter.modbus.address < FIRST_SETTING
+            if cell.parameter.modbus and cell.parameter.modbus.address < _FIRST_SETTING
         )
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """Busy while it reboots; and the request that makes it reboot is not answered (parameter setting, step 4)."""
-        self.machine.tick(now)
-        if self.machine.now < self.machine.reboots_until:
+        """Exception 06 during a reboot; no answer to the request that starts it (parameter setting, step 4)."""
+        self.starter.tick(now)
+        if self._is_rebooting:
             raise ModbusException(SERVER_DEVICE_BUSY)
         response = super().handle(request, now)
-        return None if self.machine.now < self.machine.reboots_until else response
+        return None if self._is_rebooting else response
+
+    @property
+    def _is_rebooting(self) -> bool:
+        return self.starter.clock.now < self.starter.reboots_until
 
     def answer(self, request: Any) -> Response | None:
-        """The text of an event is read whole, "with a single function 04", and the index moves on after it."""
+        """As `ModbusAdapter.answer`; the text of an event is only read as a whole, and the index moves on after it."""
         match request:
             case ReadInputRegisters(address, quantity) if self._touches_text(address, quantity):
-                if (address, quantity) != (EVENT_TEXT, 28):
+                if (address, quantity) != (_EVENT_TEXT, _EVENT_REGISTERS):
                     raise ModbusException(ILLEGAL_DATA_VALUE)
                 response = super().answer(request)
-                self.machine.events.index += 1
+                self.starter.events.index += 1
                 return response
         return super().answer(request)
 
     @staticmethod
     def _touches_text(address: int, quantity: int) -> bool:
-        return EVENT_TEXT <= address < EVENT_TEXT + 28 or address < EVENT_TEXT < address + quantity
+        return address < _EVENT_TEXT + _EVENT_REGISTERS and address + quantity > _EVENT_TEXT
 
     def other(self, request: Any) -> Response | None:
         """Functions 07 and 17."""
         match request:
             case ReadExceptionStatus():
-                return ReadExceptionStatusResponse(self.machine.exception_status())
+                return ReadExceptionStatusResponse(self.starter.exception_status())
             case ReportServerId():
-                return ReportServerIdResponse(IDENTITY)
+                return ReportServerIdResponse(_SERVER_ID)
         raise ModbusException(ILLEGAL_FUNCTION)

@@ -1,17 +1,17 @@
-"""The motor behind a soft starter: phases of a start and a stop, and what the instruments show meanwhile.
+"""The motor on a soft starter: the phases of a start and a stop, and the values measured meanwhile.
 
         status   2 | 5 ramp | 6 current limit | 5 | 8 run | 9 bypass closed .. | 10 ramp down | 12 freewheel | 2
                  --+--------+-----------------+---+-------+--------------------+--------------+--------------+---
         voltage    | rises to full voltage in P01.04                           | falls        | 0
         current    | rises, held at 2.5 In while it would be more, then load   | falls        | 0
 
-Before the ramp there may be a start delay (3) and a kick (4), in it a torque limit (7): `start_delay`, `kick_time` and
-`torque_limit`. No parameter of the Modbus manual sets them, so they are off until somebody sets them here. With `small`
-(C15, the test with a motor of low power) all that the motor takes is a twentieth, and no limit is ever reached.
+Before the ramp there may be a start delay (3) and a kick (4), in the ramp a torque limit (7), set by `start_delay`,
+`kick_time` and `torque_limit`. No parameter of the Modbus manual sets them, so they are off until they are set here.
+With `low_power` (C15, the test with a motor of low power) current and torque are a twentieth, and no limit is reached.
 
-Everything is a function of the time since the phase began. What accumulates (energy, hours, temperatures) is integrated
-in steps of `STEP` while something changes and in one step while nothing does, so that a day at the bypass costs as
-little as a second. The shape of the curves is chosen to look right; it is no motor's.
+Simulated: the order and the duration of the phases. Everything is a function of the time since the phase began. Energy,
+hours and temperatures are integrated in steps of 0.1 s on a ramp and in one step otherwise, so a day at the bypass
+costs as little as a second. The shapes of the curves are plausible; they are those of no real motor.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from enum import Enum
 from math import exp, inf, sin, sqrt
 from typing import NamedTuple
 
-RATED_CURRENT, LINE_VOLTAGE, FREQUENCY = 30.0, 400.0, 50.0  # of an ADXL0030600, type 01 of function 17
-LOAD = 0.8
-CURRENT_LIMIT = 2.5
-KICK_VOLTAGE = 0.8
-SMALL = 0.05
-"""The rated current of the motor of low power, of that of the starter."""
+RATED_CURRENT, _LINE_VOLTAGE, FREQUENCY = 30.0, 400.0, 50.0  # of an ADXL0030600, type 01 of function 17
+_LOAD = 0.8
+_CURRENT_LIMIT = 2.5
+_KICK_VOLTAGE = 0.8
+_LOW_POWER = 0.05
+"""The rated current of the motor of low power, relative to that of the starter."""
 
-FIRST_VOLTAGE = 0.3
-POWER_FACTOR_STALLED, POWER_FACTOR_RUNNING = 0.35, 0.86
-PHASES = (1.0, 0.99, 1.01)
-"""No three phases are quite alike."""
+_FIRST_VOLTAGE = 0.3
+_POWER_FACTOR_STALLED, _POWER_FACTOR_RUNNING = 0.35, 0.86
+LINE_RATIOS = (1.0, 0.99, 1.01)
+"""The currents of L1 to L3, relative to their mean: three phases are never exactly equal."""
 
-BYPASS_CLOSES, DECELERATION, COASTING = 1.0, 5.0, 2.0
-"""Seconds. The parameters behind these times are not in the Modbus manual, so they cannot be set."""
+_BYPASS_CLOSES, _DECELERATION, _COASTING = 1.0, 5.0, 2.0
+"""Seconds. The Modbus manual does not give the parameters of these times, so they cannot be set."""
 
-AMBIENT = 24.5
-THYRISTOR_RISE, THYRISTOR_TIME = 20.0, 30.0
-MOTOR_RISE, MOTOR_TIME = 75.0, 600.0
-"""Motor thermal status in % at rated current, for ever; its time constant."""
+_AMBIENT = 24.5
+_THYRISTOR_RISE, _THYRISTOR_TIME = 20.0, 30.0
+_MOTOR_RISE, _MOTOR_TIME = 75.0, 600.0
+"""Final motor thermal status in % at rated current; its time constant in seconds."""
 
-STEP = 0.1
+_STEP = 0.1
 
 
-class Phase(Enum):
-    """What the starter is doing."""
+class MotorPhase(Enum):
+    """The phases of a start and a stop."""
 
     READY = "ready"
     DELAYED = "start delay"
@@ -56,8 +56,8 @@ class Phase(Enum):
     COASTING = "freewheel"
 
 
-class Sample(NamedTuple):
-    """The instruments at one moment. Currents in rated currents."""
+class MotorSample(NamedTuple):
+    """The measured values at one moment, relative to the rated ones. `wanted` is the current without the limit."""
 
     voltage: float
     current: float
@@ -65,20 +65,20 @@ class Sample(NamedTuple):
     torque: float
     power_factor: float
 
-    def scaled(self, by: float) -> Sample:
-        """The same voltage on a motor that is so much smaller."""
+    def scaled(self, by: float) -> MotorSample:
+        """The same voltage on a motor of `by` times the size."""
         return self._replace(current=self.current * by, wanted=self.wanted * by, torque=self.torque * by)
 
 
-STANDSTILL = Sample(0.0, 0.0, 0.0, 0.0, 0.0)
-RUNNING = Sample(1.0, LOAD, LOAD, LOAD, POWER_FACTOR_RUNNING)
+_STANDSTILL = MotorSample(0.0, 0.0, 0.0, 0.0, 0.0)
+_RUNNING = MotorSample(1.0, _LOAD, _LOAD, _LOAD, _POWER_FACTOR_RUNNING)
 
 
 class Motor:
-    """One motor on one starter. `advance` lets time pass; everything else is as of then."""
+    """One motor on one starter. `advance` lets time pass; everything else refers to that time."""
 
     def __init__(self, now: float) -> None:
-        self.phase = Phase.READY
+        self.phase = MotorPhase.READY
         self.began = now
         self.now = now
         self.acceleration_time = 0.0
@@ -86,63 +86,63 @@ class Motor:
         self.seconds = 0.0  # of running
         self.starts = 0
         self.thermal = 0.0  # %
-        self.thyristors = AMBIENT
-        # What a bench sets; the rest of a start is in the parameters of the starter.
+        self.thyristors = _AMBIENT
+        # Set from outside; the acceleration time is a parameter of the starter.
         self.start_delay = 0.0
         self.kick_time = 0.0
         self.torque_limit: float | None = None  # of the rated torque
-        self.small = False
+        self.low_power = False
 
     # Commands
 
     def start(self, acceleration_time: float) -> None:
-        """Begin: the delay, the kick, or the acceleration ramp at once."""
+        """Begin the start delay, the kick, or the acceleration ramp, in seconds."""
         self.acceleration_time = acceleration_time
         self.starts += 1
-        self._begin(Phase.DELAYED if self.start_delay > 0 else self._after_delay, self.now)
+        self._begin(MotorPhase.DELAYED if self.start_delay > 0 else self._after_delay, self.now)
 
     @property
-    def _after_delay(self) -> Phase:
-        return Phase.KICKING if self.kick_time > 0 else Phase.STARTING
+    def _after_delay(self) -> MotorPhase:
+        return MotorPhase.KICKING if self.kick_time > 0 else MotorPhase.STARTING
 
     def stop(self) -> None:
         """Begin the deceleration ramp."""
-        self._begin(Phase.STOPPING, self.now)
+        self._begin(MotorPhase.STOPPING, self.now)
 
     def cut(self) -> None:
-        """Take the current away at once: the motor coasts."""
+        """Switch the current off at once: the motor coasts."""
         if self.is_running:
-            self._begin(Phase.COASTING, self.now)
-        elif self.phase is Phase.DELAYED:
-            self._begin(Phase.READY, self.now)
+            self._begin(MotorPhase.COASTING, self.now)
+        elif self.phase is MotorPhase.DELAYED:
+            self._begin(MotorPhase.READY, self.now)
 
-    def _begin(self, phase: Phase, at: float) -> None:
+    def _begin(self, phase: MotorPhase, at: float) -> None:
         self.phase, self.began = phase, at
 
     # Time
 
     @property
     def phase_ends(self) -> float:
-        """When the present phase is over by itself."""
+        """When the present phase ends by itself."""
         lasts = {
-            Phase.DELAYED: self.start_delay,
-            Phase.KICKING: self.kick_time,
-            Phase.STARTING: self.acceleration_time,
-            Phase.CLOSING: BYPASS_CLOSES,
-            Phase.STOPPING: DECELERATION,
-            Phase.COASTING: COASTING,
+            MotorPhase.DELAYED: self.start_delay,
+            MotorPhase.KICKING: self.kick_time,
+            MotorPhase.STARTING: self.acceleration_time,
+            MotorPhase.CLOSING: _BYPASS_CLOSES,
+            MotorPhase.STOPPING: _DECELERATION,
+            MotorPhase.COASTING: _COASTING,
         }
         return self.began + lasts.get(self.phase, inf)
 
     def advance(self, now: float) -> None:
-        """Pass through phases up to now, and accumulate."""
+        """Pass through the phases until `now`, and integrate energy, hours and temperatures."""
         following = {
-            Phase.DELAYED: self._after_delay,
-            Phase.KICKING: Phase.STARTING,
-            Phase.STARTING: Phase.CLOSING,
-            Phase.CLOSING: Phase.BYPASSED,
-            Phase.STOPPING: Phase.COASTING,
-            Phase.COASTING: Phase.READY,
+            MotorPhase.DELAYED: self._after_delay,
+            MotorPhase.KICKING: MotorPhase.STARTING,
+            MotorPhase.STARTING: MotorPhase.CLOSING,
+            MotorPhase.CLOSING: MotorPhase.BYPASSED,
+            MotorPhase.STOPPING: MotorPhase.COASTING,
+            MotorPhase.COASTING: MotorPhase.READY,
         }
         while self.phase_ends <= now:
             ends = self.phase_ends
@@ -151,82 +151,82 @@ class Motor:
         self._integrate(now)
 
     def _integrate(self, until: float) -> None:
-        changes = self.phase in (Phase.STARTING, Phase.STOPPING)
+        changes = self.phase in (MotorPhase.STARTING, MotorPhase.STOPPING)
         while self.now < until:
-            # On a grid that begins with the phase, so that looking more often changes as little as possible.
-            following = self.began + (int((self.now - self.began) / STEP + 1e-9) + 1) * STEP if changes else until
+            # On a grid that begins with the phase, so that the result hardly depends on how often time is passed in.
+            following = self.began + (int((self.now - self.began) / _STEP + 1e-9) + 1) * _STEP if changes else until
             step = min(following, until) - self.now
             sample = self.sample(self.now + step / 2)
             self._accumulate(sample, step)
             self.now = min(following, until)
 
-    def _accumulate(self, sample: Sample, step: float) -> None:
+    def _accumulate(self, sample: MotorSample, step: float) -> None:
         self.energy += self.power(sample) * step / 3600
         self.seconds += step if self.is_running else 0.0
-        # Behind the closed bypass the thyristors carry nothing and cool down.
-        carried = 0.0 if self.phase is Phase.BYPASSED else sample.current
-        self.thyristors = _creep(self.thyristors, AMBIENT + THYRISTOR_RISE * carried, step / THYRISTOR_TIME)
-        self.thermal = _creep(self.thermal, MOTOR_RISE * sample.current**2, step / MOTOR_TIME)
+        # With the bypass closed the thyristors carry no current and cool down.
+        carried = 0.0 if self.phase is MotorPhase.BYPASSED else sample.current
+        self.thyristors = _creep(self.thyristors, _AMBIENT + _THYRISTOR_RISE * carried, step / _THYRISTOR_TIME)
+        self.thermal = _creep(self.thermal, _MOTOR_RISE * sample.current**2, step / _MOTOR_TIME)
 
-    # Instruments
+    # Measured values
 
     @property
     def is_running(self) -> bool:
         """Whether the starter feeds the motor."""
-        return self.phase not in (Phase.READY, Phase.DELAYED, Phase.COASTING)
+        return self.phase not in (MotorPhase.READY, MotorPhase.DELAYED, MotorPhase.COASTING)
 
     @property
     def is_limited(self) -> bool:
-        """Whether the motor would take more current than the limit gives it."""
-        return self.phase is Phase.STARTING and self.sample(self.now).wanted > CURRENT_LIMIT
+        """Whether the motor would take more current than the limit allows."""
+        return self.phase is MotorPhase.STARTING and self.sample(self.now).wanted > _CURRENT_LIMIT
 
     @property
     def is_torque_limited(self) -> bool:
-        """Whether the torque would be more than the limit lets it be."""
-        return self.phase is Phase.STARTING and self.sample(self.now).torque == self.torque_limit
+        """Whether the torque would be more than the limit allows."""
+        return self.phase is MotorPhase.STARTING and self.sample(self.now).torque == self.torque_limit
 
-    def sample(self, now: float) -> Sample:
+    def sample(self, now: float) -> MotorSample:
         """Voltage, current, torque and power factor at a time within the present phase."""
         sample = self._sample(now)
-        if self.small:
-            return sample.scaled(SMALL)
-        if self.torque_limit is None or sample.torque <= self.torque_limit or self.phase is not Phase.STARTING:
+        if self.low_power:
+            return sample.scaled(_LOW_POWER)
+        if self.torque_limit is None or sample.torque <= self.torque_limit or self.phase is not MotorPhase.STARTING:
             return sample
         # Torque goes with the square of the voltage, current with the voltage.
         less = sqrt(self.torque_limit / sample.torque)
         return sample._replace(voltage=sample.voltage * less, current=sample.current * less, torque=self.torque_limit)
 
-    def _sample(self, now: float) -> Sample:
+    def _sample(self, now: float) -> MotorSample:
         if not self.is_running:
-            return STANDSTILL
-        if self.phase is Phase.KICKING:
-            wanted = 6.5 * KICK_VOLTAGE
-            torque = 1.2 * KICK_VOLTAGE**2
-            return Sample(KICK_VOLTAGE, min(wanted, CURRENT_LIMIT), wanted, torque, POWER_FACTOR_STALLED)
-        if self.phase is Phase.STARTING:
+            return _STANDSTILL
+        if self.phase is MotorPhase.KICKING:
+            wanted = 6.5 * _KICK_VOLTAGE
+            torque = 1.2 * _KICK_VOLTAGE**2
+            return MotorSample(_KICK_VOLTAGE, min(wanted, _CURRENT_LIMIT), wanted, torque, _POWER_FACTOR_STALLED)
+        if self.phase is MotorPhase.STARTING:
             return _ramp(min(1.0, (now - self.began) / self.acceleration_time))
-        if self.phase is Phase.STOPPING:
-            left = max(0.0, 1 - (now - self.began) / DECELERATION)
-            return Sample(left, LOAD * left, LOAD * left, LOAD * left**2, POWER_FACTOR_RUNNING)
-        return RUNNING
+        if self.phase is MotorPhase.STOPPING:
+            left = max(0.0, 1 - (now - self.began) / _DECELERATION)
+            return MotorSample(left, _LOAD * left, _LOAD * left, _LOAD * left**2, _POWER_FACTOR_RUNNING)
+        return _RUNNING
 
-    def power(self, sample: Sample) -> float:
+    def power(self, sample: MotorSample) -> float:
         """Active power of all three phases in kW, seen from the line."""
-        return sqrt(3) * LINE_VOLTAGE * sample.current * RATED_CURRENT * sample.power_factor / 1000
+        return sqrt(3) * _LINE_VOLTAGE * sample.current * RATED_CURRENT * sample.power_factor / 1000
 
     def line_voltage(self) -> float:
-        """The line breathes a little, always in the same way, so that a picture of it is no straight line."""
-        return LINE_VOLTAGE * (1 + 0.003 * sin(self.now / 7) + 0.001 * sin(self.now * 1.7))
+        """The line voltage varies a little, as a fixed function of time, so that a plot is no straight line."""
+        return _LINE_VOLTAGE * (1 + 0.003 * sin(self.now / 7) + 0.001 * sin(self.now * 1.7))
 
 
-def _ramp(x: float) -> Sample:
-    """A start, at the part `x` of the acceleration time. The speed is a smooth step from 0 to 1."""
+def _ramp(x: float) -> MotorSample:
+    """The sample at the part `x` of the acceleration time. The speed is a smooth step from 0 to 1."""
     speed = x * x * (3 - 2 * x)
-    voltage = FIRST_VOLTAGE + (1 - FIRST_VOLTAGE) * x
-    wanted = 6.5 * voltage * (1 - speed) + LOAD * speed
-    torque = 1.2 * voltage**2 * (1 - speed) + LOAD * speed
-    factor = POWER_FACTOR_STALLED + (POWER_FACTOR_RUNNING - POWER_FACTOR_STALLED) * speed
-    return Sample(voltage, min(wanted, CURRENT_LIMIT), wanted, torque, factor)
+    voltage = _FIRST_VOLTAGE + (1 - _FIRST_VOLTAGE) * x
+    wanted = 6.5 * voltage * (1 - speed) + _LOAD * speed
+    torque = 1.2 * voltage**2 * (1 - speed) + _LOAD * speed
+    factor = _POWER_FACTOR_STALLED + (_POWER_FACTOR_RUNNING - _POWER_FACTOR_STALLED) * speed
+    return MotorSample(voltage, min(wanted, _CURRENT_LIMIT), wanted, torque, factor)
 
 
 def _creep(value: float, towards: float, time: float) -> float:

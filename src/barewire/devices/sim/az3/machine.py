@@ -1,44 +1,46 @@
-"""The AZ3 servo drive, behaving: one machine with two faces, Modbus RTU and CANopen.    [ST.TEC.022, ST.TEC.071]
+"""The AZ3 servo drive, simulated: one machine on Modbus RTU and on CANopen.              [ST.TEC.022, ST.TEC.071]
 
         holding 155, 6040h  CONTROL WORD --> axis --> STATUS WORD  input 25, 6041h
                                                '----> one bit for each state: coils 81 to 88, which are bits of 201Bh
         MODES OF OPERATION  1 position   3 velocity   4 torque
 
-The state machine is that of CiA 402. The drive has no quick stop option code, so its default, 2, is taken: it brakes
-and goes to SWITCH ON DISABLED by itself. Units, limits and the brake are in `az3_motion`; buttons, phasing, what is
-saved and what a reset brings are in `az3_service`.
+Simulated: the CiA 402 states; position, velocity and torque mode with their ramps, units, limits and the brake
+(`motion`); phasing (`phasing`); saving, defaults, addresses and bit rate (`memory`); torque, current and voltage
+(`measurements`); errors with their emergencies; the device identification of Modbus. The drive has no quick stop option
+code, so its default, 2, is used: it brakes and changes to SWITCH ON DISABLED by itself.
 
-The world around it is set by hand: `supply` (volts; above V BUS MAX it is fault 3210h, gone while the motor has current
-3220h), `fault` and `solve` for any other one.
+The environment is set with `supply` (volts; above V BUS MAX it is fault 3210h, without voltage while the motor has
+current 3220h) and with `fault` and `solve` for every other fault.
 
-Simplified: the motor is a flywheel with friction, so torque follows acceleration and speed; in torque mode the shaft is
-held and only the torque moves; position mode is that of the set-point bit. V REF SETPOINT is followed on its two ramps
-while the operation is enabled; which mode turns the shaft with it is in no guide, so it can be monitored and no more.
+Simplified: position mode is that of the set-point bit. V REF SETPOINT is followed on its two ramps while the operation
+is enabled; no guide states in which mode it turns the shaft, so here it can only be monitored.
 
-Only stored, because the guides give a name and no meaning, or numbers without the list of what they stand for: all
+Only stored, because the guides give a name and no meaning, or numbers without the list of their meanings: all
 SELECTORs with SPEED, POSITION and TORQUE VALUE 1 to 4, digital inputs and outputs, BRAKE POW VALUE and MODE, encoder,
 sensorless, thermistor and braking resistor settings, current and speed controllers, STO, START, EMCY-CODE, DIRECTION
-CHANGE LOCK, following error and position window (this shaft is where it is wanted), position range limits, option codes
-605Bh and 605Ch, BOOT OPTIONS, baud rate and parity. Which variable a CHANNEL_SEL number means is not described either;
-`MONITORED` is this simulator's own list.
+CHANGE LOCK, following error and position window (this shaft follows exactly), position range limits, option codes
+605Bh and 605Ch, BOOT OPTIONS, baud rate and parity. The guides do not state which variable a CHANNEL_SEL number
+selects; the list in `measurements` is this simulator's own.
 """
 
 from __future__ import annotations
 
-from math import pi
+from collections.abc import Callable
+from functools import partial
+from math import inf
 from typing import Any
 
-from barewire.codecs import Value
-from barewire.devices.device import Device
+from barewire.canopen.nmt.messages import NmtState
+from barewire.codecs import Value, get_bit, set_bit
+from barewire.devices.device import Device, ModbusSettings
 from barewire.devices.drive.cia402 import DriveCommand, State
-from barewire.devices.sim.az3.measurements import hang_values
-from barewire.devices.sim.az3.motion import Az3Axis, Az3Motion
-from barewire.devices.sim.az3.service import Az3Service
+from barewire.devices.sim.az3.measurements import Measurements
+from barewire.devices.sim.az3.memory import Memory
+from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings
+from barewire.devices.sim.az3.phasing import Phasing
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, parse_setting
-from barewire.devices.sim.motion import cia402_axis as axis
-from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, FAULTED
-from barewire.devices.sim.motion.trajectory import Trajectory
+from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, FAULT_STATES
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.identification import (
@@ -48,31 +50,41 @@ from barewire.modbus.messages.identification import (
     ReadDeviceIdentificationResponse,
 )
 
-IDENTITY = ((0, b"TEM"), (1, b"AZ3"), (2, b"1.84"))
+_IDENTIFICATION = ((0, b"TEM"), (1, b"AZ3"), (2, b"1.84"))
 """VendorName, ProductCode, MajorMinorRevision: the newest firmware that the guides name."""
 
-INERTIA, FRICTION = 2e-4, 2e-4
-"""kg m², Nm s: a small motor with some load."""
-
-SUPPLY = 48.0
-GENERIC_ERROR = 0x01
-ERROR_CLASSES = {2: 0x02, 3: 0x04, 4: 0x08, 8: 0x10}
+_OVERVOLTAGE, _UNDERVOLTAGE = 0x3210, 0x3220  # codes of CiA 402; the guides list none
+_GENERIC_ERROR = 0x01
+_REGISTER_BITS = {2: 0x02, 3: 0x04, 4: 0x08, 8: 0x10}
 """Bits of the error register by the first digit of a code: current, voltage, temperature, communication [CiA 301]."""
 
-OVERVOLTAGE, UNDERVOLTAGE = 0x3210, 0x3220  # codes of CiA 402; the guides list none
+# The bits 1 to 8 of 201Bh, coils 81 to 88 (ST.TEC.071, 5.3).
+_STATE_BITS = {
+    State.NOT_READY_TO_SWITCH_ON: 1,
+    State.SWITCH_ON_DISABLED: 2,
+    State.READY_TO_SWITCH_ON: 3,
+    State.SWITCHED_ON: 4,
+    State.OPERATION_ENABLED: 5,
+    State.QUICK_STOP_ACTIVE: 6,
+    State.FAULT: 7,
+    State.FAULT_REACTION_ACTIVE: 8,
+}
+_INTERNAL_LIMIT = 0x0800
+_PHASING, _BRAKE_USED, _BRAKE_OPEN = 0, 7, 8
+"""Bits of 2018h and 2019h."""
 
 
-class Az3Face(ModbusAdapter):
+class Az3ModbusAdapter(ModbusAdapter):
     """The tables, and "Read device identification, MEI type 0Eh with base identification" (ST.TEC.022, 5.3.2)."""
 
     def other(self, request: Any) -> Response | None:
-        """The basic objects, from the one asked for; a stream that begins nowhere begins at 0 [MB-APP 6.21]."""
+        """The basic objects from `object_id` on; from 0 if there is no such object [MB-APP 6.21]."""
         if not isinstance(request, ReadDeviceIdentification):
             raise ModbusException(ILLEGAL_FUNCTION)
         if request.read_code == INDIVIDUAL:
             raise ModbusException(ILLEGAL_DATA_VALUE)  # conformity level 01 has stream access only
-        first = request.object_id if request.object_id < len(IDENTITY) else 0
-        return ReadDeviceIdentificationResponse(request.read_code, BASIC, IDENTITY[first:])
+        first = request.object_id if request.object_id < len(_IDENTIFICATION) else 0
+        return ReadDeviceIdentificationResponse(request.read_code, BASIC, _IDENTIFICATION[first:])
 
 
 class Az3(Simulator):
@@ -92,185 +104,194 @@ class Az3(Simulator):
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
-        self.motion = Az3Motion(self)
-        self.voltage = SUPPLY
-        self.axis = self._new_axis()
-        self.torque = Trajectory()
-        """Torque mode: the torque in ‰ of the rated one, moved like a position."""
-        self.reference = Trajectory()
-        """V REF SETPOINT on its ramps, in volts."""
+        self.settings = Az3Settings(self.store)
+        self.axis = Az3Axis(self.settings)
         self.errors: list[int] = []
-        self.service = Az3Service(self)
-        hang_values(self)
-        store = self.store
-        for name in ("TARGET VELOCITY", "MAX MOTOR SPEED"):
-            store.after(name, lambda value: self.axis.follow(self.now))
+        """The last eight error codes, the newest first."""
+        self.phasing = Phasing(self.clock, self.store, self.settings, self.axis)
+        self.memory = Memory(self.store, self.canopen, device.canopen)
+        self.measurements = Measurements(self.clock, self.store, self.settings, self.axis, self.phasing)
+        self._restart_axis()
+        self._bind_values()
+        self._bind_commands()
+
+    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
+        """The adapter for Modbus, with the device identification."""
+        return Az3ModbusAdapter(self, settings)
+
+    def _bind_values(self) -> None:
+        store, axis = self.store, self.axis
+        phasing, brake, states = (store.cell(f"COIL WORD {word}") for word in (0, 1, 5))
+
+        def status() -> int:
+            return axis.status(self.now) | (_INTERNAL_LIMIT if self.settings.is_limited() else 0)
+
+        def brake_word() -> int:
+            word = int(brake.held)
+            return set_bit(word, _BRAKE_OPEN, axis.brake_is_open(self.now)) if get_bit(word, _BRAKE_USED) else word
+
+        measures: dict[str, Callable[[], float]] = {
+            "STATUS WORD": status,
+            "COIL WORD 0": lambda: set_bit(int(phasing.held), _PHASING, self.phasing.in_progress),
+            "COIL WORD 1": brake_word,
+            "COIL WORD 5": lambda: int(states.held) | 1 << _STATE_BITS[axis.state],
+            # Also a drive with nothing on its CAN connector has booted.
+            "NODE STATE": lambda: int(self.canopen.state if self.canopen else 0) or NmtState.PRE_OPERATIONAL,
+            "CAN BITRATE INDEX": lambda: self.memory.bit_rate,
+            "BOOT CAN NODE READ ONLY": lambda: self.memory.node,
+            "BOOT MODBUS NODE": lambda: self.address & 0xFF,
+            "ERROR REGISTER": self._error_register,
+        }
+        for place in range(8):
+            measures[f"ERROR CODE {place + 1}"] = partial(self._error_code, place)
+        for name, read in measures.items():
+            store.measure(name, read)
+
+    def _bind_commands(self) -> None:
+        store, axis = self.store, self.axis
         store.after("CONTROL WORD", self._control)
-        store.after("MODES OF OPERATION", lambda value: self.axis.change_mode(self.now))
-        store.after("PROFILE VELOCITY", lambda value: self.axis.replan(self.now))
+        store.after("MODES OF OPERATION", lambda value: axis.change_mode(self.now))
+        store.after("PROFILE VELOCITY", lambda value: axis.replan(self.now))
+        for name in ("TARGET VELOCITY", "MAX MOTOR SPEED"):
+            store.after(name, lambda value: axis.follow(self.now))
         for name in ("TARGET TORQUE", "TORQUE LIMIT ON", "TORQUE LIMIT", "MAX TORQUE", "MAX CURRENT"):
-            store.after(name, lambda value: self._follow_torque())
-        store.after("V REF SETPOINT", lambda value: self._follow_reference())
-        store.after("V BUS MAX", lambda value: self._look_at_supply())
+            store.after(name, lambda value: self.measurements.follow_torque())
+        store.after("V REF SETPOINT", lambda value: self.measurements.follow_reference())
+        store.after("V BUS MAX", lambda value: self._check_supply())
+        buttons: dict[str, Callable[[], None]] = {
+            "RESET ERROR": self.reset_error,
+            "RESET POSITION": lambda: axis.rest_at(0.0, self.now),
+            "SOFTWARE RESET": lambda: self.power_cycle(self.now),
+            "POWER OFF RESET": lambda: self.power_cycle(self.now),
+            "START PHASING": partial(self.phasing.start, sets_phased=True),
+            "ABSOLUTE ENCODER PHASING START": partial(self.phasing.start, sets_phased=True),
+            "ALIGNMENT REQUEST": partial(self.phasing.start, sets_phased=False),
+            "EEPROM DIAGNOSTIC LOG CLEANING": self.errors.clear,
+            "EEPROM AUTOPHASING DATA CLEANING": self.phasing.clear,
+            "EEPROM PARAMETERS CLEANING": self.memory.clear,
+            "EEPROM TOTAL CLEANING": self._clear_all,
+        }
+        for name, act in buttons.items():
+            store.after(name, self._button(name, act))
 
-    def _modbus_face(self) -> ModbusAdapter | None:
-        assert self.device.modbus is not None
-        return Az3Face(self, self.device.modbus)
+    def _button(self, name: str, act: Callable[[], None]) -> Callable[[Value], None]:
+        """A coil that is a push-button: it acts when it is switched on, and returns to off."""
 
-    def _new_axis(self) -> Az3Axis:
-        new = Az3Axis(self.motion)
-        new.mode = self.motion.mode()
-        if self.voltage <= 0:
-            new.powered_since = None
-            return new
-        # Two coils of 2019h say how far the drive goes by itself at power-on (ST.TEC.022, 7.3).
+        def pressed(on: Value) -> None:
+            if on:
+                self.store[name] = False
+                act()
+
+        return pressed
+
+    def _clear_all(self) -> None:
+        self.memory.clear()
+        self.phasing.clear()
+        self.errors.clear()
+
+    def _restart_axis(self) -> None:
+        self.axis.restart()
+        self.axis.mode = self.settings.mode()
+        self.axis.powered_since = -inf if self.measurements.supply > 0 else None
+        if self.axis.powered_since is None:
+            return
+        # Two coils of 2019h determine how far the drive goes by itself at power-on (ST.TEC.022, 7.3).
         if self.store["OPERATION ENABLE AT STARTUP"]:
-            new.state = State.OPERATION_ENABLED
+            self.axis.state = State.OPERATION_ENABLED
         elif self.store["READY TO SWITCH ON AT STARTUP"]:
-            new.state = State.READY_TO_SWITCH_ON
-        return new
+            self.axis.state = State.READY_TO_SWITCH_ON
 
     # Time and faults
 
     def tick(self, now: float) -> None:
-        """The axis follows its own clock; everything else is computed when it is read."""
+        """Let time pass for the axis and the phasing; everything else is computed when it is read."""
         super().tick(now)
         self.axis.tick(self.now)
-        self.service.tick(self.now)
+        self.phasing.tick(self.now)
 
     def reset(self) -> None:
-        """As at power-on: stored parameters, a new axis at position 0."""
+        """As at power-on: the saved parameters, the axis at position 0."""
         super().reset()
-        self.axis = self._new_axis()
-        self.torque = Trajectory()
-        self.reference = Trajectory()
-        self.service.boot()
+        self._restart_axis()
+        self.measurements.restart()
+        self.reset_communication()
         if self.canopen is not None:
             self.canopen.node.errors.reset(communication_only=False)
 
     def reset_communication(self) -> None:
-        """The half of a reset that CANopen can ask for by itself: node-ID and bit rate are taken anew."""
-        self.service.boot()
+        """Break off phasing, and take the addresses and the bit rate from their parameters."""
+        self.phasing.cancel()
+        self.address = self.store.whole("MODBUS ADDRESS")
+        self.memory.take_addresses()
 
     def readdress(self, address: int) -> None:
-        """Deliver it with another MODBUS ADDRESS."""
+        """Set the MODBUS ADDRESS with which the drive is delivered."""
         super().readdress(address)
-        self.store.cell("MODBUS ADDRESS").default = address
-        self.store["MODBUS ADDRESS"] = address
+        self.memory.deliver("MODBUS ADDRESS", address)
 
     def supply(self, volts: float, now: float) -> None:
-        """The voltage of the supply. Without any there is no high voltage: the drive cannot be switched on."""
+        """Set the voltage of the supply. Without any there is no high voltage: the drive cannot be switched on."""
         self.tick(now)
-        had, self.voltage = self.voltage > 0, max(0.0, volts)
-        if self.voltage <= 0:
+        had, self.measurements.supply = self.measurements.supply > 0, max(0.0, volts)
+        if self.measurements.supply <= 0:
             if self.axis.state in CURRENT_ON:
-                self.fault(UNDERVOLTAGE, self.now)
+                self.fault(_UNDERVOLTAGE, self.now)
             self.axis.powered_since = None
         elif not had:
             self.axis.powered_since = self.now
-            if self.axis.cause == UNDERVOLTAGE:
+            if self.axis.cause == _UNDERVOLTAGE:
                 self.solve(self.now)
-        self._look_at_supply()
+        self._check_supply()
 
     def set_environment(self, text: str) -> None:
-        """volts=48."""
+        """Set the voltage of the supply: volts=48."""
         self.supply(parse_setting(text, ("volts",))[1], self.now)
 
-    def _look_at_supply(self) -> None:
-        limit = self.store.number("V BUS MAX")
-        if self.voltage > limit > 0 and self.axis.cause != OVERVOLTAGE:
-            self.fault(OVERVOLTAGE, self.now)
-        elif self.voltage <= limit and self.axis.cause == OVERVOLTAGE:
+    def _check_supply(self) -> None:
+        volts, limit = self.measurements.supply, self.store.number("V BUS MAX")
+        if volts > limit > 0 and self.axis.cause != _OVERVOLTAGE:
+            self.fault(_OVERVOLTAGE, self.now)
+        elif volts <= limit and self.axis.cause == _OVERVOLTAGE:
             self.solve(self.now)
 
     def fault(self, code: int, now: float) -> None:
-        """Let a protection act: the shaft is braked (FAULT REACTION ACTIVE), then FAULT, and an emergency on CAN."""
+        """Let a protection act: the shaft is braked (FAULT REACTION ACTIVE), then FAULT; an emergency on CAN."""
         self.tick(now)
         self.axis.fault(code, self.now, reaction=True)
-        self.errors = [code, *self.errors][:8]
+        self.errors[:] = [code, *self.errors][:8]
         if self.canopen is not None:
             self.canopen.error(code, error_register(code))
 
-    @property
-    def error_register(self) -> int:
-        """ERROR REGISTER: of the fault that the drive is in."""
-        return error_register(self.errors[0]) if self.axis.state in FAULTED and self.errors else 0
-
     def solve(self, now: float) -> None:
-        """The cause is gone; the state stays FAULT until a master resets it."""
+        """End the cause of the fault; the state stays FAULT until a client resets it."""
         self.tick(now)
         self.axis.cause = 0
 
     def reset_error(self) -> None:
-        """The coil does what the edge of control bit 7 does."""
+        """Do what an edge of control bit 7 does."""
         self.axis.word &= ~DriveCommand.FAULT_RESET
         self._control(self.axis.word | DriveCommand.FAULT_RESET)
         self.axis.word &= ~DriveCommand.FAULT_RESET
 
     def _control(self, value: Value) -> None:
-        was_fault = self.axis.state in FAULTED
+        was_fault = self.axis.state in FAULT_STATES
         self.axis.control(int(value), self.now)
-        if was_fault and self.axis.state not in FAULTED and self.canopen is not None:
+        if was_fault and self.axis.state not in FAULT_STATES and self.canopen is not None:
             self.canopen.no_error()
-        self._follow_torque()
-        self._follow_reference()
+        self.measurements.follow_torque()
+        self.measurements.follow_reference()
 
-    def _follow_torque(self) -> None:
-        """Torque mode: towards TARGET TORQUE with TORQUE SLOPE, or back to nothing."""
-        on = self.axis.mode == axis.TORQUE and self.axis.state is State.OPERATION_ENABLED
-        slope = self.motion.torque_slope()
-        self.torque.move(self.now, self.motion.target_torque() if on else 0.0, slope, slope, slope, jerky=True)
+    def _error_register(self) -> int:
+        return error_register(self.errors[0]) if self.axis.state in FAULT_STATES and self.errors else 0
 
-    def _follow_reference(self) -> None:
-        on = self.axis.state is State.OPERATION_ENABLED
-        wanted = self.store.number("V REF SETPOINT") if on else 0.0
-        slope = self.motion.voltage_ramp(wanted - self.reference.position(self.now))
-        self.reference.move(self.now, wanted, slope, slope, slope, jerky=True)
-
-    # What the shaft does, in the units of the drive
-
-    @property
-    def speed(self) -> float:
-        """VELOCITY ACTUAL VALUE."""
-        return self.motion.shown_velocity(self.axis.trajectory.velocity(self.now))
-
-    @property
-    def torque_nm(self) -> float:
-        """What the flywheel and its friction need, or in torque mode what was asked for."""
-        if self.axis.state not in CURRENT_ON:
-            return 0.0
-        asked = self.torque.position(self.now) / 1000 * self.rated_torque
-        turn = 2 * pi / self.motion.increments
-        way = self.axis.trajectory
-        return asked + turn * (INERTIA * way.acceleration(self.now) + FRICTION * way.velocity(self.now))
-
-    @property
-    def rated_torque(self) -> float:
-        """MOTOR RATED TORQUE in Nm."""
-        return (self.store.number("MOTOR RATED TORQUE") or 1.0) / 1000
-
-    @property
-    def torque_permille(self) -> float:
-        """TORQUE ACTUAL VALUE."""
-        return 1000 * self.torque_nm / self.rated_torque
-
-    @property
-    def current(self) -> float:
-        """Amperes: the rated current gives the rated torque; while it is phased it is the alignment current."""
-        if self.service.is_phasing:
-            return self.store.number("ALIGNMENT CURRENT")
-        return abs(self.torque_permille) / 1000 * self.store.number("MOTOR RATED CURRENT") / 1000
-
-    @property
-    def bus_voltage(self) -> float:
-        """The supply gives way a little under current."""
-        return max(0.0, self.voltage - 0.05 * self.current)
+    def _error_code(self, place: int) -> int:
+        return self.errors[place] & 0xFFFF if place < len(self.errors) else 0
 
 
 def error_register(code: int) -> int:
-    """The error register while this error is there.
+    """The error register for an error code.
 
     >>> hex(error_register(0x3210)), hex(error_register(0x7305))
     ('0x5', '0x1')
     """
-    return GENERIC_ERROR | ERROR_CLASSES.get(code >> 12, 0)
+    return _GENERIC_ERROR | _REGISTER_BITS.get(code >> 12, 0)

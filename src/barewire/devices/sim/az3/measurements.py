@@ -1,37 +1,37 @@
-"""The values of the AZ3 that are measured: each is computed from the axis when somebody reads it.
+"""What the AZ3 measures: torque, current, voltage, and the values computed from the axis.          [ST.TEC.022]
 
-Some measured values are listed as read/write in the guides (HEATSINK TEMPERATURE, CUSTOM POSITION ACTUAL VALUE,
-SENSORLESS MEASURED SPEED, the coil PHASING IN PROGRESS). A write to them is taken and has no effect, since the next
-measurement stands there at once.
+        axis --> position, velocity --> flywheel and friction --> torque --> current --> DC link voltage, temperature
+
+Simplified: the motor is a flywheel with friction, so torque follows acceleration and speed. In torque mode the shaft is
+held, and only the torque moves towards TARGET TORQUE. The heatsink has no time constant.
+
+The guides list some measured values as read/write (HEATSINK TEMPERATURE, CUSTOM POSITION ACTUAL VALUE, SENSORLESS
+MEASURED SPEED). A write to them is accepted and has no effect, because each read computes the value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from functools import partial
+from math import pi
 
-from barewire.canopen.nmt.messages import NmtState
-from barewire.codecs import get_bit, set_bit
 from barewire.devices.drive.cia402 import State
-from barewire.devices.sim.motion.trajectory import wrapped
+from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings
+from barewire.devices.sim.az3.phasing import CAPTURES, Phasing
+from barewire.devices.sim.core.machine import Clock
+from barewire.devices.sim.core.store import MachineStore
+from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, TORQUE
+from barewire.devices.sim.motion.trajectory import Trajectory, wrapped
 
-if TYPE_CHECKING:
-    from barewire.devices.sim.az3.machine import Az3
+_INERTIA, _FRICTION = 2e-4, 2e-4
+"""kg m², Nm s: a small motor with some load."""
 
-# The bits 1 to 8 of 201Bh, coils 81 to 88 (ST.TEC.071, 5.3).
-STATE_BITS = {
-    State.NOT_READY_TO_SWITCH_ON: 1,
-    State.SWITCH_ON_DISABLED: 2,
-    State.READY_TO_SWITCH_ON: 3,
-    State.SWITCHED_ON: 4,
-    State.OPERATION_ENABLED: 5,
-    State.QUICK_STOP_ACTIVE: 6,
-    State.FAULT: 7,
-    State.FAULT_REACTION_ACTIVE: 8,
-}
+_SUPPLY = 48.0
+_SUPPLY_RESISTANCE = 0.05
+_AMBIENT = 25.0
+_WARMING = 0.5  # °C per ampere
 
-MONITORED: dict[int, str] = {
-    0: "",
+_MONITORED: dict[int, str] = {
     1: "VELOCITY ACTUAL VALUE",
     2: "POSITION ACTUAL VALUE",
     3: "TORQUE ACTUAL VALUE",
@@ -40,83 +40,99 @@ MONITORED: dict[int, str] = {
     6: "TARGET VELOCITY",
     7: "HEATSINK TEMPERATURE",
 }
-"""What CHANNEL_SEL_1 to 4 can choose here, and 8, the voltage reference; any other number shows 0, as number 0 does."""
+"""What CHANNEL_SEL_1 to 4 can select here, besides 8, the voltage reference. Every other number shows 0."""
 
-REFERENCE = 8
-INTERNAL_LIMIT = 0x0800
-PHASING, BRAKE_USED, BRAKE_OPEN = 0, 7, 8
-"""Bits of 2018h and 2019h."""
-
-AMBIENT = 25.0
-WARMING = 0.5  # °C per ampere, at once: the time constant of the heatsink is left out
+_REFERENCE = 8
 
 
-def hang_values(drive: Az3) -> None:
-    """Make every measured value of the drive follow its axis."""
-    store = drive.store
-    phases, brakes, states = (store.cell(f"COIL WORD {word}") for word in (0, 1, 5))
+class Measurements:
+    """The measured values of one drive. They are computed when they are read."""
 
-    def position(bits: int) -> int:
-        return wrapped(drive.motion.shown_position(drive.axis.trajectory.position(drive.now)), bits)
+    def __init__(
+        self, clock: Clock, store: MachineStore, settings: Az3Settings, axis: Az3Axis, phasing: Phasing
+    ) -> None:
+        self.clock, self.store, self.settings, self.axis, self.phasing = clock, store, settings, axis, phasing
+        self.supply = _SUPPLY
+        """Volts of the supply."""
+        self._torque = Trajectory()
+        self._reference = Trajectory()
+        measures: dict[str, Callable[[], float]] = {
+            "POSITION ACTUAL VALUE": lambda: self._position(32),
+            "CUSTOM POSITION ACTUAL VALUE": lambda: self._position(16),
+            "VELOCITY ACTUAL VALUE": self._velocity,
+            "VL VELOCITY ACTUAL VALUE": self._velocity,
+            "CUSTOM VELOCITY ACTUAL VALUE": self._velocity,
+            "SENSORLESS MEASURED SPEED": self._velocity,
+            "TORQUE ACTUAL VALUE": self._torque_permille,
+            "TORQUE DEMAND": self._torque_permille,
+            "TORQUE ACTUAL VALUE NM": self._torque_nm,
+            "TORQUE SHAFT VALUE": self._torque_nm,
+            "CURRENT ACTUAL VALUE": self._torque_permille,
+            "RMS CURRENT": self._current,
+            "IQRMSX10": lambda: 10 * self._current(),
+            "DC LINK CIRCUIT VOLTAGE": lambda: 1000 * self._bus_voltage(),
+            "VBUS MEAN": self._bus_voltage,
+            "HEATSINK TEMPERATURE": lambda: _AMBIENT + _WARMING * self._current(),
+        }
+        for name, read in measures.items():
+            store.measure(name, read)
+        for place in range(CAPTURES):
+            store.measure(f"PHASE DATA INCREMENTAL CAPTURES {place}", partial(phasing.captures.__getitem__, place))
+        for channel in range(1, 5):
+            store.measure(f"MONITOR VAR {channel}", partial(self._monitor, channel))
 
-    def status() -> int:
-        return drive.axis.status(drive.now) | (INTERNAL_LIMIT if drive.motion.is_limited() else 0)
+    def restart(self) -> None:
+        """As at power-on: no torque and no voltage reference."""
+        self._torque, self._reference = Trajectory(), Trajectory()
 
-    def brake_word() -> int:
-        word = int(brakes.held)
-        return set_bit(word, BRAKE_OPEN, drive.axis.brake_is_open(drive.now)) if get_bit(word, BRAKE_USED) else word
+    # Set-points on ramps
 
-    measures: dict[str, Callable[[], float]] = {
-        "STATUS WORD": status,
-        "COIL WORD 0": lambda: set_bit(int(phases.held), PHASING, drive.service.is_phasing),
-        "COIL WORD 1": brake_word,
-        "COIL WORD 5": lambda: int(states.held) | 1 << STATE_BITS[drive.axis.state],
-        # A drive with nothing on its CAN connector has booted all the same.
-        "NODE STATE": lambda: int(drive.canopen.state if drive.canopen else 0) or NmtState.PRE_OPERATIONAL,
-        "CAN BITRATE INDEX": lambda: drive.service.rate,
-        "BOOT CAN NODE READ ONLY": lambda: drive.service.node,
-        "BOOT MODBUS NODE": lambda: drive.address & 0xFF,
-        "ERROR REGISTER": lambda: drive.error_register,
-        "POSITION ACTUAL VALUE": lambda: position(32),
-        "CUSTOM POSITION ACTUAL VALUE": lambda: position(16),
-        "VELOCITY ACTUAL VALUE": lambda: drive.speed,
-        "VL VELOCITY ACTUAL VALUE": lambda: drive.speed,
-        "CUSTOM VELOCITY ACTUAL VALUE": lambda: drive.speed,
-        "SENSORLESS MEASURED SPEED": lambda: drive.speed,
-        "TORQUE ACTUAL VALUE": lambda: drive.torque_permille,
-        "TORQUE DEMAND": lambda: drive.torque_permille,
-        "TORQUE ACTUAL VALUE NM": lambda: drive.torque_nm,
-        "TORQUE SHAFT VALUE": lambda: drive.torque_nm,
-        "CURRENT ACTUAL VALUE": lambda: drive.torque_permille,
-        "RMS CURRENT": lambda: drive.current,
-        "IQRMSX10": lambda: 10 * drive.current,
-        "DC LINK CIRCUIT VOLTAGE": lambda: 1000 * drive.bus_voltage,
-        "VBUS MEAN": lambda: drive.bus_voltage,
-        "HEATSINK TEMPERATURE": lambda: AMBIENT + WARMING * drive.current,
-    }
-    for name, read in measures.items():
-        store.measure(name, read)
-    for place in range(8):
-        store.measure(f"ERROR CODE {place + 1}", _error(drive, place))
-    for place in range(len(drive.service.captures)):
-        store.measure(f"PHASE DATA INCREMENTAL CAPTURES {place}", _capture(drive, place))
-    for channel in range(1, 5):
-        store.measure(f"MONITOR VAR {channel}", _monitor(drive, channel))
+    def follow_torque(self) -> None:
+        """In torque mode move the torque to TARGET TORQUE with TORQUE SLOPE, otherwise to 0. In ‰ of the rated one."""
+        on = self.axis.mode == TORQUE and self.axis.state is State.OPERATION_ENABLED
+        slope = self.settings.torque_slope()
+        self._torque.move(self.clock.now, self.settings.target_torque() if on else 0.0, slope, slope, slope, jerky=True)
 
+    def follow_reference(self) -> None:
+        """Move the voltage reference to V REF SETPOINT on its ramp, in volts."""
+        on = self.axis.state is State.OPERATION_ENABLED
+        target = self.store.number("V REF SETPOINT") if on else 0.0
+        slope = self.settings.voltage_ramp(target - self._reference.position(self.clock.now))
+        self._reference.move(self.clock.now, target, slope, slope, slope, jerky=True)
 
-def _error(drive: Az3, place: int) -> Callable[[], int]:
-    return lambda: drive.errors[place] & 0xFFFF if place < len(drive.errors) else 0
+    # Values
 
+    def _position(self, bits: int) -> int:
+        return wrapped(self.settings.shown_position(self.axis.trajectory.position(self.clock.now)), bits)
 
-def _capture(drive: Az3, place: int) -> Callable[[], int]:
-    return lambda: drive.service.captures[place]
+    def _velocity(self) -> float:
+        return self.settings.shown_velocity(self.axis.trajectory.velocity(self.clock.now))
 
+    def _torque_nm(self) -> float:
+        """The torque of torque mode, and what flywheel and friction take."""
+        if self.axis.state not in CURRENT_ON:
+            return 0.0
+        now, trajectory = self.clock.now, self.axis.trajectory
+        commanded = self._torque.position(now) / 1000 * self.settings.rated_torque
+        turn = 2 * pi / self.settings.increments
+        return commanded + turn * (_INERTIA * trajectory.acceleration(now) + _FRICTION * trajectory.velocity(now))
 
-def _monitor(drive: Az3, channel: int) -> Callable[[], float]:
-    def read() -> float:
-        if drive.store.whole(f"CHANNEL_SEL_{channel}") == REFERENCE:
-            return drive.reference.position(drive.now)
-        name = MONITORED.get(drive.store.whole(f"CHANNEL_SEL_{channel}"), "")
-        return drive.store.number(name) if name else 0.0
+    def _torque_permille(self) -> float:
+        return 1000 * self._torque_nm() / self.settings.rated_torque
 
-    return read
+    def _current(self) -> float:
+        """Amperes: the rated current gives the rated torque; during phasing it is the alignment current."""
+        if self.phasing.in_progress:
+            return self.store.number("ALIGNMENT CURRENT")
+        return abs(self._torque_permille()) / 1000 * self.store.number("MOTOR RATED CURRENT") / 1000
+
+    def _bus_voltage(self) -> float:
+        """The voltage of the supply sinks a little under current."""
+        return max(0.0, self.supply - _SUPPLY_RESISTANCE * self._current())
+
+    def _monitor(self, channel: int) -> float:
+        selected = self.store.whole(f"CHANNEL_SEL_{channel}")
+        if selected == _REFERENCE:
+            return self._reference.position(self.clock.now)
+        name = _MONITORED.get(selected)
+        return self.store.number(name) if name else 0.0

@@ -1,16 +1,17 @@
-"""The CANopen side of a simulated machine: a node whose object dictionary looks into the machine's store.
+"""The CANopen adapter of a simulated machine: a node whose object dictionary reads and writes the machine's store.
 
         SDO, RPDO --> Entry.on_write --> Cell.check, Cell.put         (Declined -> abort code)
         SDO, TPDO <-- Entry.on_read  <-- Cell.shown                   raw numbers, little-endian
 
-Nothing is kept here but what belongs to the node alone: its NMT state and the records of its PDOs. Objects that every
-node must have (1000h, 1001h) are added where the description does not list them.
+Only the state of the node itself is kept here: its NMT state and the records of its PDOs. The mandatory objects 1000h
+and 1001h are added where the description does not list them.
 
-The node-ID and the bit rate may change when the machine starts anew (`boot`). Where the bit rate of the bus is known,
-`bus_bitrate`, a node of another one hears nothing and says nothing: a real one would only disturb.
+The node-ID and the bit rate may change when the machine restarts (`take_address`). Where the bit rate of the bus is
+given in `bus_bitrate`, a node with another bit rate receives nothing and sends nothing; a real one would send error
+frames.
 
-Of two parameters with one object the first in the description owns it. An object that is described by its bits only is
-composed out of them.
+Of two parameters with one object the first in the description owns it. An object of which only bits are described is
+composed of them.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
-from barewire.canopen.device.device import LocalNode as Node
+from barewire.canopen.device.device import LocalNode
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import Entry, ObjectAccess, ObjectDictionary
@@ -30,48 +30,44 @@ from barewire.canopen.sdo.dialect import STANDARD
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import CanopenSettings, DevicePdo
 from barewire.devices.sdo_dialects import DIALECTS
-from barewire.devices.sim.core.store import Cell, Declined, Why
+from barewire.devices.sim.core.machine import SimulatedMachine
+from barewire.devices.sim.core.store import Cell, Declined, DeclineReason
 
-if TYPE_CHECKING:
-    from barewire.devices.sim.core.simulator import Simulator
-
-CODES: dict[Why, AbortCode] = {
+_ABORT_CODES: dict[DeclineReason, AbortCode] = {
     "place": AbortCode.NO_OBJECT,
     "value": AbortCode.INVALID_VALUE,
     "state": AbortCode.DEVICE_STATE,
 }
-"""How a refusal is said on CANopen."""
-
-DEVICE_TYPE, ERROR_REGISTER = 0x1000, 0x1001
-PDO_RECORDS = range(0x1400, 0x1C00)
-COMMUNICATION = range(0x1000, 0x2000)
-SERVO_402 = 0x0002_0192  # device profile 402, servo drive
+_DEVICE_TYPE, _ERROR_REGISTER = 0x1000, 0x1001
+_PDO_RECORDS = range(0x1400, 0x1C00)
+_COMMUNICATION = range(0x1000, 0x2000)
+_SERVO_402 = 0x0002_0192  # device profile 402, servo drive
 
 
 class CanopenAdapter:
-    """A machine: CAN frames and time in, CAN frames out. `start`, or else the first `feed`, says the boot-up."""
+    """A node of its own: CAN frames and time in, CAN frames out. The first `feed`, or `start`, sends the boot-up."""
 
-    def __init__(self, machine: Simulator, side: CanopenSettings) -> None:
+    def __init__(self, machine: SimulatedMachine, settings: CanopenSettings) -> None:
         self.machine = machine
-        entries = [*_entries(machine), Entry(DEVICE_TYPE, 0, "device type", "u32", "const", SERVO_402)]
-        entries.append(Entry(ERROR_REGISTER, 0, "error register", "u8", "ro"))
+        entries = [*_entries(machine), Entry(_DEVICE_TYPE, 0, "device type", "u32", "const", _SERVO_402)]
+        entries.append(Entry(_ERROR_REGISTER, 0, "error register", "u8", "ro"))
         self.objects = ObjectDictionary({(entry.index, entry.sub): entry for entry in entries}.values())
-        pdos = [_pdo(pdo, side.node) for pdo in side.pdos]
-        self.node = Node(
-            side.node, self.objects, pdos, dialect=DIALECTS.get(side.dialect, STANDARD), on_reset=self._on_reset
+        pdos = [_pdo(pdo, settings.node) for pdo in settings.pdos]
+        self.node = LocalNode(
+            settings.node, self.objects, pdos, dialect=DIALECTS.get(settings.dialect, STANDARD), on_reset=self._on_reset
         )
         self._add_missing_records()
-        self.bitrate = side.bitrate
+        self.bitrate = settings.bitrate
         self.bus_bitrate: int | None = None
-        """The bit rate of the bus, if that is to matter."""
-        self._boots_at: float | None = machine.now
+        """The bit rate of the bus; None: it is not compared."""
+        self._boots_at: float | None = machine.clock.now
         self._pending: list[CanFrame] = []
 
     def _add_missing_records(self) -> None:
-        """Described sub-indices of PDO records that the node does not make by itself: the compatibility entry, 04."""
+        """Add described sub-indices of PDO records that the node does not create: the compatibility entry, 04."""
         for cell in self.machine.store:
             place = cell.parameter.object
-            if place is None or place.index not in PDO_RECORDS or (place.index, 0) not in self.objects:
+            if place is None or place.index not in _PDO_RECORDS or (place.index, 0) not in self.objects:
                 continue
             if (place.index, place.sub) not in self.objects:
                 self.objects.add(_entry(cell))
@@ -83,89 +79,89 @@ class CanopenAdapter:
 
     @property
     def deadline(self) -> float | None:
-        """When the node has something to say by itself."""
-        if self._is_deaf:
+        """When the node has something to send by itself."""
+        if self._is_at_another_bitrate:
             return None
         if self._boots_at is not None:
             return self._boots_at
-        return self.machine.now if self._pending or self._beat_changed() else self.node.deadline
+        return self.machine.clock.now if self._pending or self._heartbeat_changed() else self.node.deadline
 
-    def _beat_changed(self) -> bool:
-        """The heartbeat time was written through the other face."""
+    def _heartbeat_changed(self) -> bool:
+        """Whether the heartbeat time was written through the other adapter."""
         place = (0x1017, 0)
         return place in self.objects and int(self.objects.get(*place)) / 1000 != self.node.heartbeat.period
 
     @property
-    def _is_deaf(self) -> bool:
+    def _is_at_another_bitrate(self) -> bool:
         return self.bus_bitrate is not None and self.bus_bitrate != self.bitrate
 
-    def boot(self, node: int | None, bitrate: int) -> None:
-        """The node-ID and the bit rate that count from now on: called while the machine is reset."""
+    def take_address(self, node: int | None, bitrate: int) -> None:
+        """Use this node-ID and bit rate from now on: called while the machine is reset."""
         self.bitrate = bitrate
         if node != self.node.node:
             self.node.renumber(node)
-            self.node.stored.restore(PDO_RECORDS.start, PDO_RECORDS.stop - 1)
+            self.node.stored.restore(_PDO_RECORDS.start, _PDO_RECORDS.stop - 1)
 
     def save_records(self) -> None:
-        """The PDO records as they are now are those of every reset. What is as delivered follows the node-ID."""
+        """Save the PDO records for later resets. Those with default values are not saved: they follow the node-ID."""
         values = self.node.stored.values
         for entry in self.objects:
-            if entry.index in PDO_RECORDS and entry.access == "rw" and entry.on_read is None:
+            if entry.index in _PDO_RECORDS and entry.access == "rw" and entry.on_read is None:
                 place, value = (entry.index, entry.sub), self.objects.get(entry.index, entry.sub)
                 values.pop(place, None)
                 if value != entry.default:
                     values[place] = value
 
     def forget_records(self) -> None:
-        """Those of the next reset are as delivered."""
+        """Delete the saved PDO records: from the next reset on the defaults count."""
         self.node.stored.values.clear()
 
     def power_on(self, now: float) -> None:
-        """Power came back: the node boots at the next `feed`, and its PDOs are as they were saved."""
-        self.node.stored.restore(COMMUNICATION.start, 0x9FFF)
+        """Power came back: the node boots at the next `feed`, with the saved PDO records."""
+        self.node.stored.restore(_COMMUNICATION.start, 0x9FFF)
         self._pending.clear()
         self._boots_at = now
 
     def start(self, now: float) -> list[CanFrame]:
-        """Boot: the boot-up message."""
+        """Boot, and return the boot-up message."""
         self.machine.tick(now)
         self._boots_at = None
-        return self.node.start(self.machine.now)
+        return self.node.start(self.machine.clock.now)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """What the node says to a frame, or to time passing."""
+        """The frames that the node sends after a received frame, or after time has passed."""
         self.machine.tick(now)
-        if self._is_deaf:
+        if self._is_at_another_bitrate:
             return []
-        said = [] if self._boots_at is None else self.start(now)
+        sent = [] if self._boots_at is None else self.start(now)
         pending, self._pending = self._pending, []
-        said += pending + self.node.feed(frame, self.machine.now)
-        return [] if self._is_deaf else said
+        sent += pending + self.node.feed(frame, self.machine.clock.now)
+        return [] if self._is_at_another_bitrate else sent
 
     def error(self, code: int, register: int) -> None:
-        """The machine has this error: an emergency at the next `feed`."""
-        self._pending += self.node.error(code, self.machine.now, source="machine", register=register)
+        """Report an error of the machine: an emergency is sent at the next `feed`."""
+        self._pending += self.node.error(code, self.machine.clock.now, source="machine", register=register)
 
     def no_error(self) -> None:
-        """The machine has none of its errors any more: emergency 0000h at the next `feed`."""
+        """Report that the machine has no error any more: emergency 0000h is sent at the next `feed`."""
         for code in self.node.errors.active:
-            self._pending += self.node.error_gone(code, self.machine.now, source="machine")
+            self._pending += self.node.error_gone(code, self.machine.clock.now, source="machine")
 
     def _on_reset(self, command: NmtCommand) -> None:
-        # The dictionary has brought the PDO records back; what lives in the store is brought back here [CiA 301, NMT].
+        # The dictionary has restored the PDO records; objects that lie in the store are restored here [CiA 301, NMT].
         if command is NmtCommand.RESET_NODE:
             self.machine.reset()
             return
-        saved = self.machine.saved
+        saved = self.machine.store.saved
         for cell in self.machine.store:
             place = cell.parameter.object
-            if place is not None and place.index in COMMUNICATION:
+            if place is not None and place.index in _COMMUNICATION:
                 cell.set(saved.get(cell.name, cell.default))
         self.machine.reset_communication()
 
 
 def _pdo(described: DevicePdo, node: int) -> PdoConfig:
-    """The factory setting of a PDO. The descriptions give COB-IDs without the node-ID, which is added."""
+    """The factory setting of a PDO. The description gives the COB-ID without the node-ID, which is added here."""
     number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
     pdo = PdoConfig(
@@ -174,18 +170,18 @@ def _pdo(described: DevicePdo, node: int) -> PdoConfig:
         mapping,
         type=described.transmission,
     )
-    # One of the predefined connection set stays tied to the node-ID.
+    # A COB-ID of the predefined connection set follows the node-ID.
     cob_id = described.cob_id + node
     return pdo if pdo.cob_entry(node).pack() == cob_id else replace(pdo, cob_id=cob_id)
 
 
-def _entries(machine: Simulator) -> list[Entry]:
-    """One entry for each object: whole ones as described, and those that only their bits describe."""
+def _entries(machine: SimulatedMachine) -> list[Entry]:
+    """One entry for each object: those that are described, and those of which only bits are described."""
     entries: dict[tuple[int, int], Entry] = {}
     bits: dict[tuple[int, int], list[Cell]] = {}
     for cell in machine.store:
         place = cell.parameter.object
-        if place is None or place.index in PDO_RECORDS:
+        if place is None or place.index in _PDO_RECORDS:
             continue
         if place.bit is not None:
             bits.setdefault((place.index, place.sub), []).append(cell)
@@ -198,7 +194,7 @@ def _entries(machine: Simulator) -> list[Entry]:
 
 
 def _entry(cell: Cell) -> Entry:
-    """The entry of a whole object. The dictionary judges raw numbers, so the limits are told without the scale."""
+    """The entry of a whole object. The dictionary checks raw numbers, so the limits are given without the scale."""
     parameter = cell.parameter
     place = parameter.object
     assert place is not None
@@ -209,7 +205,7 @@ def _entry(cell: Cell) -> Entry:
 
     def write(raw: Value) -> None:
         value = cell.free.from_raw(raw)
-        _declined(partial(cell.check, value), place.index, place.sub)
+        _abort_if_declined(partial(cell.check, value), place.index, place.sub)
         cell.put(value)
 
     def limit(value: int | float | None, side: int) -> float | None:
@@ -231,7 +227,7 @@ def _entry(cell: Cell) -> Entry:
 
 
 def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
-    """A word of 16 bits that is described bit by bit."""
+    """The entry of a 16-bit word that is described bit by bit."""
     places = [(cell, cell.parameter.object.bit or 0) for cell in cells if cell.parameter.object is not None]
 
     def read() -> Value:
@@ -244,15 +240,15 @@ def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
         for cell, bit in places:
             if cell.parameter.writable:
                 on = get_bit(int(word), bit)
-                _declined(partial(cell.check, on), index, sub)
+                _abort_if_declined(partial(cell.check, on), index, sub)
                 cell.put(on)
 
     access: ObjectAccess = "rw" if any(cell.parameter.writable for cell in cells) else "ro"
     return Entry(index, sub, f"{index:04X}h", "u16", access, on_read=read, on_write=write)
 
 
-def _declined(check: Callable[[], None], index: int, sub: int) -> None:
+def _abort_if_declined(check: Callable[[], None], index: int, sub: int) -> None:
     try:
         check()
     except Declined as declined:
-        raise SdoAbort(CODES[declined.why], index, sub) from declined
+        raise SdoAbort(_ABORT_CODES[declined.reason], index, sub) from declined

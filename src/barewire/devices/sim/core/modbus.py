@@ -1,20 +1,21 @@
-"""The Modbus side of a simulated machine: a `barewire.modbus.server.server.Unit` over the images of its store.
+"""The Modbus adapter of a simulated machine: a `barewire.modbus.server.server.Unit` over the images of its store.
 
         request -> function code known here?  -> quantity within the device's limits? -> image -> response
                      no: 01                        no: 03                                 02, 03, 04
 
-Which function code reaches which parameters is what the description says in `read_functions` and `write_functions`; a
-machine with other habits overrides `images`, one with function codes of its own `other`.
+The description states in `read_functions` and `write_functions` which function code reaches which parameters. A machine
+with other rules overrides `images`, a machine with function codes of its own overrides `other`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from barewire.devices.device import ModbusSettings
-from barewire.devices.sim.core.register_image import Image
-from barewire.devices.sim.core.store import Cell, Declined, Why
+from barewire.devices.sim.core.machine import SimulatedMachine
+from barewire.devices.sim.core.register_image import RegisterImage
+from barewire.devices.sim.core.store import Cell, Declined, DeclineReason
 from barewire.modbus.exceptions import (
     ILLEGAL_DATA_ADDRESS,
     ILLEGAL_DATA_VALUE,
@@ -25,56 +26,52 @@ from barewire.modbus.exceptions import (
 from barewire.modbus.messages import coils as bits, registers
 from barewire.modbus.messages.base import Response
 
-if TYPE_CHECKING:
-    from barewire.devices.sim.core.simulator import Simulator
-
-CODES: dict[Why, int] = {
+_EXCEPTION_CODES: dict[DeclineReason, int] = {
     "place": ILLEGAL_DATA_ADDRESS,
     "value": ILLEGAL_DATA_VALUE,
     "state": SERVER_DEVICE_FAILURE,
 }
-"""How a refusal is said on Modbus."""
 
 
 class ModbusAdapter:
-    """Answers requests out of a store. `reads` and `writes` are the images by function code."""
+    """Answers requests from the store of a machine. `reads` and `writes` are the images by function code."""
 
-    diagnostics = False  # a machine without function 08 says so, also on a serial line
+    diagnostics = False  # function 08 gets exception 01 from these machines, also on a serial line
 
-    def __init__(self, machine: Simulator, side: ModbusSettings) -> None:
+    def __init__(self, machine: SimulatedMachine, settings: ModbusSettings) -> None:
         self.machine = machine
-        self.side = side
-        self.reads: dict[int, Image] = {}
-        self.writes: dict[int, Image] = {}
+        self.settings = settings
+        self.reads: dict[int, RegisterImage] = {}
+        self.writes: dict[int, RegisterImage] = {}
         self.images()
 
     def images(self) -> None:
         """Fill `reads` and `writes` from the description."""
-        for code in set(self.side.read_functions.values()):
-            tables = {table for table, function in self.side.read_functions.items() if function == code}
+        for code in set(self.settings.read_functions.values()):
+            tables = {table for table, function in self.settings.read_functions.items() if function == code}
             self.reads[code] = self.image(cell for cell in self.cells(*tables) if cell.parameter.readable)
-        for table, functions in self.side.write_functions.items():
+        for table, functions in self.settings.write_functions.items():
             image = self.image(cell for cell in self.cells(table) if cell.parameter.writable)
             self.writes |= dict.fromkeys(functions, image)
 
-    def image(self, cells: Iterable[Cell]) -> Image:
+    def image(self, cells: Iterable[Cell]) -> RegisterImage:
         """An image of these cells."""
-        return Image(self.machine.store, cells)
+        return RegisterImage(self.machine.store, cells)
 
     def cells(self, *tables: str) -> list[Cell]:
         """The cells that lie in these tables."""
         return [cell for cell in self.machine.store if cell.parameter.modbus and cell.parameter.modbus.table in tables]
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """Let time pass, then answer. ModbusException is how the machine declines; None is silence."""
+        """Let time pass, then answer. Raises ModbusException where the machine declines; None: no answer is sent."""
         self.machine.tick(now)
         try:
             return self.answer(request)
         except Declined as declined:
-            raise ModbusException(CODES[declined.why]) from declined
+            raise ModbusException(_EXCEPTION_CODES[declined.reason]) from declined
 
     def answer(self, request: Any) -> Response | None:
-        """The response to a request for registers or coils; everything else goes to `other`."""
+        """The response to a request for registers or coils; all other requests go to `other`."""
         code = request.function_code
         match request:
             # ReadDiscreteInputs is a ReadCoils and ReadInputRegisters a ReadHoldingRegisters: one row for each pair.
@@ -83,7 +80,7 @@ class ModbusAdapter:
                 kind = bits.ReadCoilsResponse if code == 0x01 else bits.ReadDiscreteInputsResponse
                 return kind(tuple(map(bool, row)))
             case registers.ReadHoldingRegisters(address, quantity):
-                words = self._read(code, address, quantity, self.side.read_limit)
+                words = self._read(code, address, quantity, self.settings.read_limit)
                 if code == 0x03:
                     return registers.ReadHoldingRegistersResponse(words)
                 return registers.ReadInputRegistersResponse(words)
@@ -97,12 +94,12 @@ class ModbusAdapter:
                 self._write(code, address, (value,), 1)
                 return registers.WriteSingleRegisterResponse(address, value)
             case registers.WriteMultipleRegisters(address, values):
-                self._write(code, address, tuple(values), self.side.write_limit)
+                self._write(code, address, tuple(values), self.settings.write_limit)
                 return registers.WriteMultipleRegistersResponse(address, len(values))
         return self.other(request)
 
     def other(self, request: Any) -> Response | None:
-        """A function code that is about no register: none in a plain device."""
+        """Answer a function code that accesses no registers or coils: exception 01 in a plain device."""
         raise ModbusException(ILLEGAL_FUNCTION)
 
     def _read(self, code: int, address: int, quantity: int, limit: int) -> tuple[int, ...]:

@@ -1,16 +1,18 @@
-"""What a function code of Modbus reaches: rows of registers or coils, composed out of cells when they are read.
+"""The rows of registers or coils that one Modbus function code reaches, composed of cells when they are read.
 
         address        16         17         18
         register    [  u32 .....  .... ] [ u8 H | u8 L ]
         cells          A (word 0) A (word 1)   B | C
 
-An image stores nothing, so a value that two function codes reach is one value. Its laws, where a manual is silent:
+An image stores nothing, so two function codes that reach the same cell see one value. Rules where a manual has none:
 
-* A register or coil that no parameter occupies does not exist: exception 02, for a gap inside a row as well.
-* What may not be read is not in an image for reading, what may not be written in none for writing: exception 02.
-* A request is carried out as a whole or not at all: everything is checked before anything is stored.
+* A register or coil that no parameter occupies does not exist: exception 02, also for a gap inside a row.
+* Parameters that cannot be read are in no image for reading, those that cannot be written in none for writing:
+  exception 02.
+* A request is carried out completely or not at all: everything is checked before anything is stored.
 * A value of several registers takes effect when its last register is written (CSD MT manual, ch. 10: "when the writing
-  of the second part of it is concluded"). The registers before wait, and are read back only then.
+  of the second part of it is concluded"). Until then the words written before it wait, and reads
+  return the old value.
 * Where several parameters share one register (the commands of the ADXL), the first that accepts the value takes it.
 """
 
@@ -24,44 +26,44 @@ from barewire.devices.sim.core.store import Cell, Declined, MachineStore
 from barewire.errors import DecodeError
 
 
-class Piece(NamedTuple):
-    """What a cell has at an address: its register number `word`, or a part of the register."""
+class CellWord(NamedTuple):
+    """The part of a cell that lies at one address: its register number `word`, or a part of a register."""
 
     cell: Cell
     word: int
     partial: bool
 
 
-class Image:
+class RegisterImage:
     """The cells that one function code reaches, by address. Coils count as registers that hold 0 or 1."""
 
     def __init__(self, store: MachineStore, cells: Iterable[Cell]) -> None:
         self.store = store
-        self.pieces: dict[int, list[Piece]] = {}
+        self.words: dict[int, list[CellWord]] = {}
         self._waiting: dict[str, dict[int, int]] = {}
         for cell in cells:
             place = cell.parameter.modbus
             if place is not None:
                 for word in range(place.words):
-                    self.pieces.setdefault(place.address + word, []).append(Piece(cell, word, place.partial))
+                    self.words.setdefault(place.address + word, []).append(CellWord(cell, word, place.partial))
 
-    def _at(self, address: int) -> list[Piece]:
-        found = self.pieces.get(address)
+    def _at(self, address: int) -> list[CellWord]:
+        found = self.words.get(address)
         if found is None:
             raise Declined("place", f"nothing is described at address {address}")
         return found
 
     def read(self, address: int, quantity: int) -> tuple[int, ...]:
-        """So many registers, or Declined. Each value is asked for once, so its words belong together."""
+        """Read `quantity` registers; raises Declined. Each value is read once, so its words belong together."""
         rows = [self._at(address + offset) for offset in range(quantity)]
         known: dict[str, tuple[int, ...]] = {}
         words = []
         for row in rows:
             word = 0
             if row[0].partial:
-                for piece in row:
-                    if piece.partial:
-                        (word,) = self.store.registers(piece.cell, (word,))
+                for entry in row:
+                    if entry.partial:
+                        (word,) = self.store.registers(entry.cell, (word,))
             else:
                 cell = row[0].cell
                 if cell.name not in known:
@@ -71,15 +73,15 @@ class Image:
         return tuple(words)
 
     def write(self, address: int, words: Sequence[int]) -> None:
-        """Take registers, all or none: Declined if one of them has no place or no right value."""
+        """Write registers, all or none: raises Declined if an address does not exist or a value is not accepted."""
         rows = [self._at(address + offset) for offset in range(len(words))]
         waiting: dict[str, dict[int, int]] = {}
         commits: list[tuple[Cell, Value]] = []
         for row, word in zip(rows, words):
             if row[0].partial:
-                commits += [(piece.cell, self._checked(piece.cell, [word])) for piece in row if piece.partial]
+                commits += [(entry.cell, self._checked(entry.cell, [word])) for entry in row if entry.partial]
             elif row[0].cell.parameter.modbus is not None and row[0].cell.parameter.modbus.words == 1:
-                commits.append(self._first_to_accept([piece.cell for piece in row if not piece.partial], word))
+                commits.append(self._first_to_accept([entry.cell for entry in row if not entry.partial], word))
             else:
                 cell = row[0].cell
                 parts = waiting.setdefault(cell.name, dict(self._waiting.get(cell.name, {})))
@@ -110,8 +112,8 @@ class Image:
             try:
                 return cell, self._checked(cell, [word])
             except Declined as error:
-                # A veto is an answer about this command; an unfit value may be another parameter's command.
-                if error.why != "value":
+                # A veto is about this command; a value out of range may be the command of another parameter.
+                if error.reason != "value":
                     raise
                 declined = declined or error
         assert declined is not None

@@ -1,11 +1,12 @@
-"""A simulated machine, whatever it is: a store, a clock hand, and a face for each bus that its description has.
+"""A simulated machine: a store, a clock, and an adapter for each bus that its description has.
 
                        tick(now)                 time passes: what moves by itself, moves
-        modbus  ---->  store  <----  canopen     the same values through both faces
-                       power_cycle(now)          everything as at power-on, what was saved is kept
+        modbus  ---->  store  <----  canopen     both buses read and write the same values
+                       power_cycle(now)          every value as at power-on; saved values are kept
 
-This class alone is the simulator of a device that nobody has taught to move: it keeps what is written and answers what
-it keeps. The three machines of the catalogue are subclasses that override `tick` and hang their behaviour on cells.
+Used as it is, `Simulator` is a device without behaviour: it stores what is written and returns what it stores, with the
+types, rights and limits of the description. The three machines of the catalogue are subclasses: they override `tick`
+and set hooks on cells of the store.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.codecs import Value
-from barewire.devices.device import Device
+from barewire.devices.device import Device, ModbusSettings
+from barewire.devices.sim.core.machine import Clock
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.store import MachineStore
 from barewire.errors import EncodeError
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Simulator:
-    """A device that keeps what is written.
+    """A device that stores what is written.
 
     >>> from barewire.devices.description.load import load
     >>> from barewire.modbus.messages.registers import ReadHoldingRegisters, WriteSingleRegister
@@ -37,58 +38,55 @@ class Simulator:
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         self.device = device
-        self.now = now
-        self.on_since: float | None = None
-        """When power came: the first time that the machine is told."""
-        self.saved: dict[str, Value] = {}
-        """What survives power-off, by name."""
+        self.clock = Clock(now)
         self.address = 1 if device.modbus is None else device.modbus.unit
-        """The unit address on Modbus. Machines that can be given another one take it when they start anew."""
+        """The unit address on Modbus. A machine whose address is a parameter changes it when it restarts."""
         self.store = MachineStore(device.parameters)
-        self.modbus = self._modbus_face()
+        self.modbus = None if device.modbus is None else self.modbus_adapter(device.modbus)
         self.canopen: CanopenAdapter | None = None
         if device.canopen is not None:
-            # Only a device that is on CAN loads the room that speaks it.
+            # Imported only for a device that is on CAN: a Modbus machine loads no CANopen.
             from barewire.devices.sim.core.canopen import CanopenAdapter
 
             self.canopen = CanopenAdapter(self, device.canopen)
 
-    def _modbus_face(self) -> ModbusAdapter | None:
-        return None if self.device.modbus is None else ModbusAdapter(self, self.device.modbus)
+    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
+        """The adapter for Modbus; overridden by machines with function codes or rules of their own."""
+        return ModbusAdapter(self, settings)
 
-    def tick(self, now: float) -> None:
-        """Time has passed. A clock that goes backwards is read over."""
-        if self.on_since is None:
-            self.on_since = now
-        self.now = max(self.now, now)
+    @property
+    def now(self) -> float:
+        """The time that was last passed in."""
+        return self.clock.now
 
     @property
     def uptime(self) -> float:
         """Seconds since power-on."""
-        return 0.0 if self.on_since is None else self.now - self.on_since
+        return self.clock.uptime
+
+    def tick(self, now: float) -> None:
+        """Let time pass until `now`, in seconds. A time before the present one is ignored."""
+        self.clock.advance(now)
 
     def reset(self) -> None:
-        """Every value as at power-on: defaults, and over them what was saved."""
-        self.store.restore(self.saved)
+        """Restore every value as at power-on: the defaults, then the saved values."""
+        self.store.restore(self.store.saved)
 
     def set_environment(self, text: str) -> None:
-        """Set one thing of the world around the machine, NAME=VALUE as at a command line. EncodeError for others."""
-        environment = getattr(self, "environment", None)
-        if environment is None:
-            raise EncodeError(f"{text!r}: there is nothing to set around {self.device.name}")
-        environment.put(text)
+        """Set one property of the environment, NAME=VALUE as at a command line. Raises EncodeError for other names."""
+        raise EncodeError(f"{text!r}: {self.device.name} has no environment to set")
 
     def reset_communication(self) -> None:
-        """NMT reset communication: the store has the values of 1000h to 1FFFh again. A place for machines."""
+        """NMT reset communication, after the store has the saved values of 1000h to 1FFFh; for subclasses."""
 
     def readdress(self, address: int) -> None:
-        """Deliver it with another unit address."""
+        """Set the unit address with which the machine is delivered."""
         self.address = address
 
     def power_cycle(self, now: float) -> None:
-        """Off and on again."""
+        """Switch off and on again at `now`."""
         self.tick(now)
-        self.on_since = self.now
+        self.clock.on_since = self.now
         self.reset()
         if self.canopen is not None:
             self.canopen.power_on(self.now)
@@ -132,7 +130,9 @@ class MachineUnits(Mapping[int, ModbusAdapter]):
 
 
 def parse_setting(text: str, names: tuple[str, ...]) -> tuple[str, float]:
-    """NAME=NUMBER with one of these names, in which - may stand for _ ; EncodeError otherwise.
+    """Split NAME=NUMBER. The name is one of `names`, with - or _; the number is finite and not negative.
+
+    Raises EncodeError for everything else.
 
     >>> parse_setting("kick-time=0.5", ("kick_time", "line"))
     ('kick_time', 0.5)

@@ -1,17 +1,17 @@
-"""What a simulated machine remembers: every value once, by the name of its parameter, whatever wire asks for it.
+"""The values of a simulated machine: each one once, by the name of its parameter, whatever bus reads or writes it.
 
-        Modbus face: images --.                                  .-- the machine's own side
-                               >--  stranger's door    own door <
-        CANopen face: objects -'    put(value)          store[name] = value
-                                    rights, limits,     no rights: a status word is read-only
-                                    vetoes, hooks       to everybody but its owner
+        Modbus adapter: images --.                                 .-- the machine's own code
+                                 >--  from outside     from inside <
+        CANopen adapter: objects-'    put(value)       store[name] = value
+                                      rights, limits,  neither: a status word is read-only
+                                      vetoes, hooks    except for the machine itself
 
-A `Cell` is one parameter with its value. Three things can be hung on it: `measured` computes the value at the moment of
-reading, `veto` may decline a write before anything is stored, `after` is what the write brings about. A bit of an
-object whose whole word is described as well (the coils of the AZ3) has no state of its own: its cell looks into the
-cell of the word.
+A `Cell` is one parameter with its value. It has three hooks: `measured` computes the value when it is read, `veto` may
+decline a write before anything is stored, `after` is called after a write. A bit of an object whose whole word is
+described as well (the coils of the AZ3) has no value of its own: its cell reads and writes the cell of the word.
 
-I know: values and their rights.  I never know: requests, frames, time.
+Depends on: parameters.  Used by: the adapters, register images, and all machines. Requests, frames and time are unknown
+here.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ from barewire.devices.device import fold
 from barewire.devices.parameter import Parameter
 from barewire.errors import BarewireError, EncodeError
 
-Why = Literal["place", "value", "state"]
+DeclineReason = Literal["place", "value", "state"]
+"""No such address or object; no such value; not in the present state of the machine."""
 
 
 class Declined(BarewireError):
-    """The machine says no, in no protocol's words: there is no such place, no such value, or not now."""
+    """The machine declines a read or a write. Each adapter translates `reason` into its protocol's code."""
 
-    def __init__(self, why: Why, text: str) -> None:
+    def __init__(self, reason: DeclineReason, text: str) -> None:
         super().__init__(text)
-        self.why: Why = why
+        self.reason: DeclineReason = reason
 
 
 class Cell:
@@ -43,16 +44,17 @@ class Cell:
 
     def __init__(self, parameter: Parameter) -> None:
         self.parameter = parameter
-        # What is held need not lie within the limits of what may be written: a command register holds 0 at rest, and
-        # 0 is no command. So the limits are checked at the stranger's door and not when a value is shown.
+        # A held value need not lie within the limits of writes: a command register holds 0 at rest, and 0 is no
+        # command. So limits are checked for writes from outside, and not when a value is read.
         self.free = replace(parameter, minimum=None, maximum=None)
+        """The parameter without limits."""
         self.default: Value = _default(parameter)
         self.held: Value = self.default
         self.measured: Callable[[], Value] | None = None
         self.veto: Callable[[Value], None] | None = None
         self.after: Callable[[Value], None] | None = None
         self.whole: Cell | None = None
-        """The cell of the word that this one is a bit of."""
+        """The cell of the word of which this one is a bit."""
         self.parts: list[Cell] = []
         """The cells that are bits of this one."""
 
@@ -68,7 +70,7 @@ class Cell:
         assert place.bit is not None
         return place.bit
 
-    # The machine's own door
+    # From inside the machine
 
     def get(self) -> Value:
         """The value as it is now."""
@@ -79,14 +81,14 @@ class Cell:
         return self.held
 
     def set(self, value: Value) -> None:
-        """Another value, without rights, limits and hooks."""
+        """Store a value. Rights and limits are not checked, and no hook is called."""
         if self.whole is None:
             self.held = value
         else:
             self.whole.held = set_bit(int(self.whole.held), self._bit, bool(value))
 
     def shown(self) -> Value:
-        """The value as the wire can say it: on a step of its scale, within the limits of its type."""
+        """The value as a bus can carry it: rounded to a step of its scale, clamped to the range of its type."""
         value = self.get()
         if isinstance(value, (str, bytes)) or self.parameter.type in ("bool", "f32", "f64"):
             return value
@@ -95,10 +97,10 @@ class Cell:
         steps = min(max(round(Fraction(value) / step), int(kind.minimum)), int(kind.maximum))
         return self.free.from_raw(steps)
 
-    # The stranger's door
+    # From outside
 
     def check(self, value: Value) -> None:
-        """Declined for a value out of range, or one that the machine does not want now. Changes nothing."""
+        """Raise Declined for a value that is out of range or vetoed. Changes nothing."""
         try:
             self.parameter.to_raw(value)
         except EncodeError as error:
@@ -107,18 +109,18 @@ class Cell:
             self.veto(value)
 
     def put(self, value: Value) -> None:
-        """Store a value that has been checked, and let it act."""
+        """Store a value that has been checked, and call the hooks."""
         if self.whole is not None:
             self.whole.put(set_bit(int(self.whole.held), self._bit, bool(value)))
             return
         before, self.held = self.held, value
         for part in self.parts:
-            self._keep_or_tell(part, int(before))
+            self._write_bit(part, int(before))
         if self.after is not None:
             self.after(value)
 
-    def _keep_or_tell(self, part: Cell, before: int) -> None:
-        """One bit of a word that was written: a read-only one stays as it was, a changed one acts."""
+    def _write_bit(self, part: Cell, before: int) -> None:
+        """One bit of a word that was written: a read-only bit keeps its value, a changed one calls its hook."""
         was, now = get_bit(before, part._bit), get_bit(int(self.held), part._bit)
         if was != now and not part.parameter.writable:
             self.held = set_bit(int(self.held), part._bit, was)
@@ -138,8 +140,10 @@ class MachineStore:
 
     def __init__(self, parameters: Iterable[Parameter]) -> None:
         self.cells = {fold(parameter.name): Cell(parameter) for parameter in parameters}
+        self.saved: dict[str, Value] = {}
+        """The values in non-volatile memory, by name."""
         self.words_reversed: Callable[[], bool] = lambda: False
-        """Asked whether values of several registers now lie the other way round than described."""
+        """Returns whether values of several registers now have the opposite word order of the description."""
         wholes: dict[tuple[int, int], Cell] = {}
         for cell in self:
             place = cell.parameter.object
@@ -166,7 +170,7 @@ class MachineStore:
         self.cell(name).set(value)
 
     def number(self, name: str) -> float:
-        """The value of a parameter that is a number."""
+        """The value of a numeric parameter."""
         return float(self.cell(name).get())
 
     def whole(self, name: str) -> int:
@@ -174,37 +178,37 @@ class MachineStore:
         return int(self.cell(name).get())
 
     def measure(self, name: str, read: Callable[[], Value]) -> None:
-        """From now on the value is computed when it is asked for."""
+        """Compute the value with `read` each time it is read."""
         self.cell(name).measured = read
 
     def after(self, name: str, act: Callable[[Value], None]) -> None:
-        """What a write from outside brings about."""
+        """Call `act` with the value after each write from outside."""
         self.cell(name).after = act
 
     def veto(self, name: str, check: Callable[[Value], None]) -> None:
-        """`check` may raise Declined before a write from outside is stored."""
+        """Call `check` before a write from outside is stored; it may raise Declined."""
         self.cell(name).veto = check
 
     def restore(self, values: dict[str, Value] | None = None) -> None:
-        """Every cell as at delivery, then those of `values`, which is what `snapshot` gave. No hook is called."""
+        """Set every cell to its default, then those of `values` (see `snapshot`). No hook is called."""
         for cell in sorted(self, key=lambda cell: cell.whole is not None):  # words first, then the bits in them
             cell.set(cell.default)
         for name, value in (values or {}).items():
             self[name] = value
 
     def snapshot(self, wanted: Callable[[Cell], bool]) -> dict[str, Value]:
-        """What is held in the cells that are wanted."""
+        """The held values of the cells for which `wanted` returns true."""
         return {cell.name: cell.held for cell in self if cell.whole is None and wanted(cell)}
 
     # Registers
 
     def registers(self, cell: Cell, old: Sequence[int] = ()) -> tuple[int, ...]:
-        """The registers that show the value; for half a register or a bit, `old` is what else the register holds."""
+        """The registers of a cell's value. For half a register or a bit, `old` is the rest of the register."""
         words = cell.free.to_registers(cell.shown(), old)
         return words[::-1] if self._is_reversed(cell) else words
 
     def value(self, cell: Cell, registers: Sequence[int]) -> Value:
-        """The value that these registers mean for the cell."""
+        """The value of a cell from its registers."""
         return cell.free.from_registers(registers[::-1] if self._is_reversed(cell) else registers)
 
     def _is_reversed(self, cell: Cell) -> bool:
@@ -212,7 +216,7 @@ class MachineStore:
 
 
 def _default(parameter: Parameter) -> Value:
-    """What a cell holds when nobody has said anything: the described default, or nothing at all."""
+    """The value at delivery: the default of the description, otherwise an empty text, False or 0."""
     if parameter.default is not None and parameter.access != "wo":
         return parameter.default
     if parameter.type == "text":

@@ -1,63 +1,136 @@
-"""The axis of a CSD MT: what it does beyond CiA 402 states and motion.              [CSD MT manual, ch. 11 and 12]
+"""The axis of a CSD MT: what it adds to the CiA 402 states and motion.              [CSD MT manual, ch. 11 and 12]
 
         enable    |--1095--> current on |------1096------> OPERATION ENABLED, ready for a motion
                                         |--1094--> brake unlocked
         disable   brake locked |--1093--> current off, the shaft coasts          (1093, 1094: only with a brake at O1)
 
-Inputs start and halt (register 1067), limit switches forbid a direction (1088), homing is a search. While the shaft
-stops for a halt, a quick stop or to turn round, "the motion cannot be changed" (multi-set-point limits).
+Inputs start and halt (register 1067), limit switches block a direction (1088), homing is a sequence of movements. While
+the shaft stops for a halt, a quick stop or to turn round, "the motion cannot be changed" (multi-set-point limits).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import inf
-from typing import TYPE_CHECKING
 
 from barewire.devices.drive.cia402 import State, Transition, command_of
-from barewire.devices.sim.csd_mt.homing import Search, Sign
-from barewire.devices.sim.csd_mt.settings import Registers
-from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, POSITION, RELATIVE, VELOCITY, Axis
+from barewire.devices.sim.core.store import MachineStore
+from barewire.devices.sim.csd_mt.context import FOLLOWING, SPEED_TOO_HIGH, Context, TimedAction
+from barewire.devices.sim.csd_mt.homing import Retreat, Run, SearchStep, Sign, is_possible, search_steps
+from barewire.devices.sim.csd_mt.inputs import Inputs
+from barewire.devices.sim.csd_mt.shaft import Shaft
+from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, HOMING, POSITION, RELATIVE, VELOCITY, Cia402Axis
 
-if TYPE_CHECKING:
-    from barewire.devices.sim.csd_mt.machine import CsdMt
+_MODE_FIXED = frozenset({State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE, State.FAULT})
+"""In these states the mode cannot be changed; it changes when the drive has left them (ch. 12, profile position)."""
 
-Event = tuple[float, Callable[[], None]]
-"""When something happens by itself, and what it brings about."""
+_ENABLING, _DISABLING = 4, (5, 8, 9)
+_POWER_DELAY = 0.5
+"""For how many seconds the power section must be supplied before SWITCHED ON (ch. 11, transition 3)."""
 
-SWITCHING = frozenset({State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE, State.FAULT})
-"""From here the mode cannot be switched; it is when the drive has left (ch. 12, profile position mode)."""
-ENABLING, DISABLING = 4, (5, 8, 9)
+_START_STOP = 16_000.0
+"""Up to this velocity in step/s a move has no ramps (ch. 12, motion profiles)."""
+
+_BRAKE_ON_O1 = (0x23, 0x27)
 
 
-class StepperAxis(Axis):
-    """The axis of one drive, which has its inputs, its shaft and its registers."""
+def is_brake_config(config: int) -> bool:
+    """Whether this value of Output Config (1089) makes O1 the brake."""
+    return config in _BRAKE_ON_O1
 
-    def __init__(self, drive: CsdMt) -> None:
-        super().__init__(Registers(drive), stays_in_quick_stop=True)  # option code 5 (ch. 11, transitions 12 and 16)
-        self.drive = drive
-        self.search: Search | None = None
+
+class StepperSettings:
+    """The `AxisSettings` of a CSD MT. The units of its registers are steps and seconds as well."""
+
+    def __init__(self, store: MachineStore) -> None:
+        self.store = store
+
+    def mode(self) -> int:
+        """Register 1041."""
+        return self.store.whole("Mode of Operation")
+
+    def target_position(self) -> float:
+        """Register 1042."""
+        return self.store.number("Target Position")
+
+    def target_velocity(self) -> float:
+        """Register 1048, limited by 1074; a limit of 0 is ignored."""
+        target, limit = self.store.number("Target Velocity"), self.store.number("Max Motor Speed")
+        return max(-limit, min(target, limit)) if limit else target
+
+    def profile_velocity(self) -> float:
+        """Register 1044."""
+        return self.store.number("Profile Velocity")
+
+    def acceleration(self) -> float:
+        """Register 1046."""
+        return self.store.number("Profile Acceleration")
+
+    def deceleration(self, mode: int) -> float:
+        """Register 1072 in profile velocity; a position move brakes with 1046: it is a trapezoid if PV² < PA·ΔS."""
+        ramps = {POSITION: "Profile Acceleration", HOMING: "Homing Acceleration"}
+        return self.store.number(ramps.get(mode, "Profile Deceleration"))
+
+    def without_ramp(self, velocity: float) -> bool:
+        """Whether a move at this velocity is start-stop."""
+        return velocity <= _START_STOP
+
+    def velocity_window(self) -> tuple[float, float]:
+        """Registers 1062 and 1063, read as CiA 402 means them."""
+        return self.store.number("Velocity Window"), self.store.number("Velocity Window Time") / 1000
+
+    def zero_window(self) -> tuple[float, float]:
+        """Registers 1064 and 1065."""
+        return self.store.number("Velocity Threshold"), self.store.number("Velocity Threshold Time") / 1000
+
+
+class StepperAxis(Cia402Axis):
+    """The axis of one drive. It moves the shaft and obeys the inputs."""
+
+    def __init__(self, context: Context, shaft: Shaft, inputs: Inputs) -> None:
+        self.context, self.store, self.shaft, self.inputs = context, context.store, shaft, inputs
+        # Option code 5 (ch. 11, transitions 12 and 16)
+        super().__init__(StepperSettings(context.store), stays_in_quick_stop=True, power_delay=_POWER_DELAY)
+        shaft.on_following_error = self._react_to_following_error
+
+    def restart(self) -> None:
+        """Set every state as at power-on of the logic."""
+        super().restart()
+        self.shaft.command = self.trajectory
+        self.awaits: Sign | None = None
+        """What a homing run is waiting for; None if there is no homing run."""
+        self._steps: Iterator[SearchStep] = iter(())
         self.brake_at = inf
         """Since when the brake is unlocked; inf while it is locked."""
+        self.encoder_reset_pending = False
+        """The encoder is to be reset when the current is switched off."""
+        self._was_enabled = False
         self._pending: Transition | None = None
         self._current_at = inf
         self._done_at = inf
         self._stops_until = -inf
 
-    def events(self) -> Iterator[Event]:
-        """What the axis does by itself."""
-        yield self._current_at, self._switch_current
+    def events(self) -> Iterator[TimedAction]:
+        """The ends of the delays and of the movements of a homing run."""
+        yield self._current_at, self._switch_current_on
         yield self._done_at, self._finish
-        if self.search is not None:
-            yield self.search.rests_at(), lambda: self.tell_search("rest")
+        if self.awaits == "rest":
+            yield self.trajectory.ends_at, lambda: self.continue_search("rest")
+        elif self.awaits == "impact":
+            yield self.shaft.impact_at(), lambda: self.continue_search("impact")
 
     def _delay(self, name: str) -> float:
-        return self.drive.store.number(name) / 1000
+        return self.store.number(name) / 1000
 
     # States with delays
 
+    @property
+    def has_brake(self) -> bool:
+        """Whether Output Config makes O1 the brake."""
+        return is_brake_config(self.store.whole("Output Config"))
+
     def control(self, word: int, now: float) -> None:
-        """Another command takes the place of one that is still being carried out."""
+        """Carry out a control word. A new command replaces one that is still being carried out."""
         command = command_of(word, self.word)
         if self._pending is not None and command is not None and command is not self._pending.command:
             self._cancel(now)
@@ -67,38 +140,49 @@ class StepperAxis(Axis):
     def _go(self, transition: Transition, now: float) -> None:
         if self._pending is not None:
             return
-        if transition.number == ENABLING:
-            if self.drive.safe_torque_off:
+        if transition.number == _ENABLING:
+            if self.context.environment.safe_torque_off:
                 return  # "otherwise the current flowing in the motor phases is not allowed" (ch. 13)
             self._pending = transition
             self._current_at = now + self._delay("Brake Delay Current ON")
             self._done_at = self._current_at + self._delay("Brake Delay Azio Ready")
-        elif transition.number in DISABLING and self.drive.service.has_brake:
+        elif transition.number in _DISABLING and self.has_brake:
             self._pending, self.brake_at = transition, inf
             self._done_at = now + self._delay("Brake Delay Lock")
             self._stop(now)
         else:
             super()._go(transition, now)
             # The brake output is "ON if the drive is in Operation Enabled state only" (register 1089).
-            if self.drive.service.has_brake:
+            if self.has_brake:
                 self.brake_at = now if self.state is State.OPERATION_ENABLED else inf
 
-    def _switch_current(self) -> None:
+    def _switch_current_on(self) -> None:
         self._current_at = inf
-        if self.drive.shaft.current_on() and self.drive.service.has_brake:
-            self.brake_at = self.drive.now + self._delay("Brake Delay Unlock")
+        if self.shaft.is_too_fast:
+            self.protect(SPEED_TOO_HIGH)
+            return
+        self.shaft.current_on()
+        if self.has_brake:
+            self.brake_at = self.context.now + self._delay("Brake Delay Unlock")
 
     def _finish(self) -> None:
         done, self._pending, self._done_at = self._pending, None, inf
         if done is not None:
-            super()._go(done, self.drive.now)
-            if done.number == ENABLING:
-                self.drive.enabled()
+            super()._go(done, self.context.now)
+            if done.number == _ENABLING:
+                self._enabled()
+
+    def _enabled(self) -> None:
+        """After transition 4: "the first time there is a reset of Position Actual Value, if 1114 is set"."""
+        if not self._was_enabled and self.store.whole("Reset Encoder On First Power Up"):
+            self.rest_at(0.0, self.context.now)
+            self.follow(self.context.now)
+        self._was_enabled = True
 
     def _cancel(self, now: float) -> None:
         done, self._pending = self._pending, None
         self._current_at = self._done_at = inf
-        if done is not None and done.number == ENABLING:
+        if done is not None and done.number == _ENABLING:
             self._release(now)
         else:
             self.brake_at = now
@@ -106,22 +190,23 @@ class StepperAxis(Axis):
     def _release(self, now: float) -> float:
         """Current off: the command stands where it is, the shaft coasts."""
         self._acknowledged, self._reached = False, True
-        self.search = self._pending = None
+        self.awaits = self._pending = None
         self.brake_at = self._current_at = self._done_at = inf
-        stands_at = self.drive.shaft.current_off()
+        stands_at = self.shaft.current_off()
         self.trajectory.jump(now, self.trajectory.position(now))
-        self.drive.released()
+        if self.encoder_reset_pending:
+            self.reset_encoder()
         return stands_at
 
     def torque_off(self) -> None:
-        """Safe Torque Off: without a command, the motor has no current any more (CSD MT S4)."""
-        self._release(self.drive.now)
+        """Safe Torque Off: the motor has no current any more, without a command (CSD MT S4)."""
+        self._release(self.context.now)
         if self.state in CURRENT_ON:
             self.state = State.SWITCH_ON_DISABLED
 
     def change_mode(self, now: float) -> None:
-        """From four of the states only; in the others the register waits."""
-        if self.state not in SWITCHING and self.settings.mode() != self.mode:
+        """Apply the mode of operation, in the states that allow it; otherwise the register waits."""
+        if self.state not in _MODE_FIXED and self.settings.mode() != self.mode:
             super().change_mode(now)
 
     @property
@@ -129,17 +214,57 @@ class StepperAxis(Axis):
         """Whether a motion can be commanded."""
         return self.state is State.OPERATION_ENABLED and self._pending is None
 
+    # Faults
+
+    def protect(self, code: int, *, passing: bool = True, reaction: bool = False) -> None:
+        """To FAULT, with an entry in the alarm log. A `passing` cause can be reset at once."""
+        self.fault(code, self.context.now, passing=passing, reaction=reaction)
+        self.context.alarms.add(code, self.context.clock.uptime)
+
+    def following_error(self, *, passing: bool = True) -> None:
+        """Reaction 2. In profile velocity FAULT waits until the shaft stands (register 1085, A to C)."""
+        self.protect(FOLLOWING, passing=passing, reaction=self.mode == VELOCITY)
+
+    def _react_to_following_error(self) -> None:
+        reaction = self.store.whole("Following Error Reaction Code")
+        if reaction == 0:
+            self._break_off()
+        elif reaction == 2:
+            self.following_error()
+
+    def _break_off(self) -> None:
+        """Reaction 0: stop with the ramp, or at once if the run has none (register 1085)."""
+        now = self.context.now
+        if self.mode == POSITION and self._runs_without_ramp(now):
+            self.awaits, self._reached = None, True
+            self.trajectory.jump(now, self.trajectory.position(now))
+        else:
+            self._stop(now)
+
+    def _runs_without_ramp(self, now: float) -> bool:
+        """Whether the present run is a start-stop one: slow, and not on a ramp."""
+        slow = self.settings.without_ramp(abs(self.trajectory.velocity(now)))
+        return not self.trajectory.acceleration(now) and slow
+
     # Set-points
 
     def _set_point(self, word: int, now: float) -> None:
         if not self.ready or self._settles(now):
             return
-        if not self.trajectory.moves(now) and not self.drive.shaft.run_begins(relative=bool(word & RELATIVE)):
+        if not self.trajectory.moves(now) and not self._run_begins(relative=bool(word & RELATIVE)):
             return
         super()._set_point(word, now)
 
+    def _run_begins(self, *, relative: bool) -> bool:
+        """Reset bit 13 before a run. False: the run may not begin because of it (registers 1085, 1086)."""
+        if self.shaft.error and self.store.whole("Following Error Reaction Code") == 1:
+            return relative
+        if self.shaft.error:
+            self.reset_error()
+        return True
+
     def replan(self, now: float) -> None:
-        """A new velocity on the way, unless the shaft stops or turns round."""
+        """Apply a new velocity to the present move, unless the shaft stops or turns round."""
         if not self._settles(now):
             super().replan(now)
 
@@ -147,93 +272,116 @@ class StepperAxis(Axis):
         return now < max(self._stops_until, self.trajectory.turns_until)
 
     def start(self, *, relative: bool) -> None:
-        """An input says what bit 4 would (register 1067)."""
+        """A start input became ON: as bit 4 of the control word (register 1067)."""
         if self.mode == POSITION and self.ready and not self._halts:
-            self._set_point(RELATIVE if relative else 0, self.drive.now)
+            self._set_point(RELATIVE if relative else 0, self.context.now)
 
     def start_falls(self) -> None:
-        """And what bit 4 would when it goes."""
+        """A start input became OFF: as bit 4 of the control word reset."""
         if self.mode == POSITION:
             self._acknowledged = False
 
-    def halted(self) -> bool:
-        """By bit 8, or by an input."""
-        return super().halted() or self.drive.inputs.halts(self.mode)
+    def halted(self, now: float) -> bool:
+        """Whether bit 8 or an input commands a halt."""
+        return super().halted(now) or self.inputs.halts(self.mode)
 
-    def look_again(self) -> None:
-        """An input or its meaning has changed: halt, limits."""
-        now = self.drive.now
+    def inputs_changed(self) -> None:
+        """Apply a changed input, or a changed meaning of one: halt, limits."""
+        now, trajectory = self.context.now, self.trajectory
         if not self.ready:
             return
-        self.look_at_halt(now)
-        heading = self.trajectory.velocity(now) or self.trajectory.position(
-            self.trajectory.ends_at
-        ) - self.trajectory.position(now)
+        self.update_halt(now)
+        heading = trajectory.velocity(now) or trajectory.position(trajectory.ends_at) - trajectory.position(now)
         if self.mode == VELOCITY:
-            wanted = self.settings.target_velocity()
-            if self.trajectory.velocity(self.trajectory.ends_at) != (wanted if self.may_go(wanted) else 0.0):
+            target = self.settings.target_velocity()
+            if trajectory.velocity(trajectory.ends_at) != (target if self.may_go(target) else 0.0):
                 self.follow(now)
         elif not self.may_go(heading):
             self._stop(now)  # "like it has received Halt command" (register 1008)
 
-    def may_go(self, way: float) -> bool:
-        """Not in the direction of a limit switch that is OFF."""
-        inputs = self.drive.inputs
-        return not ((way < 0 and inputs.below_limit) or (way > 0 and inputs.above_limit))
+    def may_go(self, direction: float) -> bool:
+        """Whether no limit switch that is OFF blocks this direction."""
+        inputs = self.inputs
+        return not ((direction < 0 and inputs.below_limit) or (direction > 0 and inputs.above_limit))
 
     def _stop(self, now: float) -> None:
-        self.search = None
+        self.awaits = None
         super()._stop(now)
         self._stops_until = self.trajectory.ends_at
-
-    def break_off(self) -> None:
-        """A following error with reaction 0: with the ramp, or at once if the run has none (register 1085)."""
-        now = self.drive.now
-        if self.mode == POSITION and self.without_ramp(now):
-            self.search, self._reached = None, True
-            self.trajectory.jump(now, self.trajectory.position(now))
-        else:
-            self._stop(now)
-
-    def without_ramp(self, now: float) -> bool:
-        """Whether the run that is under way is a start-stop one: slow, and not because it is on a ramp."""
-        return not self.trajectory.acceleration(now) and self.settings.without_ramp(abs(self.trajectory.velocity(now)))
 
     # Homing
 
     def _start_homing(self, now: float) -> None:
-        if not self.ready or self.trajectory.moves(now) or self.search is not None:
+        if not self.ready or self.trajectory.moves(now) or self.awaits is not None:
             return
         self.homed = self._reached = False
-        method = self.drive.store.whole("Homing Method")
-        if Search.possible(self.drive, method):
-            self.drive.shaft.run_begins(relative=True)
-            self.search = Search(self.drive, method)
-            self.search.begin()
+        method = self.store.whole("Homing Method")
+        if is_possible(method, auto_sync=self.shaft.auto_sync):
+            self._run_begins(relative=True)
+            self._steps = search_steps(
+                method,
+                fast=self.store.number("Homing Speed During Search for Switch"),
+                slow=self.store.number("Homing Speed During Search for Zero"),
+                ramp=self.store.number("Homing Acceleration"),
+                in_switch=self.inputs.proximity,
+            )
+            self._next_step()
 
-    def tell_search(self, sign: Sign) -> None:
-        """Something has happened that a homing run may be waiting for."""
-        if self.search is not None:
-            self.search.happens(sign)
+    def continue_search(self, sign: Sign) -> None:
+        """Go on with a homing run if it is waiting for this sign."""
+        if sign == self.awaits:
+            self._next_step()
 
-    def give_up_search(self) -> None:
-        """A limit switch is in the way: the shaft stands, bit 11 says why, bit 12 does not come."""
-        self._stop(self.drive.now)
+    def _next_step(self) -> None:
+        step, now = next(self._steps, None), self.context.now
+        if step is None:
+            self._home_found()
+            return
+        self.awaits = step.until
+        match step.move:
+            case Run(velocity, ramp) if self.may_go(velocity):
+                self.trajectory.run_at(now, velocity, ramp, ramp)
+            case Run():
+                self._stop(now)  # a limit switch ends the homing run: bit 11 is set, bit 12 stays 0
+            case Retreat(direction, ramp):
+                self._command_follows_shaft()
+                here = self.trajectory.position(now)
+                target = here - direction * self.store.number("Hard Stop Homing Disengaging Steps")
+                self.trajectory.jump(now, here)
+                self.shaft.hold()
+                self.trajectory.move(now, target, _START_STOP, ramp, ramp, jerky=True)
 
-    def home_found(self) -> None:
-        """The place where the shaft is now is called by Homing Offset."""
-        self.search = None
-        self.rest_at(self.drive.store.number("Homing Offset"), self.drive.now)
+    def _home_found(self) -> None:
+        """The present position gets the number in Homing Offset."""
+        self.awaits = None
+        self.rest_at(self.store.number("Homing Offset"), self.context.now)
         self.homed = self._reached = True
 
-    def rest_at(self, position: float, now: float) -> None:
-        """Another name for the place, in both counters."""
-        place = self.drive.shaft.position(now)
-        super().rest_at(position, now)
-        self.drive.shaft.call(position, place)
+    # Counters
 
-    def renumber(self, by: float) -> None:
-        """The command counter gets other numbers, the movement goes on."""
-        self.trajectory.renumber(self.drive.now, by)
+    def rest_at(self, position: float, now: float) -> None:
+        """End a movement here, and give the present place the number `position` in both counters."""
+        place = self.shaft.position(now)
+        super().rest_at(position, now)
+        self.shaft.renumber(position, place)
+
+    def reset_encoder(self) -> None:
+        """Give the present position the number 0, also with a new direction or count per revolution."""
+        self.encoder_reset_pending = False
+        self.shaft.rescale()
+        self.rest_at(0.0, self.context.now)
+
+    def reset_error(self) -> None:
+        """Reset bit 13; without Auto Sync the command counter takes the position of the encoder."""
+        self.shaft.error = False
+        if not self.shaft.auto_sync:
+            self._command_follows_shaft()
+
+    def _command_follows_shaft(self) -> None:
+        """Remove the difference between encoder and command by renumbering the command; nothing moves."""
+        now = self.context.now
+        by = self.shaft.encoder(now) - self.trajectory.position(now)
+        self.trajectory.renumber(now, by)
         self._goal += by
         self._overall_start += by
+        self.shaft.command_renumbered(by)

@@ -1,12 +1,12 @@
-"""What is outside of a CSD MT: the supply, the machine that its shaft turns, and what is wired to its inputs.
+"""The environment of a CSD MT: its supply, the mechanics that its shaft turns, and the wiring of its inputs.
 
     walls.low   limit switch I1   home switch I0             index, once a revolution       limit switch I2   walls.high
         |======[ON                   [ON]                  '      '      '      '                        ON]======|
         '----------------------------- position of the shaft, in steps ----------------------------------------> +
 
-Positions here are the shaft's own, in steps of 1/12800 revolution from where it stood when the world began, whatever
-the drive calls them; up is the direction of Revolution Direction 0. Everything is an attribute that a user sets at any
-time; what it brings about happens at the next `tick`, request or answer, at the time of the last one.
+Positions here are those of the shaft, in steps of 1/12800 revolution from where it stood at first, whatever position
+the drive reports; up is the direction of Revolution Direction 0. An attribute may be set at any time. It takes effect
+at the next `tick` or request, at the time of the last one.
 """
 
 from __future__ import annotations
@@ -22,34 +22,37 @@ REVOLUTION = 12_800
 
 
 class Span(NamedTuple):
-    """A stretch of the shaft's way."""
+    """A range of shaft positions, in steps."""
 
     low: float
     high: float
 
 
-HOME = Span(25_600, 26_880)
-NO_WALLS = Span(-inf, inf)
+_HOME_SWITCH = Span(25_600, 26_880)
+_NO_WALLS = Span(-inf, inf)
+
+_POWER_RANGE = 24 * 0.9, 48 * 1.1
+"""Volts of the power section that are in range (ch. 14, 5100h)."""
 
 
-def nothing_wired() -> list[Span | bool]:
+def _default_inputs() -> list[Span | bool]:
     """A home switch at I0, and no voltage at I1 to I4."""
-    return [HOME, False, False, False, False]
+    return [_HOME_SWITCH, False, False, False, False]
 
 
 @dataclass
 class Environment:
-    """The machine around the drive. A `Span` at an input is a switch that is ON while the shaft is inside.
+    """What is around the drive. A `Span` at an input is a switch that is ON while the shaft is inside.
 
     >>> environment = Environment()
     >>> environment.inputs[1] = Span(-50_000, inf)  # a negative limit switch: OFF below -50000
     >>> environment.inputs[3] = True  # a button that is pressed
     """
 
-    inputs: list[Span | bool] = field(default_factory=nothing_wired)
-    """What is wired to I0 to I4: a level, or a switch that the shaft passes."""
-    walls: Span = NO_WALLS
-    """Where the mechanics end. A motor that is driven against a wall loses its steps."""
+    inputs: list[Span | bool] = field(default_factory=_default_inputs)
+    """The wiring of I0 to I4: a level, or a switch that the shaft passes."""
+    walls: Span = _NO_WALLS
+    """The ends of the mechanics. A motor that is driven against a wall loses its steps."""
     pull_out: float = inf
     """The load: above this speed, in step/s, the motor does not follow."""
     friction: float = 400_000.0
@@ -59,24 +62,32 @@ class Environment:
     index: float = 0.0
     """Where in the revolution the index pulse of the encoder begins."""
     ambient: float = 25.0
-    """Temperature around the drive, in °C."""
+    """Ambient temperature in °C."""
     volts: float = 48.0
-    """What the power section is supplied with: 24 to 48 V, ±10 %, are in range. The logic has a supply of its own."""
+    """Supply of the power section: 24 to 48 V, ±10 %, are in range. The logic has a supply of its own."""
     model: str = "94"
     """"94", with I0 to I4 and O0 to O4, or "S4", with I0, I1, O0 to O2 and Safe Torque Off."""
     sto: tuple[bool, bool] = (True, True)
     """CSD MT S4: whether there are 24 V at STO1 and at STO2. The motor has current only with both."""
 
+    @property
+    def has_power(self) -> bool:
+        """Whether the supply of the power section is in range."""
+        return _POWER_RANGE[0] <= self.volts <= _POWER_RANGE[1]
+
+    @property
+    def safe_torque_off(self) -> bool:
+        """Whether the motor may have no current (CSD MT S4, ch. 13)."""
+        return self.model == "S4" and not all(self.sto)
+
     def put(self, text: str) -> None:
-        """Set one thing by its name, as somebody writes it at a command line.
+        """Set one attribute by its name, NAME=VALUE as at a command line. Raises EncodeError for everything else.
 
         >>> environment = Environment()
         >>> for text in ("I0=1000:1200", "I3=on", "walls=-50000:50000", "pull-out=20000", "volts=0", "model=S4"):
         ...     environment.put(text)
         >>> environment.inputs[0], environment.inputs[3], environment.pull_out
         (Span(low=1000.0, high=1200.0), True, 20000.0)
-
-        EncodeError says what was expected.
         """
         name, _, value = text.partition("=")
         name, value = name.strip().lower().replace("-", "_"), value.strip()
@@ -85,21 +96,21 @@ class Environment:
         elif name == "walls":
             self.walls = _span(text, value)
         elif name == "model":
-            if value.upper() not in MODELS:
-                raise EncodeError(f"{text!r}: expected one of {', '.join(MODELS)}")
+            if value.upper() not in _MODELS:
+                raise EncodeError(f"{text!r}: expected one of {', '.join(_MODELS)}")
             self.model = value.upper()
-        elif name in NUMBERS:
+        elif name in _NUMBERS:
             number = _number(text, value)
             if name == "encoder" and not number.is_integer():
                 raise EncodeError(f"{text!r}: expected a whole number behind =, found {value!r}")
             setattr(self, name, int(number) if name == "encoder" else number)
         else:
-            known = ", ".join(["I0 to I4", "walls", "model", *(number.replace("_", "-") for number in NUMBERS)])
+            known = ", ".join(["I0 to I4", "walls", "model", *(number.replace("_", "-") for number in _NUMBERS)])
             raise EncodeError(f"{text!r}: expected NAME=VALUE with a name of {known}")
 
 
-MODELS = ("94", "S4")
-NUMBERS = ("pull_out", "friction", "encoder", "index", "ambient", "volts")
+_MODELS = ("94", "S4")
+_NUMBERS = ("pull_out", "friction", "encoder", "index", "ambient", "volts")
 
 
 def _number(text: str, value: str) -> float:

@@ -1,13 +1,15 @@
-"""A simulated servo axis: the CiA 402 states and the motion they let happen. Used by both drives of the catalogue.
+"""A simulated axis after CiA 402: its states, and the motion that they allow. The AZ3 and the CSD MT extend it.
 
         control word --> states --> may the shaft move? --> mode 1 position, 3 velocity, 6 homing --> trajectory
                                                                                                         |
         status word  <-- state bits, 9 remote, 10 target reached, 12 by mode ---------------------------'
 
-What differs between drives (units, limits, where the values come from) is asked of a `Settings`. What one of them does
-besides (delays, inputs, limit switches, homing: `csd_mt_axis`) it does in a subclass, at the methods marked as places
-for it. Everything is in steps and seconds. Bits of the control word that are a mode's own: 4 new set-point or homing
+`AxisSettings` is what differs between drives: units, limits, and where the values come from. What a drive adds (delays,
+inputs, limit switches, homing: `csd_mt.axis`; a brake: `az3.motion`) overrides the methods that are marked as hooks.
+Everything is in steps and seconds. The bits 4 to 8 of the control word depend on the mode: 4 new set-point or homing
 start, 5 change immediately, 6 relative, 8 halt (CSD MT manual, ch. 12, register 1040).
+
+Depends on: the CiA 402 states of devices.drive, trajectory.  Used by: az3.motion, csd_mt.axis.
 """
 
 from __future__ import annotations
@@ -20,15 +22,15 @@ from barewire.devices.sim.motion.trajectory import Trajectory, wrapped
 
 POSITION, VELOCITY, TORQUE, HOMING = 1, 3, 4, 6
 NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
-ROUND = 1 << 32
-VOLTAGE_ENABLED, QUICK_STOP, REMOTE, REACHED, MODE_BIT = 0x10, 0x20, 0x200, 0x400, 0x1000
+_COUNTER_RANGE = 1 << 32
+_VOLTAGE_ENABLED, _QUICK_STOP, _REMOTE, REACHED, _MODE_BIT = 0x10, 0x20, 0x200, 0x400, 0x1000
 
 CURRENT_ON = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE})
-FAULTED = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
+FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 
 
-class Settings(Protocol):
-    """What an axis asks its drive: values in steps and seconds, at the moment of asking."""
+class AxisSettings(Protocol):
+    """The present settings of a drive, in steps and seconds."""
 
     def mode(self) -> int: ...
 
@@ -40,36 +42,41 @@ class Settings(Protocol):
 
     def acceleration(self) -> float: ...
 
-    def deceleration(self) -> float: ...
+    def deceleration(self, mode: int) -> float: ...
 
     def without_ramp(self, velocity: float) -> bool:
         """Whether a position move at this velocity starts and stops without a ramp."""
 
     def velocity_window(self) -> tuple[float, float]:
-        """How near to the target velocity counts as reached, and for how many seconds."""
+        """How near to the target velocity counts as reached, and after how many seconds there."""
 
     def zero_window(self) -> tuple[float, float]:
-        """Below which velocity, and for how many seconds, the shaft counts as standing."""
+        """Below which velocity the shaft counts as standing, and after how many seconds there."""
 
 
-class Axis:
-    """States and motion of one drive. Feed it control words with `control`, and time with `tick`."""
+class Cia402Axis:
+    """States and motion of one drive: `control` takes control words, `tick` takes time."""
 
-    def __init__(self, settings: Settings, *, stays_in_quick_stop: bool) -> None:
+    def __init__(self, settings: AxisSettings, *, stays_in_quick_stop: bool, power_delay: float = 0.0) -> None:
         self.settings = settings
         self.stays_in_quick_stop = stays_in_quick_stop
-        """True: 12 only by command and 16 is allowed (option code 5). False: 12 by itself after the ramp."""
+        """True: 12 only by command, and 16 is allowed (option code 5). False: 12 by itself after the ramp."""
+        self.power_delay = power_delay
+        """For how many seconds power must have been there before transition 3."""
+        self.powered_since: float | None = -inf
+        """Since when the power section is supplied; None while it is not."""
+        self.restart()
+
+    def restart(self) -> None:
+        """Set every state as at power-on, at position 0. The supply stays as it is."""
         self.state = State.SWITCH_ON_DISABLED
         self.trajectory = Trajectory()
         self.word = 0
         self.mode = 0
-        self.powered_since: float | None = -inf
-        self.power_delay = 0.0
-        """How long power must have been there before transition 3."""
         self.cause = 0
-        """The code of the fault whose cause is still there, 0 if none is."""
+        """The code of the fault whose cause is still present, 0 if there is none."""
         self.passing = False
-        """Whether that cause lasts no longer than the fault, so that a reset takes both away."""
+        """Whether the cause lasts no longer than the fault, so that a reset ends both."""
         self.homed = False
         self._goal = 0.0
         self._rates = (1.0, 1.0)
@@ -78,22 +85,22 @@ class Axis:
         self._acknowledged = False
         self._reached = True
         self._halts = False
-        self._faults_at = inf
+        self._fault_at = inf
 
     # Time
 
     def tick(self, now: float) -> None:
-        """What happens by itself up to now: the end of a quick stop, of a fault reaction."""
+        """Carry out what happens by itself until now: the end of a quick stop, of a fault reaction."""
         end = self.trajectory.ends_at
         if self.state is State.QUICK_STOP_ACTIVE and not self.stays_in_quick_stop and end <= now:
             self.state = State.SWITCH_ON_DISABLED  # 12
-        if self.state is State.FAULT_REACTION_ACTIVE and self._faults_at <= now:
+        if self.state is State.FAULT_REACTION_ACTIVE and self._fault_at <= now:
             self.state = State.FAULT  # 14
 
     # Commands
 
     def control(self, word: int, now: float) -> None:
-        """A control word was written."""
+        """Carry out a control word that was written."""
         before, self.word = self.word, word
         if before & ~word & NEW_SET_POINT:
             self._acknowledged = False
@@ -117,7 +124,7 @@ class Axis:
         self._go(transition, now)
 
     def _go(self, transition: Transition, now: float) -> None:
-        """A place for delays: the transition is allowed."""
+        """Make a transition that is allowed. A hook for delays."""
         before, self.state = self.state, transition.target
         if self.state is State.QUICK_STOP_ACTIVE:
             self._stop(now)
@@ -130,20 +137,20 @@ class Axis:
         return self.powered_since is not None and now - self.powered_since >= self.power_delay
 
     def _move(self, word: int, before: int, now: float) -> None:
-        self.look_at_halt(now)
+        self.update_halt(now)
         if word & ~before & NEW_SET_POINT and not self._halts:
             if self.mode == POSITION:
                 self._set_point(word, now)
             elif self.mode == HOMING:
                 self._start_homing(now)
 
-    def halted(self) -> bool:
-        """A place for inputs: whether the shaft is told to stand."""
+    def halted(self, now: float) -> bool:
+        """Whether a halt is commanded. A hook for inputs."""
         return bool(self.word & HALT)
 
-    def look_at_halt(self, now: float) -> None:
-        """Halt, or the end of one: after a change of what `halted` looks at."""
-        before, self._halts = self._halts, self.halted()
+    def update_halt(self, now: float) -> None:
+        """Begin or end a halt, after a change of what `halted` depends on."""
+        before, self._halts = self._halts, self.halted(now)
         if self._halts and not before:
             self._stop(now)
         elif before and not self._halts:
@@ -160,16 +167,16 @@ class Axis:
         if not moving:
             self._overall_start = self.trajectory.position(now)
             self._relative = bool(word & RELATIVE)
-            self._rates = self.settings.acceleration(), self.settings.deceleration()
+            self._rates = self.settings.acceleration(), self.settings.deceleration(self.mode)
         # On the way "a relative movement has the overall starting point as a reference", a change of bit 6 is ignored,
         # and new ramps wait for the next movement (CSD MT manual, ch. 12, multi-set-point).
         if self._relative:
             self._goal = self._overall_start + self.settings.target_position()
         else:
-            # A counter that has gone round shows a position of the range: the way is from what it shows.
+            # A counter that has wrapped shows a position within its range: the distance counts from the shown position.
             position = self.trajectory.position(now)
-            turns = round((position - wrapped(position)) / ROUND)
-            self._goal = turns * ROUND + self.settings.target_position()
+            turns = round((position - wrapped(position)) / _COUNTER_RANGE)
+            self._goal = turns * _COUNTER_RANGE + self.settings.target_position()
         self._plan(now)
 
     def _plan(self, now: float) -> None:
@@ -183,27 +190,27 @@ class Axis:
             self._stop(now)
             self._reached = False  # at a profile velocity of 0 no target is ever reached
 
-    def may_go(self, way: float) -> bool:
-        """A place for limit switches: whether the shaft may go up (a `trajectory` above 0) or down."""
+    def may_go(self, direction: float) -> bool:
+        """Whether the shaft may move up (a `direction` above 0) or down (below 0). A hook for limit switches."""
         return True
 
     def _start_homing(self, now: float) -> None:
-        """A place for homing. This axis has none: bits 12 and 10 stay as they are."""
+        """A hook for homing. This axis has none: bits 12 and 10 stay as they are."""
 
     def replan(self, now: float) -> None:
-        """The profile velocity was changed: "immediately, independently of New Set Point", on a set-point move."""
+        """Apply a changed profile velocity to a set-point move: "immediately, independently of New Set Point"."""
         if self.mode == POSITION and self.trajectory.moves(now) and not self._halts:
             self._plan(now)
 
     def follow(self, now: float) -> None:
-        """Profile velocity: head for the target velocity, if the shaft may run."""
+        """Profile velocity mode: ramp to the target velocity, if the shaft may run."""
         if self.state is State.OPERATION_ENABLED and self.mode == VELOCITY and not self._halts:
             wanted = self.settings.target_velocity()
-            acceleration, deceleration = self.settings.acceleration(), self.settings.deceleration()
+            acceleration, deceleration = self.settings.acceleration(), self.settings.deceleration(self.mode)
             self.trajectory.run_at(now, wanted if self.may_go(wanted) else 0.0, acceleration, deceleration)
 
     def change_mode(self, now: float) -> None:
-        """The mode of operation was written. A movement of the old mode ends on its ramp."""
+        """Apply a mode of operation that was written. A movement of the old mode ends on its ramp."""
         mode = self.settings.mode()
         if mode == self.mode:
             return
@@ -214,56 +221,56 @@ class Axis:
 
     def _enter(self, now: float) -> None:
         self._reached = True
-        self._halts = self.halted()
+        self._halts = self.halted(now)
         self.follow(now)
 
     def _release(self, now: float) -> float:
-        """A place for a shaft that coasts. Current off: drawn as braking. Returns when the shaft stands."""
+        """Current off, simplified to braking. Returns when the shaft stands. A hook for a shaft that coasts."""
         self._acknowledged = False
         self._stop(now)
         return self.trajectory.ends_at
 
     def _stop(self, now: float) -> None:
         self._reached = True
-        self.trajectory.stop(now, max(self.settings.deceleration(), 1.0))
+        self.trajectory.stop(now, max(self.settings.deceleration(self.mode), 1.0))
 
     def rest_at(self, position: float, now: float) -> None:
-        """The present place is called `position` from now on; a movement ends here."""
+        """End a movement here, and give the present place the number `position`."""
         self.trajectory.jump(now, position)
 
     # Faults
 
     def fault(self, code: int, now: float, *, reaction: bool = False, passing: bool = False) -> None:
-        """13 and 14. With a `reaction` FAULT waits until the shaft stands, otherwise it is there at once."""
+        """Transitions 13 and 14. With a `reaction` FAULT waits until the shaft stands, otherwise it follows at once."""
         self.cause, self.passing = code, passing
         if self.state is State.FAULT:
             return
         stands_at = self._release(now)
-        self._faults_at = stands_at if reaction else now
+        self._fault_at = stands_at if reaction else now
         self.state = State.FAULT_REACTION_ACTIVE
         self.tick(now)
 
-    # What a master reads
+    # Status word
 
     def status(self, now: float) -> int:
         """The status word, without the bits that a drive adds."""
-        # In SWITCH ON DISABLED bit 5 is of no account in CiA 402; table 12 of the CSD MT manual prints 1.
-        word = with_state(QUICK_STOP if self.state is State.SWITCH_ON_DISABLED else 0, self.state)
+        # In SWITCH ON DISABLED CiA 402 leaves bit 5 open; table 12 of the CSD MT manual prints 1.
+        word = with_state(_QUICK_STOP if self.state is State.SWITCH_ON_DISABLED else 0, self.state)
         if self.powered_since is not None:
-            word |= VOLTAGE_ENABLED
-        # During a fault reaction the drive hears nothing: remote is 0 (CSD MT manual, register 1085, step 3).
+            word |= _VOLTAGE_ENABLED
+        # During a fault reaction the drive accepts no commands: remote is 0 (CSD MT manual, register 1085, step 3).
         if self.state is not State.FAULT_REACTION_ACTIVE:
-            word |= REMOTE
+            word |= _REMOTE
         if self.state in CURRENT_ON and self._target_reached(now):
             word |= REACHED
         if self.mode == VELOCITY and self.state is not State.FAULT_REACTION_ACTIVE:
             width, seconds = self.settings.zero_window()
             since = self.trajectory.inside_since(now, 0.0, width)
-            word |= MODE_BIT if since is not None and now - since >= seconds else 0
+            word |= _MODE_BIT if since is not None and now - since >= seconds else 0
         elif self.mode == HOMING:
-            word |= MODE_BIT if self.homed else 0
+            word |= _MODE_BIT if self.homed else 0
         elif self.mode == POSITION:
-            word |= MODE_BIT if self._acknowledged else 0
+            word |= _MODE_BIT if self._acknowledged else 0
         return word
 
     def _target_reached(self, now: float) -> bool:

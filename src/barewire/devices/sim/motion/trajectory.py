@@ -1,4 +1,4 @@
-"""Motion in closed form: where a shaft is and how fast, at any time, without stepping through the time before.
+"""Motion in closed form: position and velocity of a shaft at any time, without stepping through the time before.
 
         velocity                              a segment: from t0 on, at p0 with v0, constant acceleration a
            ^      .--------.
@@ -6,29 +6,36 @@
            |    / 1    2   3 \\                v(t) = v0 + a (t - t0)
            '---'--------------'-----> t
 
-`move` plans a trapezoid (or a triangle, where the way is too short for the velocity), from whatever velocity the shaft
-has; `run_at` a ramp to a velocity. `first`, `first_faster` and `first_at_rest` say when something will be so, which is
-how a simulator acts at the right moment without looking at every moment before. Positions are in steps, velocities in
-steps per second; both are floats here.
+`move` plans one of three profiles from the present velocity of the shaft, `run_at` a ramp to a velocity:
+
+        start-stop               trapezoid                triangle (the distance is too short for the velocity)
+        v  .-----.               v   .----.               v    .
+           |     |                  /      \\                  / \\
+        ---'     '---> t        ---'        '---> t        ---'   '---> t
+
+The trapezoid lasts S/V + V/A if it accelerates and brakes with A and V² < A·S, the triangle 2 √(S/A) (CSD MT manual,
+ch. 12, motion profiles).
+
+`first`, `first_faster` and `first_at_rest` return the time at which something will be true, so a simulator can act at
+that time without looking at every moment before. Positions are in steps, velocities in steps per second; both are
+floats. A trajectory depends on nothing but numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from math import inf
+from math import inf, sqrt
 from typing import NamedTuple
 
-from barewire.devices.sim.motion.profile import Piece, time_for, trapezoid
+_ROUNDING = 1e-6
+"""Differences below this are rounding errors, in steps and steps per second."""
 
-ROUNDING = 1e-6
-"""What counts as nothing, in steps and steps per second."""
-
-KEPT = 12
-"""How many segments are remembered: more than one plan has, so that the last few moments can be looked back on."""
+_HISTORY = 12
+"""How many past segments are kept: more than one plan has, so that `inside_since` can look back."""
 
 
-class Segment(NamedTuple):
+class MotionSegment(NamedTuple):
     """Constant acceleration from `start` on, until the next segment begins."""
 
     start: float
@@ -50,28 +57,36 @@ class Segment(NamedTuple):
         return self.velocity + self.acceleration * (now - self.start)
 
 
+class _Ramp(NamedTuple):
+    """Part of a plan: a duration in seconds, in which the velocity changes linearly from `before` to `after`."""
+
+    duration: float
+    before: float
+    after: float
+
+
 class Trajectory:
     """Segments one after the other; the last one goes on for ever.
 
-    >>> way = Trajectory()
-    >>> way.move(0.0, target=100.0, velocity=10.0, acceleration=10.0, deceleration=10.0)
-    >>> way.ends_at, way.position(5.5), way.velocity(5.5), way.position(11.0)
+    >>> path = Trajectory()
+    >>> path.move(0.0, target=100.0, velocity=10.0, acceleration=10.0, deceleration=10.0)
+    >>> path.ends_at, path.position(5.5), path.velocity(5.5), path.position(11.0)
     (11.0, 50.0, 10.0, 100.0)
     """
 
     def __init__(self, position: float = 0.0) -> None:
-        self.segments: list[Segment] = [Segment(-inf, position, 0.0, 0.0)]
+        self.segments: list[MotionSegment] = [MotionSegment(-inf, position, 0.0, 0.0)]
         self.turns_until = -inf
-        """Until when the last `move` stops the shaft, to go the other way after that."""
+        """Until this time the last `move` brakes the shaft, before it turns round or comes back."""
 
     @classmethod
     def moving(cls, now: float, position: float, velocity: float) -> Trajectory:
-        """A shaft that has this velocity and keeps it."""
-        way = cls(position)
-        way.segments.append(Segment(now, position, velocity, 0.0))
-        return way
+        """The trajectory of a shaft that keeps this velocity."""
+        path = cls(position)
+        path.segments.append(MotionSegment(now, position, velocity, 0.0))
+        return path
 
-    def _at(self, now: float) -> Segment:
+    def _at(self, now: float) -> MotionSegment:
         for segment in reversed(self.segments):
             if segment.start <= now:
                 return segment
@@ -90,44 +105,44 @@ class Trajectory:
         return self._at(now).acceleration
 
     def moves(self, now: float) -> bool:
-        """Whether a plan is being carried out: a shaft at constant velocity is at the end of one."""
+        """Whether a plan is being carried out. A shaft at constant velocity is at the end of its plan."""
         return now < self.ends_at
 
     @property
     def ends_at(self) -> float:
-        """When the last plan is carried out: from then on the velocity stays as it is."""
+        """When the last plan is complete: from then on the velocity is constant."""
         return self.segments[-1].start
 
     def inside_since(self, now: float, centre: float, width: float) -> float | None:
-        """Since when the velocity has been within `width` of `centre` without a break; None if it is not now."""
+        """Since when the velocity is within `width` of `centre` without interruption; None if it is not now."""
         if abs(self.velocity(now) - centre) > width:
             return None
         until = now
         for segment in reversed(self.segments):
             if segment.start > now:
                 continue
-            if abs(segment.velocity_at(until) - centre) > width + ROUNDING:
+            if abs(segment.velocity_at(until) - centre) > width + _ROUNDING:
                 return until  # the velocity jumped
             # Within a segment the velocity is a straight line: inside at its end, it came in once at most.
-            if abs(segment.velocity - centre) > width + ROUNDING:
+            if abs(segment.velocity - centre) > width + _ROUNDING:
                 edge = centre + (width if segment.velocity > centre else -width)
                 return segment.start + (edge - segment.velocity) / segment.acceleration
             until = segment.start
         return until
 
-    # When
+    # Times of events
 
-    def _ahead(self, after: float) -> Iterator[tuple[float, float, Segment]]:
-        """Every stretch that is not over at `after`: from when, until when, and its segment."""
-        for segment, following in pairwise([*self.segments, Segment(inf, 0.0, 0.0, 0.0)]):
+    def _ahead(self, after: float) -> Iterator[tuple[float, float, MotionSegment]]:
+        """Every segment that is not over at `after`, with the times from and until which it counts."""
+        for segment, following in pairwise([*self.segments, MotionSegment(inf, 0.0, 0.0, 0.0)]):
             if following.start > after:
                 yield max(segment.start, after), following.start, segment
 
     def first(self, after: float, position: float, *, rising: bool) -> float:
         """When the shaft is first at `position` or above it (not `rising`: or below it); inf if it never is.
 
-        >>> way = Trajectory.moving(0.0, position=0.0, velocity=10.0)
-        >>> way.first(1.0, 50.0, rising=True), way.first(1.0, 50.0, rising=False), way.first(1.0, -1.0, rising=False)
+        >>> path = Trajectory.moving(0.0, position=0.0, velocity=10.0)
+        >>> path.first(1.0, 50.0, rising=True), path.first(1.0, 50.0, rising=False), path.first(1.0, -1.0, rising=False)
         (5.0, 1.0, inf)
         """
         sign = 1.0 if rising else -1.0
@@ -135,14 +150,14 @@ class Trajectory:
             distance = sign * (position - segment.position_at(start))
             if distance <= 0:
                 return start
-            at = start + time_for(distance, sign * segment.velocity_at(start), sign * segment.acceleration)
+            at = start + _time_for(distance, sign * segment.velocity_at(start), sign * segment.acceleration)
             if at <= end:
                 return at
         return inf
 
     def first_faster(self, after: float, speed: float) -> float:
-        """When the shaft is first faster than `speed`, whatever the direction; inf if it never is."""
-        above = speed * (1 + ROUNDING)
+        """When the shaft is first faster than `speed`, in either direction; inf if it never is."""
+        above = speed * (1 + _ROUNDING)
         for start, end, segment in self._ahead(after):
             velocity = segment.velocity_at(start)
             if abs(velocity) > above:
@@ -155,10 +170,10 @@ class Trajectory:
         return inf
 
     def first_at_rest(self, after: float, direction: float) -> float:
-        """When a shaft that goes in `direction` first stands, or goes the other way."""
+        """When a shaft that moves in `direction` first stands or moves the other path."""
         for start, end, segment in self._ahead(after):
             velocity = segment.velocity_at(start) * direction
-            if velocity <= ROUNDING:
+            if velocity <= _ROUNDING:
                 return start
             if segment.acceleration * direction < 0:
                 at = start - velocity / (segment.acceleration * direction)
@@ -167,11 +182,11 @@ class Trajectory:
         return inf
 
     def minus(self, other: Trajectory, factor: float, shift: float, now: float) -> Trajectory:
-        """What is between the two from now on: this one less (`factor` times the other, plus `shift`)."""
+        """The difference from now on: this trajectory minus (`factor` times the other, plus `shift`)."""
         between = Trajectory()
-        starts = {now, *(segment.start for way in (self, other) for segment in way.segments if segment.start > now)}
+        starts = {now, *(segment.start for path in (self, other) for segment in path.segments if segment.start > now)}
         between.segments = [
-            Segment(
+            MotionSegment(
                 at,
                 self.position(at) - factor * other.position(at) - shift,
                 self.velocity(at) - factor * other.velocity(at),
@@ -181,32 +196,32 @@ class Trajectory:
         ]
         return between
 
-    # Plans. Each begins now and takes the place of what was planned for later.
+    # Plans. Each begins now and replaces what was planned for later.
 
     def jump(self, now: float, position: float) -> None:
-        """Stand still at another position: what is called so is the same place."""
+        """Stand still from now on, at `position`: the same place with another number."""
         self._cut(now)
         self.turns_until = -inf
-        self.segments.append(Segment(now, position, 0.0, 0.0))
+        self.segments.append(MotionSegment(now, position, 0.0, 0.0))
 
     def renumber(self, now: float, by: float) -> None:
-        """The same movement goes on, under other numbers: every position from now on is larger by `by`."""
+        """Continue the same movement with other numbers: every position from now on is larger by `by`."""
         later = [segment._replace(position=segment.position + by) for segment in self.segments if segment.start > now]
         acceleration = self.acceleration(now)
         position, velocity = self._cut(now)
-        self.segments += [Segment(now, position + by, velocity, acceleration), *later]
+        self.segments += [MotionSegment(now, position + by, velocity, acceleration), *later]
 
     def run_at(self, now: float, velocity: float, acceleration: float, deceleration: float) -> None:
-        """Ramp to a velocity and keep it. Through zero the deceleration ends and the acceleration begins."""
+        """Ramp to a velocity and keep it: down to zero with `deceleration`, away from zero with `acceleration`."""
         before = self.velocity(now)
         self.turns_until = -inf
-        pieces = []
+        ramps = []
         if before * velocity < 0:
-            pieces.append(Piece(abs(before) / deceleration, before, 0.0))
+            ramps.append(_Ramp(abs(before) / deceleration, before, 0.0))
             before = 0.0
         rate = acceleration if abs(velocity) > abs(before) else deceleration
-        pieces.append(Piece(abs(velocity - before) / rate, before, velocity))
-        self._follow(now, pieces)
+        ramps.append(_Ramp(abs(velocity - before) / rate, before, velocity))
+        self._follow(now, ramps)
 
     def stop(self, now: float, deceleration: float) -> None:
         """Ramp to standstill."""
@@ -215,44 +230,44 @@ class Trajectory:
     def move(
         self, now: float, target: float, velocity: float, acceleration: float, deceleration: float, jerky: bool = False
     ) -> None:
-        """Travel to `target` and stand there. A `jerky` one has no ramps: the velocity is there at once.
+        """Travel to `target` and stand there. A `jerky` move has no ramps: the velocity changes at once.
 
-        A jerky one that begins while the shaft is faster has a ramp down to its velocity, and none at the end.
-        A shaft that runs the wrong way, or too fast to stop in time, is stopped first and comes back.
+        A jerky move that begins while the shaft is faster has a ramp down to its velocity, and none at the end.
+        A shaft that runs away from the target, or too fast to stop in time, is stopped first and comes back.
         """
         position, before = self.position(now), self.velocity(now)
-        way = target - position
+        distance = target - position
         stopping = before * abs(before) / (2 * deceleration)
-        pieces = []
-        if before * way < 0 or abs(stopping) > abs(way) + ROUNDING:
-            pieces.append(Piece(abs(before) / deceleration, before, 0.0))
-            way -= stopping
+        ramps = []
+        if before * distance < 0 or abs(stopping) > abs(distance) + _ROUNDING:
+            ramps.append(_Ramp(abs(before) / deceleration, before, 0.0))
+            distance -= stopping
             before = 0.0
-        self.turns_until = now + sum(piece.duration for piece in pieces) if pieces else -inf
-        sign = 1.0 if way >= 0 else -1.0
-        pieces += trapezoid(abs(way), abs(before), velocity, acceleration, deceleration, sign, jerky)
-        self._follow(now, pieces, target)
+        self.turns_until = now + sum(ramp.duration for ramp in ramps) if ramps else -inf
+        sign = 1.0 if distance >= 0 else -1.0
+        ramps += _profile(abs(distance), abs(before), velocity, acceleration, deceleration, sign, jerky)
+        self._follow(now, ramps, target)
 
     def _cut(self, now: float) -> tuple[float, float]:
         position, velocity = self.position(now), self.velocity(now)
-        self.segments = [segment for segment in self.segments if segment.start < now][-KEPT:]
+        self.segments = [segment for segment in self.segments if segment.start < now][-_HISTORY:]
         return position, velocity
 
-    def _follow(self, now: float, pieces: Iterable[Piece], target: float | None = None) -> None:
+    def _follow(self, now: float, ramps: Iterable[_Ramp], target: float | None = None) -> None:
         position, velocity = self._cut(now)
-        for piece in pieces:
-            velocity = piece.after
-            if piece.duration > 0:
-                slope = (piece.after - piece.before) / piece.duration
-                self.segments.append(Segment(now, position, piece.before, slope))
-                now += piece.duration
+        for ramp in ramps:
+            velocity = ramp.after
+            if ramp.duration > 0:
+                slope = (ramp.after - ramp.before) / ramp.duration
+                self.segments.append(MotionSegment(now, position, ramp.before, slope))
+                now += ramp.duration
                 position = self.segments[-1].position_at(now)
-        # What arithmetic leaves over after the last step is no distance: the target is reached exactly.
-        self.segments.append(Segment(now, position if target is None else target, velocity, 0.0))
+        # The target is reached exactly: what the additions leave over is a rounding error.
+        self.segments.append(MotionSegment(now, position if target is None else target, velocity, 0.0))
 
 
-class Era(NamedTuple):
-    """What follows a trajectory under other numbers, from `since` on: sign * (way + offset)."""
+class ShaftMotion(NamedTuple):
+    """How a shaft moves from `since` on: sign * (trajectory + offset)."""
 
     since: float
     trajectory: Trajectory
@@ -260,19 +275,59 @@ class Era(NamedTuple):
     offset: float
 
     def position(self, now: float) -> float:
-        """Where it is."""
+        """Where the shaft is."""
         return self.sign * (self.trajectory.position(now) + self.offset)
 
     def first(self, after: float, position: float, *, rising: bool) -> float:
-        """When it is first there or beyond."""
+        """When the shaft is first at `position` or beyond it."""
         return self.trajectory.first(after, self.sign * position - self.offset, rising=rising is (self.sign > 0))
 
 
 def wrapped(position: float, bits: int = 32) -> int:
-    """A position as a signed counter of so many bits shows it.
+    """A position as a signed counter of `bits` bits shows it.
 
     >>> wrapped(40000.4), wrapped(40000.4, 16), wrapped(2147483648.0)
     (40000, -25536, -2147483648)
     """
     half = 1 << bits - 1
     return (round(position) + half) % (1 << bits) - half
+
+
+def _profile(
+    distance: float, before: float, velocity: float, acceleration: float, deceleration: float, sign: float, jerky: bool
+) -> list[_Ramp]:
+    """The ramps of a move over a distance on which the shaft can stop, from a velocity in its direction."""
+    if distance == 0:
+        return [_Ramp(0.0, 0.0, 0.0)]
+    if jerky:
+        ramps = []
+        if before > velocity:
+            ramps.append(_Ramp((before - velocity) / deceleration, sign * before, sign * velocity))
+            distance = max(0.0, distance - (before**2 - velocity**2) / (2 * deceleration))
+        return [*ramps, _Ramp(distance / velocity, sign * velocity, sign * velocity), _Ramp(0.0, 0.0, 0.0)]
+    if before > velocity:
+        peak, first = velocity, (before - velocity) / deceleration
+        used = (before**2 - velocity**2) / (2 * deceleration)
+    else:
+        # The peak of the triangle, from  distance = (v^2 - v0^2) / 2a + v^2 / 2d.
+        summit = sqrt(
+            (2 * distance * acceleration * deceleration + deceleration * before**2) / (acceleration + deceleration)
+        )
+        peak = min(velocity, summit)
+        first = (peak - before) / acceleration
+        used = (peak**2 - before**2) / (2 * acceleration)
+    last = peak / deceleration
+    cruise = max(0.0, distance - used - peak * last / 2) / peak
+    up, down = sign * before, sign * peak
+    return [_Ramp(first, up, down), _Ramp(cruise, down, down), _Ramp(last, down, 0.0)]
+
+
+def _time_for(distance: float, velocity: float, acceleration: float) -> float:
+    """How long a distance takes at constant acceleration; inf if it is never covered."""
+    under = velocity**2 + 2 * acceleration * distance
+    if under < 0:
+        return inf
+    if velocity < 0:
+        return (sqrt(under) - velocity) / acceleration if acceleration > 0 else inf
+    divisor = velocity + sqrt(under)
+    return 2 * distance / divisor if divisor > 0 else inf

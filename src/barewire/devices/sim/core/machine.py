@@ -1,0 +1,50 @@
+"""The clock of a simulated machine, and what the adapters of the buses need of a machine."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from barewire.devices.sim.core.store import MachineStore
+
+
+class Clock:
+    """The time of one machine in seconds, as it was last passed in. All parts of the machine share one clock.
+
+    >>> clock = Clock()
+    >>> clock.advance(5.0)
+    >>> clock.advance(7.5)
+    >>> clock.now, clock.uptime
+    (7.5, 2.5)
+    """
+
+    def __init__(self, now: float = 0.0) -> None:
+        self.now = now
+        self.on_since: float | None = None
+        """When power came: the first time that was passed in, or the last power cycle."""
+
+    def advance(self, now: float) -> None:
+        """Set the time. A time before the present one is ignored."""
+        if self.on_since is None:
+            self.on_since = now
+        self.now = max(self.now, now)
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since power-on."""
+        return 0.0 if self.on_since is None else self.now - self.on_since
+
+
+class SimulatedMachine(Protocol):
+    """What the adapters use of a machine: its values, its clock, and resets that come over a bus."""
+
+    store: MachineStore
+    clock: Clock
+
+    def tick(self, now: float) -> None:
+        """Let time pass: everything that happens by itself until `now` happens."""
+
+    def reset(self) -> None:
+        """Restore every value as at power-on (NMT reset node)."""
+
+    def reset_communication(self) -> None:
+        """Act on an NMT reset communication: the store has the saved values of 1000h to 1FFFh again."""
