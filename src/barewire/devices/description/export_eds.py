@@ -3,7 +3,7 @@
         Parameter  name, type, range, default, access  --.
         several of one index, with sub-indices         ---+--> EdsObject --> compose --> Document --> bytes
         bits of one object                             --'
-        CanopenSettings.pdos  which objects stand in PDOs  ----> PDOMapping=1
+        CanopenSettings.pdos: the objects in PDOs      ----> PDOMapping=1
 
 An EDS has raw numbers, so ranges and defaults are told without scale and unit. COB-IDs of PDO records become formulas
 of the node-ID again. What a description does not tell is not made up: names of whole records are what the names of
