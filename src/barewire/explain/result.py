@@ -1,4 +1,4 @@
-"""What an explanation is: a value with a line for every field, and a verdict.
+"""The explanation of a frame: a value with all its fields and a verdict.
 
     offset  hex     name            value         meaning
        0    01      unit            1             unit 1
@@ -8,9 +8,9 @@
        6    22 F8   CRC                           CRC ok
     valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
 
-The law of this room: **every byte is in exactly one field, in order, whatever is wrong with it.** What belongs to no
-field is a field called "left over". A field of length 0 covers nothing and says something: the identifier of a CAN
-frame, which is no byte of its data, or an end of line that was not typed.
+**Every byte is in exactly one field, in order, however broken the frame is.** Bytes outside the known fields are a
+field called "left over". A field of length 0 covers no byte: the identifier of a CAN frame, which is not part of its
+data, or a line end that was not typed.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ Protocol = Literal["rtu", "ascii", "tcp", "can"]
 Role = Literal["request", "response"]
 
 LEFT_OVER = "left over"
-HEX_SHOWN = 8
-"""So many bytes of a field are printed; `as_dict` has them all."""
+_HEX_SHOWN = 8
+"""The most bytes of a field in `lines`; `as_dict` has all of them."""
 
-# What people never say in decimal. All other numbers are shown in both bases where they differ.
+# Fields that are never read in decimal. All other numbers are shown in both bases where they differ.
 _IN_HEX_ONLY = frozenset({"LRC", "COB-ID", "command", "index", "abort code", "error code", "error register"})
 
 
 class ExplainedField(NamedTuple):
-    """One field: where it lies, what it is called, what it holds and what that means.
+    """One field: its place, name, bytes, value and meaning.
 
     `offset` and `length` count bytes, in an ASCII frame characters. `hex` is the bytes as hexadecimal pairs, in an
-    ASCII frame the characters themselves. `value` is a number, a text, or None where the field is not whole.
+    ASCII frame the characters themselves. `value` is a number, a text, or None where the field is incomplete.
     """
 
     offset: int
@@ -49,7 +49,7 @@ class ExplainedField(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value for a person: numbers above 9 in both bases, and nothing that `hex` says already.
+        """The value as `lines` shows it: numbers above 9 in both bases; empty if it equals `hex`.
 
         >>> ExplainedField(2, 2, "address", "0F B1", 4017, "").shown
         '0FB1h (4017)'
@@ -59,7 +59,7 @@ class ExplainedField(NamedTuple):
         if isinstance(self.value, str):
             return repr(self.value) if self.name.endswith("value") else self.value
         if self.name == "CRC":
-            return ""  # it is sent low byte first: as a number it would stand in another order than beside it
+            return ""  # sent low byte first: as a number its bytes would be in another order than in `hex`
         digits = f"{self.value:0{len(self.hex.replace(' ', ''))}X}h"
         if self.name in _IN_HEX_ONLY:
             return digits
@@ -67,7 +67,7 @@ class ExplainedField(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Why a frame is not valid: one of the words of `barewire.errors.Reason`, the first wrong byte, a sentence."""
+    """Why a frame is not valid: a `barewire.errors.Reason`, the offset of the first wrong byte, and a text."""
 
     reason: Reason
     at: int
@@ -76,9 +76,9 @@ class Problem(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """All that can be said about one frame. `error` is None exactly when the frame is valid.
+    """The explanation of one frame. `error` is None exactly when the frame is valid.
 
-    `summary` is the message in one line, written for a good frame: the verdict tells it only when the frame is valid.
+    `summary` is the message in one line; the verdict shows it only if the frame is valid.
     """
 
     protocol: Protocol
@@ -89,19 +89,19 @@ class Explanation:
 
     @property
     def valid(self) -> bool:
-        """Whether the frame is whole, intact, and says something that may be said."""
+        """Whether the frame is complete, intact, and allowed by the standard."""
         return self.error is None
 
     @property
     def verdict(self) -> str:
-        """The last line."""
+        """The last line: valid, or why not."""
         if self.error is None:
             return f"valid: {self.summary}"
         unit = "character" if self.protocol == "ascii" else "byte"
         return f"not valid: {self.error.text} ({unit} {self.error.at})"
 
     def as_dict(self) -> dict[str, object]:
-        """For programs: only numbers, texts, lists, dicts, True, False and None, ready for `json.dumps`."""
+        """The explanation for `json.dumps`: only numbers, texts, lists, dicts, True, False and None."""
         names = ("offset", "length", "name", "hex", "value", "meaning")
         return {
             "protocol": self.protocol,
@@ -112,7 +112,7 @@ class Explanation:
         }
 
     def lines(self) -> list[str]:
-        """For people: a line for each field, in columns, and the verdict."""
+        """A line for each field, in columns, and the verdict."""
         rows = [(str(field.offset), _clipped(field.hex), field.name, field.shown) for field in self.fields]
         widths = [max((len(row[column]) for row in rows), default=0) for column in range(4)]
         printed = []
@@ -124,13 +124,13 @@ class Explanation:
 
 def _clipped(digits: str) -> str:
     pairs = digits.split(" ")
-    return digits if len(pairs) <= HEX_SHOWN else " ".join(pairs[: HEX_SHOWN - 1]) + " ..."
+    return digits if len(pairs) <= _HEX_SHOWN else " ".join(pairs[: _HEX_SHOWN - 1]) + " ..."
 
 
 def fill_gaps(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
-    """The fields, and one more for each gap between them and up to `size`.
+    """The fields, with one more for each gap between them and up to `size`.
 
-    `cut` is the name of the field that would have come next if there had been bytes enough for it.
+    `cut` is the name of the next field, which the frame has too few bytes for.
 
     >>> [(field.offset, field.length, field.name) for field in fill_gaps([Field(0, 1, "unit", 1)], 3)]
     [(0, 1, 'unit'), (1, 2, 'left over')]
@@ -154,12 +154,12 @@ def counted(number: int, noun: str = "byte") -> str:
 
 
 def shifted(fields: Iterable[Field], by: int) -> list[Field]:
-    """The same fields, `by` bytes further right."""
+    """The same fields with their offsets moved by `by` bytes."""
     return [field._replace(offset=field.offset + by) for field in fields]
 
 
 def as_problem(error: DecodeError | None, by: int = 0) -> Problem | None:
-    """What a decoder raised, as a value; `by` is where its bytes begin in ours."""
+    """A decoding error as a value; `by` is the offset of its bytes in the frame."""
     return None if error is None else Problem(error.reason, error.at + by, error.text)
 
 
@@ -171,6 +171,6 @@ def explained_fields(fields: Iterable[Field], data: bytes) -> tuple[ExplainedFie
 
 
 def explained_field(field: Field, digits: str) -> ExplainedField:
-    """One field with its digits; names lose their underscores, for they are read by people from here on."""
+    """One field with its digits; underscores in its name become blanks."""
     value = field.value if field.value is None or isinstance(field.value, (int, str)) else str(field.value)
     return ExplainedField(field.offset, field.length, field.name.replace("_", " "), digits, value, field.meaning)

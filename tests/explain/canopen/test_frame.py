@@ -36,12 +36,12 @@ def meaning(frame: str, name: str) -> str:
         ("585#8041600000000206", "SDO answer from node 5: abort, 6041h:00, 0602 0000h object does not exist"),
         ("705#00", "error control from node 5: boot-up"),
         ("705#7F", "error control from node 5: pre-operational"),
-        ("705#R1", "node guarding of node 5: a remote frame asks for its state"),
-        ("185#R8", "TPDO1 from node 5: a remote frame asks for 8 bytes"),
+        ("705#R1", "node guarding of node 5: a remote frame requests its state"),
+        ("185#R8", "TPDO1 from node 5: a remote frame requests 8 bytes"),
         ("7E5#1105000000000000", "LSS request: configure node-ID"),
-        ("7E4#4F00000000000000", "LSS answer: identify device: it is me"),
+        ("7E4#4F00000000000000", "LSS answer: identify device: identified"),
         ("690#01", "not in the predefined connection set: 1 byte"),
-        ("00000605#40", "extended identifier: none of CANopen's own: 1 byte"),
+        ("00000605#40", "extended identifier, which CANopen does not predefine: 1 byte"),
     ],
 )
 def test_whose_it_is_and_what_it_says(frame: str, verdict: str) -> None:
@@ -86,7 +86,7 @@ def test_the_identifier_is_a_field_that_covers_nothing() -> None:
 
 # SDO: the bits of byte 0 -----------------------------------------------------------------------------------------
 
-DIALECT = "CiA 301 has 40h for every read request; the AZ3's guide asks in this form"
+DIALECT = "CiA 301 has 40h for every read request; the AZ3 manual uses this form"
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ DIALECT = "CiA 301 has 40h for every read request; the AZ3's guide asks in this 
         ("605#4F", f"initiate upload request (ccs 2); {DIALECT}"),
         (
             "605#41",
-            "initiate upload request (ccs 2); 010- ----: reserved bits are set, which a reader passes over",
+            "initiate upload request (ccs 2); 010- ----: reserved bits are set, which a receiver ignores",
         ),
         ("605#2F", "initiate download request: expedited, 1 byte, size indicated (ccs 1, n 3, e 1, s 1)"),
         ("605#22", "initiate download request: expedited, size not indicated (ccs 1, n 0, e 1, s 0)"),
@@ -137,7 +137,7 @@ def test_every_command_byte_is_told_bit_by_bit(frame: str, words: str) -> None:
         ("585#4B416000FBFF0000", "u16 65531, i16 -5"),
         ("585#47416000FFFFFF00", "u24 16777215, i24 -1"),
         ("585#43416000CDCC8C3F", "u32 1066192077, f32 1.1"),
-        ("605#2241600001000000", "nobody says how many of the 4 bytes count; all of them: u32 1, f32 1.401298e-45"),
+        ("605#2241600001000000", "no size is indicated; all 4 bytes: u32 1, f32 1.401298e-45"),
     ],
 )
 def test_a_value_is_read_in_every_way_its_width_allows(frame: str, reading: str) -> None:
@@ -150,8 +150,8 @@ def test_bytes_behind_a_short_value_are_unused() -> None:
 
 
 def test_blocks_tell_their_numbers() -> None:
-    assert meaning("605#A408100014150000", "protocol switch") == "up to so many bytes an ordinary upload may answer"
-    assert meaning("605#A408100014000000", "protocol switch") == "never an ordinary upload"
+    assert meaning("605#A408100014150000", "protocol switch") == "ordinary upload up to this many bytes"
+    assert meaning("605#A408100014000000", "protocol switch") == "no ordinary upload"
     assert [(one.name, one.value) for one in of("585#A24A7F0000000000").fields[2:4]] == [
         ("sequence", 74),
         ("block size", 127),
@@ -180,7 +180,7 @@ def test_a_toggle_bit_is_an_answer_to_guarding() -> None:
 
 
 def test_an_unknown_nmt_command_is_called_one() -> None:
-    assert meaning("000#0305", "command") == "no NMT command"
+    assert meaning("000#0305", "command") == "not an NMT command"
 
 
 @pytest.mark.parametrize(

@@ -240,13 +240,13 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
          ["1.000000  unit 1  Read Coils, 9 from 0000h -> 02 FF 01, after 100.0 ms"]),
         (["1.0 0 0600010003"], ["1.000000  all     Write Single Register, 3 to 0001h (broadcast)"]),
         (["1.0 1 0600010003"],
-         ["1.000000  unit 1  Write Single Register, 3 to 0001h -> heard once: the request or its echo"]),
-        (["1.0 1 030400170007"], ["1.000000  unit 1  (request not heard) -> Read Holding Registers, 2 registers"]),
+         ["1.000000  unit 1  Write Single Register, 3 to 0001h -> seen once: the request or its echo"]),
+        (["1.0 1 030400170007"], ["1.000000  unit 1  (request not seen) -> Read Holding Registers, 2 registers"]),
         (["1.0 1 0300000002"], ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> no answer"]),
         (["1.0 1 0300000001", "1.3 2 0300000001", "1.4 1 03020001", "1.5 2 03020002"],
          ["1.000000  unit 1  Read Holding Registers, 1 from 0000h -> no answer",
-          "1.000000  unit 1  Read Holding Registers, 1 from 0000h -> 1, after 400.0 ms, late: the next one had "
-          "been asked",
+          "1.000000  unit 1  Read Holding Registers, 1 from 0000h -> 1, after 400.0 ms, late: after the next "
+          "request",
           "1.300000  unit 2  Read Holding Registers, 1 from 0000h -> 2, after 200.0 ms"]),
     ],
 )  # fmt: skip

@@ -130,7 +130,7 @@ def test_a_request_has_no_exception_bit() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "meaning"),
-    [(0, "broadcast: all units, and nobody answers"), (247, "unit 247"), (248, "unit 248: 248..255 are reserved")],
+    [(0, "broadcast: all units, no answer"), (247, "unit 247"), (248, "unit 248: 248..255 are reserved")],
 )
 def test_units_on_a_serial_line(unit: int, meaning: str) -> None:
     assert meanings(of_rtu("04 0000 0001", unit=unit))["unit"] == meaning

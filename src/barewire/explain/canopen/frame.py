@@ -1,19 +1,17 @@
-"""A CAN frame as CANopen reads it: first whose identifier it is, then what the service makes of the bytes.
+"""A CAN frame, field by field: the identifier gives the service and the node, the service the layout of the bytes.
 
         605#4041600000000000       605h = 600h + node 5: an SDO request
         85#...  emergency of node 5        705#05  node 5 is operational        000#0105  start node 5
 
-The identifier is no byte of the data, so its field has length 0: offsets count the data. Which side speaks is in the
-identifier too: a role that the caller claims is not needed, and not used.
-
-An identifier outside the predefined connection set is no fault: PDOs may be configured to any free one. What a PDO
-carries is known to who knows the node: with `pdos` its objects are fields, by name, and so are those of SDO.
+Offsets count the data, so the field of the identifier has length 0. The identifier also gives the direction, so a role
+is not needed. An identifier outside the predefined connection set is not a fault: PDOs may be configured to any free
+one. With `pdos`, which describes the nodes, the objects of PDOs and SDOs have names and values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from barewire.canopen.cob_ids import Service, classify
 from barewire.canopen.emcy.message import Emergency, error_text, register_names
@@ -40,10 +38,11 @@ from barewire.explain.result import (
 )
 
 if TYPE_CHECKING:
-    from barewire.explain.can_monitor.pdos import PdoTracker
+    from barewire.codecs import Value
+    from barewire.explain.canopen.known_node import KnownObject
 
-# How many bytes each service has by the standard; None for "up to eight", which is everybody's limit.
-LENGTHS: dict[str, tuple[int, ...]] = {
+# The lengths that the standard gives a service; the others may have up to eight bytes.
+_LENGTHS: dict[str, tuple[int, ...]] = {
     "NMT": (2,),
     "SYNC": (0, 1),
     "EMCY": (8,),
@@ -54,21 +53,34 @@ LENGTHS: dict[str, tuple[int, ...]] = {
     "LSS request": (8,),
     "LSS answer": (8,),
 }
-ROLES: dict[str, Role] = {
+_ROLES: dict[str, Role] = {
     "SDO request": "request",
     "SDO answer": "response",
     "LSS request": "request",
     "LSS answer": "response",
 }
-COMMANDS = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
-TIME = Layout("<IH", "milliseconds", "days")
+_COMMANDS = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
+_TIME = Layout("<IH", "milliseconds", "days")
 
-Found = tuple[list[Field], DecodeError | None, str]
-"""The fields, the fault if there is one, and the summary."""
+_Parts = tuple[list[Field], DecodeError | None, str]
+"""The fields, the error if there is one, and the summary."""
 
 
-def explain_can(frame: AnyFrame, pdos: PdoTracker | None = None) -> Explanation:
-    """One CAN frame.
+class PdoDescriptions(Protocol):
+    """The PDOs and objects of nodes that have a description."""
+
+    def owner(self, frame: CanFrame) -> tuple[int, str, PdoMapping | None] | None:
+        """Node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
+
+    def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
+        """Values by name, and each as text with its name."""
+
+    def object(self, node: int, index: int, sub: int) -> KnownObject | None:
+        """An object of a node; None if it is not known."""
+
+
+def explain_can(frame: AnyFrame, pdos: PdoDescriptions | None = None) -> Explanation:
+    """Explain one CAN frame.
 
     >>> print(*explain_can(CanFrame.parse("585#4B41600037060000")).lines()[2:], sep="\\n")
     1  41 60  index      6041h         device profile
@@ -78,31 +90,31 @@ def explain_can(frame: AnyFrame, pdos: PdoTracker | None = None) -> Explanation:
     valid: SDO answer from node 5: initiate upload, 6041h:00, 2 bytes: 0637h
     """
     if not isinstance(frame, CanFrame):
-        return _foreign(frame)
+        return _not_classical(frame)
     owner = None if pdos is None or frame.remote else pdos.owner(frame)
     if pdos is not None and owner is not None and owner[2] is not None:
         return _process_data(frame, pdos, owner[0], owner[1], owner[2])
-    whose = classify(frame)
-    title = _title(frame, whose)
-    name = whose[0].name if whose else ""
+    sender = classify(frame)
+    title = _title(frame, sender)
+    name = sender[0].name if sender else ""
     if frame.remote:
-        fields, error, said = _remote(frame, name)
-    elif whose is None:
-        fields, error, said = _raw(frame.data)
+        fields, error, summary = _remote(frame, name)
+    elif sender is None:
+        fields, error, summary = _raw(frame.data)
     else:
-        fields, error, said = _data(frame, *whose)
+        fields, error, summary = _data(frame, *sender)
         if pdos is not None and name.startswith("SDO"):
-            fields, said = with_object_names(
-                fields, said, frame.data, lambda index, sub: pdos.object(whose[1], index, sub)
+            fields, summary = with_object_names(
+                fields, summary, frame.data, lambda index, sub: pdos.object(sender[1], index, sub)
             )
     fault = _length(frame, name) or as_problem(error)
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     shown = (start, *explained_fields(fill_gaps(fields, len(frame.data)), frame.data))
-    return Explanation("can", ROLES.get(name), shown, fault, f"{title}: {said}" if said else title)
+    return Explanation("can", _ROLES.get(name), shown, fault, f"{title}: {summary}" if summary else title)
 
 
 def explain_segment(frame: CanFrame) -> Explanation:
-    """The same for a segment of a block transfer, which only who has heard the transfer begin can know.
+    """Explain a segment of a block transfer, which only the frames before it show to be one.
 
     >>> explain_segment(CanFrame.parse("605#8200010203040506")).verdict
     'valid: SDO request to node 5: segment 2 of a block, the last'
@@ -114,14 +126,14 @@ def explain_segment(frame: CanFrame) -> Explanation:
     if len(data) > 1:
         fields.append(Field(1, len(data) - 1, "data", data[1:].hex(" ").upper()))
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
-    said = f"segment {data[0] & ~LAST} of a block{', the last' if last else ''}"
+    summary = f"segment {data[0] & ~LAST} of a block{', the last' if last else ''}"
     return Explanation(
-        "can", None, (start, *explained_fields(fields, data)), _length(frame, "SDO request"), f"{title}: {said}"
+        "can", None, (start, *explained_fields(fields, data)), _length(frame, "SDO request"), f"{title}: {summary}"
     )
 
 
-def _foreign(frame: FdFrame | ErrorFrame) -> Explanation:
-    """What classical CANopen neither sends nor understands: CAN FD, and the reports of a controller."""
+def _not_classical(frame: FdFrame | ErrorFrame) -> Explanation:
+    """Explain what is not a classical CAN frame: CAN FD, and the reports of a controller."""
     fields, _, counting = _raw(frame.data)
     if isinstance(frame, FdFrame):
         name, digits, number = "identifier", str(frame).partition("#")[0], frame.id
@@ -133,25 +145,25 @@ def _foreign(frame: FdFrame | ErrorFrame) -> Explanation:
     return Explanation("can", None, (start, *explained_fields(fields, frame.data)), None, title)
 
 
-def _process_data(frame: CanFrame, pdos: PdoTracker, node: int, name: str, mapping: PdoMapping) -> Explanation:
-    """A PDO of a node that is known: a field for each object, or for those that share a byte."""
+def _process_data(frame: CanFrame, pdos: PdoDescriptions, node: int, name: str, mapping: PdoMapping) -> Explanation:
+    """Explain a PDO of a known node: a field for each object, or for those that share a byte."""
     title = f"{name} {'from' if name.startswith('T') else 'to'} node {node}"
-    data, fields, error, said = frame.data, list[Field](), None, counted(len(frame.data))
+    data, fields, error, summary = frame.data, list[Field](), None, counted(len(frame.data))
     if len(data) < mapping.size:
         error = DecodeError("short", data, len(data), f"{mapping.size} bytes are mapped, here are {len(data)}")
     else:
         values, texts = pdos.unpack(node, mapping, data[: mapping.size])
-        words = dict(zip(values, (text.partition(" = ")[2] for text in texts)))
-        said = ", ".join(texts) or said
-        fields = _mapped_fields(mapping, data, words)
+        texts_by_name = dict(zip(values, (text.partition(" = ")[2] for text in texts)))
+        summary = ", ".join(texts) or summary
+        fields = _mapped_fields(mapping, data, texts_by_name)
         if len(data) > mapping.size:
             error = DecodeError("long", data, mapping.size, f"{mapping.size} bytes are mapped, here are {len(data)}")
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     shown = (start, *explained_fields(fill_gaps(fields, len(data), "process data"), data))
-    return Explanation("can", None, shown, as_problem(error), f"{title}: {said}")
+    return Explanation("can", None, shown, as_problem(error), f"{title}: {summary}")
 
 
-def _mapped_fields(mapping: PdoMapping, data: bytes, words: Mapping[str, str]) -> list[Field]:
+def _mapped_fields(mapping: PdoMapping, data: bytes, texts: Mapping[str, str]) -> list[Field]:
     fields, begin, end, held = list[Field](), 0, 0, list[MappedObject]()
     for place, entry in enumerate(mapping.entries, start=1):
         held.append(entry)
@@ -160,20 +172,20 @@ def _mapped_fields(mapping: PdoMapping, data: bytes, words: Mapping[str, str]) -
             continue
         first, behind = begin // 8, (end + 7) // 8
         names = ", ".join("unused" if one.is_dummy else one.name for one in held)
-        meaning = ", ".join(words[one.name] for one in held if one.name in words)
+        meaning = ", ".join(texts[one.name] for one in held if one.name in texts)
         if behind > first:
             fields.append(Field(first, behind - first, names, int.from_bytes(data[first:behind], "little"), meaning))
         begin, held = end, []
     return fields
 
 
-def _title(frame: CanFrame, whose: tuple[Service, int] | None) -> str:
-    """Whose identifier it is."""
+def _title(frame: CanFrame, owner: tuple[Service, int] | None) -> str:
+    """The service and the node of an identifier."""
     if frame.extended:
-        return "extended identifier: none of CANopen's own"
-    if whose is None:
+        return "extended identifier, which CANopen does not predefine"
+    if owner is None:
         return "not in the predefined connection set"
-    service, node = whose
+    service, node = owner
     if service.broadcast:
         return service.name
     if service.name == "error control" and frame.remote:
@@ -182,11 +194,11 @@ def _title(frame: CanFrame, whose: tuple[Service, int] | None) -> str:
 
 
 def _length(frame: CanFrame, name: str) -> Problem | None:
-    """Too few or too many bytes for the service: said first, because it makes the rest doubtful."""
+    """Too few or too many bytes for the service: the first error, because the rest is doubtful then."""
     size = len(frame.data)
     if size > DATA_MAX:
         return Problem("long", DATA_MAX, f"a CAN frame carries at most {DATA_MAX} bytes, here are {size}")
-    expected = LENGTHS.get(name)
+    expected = _LENGTHS.get(name)
     if expected is None or frame.remote or size in expected:
         return None
     wanted = " or ".join(map(str, expected))
@@ -194,28 +206,28 @@ def _length(frame: CanFrame, name: str) -> Problem | None:
     return Problem("short", size, text) if size < expected[-1] else Problem("long", expected[-1], text)
 
 
-def _raw(data: bytes) -> Found:
+def _raw(data: bytes) -> _Parts:
     digits = data.hex(" ").upper()
     return ([Field(0, len(data), "data", digits)] if data else []), None, counted(len(data))
 
 
-def _remote(frame: CanFrame, name: str) -> Found:
-    """A remote frame asks the owner of the identifier to send."""
+def _remote(frame: CanFrame, name: str) -> _Parts:
+    """A remote frame requests data from the owner of the identifier."""
     if name == "error control":
-        return [], None, "a remote frame asks for its state"
+        return [], None, "a remote frame requests its state"
     if name.startswith("TPDO") or not name:
-        return [], None, f"a remote frame asks for {counted(frame.requested)}"
+        return [], None, f"a remote frame requests {counted(frame.requested)}"
     return [], DecodeError("mismatch", frame.data, 0, f"a remote frame, which {name} does not have"), ""
 
 
-def _data(frame: CanFrame, service: Service, node: int) -> Found:
-    """The bytes, as the service lays them out."""
+def _data(frame: CanFrame, service: Service, node: int) -> _Parts:
+    """The fields of the service."""
     data = frame.data
     match service.name:
         case "SDO request" | "SDO answer":
-            return explain_sdo(data, ROLES[service.name])
+            return explain_sdo(data, _ROLES[service.name])
         case "LSS request" | "LSS answer":
-            return explain_lss(data, ROLES[service.name])
+            return explain_lss(data, _ROLES[service.name])
         case "NMT":
             return _nmt(frame)
         case "SYNC":
@@ -230,7 +242,7 @@ def _data(frame: CanFrame, service: Service, node: int) -> Found:
 
 
 def _cut(layout: Layout, data: bytes) -> list[Field]:
-    """The fields of a little-endian layout, as far as the bytes go."""
+    """The fields of a little-endian layout, as far as there are bytes."""
     found = []
     for field in layout.fields(data):
         part = data[field.offset : field.offset + field.length]
@@ -239,15 +251,15 @@ def _cut(layout: Layout, data: bytes) -> list[Field]:
     return fill_gaps(found, len(data), layout.names[len(found)] if len(found) < len(layout.names) else "")
 
 
-def _nmt(frame: CanFrame) -> Found:
+def _nmt(frame: CanFrame) -> _Parts:
     fields = []
     for field in _cut(NmtMessage.layout, frame.data):
-        words = field.meaning
+        meaning = field.meaning
         if field.name == "command":
-            words = COMMANDS.get(frame.data[0], "no NMT command")
+            meaning = _COMMANDS.get(frame.data[0], "not an NMT command")
         elif field.name == "node" and isinstance(field.value, int):
-            words = f"node {field.value}" if field.value else "all nodes"
-        fields.append(field._replace(meaning=words))
+            meaning = f"node {field.value}" if field.value else "all nodes"
+        fields.append(field._replace(meaning=meaning))
     try:
         NmtMessage.decode(frame)
     except DecodeError as error:
@@ -255,7 +267,7 @@ def _nmt(frame: CanFrame) -> Found:
     return fields, None, ", ".join(field.meaning for field in fields)
 
 
-def _sync(frame: CanFrame) -> Found:
+def _sync(frame: CanFrame) -> _Parts:
     fields = [Field(0, 1, "counter", frame.data[0]) for _ in frame.data[:1]]
     try:
         message = SyncMessage.decode(frame)
@@ -264,23 +276,23 @@ def _sync(frame: CanFrame) -> Found:
     return fields, None, "" if message.counter is None else f"number {message.counter}"
 
 
-def _emergency(data: bytes) -> Found:
+def _emergency(data: bytes) -> _Parts:
     names = {"code": "error code", "register": "error register", "info": "manufacturer"}
     fields = []
-    said = ""
+    summary = ""
     for field in _cut(Emergency.layout, data):
-        words = field.meaning
+        meaning = field.meaning
         if field.name == "code" and isinstance(field.value, int):
-            words = error_text(field.value)
-            said = f"{field.value:04X}h {words}"
+            meaning = error_text(field.value)
+            summary = f"{field.value:04X}h {meaning}"
         elif field.name == "register" and isinstance(field.value, int):
-            words = ", ".join(register_names(field.value)) or "no error left"
-        fields.append(field._replace(name=names.get(field.name, field.name), meaning=words))
-    return fields, None, said
+            meaning = ", ".join(register_names(field.value)) or "no error left"
+        fields.append(field._replace(name=names.get(field.name, field.name), meaning=meaning))
+    return fields, None, summary
 
 
-def _time(frame: CanFrame) -> Found:
-    fields = _cut(TIME, frame.data)
+def _time(frame: CanFrame) -> _Parts:
+    fields = _cut(_TIME, frame.data)
     try:
         moment = TimeStamp.decode(frame).moment.datetime
     except DecodeError as error:
@@ -290,41 +302,41 @@ def _time(frame: CanFrame) -> Found:
     return fields, None, f"{moment:%Y-%m-%d %H:%M:%S}"
 
 
-def _state(data: bytes, node: int) -> Found:
+def _state(data: bytes, node: int) -> _Parts:
     if not data:
-        return [], DecodeError("short", data, 0, "the state is byte 0, but there are none"), ""
+        return [], DecodeError("short", data, 0, "the state is byte 0, but the frame is empty"), ""
     bits = STATE_BYTE.decode(data[0])
     state = NodeState(node, bits["s"], bool(bits["t"]))
-    words = "boot-up" if state.is_boot_up else state.name
-    meaning = f"{words}; toggle bit {bits['t']}" + (": the answer to node guarding" if bits["t"] else "")
+    name = "boot-up" if state.is_boot_up else state.name
+    meaning = f"{name}; toggle bit {bits['t']}" + (": the answer to node guarding" if bits["t"] else "")
     error = None
     if state.state not in tuple(NmtState):
-        error = DecodeError("value", data, 0, f"{state.state:02X}h is no state: expected 00, 04, 05 or 7F")
-    return [Field(0, 1, "state", data[0], meaning)], error, words
+        error = DecodeError("value", data, 0, f"{state.state:02X}h is not a state: expected 00, 04, 05 or 7F")
+    return [Field(0, 1, "state", data[0], meaning)], error, name
 
 
 _OVERRUN, _CONTROLLER = 0x01, 0x04
-_CONTROLLER_WORDS = (
+_CONTROLLER_TEXTS = (
     *("receive buffer overrun", "transmit buffer overrun", "many receive errors", "many transmit errors"),
     *("error passive (receiving)", "error passive (sending)", "error active again"),
 )
 
 
 def error_frame_text(frame: ErrorFrame) -> str:
-    """An error frame of SocketCAN in words.
+    """The text of an error frame of SocketCAN.
 
     >>> error_frame_text(ErrorFrame(0x04, bytes.fromhex("0001000000000000")))
     'controller problem: receive buffer overrun'
     """
-    words = frame.text
+    text = frame.text
     if frame.classes & _CONTROLLER and len(frame.data) > 1:
-        told = [text for bit, text in enumerate(_CONTROLLER_WORDS) if frame.data[1] >> bit & 1]
-        words += f": {', '.join(told)}" if told else ""
-    return words
+        states = [text for bit, text in enumerate(_CONTROLLER_TEXTS) if frame.data[1] >> bit & 1]
+        text += f": {', '.join(states)}" if states else ""
+    return text
 
 
 def is_overrun(frame: ErrorFrame) -> bool:
-    """Whether the controller of the recorder says that it has lost frames.
+    """Whether the recording controller reports that it lost frames.
 
     >>> is_overrun(ErrorFrame(0x04, b"\\0\\1")), is_overrun(ErrorFrame(0x40))
     (True, False)

@@ -1,7 +1,7 @@
-"""What somebody knows of a node: the names and types of its objects, and its PDOs as it leaves the factory.
+"""The description of a node: the names and types of its objects, and the factory setting of its PDOs.
 
-of_device(load("az3"), 5)               the catalogue: names, units, values and bits in words
-of_dictionary(dictionary, 5)            an EDS or DCF: names and types
+of_device(load("az3"), 5)               from the catalogue: names, units, named values and bits
+of_dictionary(dictionary, 5)            from an EDS or DCF: names and types
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from barewire.errors import BarewireError, EncodeError
 
 
 class KnownObject(NamedTuple):
-    """One object. With a `parameter` there are a unit, a scale, and words."""
+    """One object. A `parameter` adds a unit, a scale, and named values."""
 
     name: str
     type: str
     parameter: Parameter | None = None
 
     def value(self, raw: Value) -> Value:
-        """A raw number as the value that is meant."""
+        """The scaled value of a raw number."""
         return raw if self.parameter is None else self.parameter.from_raw(raw)
 
     def text(self, raw: Value) -> str:
-        """The value of a raw number, with its unit, in words."""
+        """The value of a raw number as text, with its unit."""
         if self.parameter is not None:
             return self.parameter.text(self.parameter.from_raw(raw))
         if isinstance(raw, bytes):
@@ -47,7 +47,7 @@ class KnownObject(NamedTuple):
         return repr(raw) if isinstance(raw, str) else show(raw)
 
     def read(self, data: bytes) -> str:
-        """The bytes of the object as its value in words; empty if they are not one."""
+        """The value of the object from its bytes, as text; empty if they do not fit its type."""
         try:
             if self.parameter is not None and self.type != "text":
                 return self.parameter.text(self.parameter.from_object(data))
@@ -64,11 +64,11 @@ class KnownNode(NamedTuple):
     objects: Mapping[tuple[int, int], KnownObject]
     pdos: tuple[PdoConfig, ...]
     commands: tuple[int, ...] = ()
-    """Requests of its dialect that the standard says otherwise."""
+    """Command bytes of its requests that differ from the standard."""
 
 
 def of_device(device: Device, node: int | None = None) -> KnownNode:
-    """A device of the catalogue as that node. EncodeError if its description tells of no CANopen.
+    """A device of the catalogue with this node-ID, or with its own. EncodeError if the device has no CANopen.
 
     >>> from barewire.devices import load
     >>> known = of_device(load("az3"), 5)
@@ -97,7 +97,7 @@ def of_device(device: Device, node: int | None = None) -> KnownNode:
 
 
 def of_dictionary(objects: ObjectDictionary, node: int, title: str = "") -> KnownNode:
-    """What an object dictionary tells, such as one out of an EDS."""
+    """A node described by an object dictionary, such as one read from an EDS."""
     known = {(entry.index, entry.sub): KnownObject(entry.name, entry.type) for entry in objects}
     for entry in objects:
         if entry.object_name and entry.sub and entry.object_name != entry.name:

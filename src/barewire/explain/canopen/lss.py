@@ -1,9 +1,9 @@
-"""LSS: give a device its node-ID and bit rate over the bus itself.   [CiA 305]
+"""LSS messages, field by field: the services that set the node-ID and bit rate of a device.   [CiA 305]
 
 7E5h   | service | 7 bytes, numbers little-endian, unused 0 |      master -> device
 7E4h   | service | 7 bytes                                  |      device -> master
 
-Which services there are, and in which direction, `canopen.lss` knows; here are the names of what stands behind them.
+`canopen.lss` defines the services and their directions; here are the names of the fields and of their values.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
 from barewire.explain.result import Role, fill_gaps
 
-PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
-"""The four numbers of an LSS address, as `LssAddress` has them, and as the standard calls them."""
+_PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
+"""The four numbers of an LSS address: field of `LssAddress` -> name in the standard."""
 
-_PART = {number: PARTS[name] for number, name in enumerate(LssAddress._fields)}
+_PART = {number: _PARTS[name] for number, name in enumerate(LssAddress._fields)}
 _LIMITS = (_PART[0], _PART[1], _PART[2], _PART[2], _PART[3], _PART[3])
 _RESULT = Layout("<BB", "result", "details")
-_NUMBER = {name: Layout("<I", name) for name in PARTS.values()}
+_NUMBER = {name: Layout("<I", name) for name in _PARTS.values()}
 
-TITLES: dict[LssService, str] = {
+_TITLES: dict[LssService, str] = {
     LssService.SWITCH_GLOBAL: "switch state global",
     LssService.CONFIGURE_NODE: "configure node-ID",
     LssService.CONFIGURE_BIT_TIMING: "configure bit timing",
     LssService.ACTIVATE_BIT_TIMING: "activate bit timing",
     LssService.STORE: "store configuration",
     **{LssService(LssService.SELECT_VENDOR + k): f"switch state selective: {name}" for k, name in _PART.items()},
-    LssService.SELECTED: "switch state selective: it is me",
+    LssService.SELECTED: "switch state selective: selected",
     LssService.IDENTIFY_VENDOR: "identify device: vendor-ID",
     LssService.IDENTIFY_PRODUCT: "identify device: product code",
     LssService.IDENTIFY_REVISION_LOW: "identify device: revision, lowest",
@@ -47,8 +47,8 @@ TITLES: dict[LssService, str] = {
     LssService.IDENTIFY_SERIAL_LOW: "identify device: serial number, lowest",
     LssService.IDENTIFY_SERIAL_HIGH: "identify device: serial number, highest",
     LssService.IDENTIFY_UNCONFIGURED: "identify devices without a node-ID",
-    LssService.IDENTIFIED: "identify device: it is me",
-    LssService.UNCONFIGURED_IDENTIFIED: "a device without a node-ID is here",
+    LssService.IDENTIFIED: "identify device: identified",
+    LssService.UNCONFIGURED_IDENTIFIED: "identify devices without a node-ID: identified",
     LssService.FASTSCAN: "fastscan",
     **{LssService(LssService.INQUIRE_VENDOR + k): f"inquire {name}" for k, name in _PART.items()},
     LssService.INQUIRE_NODE: "inquire node-ID",
@@ -75,24 +75,24 @@ _ANSWERED: dict[LssService, Layout] = {
 
 
 def explain_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, str]:
-    """Fields, fault and summary of an LSS frame.
+    """Fields, error and summary of an LSS frame. Never raises.
 
     >>> explain_lss(bytes.fromhex("1105000000000000"), "request")[2]
     'configure node-ID'
     """
     if not data:
-        return [], DecodeError("short", data, 0, "the service is byte 0, but there are none"), ""
+        return [], DecodeError("short", data, 0, "the service is byte 0, but the frame is empty"), ""
     if data[0] not in (LSS_REQUESTS if role == "request" else LSS_ANSWERS):
-        error = DecodeError("function", data, 0, f"{data[0]:02X}h is no service of an LSS {role}")
+        error = DecodeError("function", data, 0, f"{data[0]:02X}h is not a service of an LSS {role}")
         return fill_gaps([Field(0, 1, "service", data[0], "unknown")], len(data)), error, "unknown service"
     service = LssService(data[0])
-    title = TITLES[service]
+    title = _TITLES[service]
     fields = [Field(0, 1, "service", data[0], title)]
     layout = (_ASKED if role == "request" else _ANSWERED).get(service)
     at = 1
     for field in [] if layout is None else layout.fields(data[1:], 1):
         value = int.from_bytes(data[field.offset : field.offset + field.length], "little")
-        fields.append(field._replace(value=value, meaning=_words(service, field.name, value)))
+        fields.append(field._replace(value=value, meaning=_value_text(service, field.name, value)))
         at = field.offset + field.length
     if layout is not None and at < 1 + layout.size:
         missing = layout.names[len(fields) - 1]
@@ -102,7 +102,7 @@ def explain_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | Non
     return fields, None, title
 
 
-def _words(service: LssService, name: str, value: int) -> str:
+def _value_text(service: LssService, name: str, value: int) -> str:
     match name:
         case "mode":
             return LssState(value).name.lower() if value in tuple(LssState) else "not defined"
@@ -115,9 +115,9 @@ def _words(service: LssService, name: str, value: int) -> str:
         case "entry" if value in LSS_BIT_RATES:
             return f"{LSS_BIT_RATES[value] // 1000} kbit/s"
         case "entry":
-            return "finds out by itself" if value == AUTOMATIC_BIT_RATE else "reserved"
+            return "detected by the device" if value == AUTOMATIC_BIT_RATE else "reserved"
         case "bit check" if value == BEGIN:
-            return "the beginning: is anybody without a node-ID here"
+            return "the start: all devices without a node-ID answer"
         case "LSS sub" | "LSS next" if value in _PART:
             return _PART[value]
     return ""

@@ -1,17 +1,17 @@
-"""One SDO frame without the talk around it: eight bytes, and the drawing of the first says what the others are.
+"""One SDO frame, without the transfer around it: byte 0 determines the meaning of the other seven.   [CiA 301, SDO]
 
         605h  | 2B | 40 60 | 00 | 0F 00 | 00 00 |         001- nnes    initiate download, ccs 1, n 2, e 1, s 1
                 command index sub  data    unused
 
-The same byte means different things in the two directions, so there are two tables. And a frame alone is not the whole
-truth: **inside a block transfer** every byte 0 from 01h to 7Fh, or with bit 7 set for the last, is the number of a
-segment. Only who has heard the transfer begin knows that; here every frame is explained as if it stood alone.
+The same byte means different things in the two directions, so there are two tables. **Inside a block transfer** byte 0
+from 01h to 7Fh, with bit 7 set for the last, is the number of a segment; only the frames before show that. Here every
+frame is explained as if it stood alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from barewire.canopen.sdo import abort_text
 from barewire.canopen.sdo.messages.initiate import Abort, InitiateUpload, has_reserved_bits
@@ -20,14 +20,17 @@ from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError
 from barewire.explain.result import Role, counted, fill_gaps
 
-LENGTH = 8
-Rest = Callable[[bytes, dict[str, int]], list[Field]]
-"""Lays out bytes 1 to 7, given the frame and the bits of its command byte."""
+if TYPE_CHECKING:
+    from barewire.explain.canopen.known_node import KnownObject
 
-AREAS = (
+_LENGTH = 8
+_Layout = Callable[[bytes, dict[str, int]], list[Field]]
+"""Returns the fields of bytes 1 to 7, given the frame and the bits of its command byte."""
+
+_AREAS = (
     (0x0001, 0x0FFF, "data types"),
     (0x1000, 0x1FFF, "communication profile"),
-    (0x2000, 0x5FFF, "manufacturer's own"),
+    (0x2000, 0x5FFF, "manufacturer-specific"),
     (0x6000, 0x9FFF, "device profile"),
     (0xA000, 0xBFFF, "interface profile"),
 )
@@ -42,15 +45,15 @@ class ExplainedSdo(NamedTuple):
 
 
 class CommandRow(NamedTuple):
-    """One row: the drawing of byte 0, its name, and how the other seven bytes lie."""
+    """One command: the bits of byte 0, its name, and the layout of the other seven bytes."""
 
     pattern: BitPattern
     name: str
-    rest: Rest
+    layout: _Layout
 
 
 def _number(data: bytes, offset: int, length: int, name: str, meaning: str = "") -> list[Field]:
-    """One number, if all of it is there."""
+    """One little-endian number, if all its bytes are present."""
     part = data[offset : offset + length]
     return [Field(offset, length, name, int.from_bytes(part, "little"), meaning)] if len(part) == length else []
 
@@ -58,13 +61,13 @@ def _number(data: bytes, offset: int, length: int, name: str, meaning: str = "")
 def _object(data: bytes) -> list[Field]:
     """Index and sub-index."""
     index = int.from_bytes(data[1:3], "little")
-    area = next((name for first, last, name in AREAS if first <= index <= last), "reserved")
+    area = next((name for first, last, name in _AREAS if first <= index <= last), "reserved")
     return _number(data, 1, 2, "index", area) + _number(data, 3, 1, "sub-index")
 
 
 def _reserved(data: bytes, start: int) -> list[Field]:
-    """The bytes that carry nothing."""
-    rest = data[start:LENGTH]
+    """The reserved bytes from `start` on."""
+    rest = data[start:_LENGTH]
     meaning = "" if not any(rest) else "should be 0"
     return [Field(start, len(rest), "reserved", rest.hex(" ").upper(), meaning)] if rest else []
 
@@ -78,20 +81,20 @@ def _nothing(data: bytes, bits: dict[str, int]) -> list[Field]:
 
 
 def _sized(data: bytes, bits: dict[str, int]) -> list[Field]:
-    """A size if s says so."""
-    return _object(data) + (_number(data, 4, 4, "size", "bytes will follow") if bits["s"] else _reserved(data, 4))
+    """A size, if s indicates one."""
+    return _object(data) + (_number(data, 4, 4, "size", "bytes") if bits["s"] else _reserved(data, 4))
 
 
 def _value(data: bytes, bits: dict[str, int]) -> list[Field]:
-    """The value itself, 1 to 4 bytes, or a size where e is 0."""
+    """The value of 1 to 4 bytes, or a size if e is 0."""
     if not bits["e"]:
         return _sized(data, bits)
     size = 4 - bits["n"] if bits["s"] else 4
-    words = numeric_readings(data[4 : 4 + size])
+    meaning = numeric_readings(data[4 : 4 + size])
     if not bits["s"]:
-        words = f"nobody says how many of the 4 bytes count; all of them: {words}"
-    unused = data[4 + size : LENGTH]
-    found = _object(data) + _number(data, 4, size, "data", words)
+        meaning = f"no size is indicated; all 4 bytes: {meaning}"
+    unused = data[4 + size : _LENGTH]
+    found = _object(data) + _number(data, 4, size, "data", meaning)
     if unused:
         found.append(Field(4 + size, len(unused), "unused", unused.hex(" ").upper()))
     return found
@@ -102,53 +105,53 @@ def _abort(data: bytes, bits: dict[str, int]) -> list[Field]:
 
 
 def _segment(data: bytes, bits: dict[str, int]) -> list[Field]:
-    """Up to seven bytes of a value; n are not data."""
-    end = LENGTH - bits["n"]
+    """Up to seven bytes of a value; the last n are unused."""
+    end = _LENGTH - bits["n"]
     found = [Field(1, len(data[1:end]), "data", data[1:end].hex(" ").upper(), _text(data[1:end]))]
-    if data[end:LENGTH]:
-        found.append(Field(end, len(data[end:LENGTH]), "unused", data[end:LENGTH].hex(" ").upper()))
+    if data[end:_LENGTH]:
+        found.append(Field(end, len(data[end:_LENGTH]), "unused", data[end:_LENGTH].hex(" ").upper()))
     return [field for field in found if field.length]
 
 
-def _block_of(data: bytes, bits: dict[str, int]) -> list[Field]:
+def _block_accepted(data: bytes, bits: dict[str, int]) -> list[Field]:
     return _object(data) + _number(data, 4, 1, "block size", "segments in a block") + _reserved(data, 5)
 
 
-def _block_asked(data: bytes, bits: dict[str, int]) -> list[Field]:
-    switch = "up to so many bytes an ordinary upload may answer" if data[5:6] != b"\0" else "never an ordinary upload"
+def _block_requested(data: bytes, bits: dict[str, int]) -> list[Field]:
+    switch = "ordinary upload up to this many bytes" if data[5:6] != b"\0" else "no ordinary upload"
     found = _object(data) + _number(data, 4, 1, "block size", "segments in a block")
     return found + _number(data, 5, 1, "protocol switch", switch) + _reserved(data, 6)
 
 
 def _acknowledged(data: bytes, bits: dict[str, int]) -> list[Field]:
-    found = _number(data, 1, 1, "sequence", "the last segment that came in order")
+    found = _number(data, 1, 1, "sequence", "the last segment received in order")
     return found + _number(data, 2, 1, "block size", "segments in the next block") + _reserved(data, 3)
 
 
 def _block_end(data: bytes, bits: dict[str, int]) -> list[Field]:
-    return _number(data, 1, 2, "CRC", "of the whole value, if both sides calculate one") + _reserved(data, 3)
+    return _number(data, 1, 2, "CRC", "of the whole value, if both sides use one") + _reserved(data, 3)
 
 
-REQUESTS = (
+_REQUESTS = (
     CommandRow(BitPattern("000t nnnc"), "download segment", _segment),
     CommandRow(BitPattern("001- nnes"), "initiate download", _value),
     CommandRow(BitPattern("010- ----"), "initiate upload", _only_object),
     CommandRow(BitPattern("011t ----"), "upload segment", _nothing),
     CommandRow(Abort.pattern, "abort", _abort),
-    CommandRow(BitPattern("101- -c00"), "initiate block upload", _block_asked),
+    CommandRow(BitPattern("101- -c00"), "initiate block upload", _block_requested),
     CommandRow(BitPattern("101- --01"), "end block upload", _nothing),
     CommandRow(BitPattern("101- --10"), "acknowledge block upload", _acknowledged),
     CommandRow(BitPattern("101- --11"), "start block upload", _nothing),
     CommandRow(BitPattern("110- -cs0"), "initiate block download", _sized),
     CommandRow(BitPattern("110n nn-1"), "end block download", _block_end),
 )
-RESPONSES = (
+_RESPONSES = (
     CommandRow(BitPattern("000t nnnc"), "upload segment", _segment),
     CommandRow(BitPattern("001t ----"), "download segment", _nothing),
     CommandRow(BitPattern("010- nnes"), "initiate upload", _value),
     CommandRow(BitPattern("011- ----"), "initiate download", _only_object),
     CommandRow(Abort.pattern, "abort", _abort),
-    CommandRow(BitPattern("101- -c00"), "initiate block download", _block_of),
+    CommandRow(BitPattern("101- -c00"), "initiate block download", _block_accepted),
     CommandRow(BitPattern("101- --10"), "acknowledge block download", _acknowledged),
     CommandRow(BitPattern("101- --01"), "end block download", _nothing),
     CommandRow(BitPattern("110- -cs0"), "initiate block upload", _sized),
@@ -157,41 +160,34 @@ RESPONSES = (
 
 
 def explain_sdo(data: bytes, role: Role) -> ExplainedSdo:
-    """Explain the data of an SDO frame. Never raises: what is wrong is in `error`.
+    """Explain the data of an SDO frame. Never raises; `error` holds the fault.
 
-    >>> said = explain_sdo(bytes.fromhex("4B41600037060000"), "response")
-    >>> said.summary
+    >>> frame = explain_sdo(bytes.fromhex("4B41600037060000"), "response")
+    >>> frame.summary
     'initiate upload, 6041h:00, 2 bytes: 0637h'
-    >>> said.fields[0].meaning
+    >>> frame.fields[0].meaning
     'initiate upload response: expedited, 2 bytes, size indicated (scs 2, n 2, e 1, s 1)'
     """
     if not data:
-        return ExplainedSdo([], DecodeError("short", data, 0, "the command is byte 0, but there are none"), "nothing")
-    row = next((row for row in (REQUESTS if role == "request" else RESPONSES) if row.pattern.matches(data[0])), None)
+        return ExplainedSdo(
+            [], DecodeError("short", data, 0, "the command is byte 0, but the frame is empty"), "nothing"
+        )
+    row = next((row for row in (_REQUESTS if role == "request" else _RESPONSES) if row.pattern.matches(data[0])), None)
     if row is None:
-        fields = [Field(0, 1, "command", data[0], f"no command of an SDO {role}")]
-        error = DecodeError("function", data, 0, f"command {data[0]:02X}h is no command of an SDO {role}")
+        fields = [Field(0, 1, "command", data[0], f"not a command of an SDO {role}")]
+        error = DecodeError("function", data, 0, f"command {data[0]:02X}h is not a command of an SDO {role}")
         return ExplainedSdo(fill_gaps(fields, len(data)), error, "unknown command")
     bits = row.pattern.decode(data[0])
     name = row.name if row.name == "abort" else f"{row.name} {role}"
-    fields = [Field(0, 1, "command", data[0], _command_words(name, row, data[0], role, bits)), *row.rest(data, bits)]
+    fields = [Field(0, 1, "command", data[0], _command_text(name, row, data[0], role, bits)), *row.layout(data, bits)]
     fields = [field for field in fields if field.offset + field.length <= len(data)]
     return ExplainedSdo(fill_gaps(fields, len(data)), None, _summary(row.name, fields))
 
 
-class NamedObject(Protocol):
-    """What somebody knows of an object."""
-
-    @property
-    def name(self) -> str: ...
-
-    def read(self, data: bytes) -> str: ...
-
-
 def with_object_names(
-    fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], NamedObject | None]
+    fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], KnownObject | None]
 ) -> tuple[list[Field], str]:
-    """Fields and summary of an SDO frame, with the name of its object and its value in words, if they are known."""
+    """Fields and summary of an SDO frame with the name of its object and its value as text, if `find` knows it."""
     held = {field.name: field for field in fields}
     index, sub = (held[name].value if name in held else None for name in ("index", "sub-index"))
     known = find(index, sub) if isinstance(index, int) and isinstance(sub, int) else None
@@ -209,7 +205,7 @@ def with_object_names(
 
 
 def numeric_readings(data: bytes) -> str:
-    """What 1 to 4 bytes are as numbers of that width; nobody but the object knows which of them is meant.
+    """1 to 4 bytes as numbers of that width: the type of the object decides which one applies.
 
     >>> numeric_readings(bytes.fromhex("CDCC8C3F"))
     'u32 1066192077, f32 1.1'
@@ -228,27 +224,27 @@ def numeric_readings(data: bytes) -> str:
 
 
 def _text(data: bytes) -> str:
-    """Bytes as characters, if all of them are."""
+    """The bytes as characters, if all of them are printable."""
     return repr(data.decode("ascii")) if data and all(32 <= byte < 127 for byte in data) else ""
 
 
-def _command_words(name: str, row: CommandRow, command: int, role: Role, bits: dict[str, int]) -> str:
-    """The name, what the bits say, and the bits."""
-    said = []
+def _command_text(name: str, row: CommandRow, command: int, role: Role, bits: dict[str, int]) -> str:
+    """The name, the meaning of the bits, and the bits."""
+    details = []
     if "e" in bits:
         size = f"{counted(4 - bits['n'])}, size indicated" if bits["s"] else "size not indicated"
-        said.append(f"expedited, {size}" if bits["e"] else "in segments, " + size.rpartition(", ")[2])
+        details.append(f"expedited, {size}" if bits["e"] else "in segments, " + size.rpartition(", ")[2])
     if "t" in bits:
-        said.append(f"toggle bit {bits['t']}")
-    if row.rest is _segment:
-        said.append(counted(7 - bits["n"]) + (", the last" if bits["c"] else ", more follow"))
+        details.append(f"toggle bit {bits['t']}")
+    if row.layout is _segment:
+        details.append(counted(7 - bits["n"]) + (", the last" if bits["c"] else ", more follow"))
     elif "c" in bits:
-        said.append("with CRC" if bits["c"] else "without CRC")
-    elif row.rest is _block_end:
-        said.append(f"{counted(7 - bits['n'])} in the last segment")
+        details.append("with CRC" if bits["c"] else "without CRC")
+    elif row.layout is _block_end:
+        details.append(f"{counted(7 - bits['n'])} in the last segment")
     specifier = "cs" if name == "abort" else "ccs" if role == "request" else "scs"
     drawn = ", ".join([f"{specifier} {command >> 5}", *(f"{letter} {bit}" for letter, bit in bits.items())])
-    words = f"{name}{': ' + ', '.join(said) if said else ''} ({drawn})"
+    words = f"{name}{': ' + ', '.join(details) if details else ''} ({drawn})"
     if has_reserved_bits(row.pattern, command):
         words += "; " + _dialect(row, command)
     return words
@@ -256,12 +252,12 @@ def _command_words(name: str, row: CommandRow, command: int, role: Role, bits: d
 
 def _dialect(row: CommandRow, command: int) -> str:
     if row.pattern.pattern == InitiateUpload.pattern.pattern and any(command == one for _, one in AZ3.read_commands):
-        return "CiA 301 has 40h for every read request; the AZ3's guide asks in this form"
-    return f"{row.pattern.pattern}: reserved bits are set, which a reader passes over"
+        return "CiA 301 has 40h for every read request; the AZ3 manual uses this form"
+    return f"{row.pattern.pattern}: reserved bits are set, which a receiver ignores"
 
 
 def _summary(name: str, fields: list[Field]) -> str:
-    """Command, object and value in one line; the direction stands in the identifier already."""
+    """Command, object and value in one line; the identifier shows the direction."""
     held = {field.name: field for field in fields}
     parts = [name]
     if "index" in held and "sub-index" in held:

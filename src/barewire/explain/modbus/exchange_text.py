@@ -1,4 +1,4 @@
-"""What was overheard, in words: a line for each exchange, and a dict for each event.
+"""Formats the events of the Modbus sniffer: a line for each exchange, a dict for each event.
 
 1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms
 2.000000  unit 9  Read Holding Registers, 1 from 0000h -> no answer
@@ -18,11 +18,11 @@ from barewire.modbus.sniffer.sniffer import (
 )
 
 _SHOWN = 12
-"""So many values or bytes of an answer are printed; `exchange_as_dict` has them all."""
+"""The most values or bytes of an answer in a line; `exchange_as_dict` has all of them."""
 
 
 def exchange_line(event: SnifferEvent) -> str | None:
-    """The line for an event; None for a question whose answer is still to come.
+    """The event as one line; None for a request whose answer is still to come.
 
     >>> asked = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
     >>> exchange_line(asked), exchange_line(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=asked))
@@ -34,37 +34,37 @@ def exchange_line(event: SnifferEvent) -> str | None:
         case RequestSeen():
             return None
         case ResponseMissing():
-            return f"{_question(event.request)} -> no answer"
+            return f"{_request(event.request)} -> no answer"
         case AmbiguousFrame():
-            said = explain_pdu(event.pdu, "request").summary
-            return f"{event.at:.6f}  unit {event.unit}  {said} -> heard once: the request or its echo"
+            summary = explain_pdu(event.pdu, "request").summary
+            return f"{event.at:.6f}  unit {event.unit}  {summary} -> seen once: the request or its echo"
         case NoiseSeen():
             data = event.noise.data
             return f"{event.at:.6f}  noise   {_clipped(data.hex(' ').upper().split())} ({event.noise.text})"
         case ResponseSeen(request=None):
-            said = explain_pdu(event.pdu, "response").summary
-            return f"{event.at:.6f}  unit {event.unit}  (request not heard) -> {said}"
+            summary = explain_pdu(event.pdu, "response").summary
+            return f"{event.at:.6f}  unit {event.unit}  (request not seen) -> {summary}"
         case ResponseSeen(request=asked):
             assert asked is not None
-            late = ", late: the next one had been asked" if event.late else ""
-            return f"{_question(asked)} -> {_said(event, asked)}, after {1e3 * (event.at - asked.at):.1f} ms{late}"
+            late = ", late: after the next request" if event.late else ""
+            return f"{_request(asked)} -> {_result(event, asked)}, after {1e3 * (event.at - asked.at):.1f} ms{late}"
 
 
-def _question(asked: RequestSeen) -> str:
+def _request(asked: RequestSeen) -> str:
     return f"{asked.at:.6f}  unit {asked.unit}  {explain_pdu(asked.pdu, 'request').summary}"
 
 
-def _said(answer: ResponseSeen, asked: RequestSeen) -> str:
-    """What an answer says that its question did not."""
+def _result(answer: ResponseSeen, asked: RequestSeen) -> str:
+    """The content of an answer that its request does not have."""
     pdu = answer.pdu
-    letter = explain_pdu(pdu, "response")
+    parsed = explain_pdu(pdu, "response")
     if pdu[0] & EXCEPTION_BIT:
-        return letter.summary.partition(" to ")[0]
-    if letter.error is not None:
-        return f"not readable: {letter.error.text}"
+        return parsed.summary.partition(" to ")[0]
+    if parsed.error is not None:
+        return f"cannot be decoded: {parsed.error.text}"
     if pdu == asked.pdu or asked.pdu.startswith(pdu):
         return "done"
-    registers = [str(field.value) for field in letter.fields if field.name.startswith("register ")]
+    registers = [str(field.value) for field in parsed.fields if field.name.startswith("register ")]
     return _clipped(registers or pdu[1:].hex(" ").upper().split())
 
 
@@ -73,7 +73,7 @@ def _clipped(parts: list[str]) -> str:
 
 
 def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
-    """For programs: ready for `json.dumps`. `request_at` says which request a response or a silence belongs to.
+    """The event for `json.dumps`. `request_at` is the time of the request that a response or a time-out belongs to.
 
     >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
@@ -83,11 +83,11 @@ def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
             kind = "request" if event.unit or event.transaction is not None else "broadcast"
             return _frame(kind, event.unit, event.pdu, event.at, event.transaction)
         case ResponseSeen():
-            told = _frame("response", event.unit, event.pdu, event.at, event.transaction)
+            result = _frame("response", event.unit, event.pdu, event.at, event.transaction)
             if event.pdu[0] & EXCEPTION_BIT and len(event.pdu) > 1:
-                told["exception"] = event.pdu[1]
+                result["exception"] = event.pdu[1]
             asked = event.request
-            return told | {
+            return result | {
                 "request_at": None if asked is None else asked.at,
                 "seconds": None if asked is None else round(event.at - asked.at, 6),
                 "late": event.late,
@@ -102,9 +102,9 @@ def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
 
 
 def _frame(kind: str, unit: int, pdu: bytes, at: float, transaction: int | None) -> dict[str, object]:
-    letter = explain_pdu(pdu, "response" if kind == "response" else "request")
-    fields = {field.name: field.value if isinstance(field.value, int) else str(field.value) for field in letter.fields}
-    told: dict[str, object] = {"event": kind, "at": at, "unit": unit, "function": pdu[0] & ~EXCEPTION_BIT}
+    parsed = explain_pdu(pdu, "response" if kind == "response" else "request")
+    fields = {field.name: field.value if isinstance(field.value, int) else str(field.value) for field in parsed.fields}
+    result: dict[str, object] = {"event": kind, "at": at, "unit": unit, "function": pdu[0] & ~EXCEPTION_BIT}
     if transaction is not None:
-        told["transaction"] = transaction
-    return told | {"pdu": pdu.hex(), "summary": letter.summary, "fields": fields}
+        result["transaction"] = transaction
+    return result | {"pdu": pdu.hex(), "summary": parsed.summary, "fields": fields}

@@ -1,7 +1,7 @@
-"""What the fields of a Modbus message mean, in words: the sentences that `explain` prints on the right.
+"""The meanings of the fields of Modbus messages, which `explain` prints in the last column.
 
-The messages know where their fields lie and the few meanings that are theirs alone; here is what a reader wants to be
-told in addition: that addresses count from 0, who a unit is, which function codes are for everyone's own use.
+The message classes define the places of their fields and a few meanings; the others are here: that addresses count
+from 0, special units, function codes that are user-defined or reserved.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.messages.identification import MORE, NO_MORE, OBJECT_NAMES, READ_CODES
 from barewire.modbus.messages.registry import ENCAPSULATED, request_class
 
-# Public functions by name, also those that have no message class here.                     [MB-APP 5.1]
-PUBLIC = {
+# Names of public functions, also of those without a message class.                     [MB-APP 5.1]
+_PUBLIC = {
     0x08: "Diagnostics",
     0x0B: "Get Comm Event Counter",
     0x0C: "Get Comm Event Log",
@@ -26,9 +26,9 @@ PUBLIC = {
     0x18: "Read FIFO Queue",
     0x2B: "Encapsulated Interface Transport",
 }
-MEI_TYPES = {0x0D: "CANopen General Reference", 0x0E: "Read Device Identification"}
-USER_DEFINED = (*range(65, 73), *range(100, 111))
-RESERVED = (9, 10, 13, 14, 41, 42, 90, 91, 125, 126, 127)
+_MEI_TYPES = {0x0D: "CANopen General Reference", 0x0E: "Read Device Identification"}
+_USER_DEFINED = (*range(65, 73), *range(100, 111))
+_RESERVED = (9, 10, 13, 14, 41, 42, 90, 91, 125, 126, 127)
 
 _QUANTITY_OF = {
     0x01: "coils",
@@ -41,27 +41,27 @@ _QUANTITY_OF = {
 
 
 def unit_text(unit: int, serial: bool) -> str:
-    """Who a unit is.
+    """The meaning of a unit number.
 
     >>> unit_text(0, serial=True)
-    'broadcast: all units, and nobody answers'
+    'broadcast: all units, no answer'
     """
     if unit == 0:
-        return "broadcast: all units, and nobody answers" if serial else "the server itself (or a broadcast behind it)"
+        return "broadcast: all units, no answer" if serial else "the server itself (or a broadcast behind it)"
     if unit == 255 and not serial:
         return "the server itself, no unit behind it"
     return f"unit {unit}" + (": 248..255 are reserved" if unit > 247 else "")
 
 
 def unnamed_code_text(code: int) -> str:
-    """What a function code is that has no name.
+    """The kind of a function code that has no name.
 
     >>> unnamed_code_text(65), unnamed_code_text(9), unnamed_code_text(99)
     ('user-defined function', 'reserved function', 'not a public function of the standard')
     """
-    if code in USER_DEFINED:
+    if code in _USER_DEFINED:
         return "user-defined function"
-    return "reserved function" if code in RESERVED else "not a public function of the standard"
+    return "reserved function" if code in _RESERVED else "not a public function of the standard"
 
 
 def function_title(pdu: bytes) -> str:
@@ -69,33 +69,33 @@ def function_title(pdu: bytes) -> str:
     known = request_class(pdu)
     if known is not None:
         return known.name
-    if pdu[0] == ENCAPSULATED and len(pdu) > 1 and pdu[1] in MEI_TYPES:
-        return MEI_TYPES[pdu[1]]
-    return PUBLIC.get(pdu[0]) or f"function {pdu[0]:02X} ({unnamed_code_text(pdu[0])})"
+    if pdu[0] == ENCAPSULATED and len(pdu) > 1 and pdu[1] in _MEI_TYPES:
+        return _MEI_TYPES[pdu[1]]
+    return _PUBLIC.get(pdu[0]) or f"function {pdu[0]:02X} ({unnamed_code_text(pdu[0])})"
 
 
 def code_title(code: int) -> str:
-    """Number and name: '04 Read Input Registers', as far as one byte tells it."""
+    """Number and name, such as '04 Read Input Registers', as far as one byte determines it."""
     known = request_class(bytes([code]))
-    name = known.name if known else PUBLIC.get(code)
+    name = known.name if known else _PUBLIC.get(code)
     return f"{code:02X} {name or unnamed_code_text(code)}"
 
 
 def with_meanings(fields: list[Field], pdu: bytes, role: Role | None) -> list[Field]:
-    """The fields of a PDU, each with its sentence; what a message says itself is kept."""
+    """The fields of a PDU, each with its meaning; meanings that a message class gives are kept."""
     held = {field.name: field.value for field in fields}
     start = held.get("address") if role == "request" else None
-    told = []
+    result = []
     for field in fields:
-        words = _words(field, pdu)
+        meaning = _meaning(field, pdu)
         if field.name.startswith("register ") and isinstance(start, int):
-            words = ", ".join(filter(None, (f"for address {start + int(field.name[9:]):04X}h", words)))
-        told.append(field._replace(meaning=words or field.meaning))
-    return told
+            meaning = ", ".join(filter(None, (f"for address {start + int(field.name[9:]):04X}h", meaning)))
+        result.append(field._replace(meaning=meaning or field.meaning))
+    return result
 
 
-def _words(field: Field, pdu: bytes) -> str:
-    """The sentence for one field; empty where there is nothing to add."""
+def _meaning(field: Field, pdu: bytes) -> str:
+    """The meaning of one field; empty if there is nothing to add."""
     value = field.value
     if not isinstance(value, int):
         return ""
@@ -116,10 +116,10 @@ def _words(field: Field, pdu: bytes) -> str:
         case "quantity":
             return _QUANTITY_OF.get(pdu[0], "")
         case "byte_count":
-            there = len(pdu) - field.offset - field.length
-            return "so many bytes follow" if there == value else f"{value} bytes announced, {there} follow"
+            present = len(pdu) - field.offset - field.length
+            return "so many bytes follow" if present == value else f"{value} bytes announced, {present} follow"
         case "mei_type":
-            return f"{value:02X} {MEI_TYPES.get(value, 'reserved')}"
+            return f"{value:02X} {_MEI_TYPES.get(value, 'reserved')}"
         case "read_code":
             return READ_CODES.get(value, "not defined")
         case "object_id":

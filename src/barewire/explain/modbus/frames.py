@@ -1,11 +1,11 @@
-"""The three envelopes of Modbus, laid open around the letter.
+"""Modbus frames, field by field: the three envelopes around a PDU.
 
     rtu      unit | PDU | CRC                                       offsets count bytes
     ascii  : unit | PDU | LRC CR LF                                 offsets count characters, two for each byte
     tcp      transaction | protocol | length | unit | PDU           offsets count bytes
 
-Whether an envelope is good is decided by its own `decode`, never here; here its bytes get their names, also when it
-is not good. An envelope's fault comes first: whoever hears a wrong CRC does not know what was said.
+The `decode` of each envelope decides whether it is valid; here its bytes are named, also in a broken one. A fault of
+the envelope is reported first: with a wrong CRC the content is not certain.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from barewire.rtu import frame as rtu_frame
 from barewire.rtu.crc import crc16
 from barewire.tcp import frame as tcp_frame
 
-MBAP = Layout(">HHHB", "transaction", "protocol", "length", "unit")
+_MBAP = Layout(">HHHB", "transaction", "protocol", "length", "unit")
 
 
 def _fault(decode: Callable[[bytes], Adu], data: bytes) -> DecodeError | None:
@@ -46,17 +46,18 @@ def _fault(decode: Callable[[bytes], Adu], data: bytes) -> DecodeError | None:
     return None
 
 
-def _summary(letter: ParsedPdu, unit: int, ending: str = "") -> str:
-    """The verdict's sentence, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
-    whom = {"request": "a request to", "response": "a response from"}.get(letter.role or "", "a message for or from")
-    note = f" ({letter.note})" if letter.note else ""
-    return f"{whom} unit {unit}, {letter.summary}{ending and '; '}{ending}{note}"
+def _summary(parsed: ParsedPdu, unit: int, ending: str = "") -> str:
+    """The text of the verdict, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
+    directions = {"request": "a request to", "response": "a response from"}
+    direction = directions.get(parsed.role or "", "a message for or from")
+    note = f" ({parsed.note})" if parsed.note else ""
+    return f"{direction} unit {unit}, {parsed.summary}{ending and '; '}{ending}{note}"
 
 
 def _is_bare(body: bytes, checked: int, role: Role | None) -> bool:
     """Whether a unit and a PDU fit a message as they are, and do not without the last `checked` bytes.
 
-    Somebody who writes a frame down often leaves out what is computed. Only a function that is known can tell.
+    The checksum is often left out when a frame is written down. Only a known function shows that.
     """
     whole = explain_pdu(body[1:], role)
     return whole.role is not None and whole.error is None and explain_pdu(body[1:-checked], role).error is not None
@@ -66,7 +67,7 @@ def _is_bare(body: bytes, checked: int, role: Role | None) -> bool:
 
 
 def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
-    """One RTU frame.
+    """Explain one RTU frame.
 
     >>> print(*explain_rtu(bytes.fromhex("010404000001103BC3"), "response").lines(), sep="\\n")
     0  01     unit           1            unit 1
@@ -83,7 +84,7 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     end = _end_of_first(data, role) if is_doubtful else None
     if end is not None:
         frame, behind = data[:end], "perhaps the next frame"
-        # A byte 00 behind a good frame goes unnoticed by the CRC; only the length of the message betrays it.
+        # The CRC does not detect a byte 00 after a good frame; only the length of the message does.
         reason: Reason = "checksum" if fault else "long"
         text = f"a whole frame ends before this, {counted(len(data) - end)} left over"
         fault = DecodeError(reason, data, end, text)
@@ -92,35 +93,35 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     elif fault is not None and fault.reason == "checksum" and data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
         fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
     body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
-    letter = explain_pdu(body[1:], role)
+    parsed = explain_pdu(body[1:], role)
     fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)) for _ in data[:1]]
-    fields += shifted(letter.fields, 1)
+    fields += shifted(parsed.fields, 1)
     if len(body) < len(frame):
         right = crc16(body).to_bytes(2, "little")
         words = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
         fields.append(Field(len(body), 2, "CRC", int.from_bytes(frame[-2:], "little"), words))
     fields += left_over_field(len(frame), len(data), behind)
-    summary = _summary(letter, data[0], "CRC ok") if data else ""
+    summary = _summary(parsed, data[0], "CRC ok") if data else ""
     return Explanation(
-        "rtu", letter.role, explained_fields(fields, data), as_problem(fault) or as_problem(letter.error, by=1), summary
+        "rtu", parsed.role, explained_fields(fields, data), as_problem(fault) or as_problem(parsed.error, by=1), summary
     )
 
 
 def _without_crc(data: bytes, role: Role | None) -> Explanation:
-    """What somebody wrote down without the CRC.
+    """Explain a frame that lacks its CRC.
 
     >>> explain_rtu(bytes.fromhex("01030000000A")).verdict
     'not valid: no CRC; with C5 CD it is a request to unit 1, Read Holding Registers, 10 from 0000h (byte 6)'
     """
-    letter, right = explain_pdu(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
-    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)), *shifted(letter.fields, 1)]
+    parsed, right = explain_pdu(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
+    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)), *shifted(parsed.fields, 1)]
     fields.append(Field(len(data), 0, "CRC", None, f"is missing; it would be {right}"))
-    text = f"no CRC; with {right} it is {_summary(letter, data[0])}"
-    return Explanation("rtu", letter.role, explained_fields(fields, data), Problem("short", len(data), text), text)
+    text = f"no CRC; with {right} it is {_summary(parsed, data[0])}"
+    return Explanation("rtu", parsed.role, explained_fields(fields, data), Problem("short", len(data), text), text)
 
 
 def _end_of_first(data: bytes, role: Role | None) -> int | None:
-    """Where a whole frame with a good CRC ends, if more bytes follow: two frames that were pasted as one."""
+    """The end of a complete frame with a good CRC, if more bytes follow: two frames pasted as one."""
     measures = {"request": (measure_request,), "response": (measure_response,)}
     for measure in measures.get(role or "", (measure_request, measure_response)):
         size = measure(data[1:])
@@ -133,7 +134,7 @@ def _end_of_first(data: bytes, role: Role | None) -> int | None:
 
 
 def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False) -> Explanation:
-    """One ASCII frame. With `typed` the CR LF may be missing, as in a line that somebody copied from a screen.
+    """Explain one ASCII frame. With `typed` the CR LF may be missing, as in a line copied from a screen.
 
     >>> explain_ascii(b":01040FB1000239\\r\\n").verdict
     'valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; LRC ok'
@@ -146,34 +147,34 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
     if not has_end:
         end = len(data.rstrip(b"\r\n")) if typed else len(data)
         end = max(end, start)
-    judged = data[:end] + ascii_frame.END if typed and not has_end else data
-    fault = _fault(ascii_frame.decode, judged)
+    completed = data[:end] + ascii_frame.END if typed and not has_end else data
+    fault = _fault(ascii_frame.decode, completed)
     if fault is not None:
-        # The end that was added for the judge is not there to be pointed at, nor to be counted.
+        # The line end that was added for decoding has no place in the text and is not counted.
         text = fault.text
-        if fault.reason in ("short", "long") and len(judged) > len(data):
-            text = text.replace(f"here are {len(judged)}", f"here are {len(data)} and no CR LF")
+        if fault.reason in ("short", "long") and len(completed) > len(data):
+            text = text.replace(f"here are {len(completed)}", f"here are {len(data)} and no CR LF")
         fault = DecodeError(fault.reason, data, min(fault.at, len(data)), text)
     digits = 0
     while start + digits < end and data[start + digits] in ascii_frame.DIGITS:
         digits += 1
     adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
-    # Only where all of it is digits is the last byte the LRC; behind a wrong character nobody knows what is what.
+    # The last byte is the LRC only if all characters are digits; after a wrong one the fields are not certain.
     all_digits = start > 0 and start + digits == end and digits % 2 == 0
     is_bare = all_digits and fault is not None and fault.reason in ("checksum", "short") and _is_bare(adu, 1, role)
     has_lrc = start + digits == end and digits % 2 == 0 and len(adu) >= 3 and not is_bare
     body = adu[:-1] if has_lrc else adu
-    letter = explain_pdu(body[1:], role)
+    parsed = explain_pdu(body[1:], role)
     inner = [Field(0, 1, "unit", adu[0], unit_text(adu[0], serial=True)) for _ in adu[:1]]
-    inner += shifted(letter.fields, 1)
+    inner += shifted(parsed.fields, 1)
     if has_lrc:
         right = lrc(body)
         words = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
         inner.append(Field(len(body), 1, "LRC", adu[-1], words))
     elif is_bare:
         inner.append(Field(len(body), 0, "LRC", None, f"is missing; it would be {lrc(body):02X}"))
-        told = f"no LRC; with {lrc(body):02X} it is {_summary(letter, adu[0])}"
-        fault = DecodeError("short", data, end, told)
+        text = f"no LRC; with {lrc(body):02X} it is {_summary(parsed, adu[0])}"
+        fault = DecodeError("short", data, end, text)
     fields = [Field(start - 1, 1, "start", ":", "begins a frame") for _ in range(min(start, 1))]
     fields += [field._replace(offset=start + 2 * field.offset, length=2 * field.length) for field in inner]
     if has_end:
@@ -181,16 +182,16 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
     elif typed:
         words = "CR LF is missing here; on a line every frame ends with it"
         fields = [*fill_gaps(fields, end), Field(end, len(data) - end, "end", None, words)]
-    inside = as_problem(letter.error)
+    inside = as_problem(parsed.error)
     if inside is not None:
         inside = Problem(inside.reason, start + 2 * (1 + inside.at), inside.text)
     shown = tuple(explained_field(field, _characters(field, data)) for field in fill_gaps(fields, len(data)))
-    summary = _summary(letter, adu[0], "LRC ok") if adu else ""
-    return Explanation("ascii", letter.role, shown, as_problem(fault) or inside, summary)
+    summary = _summary(parsed, adu[0], "LRC ok") if adu else ""
+    return Explanation("ascii", parsed.role, shown, as_problem(fault) or inside, summary)
 
 
 def _characters(field: Field, data: bytes) -> str:
-    """The characters of a field as they were typed: digits in pairs, the invisible ones by name or escaped."""
+    """The characters of a field: digits in pairs, invisible ones by name or escaped."""
     text = data[field.offset : field.offset + field.length]
     if field.name == "end":
         return " ".join({13: "CR", 10: "LF"}[character] for character in text)
@@ -203,7 +204,7 @@ def _characters(field: Field, data: bytes) -> str:
 
 
 def explain_tcp(data: bytes, role: Role | None = None) -> Explanation:
-    """One Modbus TCP frame.
+    """Explain one Modbus TCP frame.
 
     >>> print(*explain_tcp(bytes.fromhex("000700000006010300000001")).lines(), sep="\\n")
      0  00 07  transaction    7  the answer repeats it
@@ -216,32 +217,32 @@ def explain_tcp(data: bytes, role: Role | None = None) -> Explanation:
     valid: a request to unit 1, Read Holding Registers, 1 from 0000h; transaction 7
     """
     fault = _fault(tcp_frame.decode, data)
-    header = MBAP.fields(data)
-    if len(header) < len(MBAP.names):
-        fields, letter, end = fill_gaps(header, len(data), MBAP.names[len(header)]), explain_pdu(b"", role), len(data)
+    header = _MBAP.fields(data)
+    if len(header) < len(_MBAP.names):
+        fields, parsed, end = fill_gaps(header, len(data), _MBAP.names[len(header)]), explain_pdu(b"", role), len(data)
     else:
-        # Only a length that can be one cuts the frame off; any other number says nothing about where it ends.
+        # Only a possible length ends the frame; any other number does not show where it ends.
         length = int.from_bytes(data[4:6], "big")
         end = min(tcp_frame.PREFIX + length, len(data)) if length in tcp_frame.LENGTHS else len(data)
-        letter = explain_pdu(data[MBAP.size : end], role)
-        fields = [*header, *shifted(letter.fields, MBAP.size)]
+        parsed = explain_pdu(data[_MBAP.size : end], role)
+        fields = [*header, *shifted(parsed.fields, _MBAP.size)]
     fields = [_header_words(field, len(data)) for field in fields]
-    fields += left_over_field(end, len(data), "behind the frame: perhaps the next one")
-    summary = _summary(letter, data[6], f"transaction {int.from_bytes(data[:2], 'big')}") if len(data) > 6 else ""
+    fields += left_over_field(end, len(data), "after the frame: perhaps the next one")
+    summary = _summary(parsed, data[6], f"transaction {int.from_bytes(data[:2], 'big')}") if len(data) > 6 else ""
     whole = explained_fields(fields, data)
-    return Explanation("tcp", letter.role, whole, as_problem(fault) or as_problem(letter.error, by=MBAP.size), summary)
+    return Explanation("tcp", parsed.role, whole, as_problem(fault) or as_problem(parsed.error, by=_MBAP.size), summary)
 
 
 def _header_words(field: Field, size: int) -> Field:
-    """The sentence for a field of the header; the others have theirs."""
+    """A field of the header with its meaning; other fields are returned unchanged."""
     value = field.value
-    if field.offset >= MBAP.size or not isinstance(value, int):
+    if field.offset >= _MBAP.size or not isinstance(value, int):
         return field
     follow = size - tcp_frame.PREFIX
-    words = {
+    meanings = {
         "transaction": "the answer repeats it",
-        "protocol": "Modbus" if value == 0 else "not Modbus, that has 0",
+        "protocol": "Modbus" if value == 0 else "not Modbus, which has 0",
         "length": f"unit and PDU: {value} bytes " + ("follow" if value == follow else f"announced, {follow} follow"),
         "unit": unit_text(value, serial=False),
     }
-    return field._replace(meaning=words[field.name])
+    return field._replace(meaning=meanings[field.name])

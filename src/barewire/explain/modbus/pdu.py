@@ -1,12 +1,12 @@
-"""The letter inside the three Modbus envelopes: which message it is, who says it, and what each field means.
+"""A Modbus PDU, field by field: its function, its direction, and the meaning of each field.
 
         04 0F B1 00 02        fits a request (5 bytes), and no response: the byte count would be 0Fh
         04 04 00 00 01 10     fits a response (byte count 4, 4 bytes follow), and no request
         06 00 01 00 03        fits both: a write is answered with its echo
 
-A message does not say whether it is a request or a response; whoever listens has to know who is speaking. Where nobody
-says it, both shapes are tried. If both fit it is called a request, with a note. If none fits, the one counts that is
-nearer in length, because a message with a wrong value in it is more usual than one with a wrong length.
+A PDU does not contain its direction. If the caller does not give it, both shapes are tried. If both fit, the PDU
+counts as a request, with a note. If none fits, the one nearer in length counts, because a wrong value is more usual
+than a wrong length.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from barewire.modbus.messages.base import EXCEPTION_BIT, Message
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 from barewire.modbus.messages.registry import ENCAPSULATED, request_class, response_class
 
-UNKNOWN_SHAPE = "data"
+_UNKNOWN_SHAPE = "data"
 
 
 class ParsedPdu(NamedTuple):
-    """One PDU explained; offsets are counted in it. `note` says what could not be decided."""
+    """One PDU explained; offsets count from its start. `note` names what could not be decided."""
 
     role: Role | None
     fields: list[Field]
@@ -36,7 +36,7 @@ class ParsedPdu(NamedTuple):
 
 
 def explain_pdu(pdu: bytes, role: Role | None = None) -> ParsedPdu:
-    """Explain a PDU. Never raises: what is wrong with it is in `error`.
+    """Explain a PDU. Never raises; `error` holds the fault.
 
     >>> explain_pdu(bytes.fromhex("8302")).summary
     'exception 02 (illegal data address) to 03 Read Holding Registers'
@@ -52,7 +52,7 @@ def explain_pdu(pdu: bytes, role: Role | None = None) -> ParsedPdu:
 
 
 def guess_role(pdu: bytes) -> tuple[Role | None, str]:
-    """Who says this, and a note if it might as well be the other. None for a function nobody here knows.
+    """The direction by the shape, and a note if the other one fits as well. None for an unknown function.
 
     >>> guess_role(bytes.fromhex("0600010003"))
     ('request', 'a response can look the same')
@@ -71,13 +71,13 @@ def guess_role(pdu: bytes) -> tuple[Role | None, str]:
 
 
 def _missed(message: type[Message], pdu: bytes) -> int:
-    """By how many bytes the length misses the shape."""
+    """The difference in bytes between the length and the length of the shape."""
     size = message.measure(pdu)
     return abs(size - len(pdu)) if size is not None else len(pdu)
 
 
 def _shape(pdu: bytes, role: Role | None) -> type[Message] | None:
-    """The class that lays out these bytes. Bit 7 says "exception response", whatever role was claimed."""
+    """The message class of these bytes. Bit 7 marks an exception response, whatever role the caller gives."""
     if role == "response" or pdu[0] & EXCEPTION_BIT:
         return response_class(pdu)
     return request_class(pdu)
@@ -98,12 +98,12 @@ def _error(message: type[Message] | None, pdu: bytes, role: Role | None) -> Deco
         return DecodeError(
             "function", pdu, 0, f"function code {pdu[0]:02X}: bit 7 is set, as in exception responses only"
         )
-    # A function that nobody here knows is no fault: 65..72 and 100..110 are for everyone's own use.
+    # An unknown function is not a fault: 65..72 and 100..110 are user-defined.
     return _decode_error(message, pdu) if message else None
 
 
 def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
-    """Each byte in a field, named as far as the shape is known."""
+    """All bytes in fields, named as far as the shape is known."""
     if message is not None:
         found = message.fields(pdu)
         names = message.layout.names
@@ -113,25 +113,25 @@ def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
         found.append(Field(1, 1, "mei_type", pdu[1]))
     if len(pdu) > len(found):
         rest = pdu[len(found) :]
-        found.append(Field(len(found), len(rest), UNKNOWN_SHAPE, rest.hex(" ").upper()))
+        found.append(Field(len(found), len(rest), _UNKNOWN_SHAPE, rest.hex(" ").upper()))
     return found
 
 
 def _summary(fields: list[Field], pdu: bytes) -> str:
     """The message in one line, for the verdict."""
     if pdu[0] & EXCEPTION_BIT:
-        said = f"exception {pdu[1]:02X} ({exception_name(pdu[1])})" if len(pdu) > 1 else "exception"
+        text = f"exception {pdu[1]:02X} ({exception_name(pdu[1])})" if len(pdu) > 1 else "exception"
         if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
-            said = "extended exception"
-        return f"{said} to {code_title(pdu[0] & ~EXCEPTION_BIT)}"
+            text = "extended exception"
+        return f"{text} to {code_title(pdu[0] & ~EXCEPTION_BIT)}"
     held = {field.name: field.value for field in fields}
     address, quantity, value = held.get("address"), held.get("quantity"), held.get("value")
     if isinstance(address, int):
         if isinstance(quantity, int):
             return f"{function_title(pdu)}, {quantity} from {address:04X}h"
         if isinstance(value, int):
-            words = {field.name: field.meaning for field in fields}
-            return f"{function_title(pdu)}, {words['value'] if pdu[0] == 0x05 else value} to {address:04X}h"
+            meanings = {field.name: field.meaning for field in fields}
+            return f"{function_title(pdu)}, {meanings['value'] if pdu[0] == 0x05 else value} to {address:04X}h"
     registers = sum(field.name.startswith("register ") for field in fields)
     if registers:
         return f"{function_title(pdu)}, {counted(registers, 'register')}"
@@ -140,5 +140,5 @@ def _summary(fields: list[Field], pdu: bytes) -> str:
 
 
 def left_over_field(at: int, size: int, meaning: str = "") -> list[Field]:
-    """The field for the bytes behind a frame that is complete, if there are any."""
+    """A field for the bytes after a complete frame, if there are any."""
     return [Field(at, size - at, LEFT_OVER, None, meaning)] if size > at else []
