@@ -51,7 +51,7 @@ def files() -> Iterator[bytes]:
 def table(rules: dict[str, str]) -> str:
     """One table, in the order of the rules."""
     shown = examples()
-    rows = ["| rule | what is said | for example |", "|---|---|---|"]
+    rows = ["| rule | message | example |", "|---|---|---|"]
     for rule, says in rules.items():
         line = shown.get(rule, "")
         rows.append(f"| `{rule}` | {says} | {f'`{line}`' if line else ''} |")

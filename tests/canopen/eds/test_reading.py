@@ -122,7 +122,7 @@ def test_limits_come_along() -> None:
 def test_a_formula_needs_a_node() -> None:
     file = GOOD.replace("=5\n", "=$NODEID+0x200\n")
     assert eds.parse(file.encode()).objects[0x2000].item().default == eds.Formula(0x200)
-    with pytest.raises(Exception, match=r"2000h:00 is \$NODEID\+0x200: say for which node"):
+    with pytest.raises(Exception, match=r"2000h:00 is \$NODEID\+0x200: a node-ID is needed"):
         eds.parse(file.encode()).dictionary()
     with pytest.raises(Exception, match="128"):
         eds.parse(file.encode()).dictionary(128)

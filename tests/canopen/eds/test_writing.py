@@ -161,7 +161,7 @@ def test_an_implied_record_is_written_out() -> None:
     assert document.diagnostics == ()
     assert document.dictionary(1).get(0x1800, 2) == 255
     assert document.objects[0x1A00].line == 0
-    with pytest.raises(EncodeError, match="there already"):
+    with pytest.raises(EncodeError, match="exists already"):
         eds.add_object(document, document.objects[0x1800])
 
 
@@ -231,7 +231,7 @@ def test_a_file_of_our_own_is_without_fault() -> None:
     assert again.objects[0x2000].item(2).denotation == "left"
     assert again.get("Comments", "line1") == "hello ; you"
     assert again.dummies == {5}
-    assert repr(again) == f"<Document: {len(again.lines)} lines, 5 objects>"
+    assert repr(again) == f"<Eds: {len(again.lines)} lines, 5 objects>"
     assert eds.parse(again.encode()).encode() == again.encode()
 
 

@@ -1,32 +1,36 @@
 """EDS and DCF: a device's object dictionary as a text file, read and written without loss.   [CiA 306]
 
-        [1017]                             "what the file says"        document.get, put      text of a key
-        ParameterName=Heartbeat time       "what it means"             document.objects       EdsObject, EdsItem
-        DataType=0x0006                    "what a device has of it"   document.dictionary(5) ObjectDictionary
-        DefaultValue=1000 ; ms             "what is odd about it"      document.diagnostics, lint(document)
+        [1017]                                 text of a key           eds.get, eds.put
+        ParameterName=Heartbeat time           described objects       eds.objects            EdsObject, EdsItem
+        DataType=0x0006                        objects of a device     eds.dictionary(5)      ObjectDictionary
+        DefaultValue=1000 ; ms                 departures from CiA 306 eds.diagnostics, lint(eds)
 
-    lines     bytes <-> lines, each in pieces          names     sections and keys, and how else they are spelled
-    document  lines -> sections; changing a line       values    numbers, formulas, data types <-> text
-    read      sections -> objects                      objects   objects -> the dictionary of a device
-    compact   sub-indices and PDOs without sections    compose   from scratch; EDS -> DCF; one key of an object
-    rules     the closed list of oddities              lint      what is missing, what contradicts itself
+Files, in reading order:
 
-Files in the wild break every rule. Each has an answer here and a diagnostic with its line; `parse` raises nothing,
-unless it is told to be strict. What nobody changed is written byte for byte as it came.
+    diagnostics     the closed list of rules           lexer       bytes <-> lines, each in pieces
+    section_names   sections, keys, other spellings    document    lines -> sections; changes of single lines
+    value_syntax    text <-> numbers, values           model       EdsObject, EdsItem -> object dictionary
+    reader          sections -> objects                edit        one key of an object, a new object
+    eds_file        Eds and parse: all of these        compose     a new EDS; EDS -> DCF
+    lint            missing parts, contradictions
 
-I know: the text of CiA 306.  I never know: files on a disk, buses.
+Files in the field break every rule. Each departure has a defined reading and a diagnostic with its line; `parse` raises
+only if `strict`. Unchanged lines are written byte for byte as they were read.
+
+Depends on: data types, the object dictionary. Used by: devices (export), explain and cli, user code.
 """
 
+from barewire.canopen.eds.compose import compose, to_dcf
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES, Diagnostic, EdsError
-from barewire.canopen.eds.document import Document, parse
+from barewire.canopen.eds.edit import add_object
+from barewire.canopen.eds.eds_file import Eds, parse
 from barewire.canopen.eds.lint import lint
 from barewire.canopen.eds.model import EdsItem, EdsObject
 from barewire.canopen.eds.value_syntax import Formula
-from barewire.canopen.eds.writer import add_object, compose, to_dcf
 
 __all__ = [
     "parse",
-    "Document",
+    "Eds",
     "lint",
     "compose",
     "to_dcf",

@@ -1,30 +1,27 @@
-"""An EDS or DCF as a document: lines that stay, sections that are found in them, objects that are read out of them.
+"""The sections and keys of an EDS or DCF, and changes of single lines.
 
-        bytes --parse--> lines --> sections: name -> keys -> where their lines are --> objects --> ObjectDictionary
-        bytes <-encode-- lines <-- put, remove: one line changes, or one comes, or one goes
+        bytes --> lines --> sections: name -> keys -> positions of their lines
+        bytes <-- lines <-- put, append: one line is changed, added or removed
 
-The lines are the only truth. Sections and objects are read out of them when asked for, and again after a change.
+The lines are the only state. Sections are computed from them when needed, and again after a change.
+
+Depends on: lexer, section names. Used by: reader and edit, which give keys a meaning; `Eds`, which adds the objects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Self
 
-from barewire.canopen.eds.diagnostics import Diagnostic, EdsError, diagnostic
-from barewire.canopen.eds.lexer import EdsLine, EdsText, decode_text, split_lines, text_diagnostics
+from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
+from barewire.canopen.eds.lexer import EdsLine, EdsText, split_lines, text_diagnostics
 from barewire.canopen.eds.section_names import KeyName, SectionName, key_name, section_name
 from barewire.canopen.eds.value_syntax import read_integer
 from barewire.errors import EncodeError
 
-if TYPE_CHECKING:
-    from barewire.canopen.eds.model import EdsObject
-    from barewire.canopen.eds.value_syntax import Expression
-    from barewire.canopen.object_dictionary import ObjectDictionary
-
 
 class Section(NamedTuple):
-    """A section: what its name means, the line of its head (from 1), and its keys with the places of their lines."""
+    """A section: the meaning of its name, the line of its head (from 1), and the positions of its keys in the lines."""
 
     name: SectionName
     line: int
@@ -33,42 +30,27 @@ class Section(NamedTuple):
 
 
 class Document:
-    """An EDS or DCF. `parse` makes one of bytes, `compose` one from scratch.
+    """The lines of a file, and the sections and keys in them."""
 
-    >>> lines = b"[1017]", b"ParameterName = Heartbeat  ; ms", b"DataType=0x0006", b"AccessType=rw", b"DefaultValue=0"
-    >>> document = parse(b"\\n".join(lines))
-    >>> document.get("1017", "parametername")
-    'Heartbeat'
-    >>> document.set(0x1017, 0, "DefaultValue", 1000)
-    >>> document.encode()[-33:]
-    b'6\\nAccessType=rw\\nDefaultValue=1000'
-    >>> [str(oddity) for oddity in document.diagnostics][:1]
-    ['1: not-listed: [1017]: stands in none of the three lists of objects; read all the same']
-    """
-
-    __slots__ = ("_lines", "_objects", "_odd_names", "_odd_objects", "_sections", "_text")
+    __slots__ = ("_lines", "_name_diagnostics", "_sections", "_text")
 
     def __init__(self, text: EdsText) -> None:
         self._text = text
         self._lines: list[EdsLine] = split_lines(text.text)
-        self._forget()
+        self._changed()
 
-    def _forget(self) -> None:
+    def _changed(self) -> None:
+        """Discard what was computed from the lines."""
         self._sections: dict[str, Section] | None = None
-        self._objects: dict[int, EdsObject] | None = None
-        self._odd_names: list[Diagnostic] = []
-        self._odd_objects: list[Diagnostic] = []
+        self._name_diagnostics: list[Diagnostic] = []
 
-    def __repr__(self) -> str:
-        return f"<Document: {len(self._lines)} lines, {len(self.objects)} objects>"
-
-    def copy(self) -> Document:
-        """Another document of the same lines."""
-        other = Document(self._text._replace(text=""))
+    def copy(self) -> Self:
+        """Another document with the same lines."""
+        other = type(self)(self._text._replace(text=""))
         other._lines = list(self._lines)
         return other
 
-    # What comes out
+    # Reading
 
     @property
     def encoding(self) -> str:
@@ -81,47 +63,39 @@ class Document:
         return tuple(self._lines)
 
     def encode(self) -> bytes:
-        """The file: the bytes that were parsed, but for the lines that were changed."""
+        """The file: the parsed bytes, except for changed lines."""
         return self._text.mark + "".join(line.text for line in self._lines).encode(self._text.encoding)
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Everything odd, in the order of lines."""
-        self._read_objects()
+        """All diagnostics of lines, sections and keys, in the order of lines."""
+        _ = self.sections
         text = self._text._replace(text="".join(line.text for line in self._lines))
-        return tuple(sorted({*text_diagnostics(text, self._lines), *self._odd_names, *self._odd_objects}))
+        return tuple(sorted({*text_diagnostics(text, self._lines), *self._name_diagnostics}))
 
     @property
     def sections(self) -> Mapping[str, Section]:
-        """The sections by their folded proper name: "deviceinfo", "1018sub1"."""
+        """The sections by their proper name in lower case: "deviceinfo", "1018sub1"."""
         if self._sections is None:
-            self._odd_names = []
+            self._name_diagnostics = []
             self._sections = {section.name.key: section for section in self._find_sections()}
         return self._sections
 
-    @property
-    def objects(self) -> Mapping[int, EdsObject]:
-        """The objects by index, those of compact storage too."""
-        return self._read_objects()
-
-    def dictionary(self, node_id: int | None = None) -> ObjectDictionary:
-        """The objects as a device has them: formulas counted out for the node, ParameterValue as the present value.
-
-        Without a node-ID that of [DeviceComissioning] is taken. EncodeError if there is none and a formula needs it.
-        """
-        from barewire.canopen.eds.model import to_dictionary
-
-        return to_dictionary(self, node_id)
-
     def get(self, section: str, key: str) -> str | None:
-        """The text behind a key, whatever the capitals; None if there is none."""
+        """The text of a key, in any capitals; None without it."""
         found = self.sections.get(section_name(section).key)
         return None if found is None else self.value(found, key_name(found.name, key).key)
 
     def value(self, section: Section, key: str) -> str | None:
-        """The text behind a folded key of a section."""
+        """The text of a key in lower case of a section; None without it."""
         at = section.keys.get(key)
         return None if at is None else self._lines[at].value
+
+    @property
+    def node_id(self) -> int | None:
+        """The node-ID of [DeviceComissioning]; None without a valid one."""
+        number = read_integer(self.get("DeviceComissioning", "NodeID") or "").value
+        return number if number is not None and 1 <= number <= 127 else None
 
     @property
     def dummies(self) -> frozenset[int]:
@@ -131,21 +105,21 @@ class Document:
         allowed = (key for key in keys if read_integer(self.get("DummyUsage", key) or "").value == 1)
         return frozenset(int(key[5:], 16) for key in allowed if section and section.names[key].known)
 
-    # What goes in
+    # Changing
 
     def put(self, section: str, key: str, value: str | None) -> None:
-        """Write a text behind a key: in its line, or in a new one at the end of the section, or of a new section.
+        """Write the text of a key: in its line, or in a new one at the end of the section, or of a new section.
 
-        None takes the line away. EncodeError for a text that would not be read back as it is.
+        None removes the line. Raises EncodeError for a text that would not be read back unchanged.
         """
         name = section_name(section)
         found = self.sections.get(name.key)
         wanted = key_name(found.name if found else name, key)
         at = None if found is None else found.keys.get(wanted.key)
         if value is None:
-            while at is not None:  # the same key may be there again
+            while at is not None:  # the key may occur more than once
                 del self._lines[at]
-                self._forget()
+                self._changed()
                 at = self.sections[name.key].keys.get(wanted.key)
         elif at is not None:
             old = self._lines[at]
@@ -160,30 +134,19 @@ class Document:
                 self._insert(len(self._lines), [*gap, head, new])
             else:
                 self._insert(max([found.line, *(place + 1 for place in found.keys.values())]), [new])
-        self._forget()
-
-    def set(self, index: int, sub: int, key: str, value: str | Expression | None) -> None:
-        """Write what is told of a variable, or of one sub-index of an object.
-
-        A value of the object's data type is written as a number or text of it, in the form that the old one had; a
-        str is written as it is. What CompactSubObj makes has its values and names in a section of their own, and a
-        record that CompactPDO implies is written out first. None takes the line away.
-        """
-        from barewire.canopen.eds.writer import set_key
-
-        set_key(self, index, sub, key, value)
+        self._changed()
 
     def append(self, lines: Iterable[str]) -> None:
-        """Lines at the end of the file, with the line end that it has."""
+        """Add lines at the end of the file, with its line end."""
         end = self._line_end()
         self._insert(len(self._lines), [self._checked(line) for text in lines for line in split_lines(text + end)])
-        self._forget()
+        self._changed()
 
     def _line_end(self) -> str:
         return next((line.end for line in self._lines if line.end), "\r\n")
 
     def _insert(self, at: int, new: list[EdsLine]) -> None:
-        """New lines before the one at `at`; the last line of a file may have no end, and gets one then."""
+        """Insert lines before the one at `at`; a last line without an end gets one."""
         if at and not self._lines[at - 1].end:
             self._lines[at - 1] = self._lines[at - 1]._replace(end=self._line_end())
         self._lines[at:at] = new
@@ -200,52 +163,34 @@ class Document:
             )
         return line
 
-    # Reading
-
-    def _read_objects(self) -> dict[int, EdsObject]:
-        if self._objects is None:
-            from barewire.canopen.eds.model import read_objects
-
-            self._odd_objects = []
-            self._objects = read_objects(self, self._odd_objects)
-        return self._objects
-
     def _find_sections(self) -> Iterator[Section]:
-        """Every section once; one of the same name later adds to the first."""
+        """Every section once; a later one of the same name adds to the first."""
         found: dict[str, Section] = {}
         current: Section | None = None
         for at, line in enumerate(self._lines):
             if line.kind == "section":
                 name = section_name(line.key)
                 if name.rule:
-                    self._say(at, name.rule, f"[{line.key}]")
+                    self._report(at, name.rule, f"[{line.key}]")
                 if name.key in found:
-                    self._say(at, "duplicate-section", f"[{line.key}]")
+                    self._report(at, "duplicate-section", f"[{line.key}]")
                 current = found.setdefault(name.key, Section(name, at + 1, {}, {}))
             elif line.kind == "pair" and line.key:
                 if current is None:
-                    self._say(at, "no-section", line.shown)
+                    self._report(at, "no-section", line.shown)
                 else:
-                    self._key(current, at, line)
+                    self._add_key(current, at, line)
         return iter(found.values())
 
-    def _key(self, section: Section, at: int, line: EdsLine) -> None:
+    def _add_key(self, section: Section, at: int, line: EdsLine) -> None:
         name = key_name(section.name, line.key)
         if name.rule:
-            self._say(at, name.rule, f"[{section.name.proper}] {line.key}")
+            self._report(at, name.rule, f"[{section.name.proper}] {line.key}")
         if name.key in section.keys:
-            self._say(at, "duplicate-key", f"[{section.name.proper}] {line.key}={line.value}")
+            self._report(at, "duplicate-key", f"[{section.name.proper}] {line.key}={line.value}")
         else:
             section.keys[name.key] = at
             section.names[name.key] = name
 
-    def _say(self, at: int, rule: str, what: str) -> None:
-        self._odd_names.append(diagnostic(at + 1, rule, what))
-
-
-def parse(data: bytes, *, strict: bool = False) -> Document:
-    """The document that the bytes are. Never raises, unless `strict`: then EdsError for the first oddity."""
-    document = Document(decode_text(data))
-    if strict and document.diagnostics:
-        raise EdsError(document.diagnostics)
-    return document
+    def _report(self, at: int, rule: str, what: str) -> None:
+        self._name_diagnostics.append(diagnostic(at + 1, rule, what))

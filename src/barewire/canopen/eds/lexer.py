@@ -1,15 +1,15 @@
-"""Bytes <-> lines, without loss: whatever is not understood stays where it is.
+"""Bytes <-> lines of an EDS, without loss.
 
         EF BB BF    ParameterName = Device type ; in words CR LF
         |           '-----------' ^ '---------' '--------' '---'
         BOM         key           | value       after      end
                                   between
 
-A document is the list of its lines, and a line is the row of its pieces: joined, they are the bytes that came. So a
-change is another piece in one line, and everything else is untouched, be it right or wrong.
+A document is the list of its lines, and a line the tuple of its pieces: joined, they are the original bytes. A change
+replaces one piece of one line; everything else stays as it is, correct or not.
 
-The encoding is the first of UTF-16 (with its mark), ASCII, UTF-8, Windows-1252 and Latin-1 that gives the same bytes
-back; Latin-1 always does.
+The encoding is the first of UTF-16 (with its byte order mark), ASCII, UTF-8, Windows-1252 and Latin-1 that reproduces
+the bytes; Latin-1 always does.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 
 _CONFLICT = re.compile(r"(?:<{7}|={7}|>{7}|\|{7})(?: .*)?")
 
-_FREE = re.compile(r"line[0-9]+", re.IGNORECASE)  # lines of [Comments]: nothing in them is a comment of the file
+_FREE_TEXT = re.compile(r"line[0-9]+", re.IGNORECASE)  # keys of [Comments]: their text has no comments of the file
 
 
 class EdsText(NamedTuple):
-    """A file as text: its byte order mark, its encoding, and the text behind the mark."""
+    """A file as text: its byte order mark, its encoding, and the text after the mark."""
 
     mark: bytes
     encoding: str
@@ -40,10 +40,10 @@ class EdsText(NamedTuple):
 
 
 def decode_text(data: bytes) -> EdsText:
-    """The bytes as text. Never fails; `encode` gives the same bytes back.
+    """The bytes as text. Never raises; encoding the text reproduces the bytes.
 
     >>> decode_text(b"[1000]"), decode_text(b"\\xdcberlast").encoding
-    (Text(mark=b'', encoding='ascii', text='[1000]'), 'cp1252')
+    (EdsText(mark=b'', encoding='ascii', text='[1000]'), 'cp1252')
     """
     mark, first = next(((mark, name) for mark, name in _MARKS if data.startswith(mark)), (b"", "ascii"))
     rest = data[len(mark) :]
@@ -54,11 +54,11 @@ def decode_text(data: bytes) -> EdsText:
                 return EdsText(mark, encoding, text)
         except UnicodeError:
             continue
-    raise AssertionError("latin-1 has every byte")
+    raise AssertionError("latin-1 decodes every byte")
 
 
 class EdsLine(NamedTuple):
-    """One line in pieces. Of a section, `key` is its name; of what is no pair, everything else is in `after`."""
+    """One line in pieces. The `key` of a section is its name; other lines without a key have all text in `after`."""
 
     kind: Kind
     before: str = ""
@@ -70,12 +70,12 @@ class EdsLine(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The line as it stands in the file."""
+        """The line as it is in the file."""
         return "".join(self[1:])
 
     @property
     def shown(self) -> str:
-        """The line for a person."""
+        """The line for messages, without outer blanks."""
         return self.text.strip()
 
 
@@ -89,7 +89,7 @@ def split_lines(text: str) -> list[EdsLine]:
 
 
 def _parse_line(piece: str) -> EdsLine:
-    """One line with its end, taken to pieces."""
+    """Split one line with its end into pieces."""
     body = piece.rstrip("\r\n")
     end = piece[len(body) :]
     bare = body.strip()
@@ -123,12 +123,12 @@ def _section(body: str, end: str) -> EdsLine:
 
 
 def _comment(key: str, rest: str) -> int:
-    """Where the comment behind a value begins: at a semicolon with a blank before it, since names may have one.
+    """Where the comment after a value begins: at a semicolon after a blank, since names may contain a semicolon.
 
     >>> _comment("ParameterName", "speed;torque ; in words")
     13
     """
-    if _FREE.fullmatch(key):
+    if _FREE_TEXT.fullmatch(key):
         return len(rest)
     at = rest.find(";")
     while at > 0 and not rest[at - 1].isspace():
@@ -137,7 +137,7 @@ def _comment(key: str, rest: str) -> int:
 
 
 def text_diagnostics(read_as: EdsText, lines: list[EdsLine]) -> list[Diagnostic]:
-    """What is odd about the text and about each line by itself."""
+    """Diagnostics of the text and of each line by itself."""
     found = []
     if read_as.mark:
         found.append(diagnostic(1, "byte-order-mark", read_as.mark.hex(" ").upper()))
@@ -150,11 +150,11 @@ def text_diagnostics(read_as: EdsText, lines: list[EdsLine]) -> list[Diagnostic]
             found.append(diagnostic(number, "line-ends", line.shown))
             break
     for number, line in enumerate(lines, 1):
-        found += [diagnostic(number, rule, line.shown) for rule in _rules(line)]
+        found += [diagnostic(number, rule, line.shown) for rule in _broken_rules(line)]
     return found
 
 
-def _rules(line: EdsLine) -> list[str]:
+def _broken_rules(line: EdsLine) -> list[str]:
     broken = []
     if _CONTROL.search(line.text[: len(line.text) - len(line.end)]):
         broken.append("control-character")
@@ -166,13 +166,13 @@ def _rules(line: EdsLine) -> list[str]:
         elif line.after[0].isspace():
             broken.append("blanks")
     elif line.kind == "section":
-        behind = line.after.partition("]")[2].strip()
+        rest = line.after.partition("]")[2].strip()
         if line.before != "[" or line.after[:1].isspace():
             broken.append("blanks")
         if "]" not in line.after:
             broken.append("section-open")
-        elif behind:
-            broken.append("inline-comment" if behind.startswith(";") else "behind-section")
+        elif rest:
+            broken.append("inline-comment" if rest.startswith(";") else "behind-section")
     elif line.kind == "pair":
         if not line.key:
             broken.append("no-key")

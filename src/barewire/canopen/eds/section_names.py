@@ -1,4 +1,4 @@
-"""The names of an EDS: which sections there are, which keys they have, and what is meant by another spelling.
+"""The names of an EDS: its sections and their keys, and other spellings of them.   [CiA 306]
 
         [FileInfo] [DeviceInfo] [DummyUsage] [Comments]               heads
         [MandatoryObjects] [OptionalObjects] [ManufacturerObjects]    lists      1=0x1000
@@ -6,7 +6,7 @@
         [1003Name] [1003Value] [1003Denotation]                       of sub-indices made by CompactSubObj
         [M1ModuleInfo] [M1Fixed6000] ...                              modules: kept, not read
 
-Nobody agrees on capitals, so names are compared without them. `SectionName.key` is what is compared.
+Files differ in capitals, so names are compared in lower case: `SectionName.key`, `KeyName.key`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ HEADS: dict[str, list[str]] = {
     "DynamicChannels": ["NrOfSeg"],
     "Tools": ["Items"],
 }
-"""Every head with the keys it may have; numbered keys are not listed."""
+"""Every head with its possible keys, except numbered ones."""
 
 TEXTS = frozenset(
     {
@@ -59,7 +59,7 @@ TEXTS = frozenset(
         *(key.casefold() for key in _OBSOLETE_KEYS),
     }
 )
-"""Keys of [DeviceInfo] and [DeviceComissioning] that hold text; the others hold numbers."""
+"""Keys of [DeviceInfo] and [DeviceComissioning] with text; the others have numbers."""
 
 _COMPACT = {"name": "Name", "value": "Value", "denotation": "Denotation", "objectlinks": "ObjectLinks"}
 _OBJECT = re.compile(
@@ -74,9 +74,9 @@ _OWN_SPELLINGS = {"nrofrxpdo": "NrOfRxPDO", "nroftxpdo": "NrOfTxPDO", "edsversio
 
 
 class SectionName(NamedTuple):
-    """What a section's name means. `proper` is how CiA 306 spells it, `rule` the one that another spelling breaks.
+    """The meaning of a section's name. `proper` is the spelling of CiA 306, `rule` the rule that another one breaks.
 
-    Capitals break none: CiA 306 4.2 compares names without them.
+    Capitals break no rule: CiA 306 4.2 compares names without them.
     """
 
     kind: SectionKind
@@ -88,11 +88,11 @@ class SectionName(NamedTuple):
 
     @property
     def key(self) -> str:
-        """What is compared."""
+        """The name for comparisons, in lower case."""
         return self.proper.casefold()
 
     def other_capitals(self, name: str) -> bool:
-        """Whether the name as it stands differs from the proper one in capitals only; those of digits are free."""
+        """Whether a spelling differs from the proper one in capitals only; hexadecimal digits may have either."""
         if name.casefold() != self.key or self.kind == "object":
             return False
         word = "sub" if self.kind == "sub" else self.part
@@ -100,7 +100,7 @@ class SectionName(NamedTuple):
 
 
 def section_name(name: str) -> SectionName:
-    """What is meant by the name between the brackets.
+    """The meaning of a name between brackets.
 
     >>> section_name("1018Sub1")
     SectionName(kind='sub', proper='1018sub1', rule='', object=4120, sub=1, part='')
@@ -132,8 +132,8 @@ def _object(name: str, match: re.Match[str]) -> SectionName:
 
 
 class KeyName(NamedTuple):
-    """What a key means: how it is spelled, whether its section has it, the rule that another spelling breaks, and
-    whether only its capitals are other ones."""
+    """The meaning of a key: its proper spelling, whether its section defines it, the rule that the spelling breaks, and
+    whether it differs in capitals only."""
 
     proper: str
     known: bool
@@ -142,12 +142,12 @@ class KeyName(NamedTuple):
 
     @property
     def key(self) -> str:
-        """What is compared."""
+        """The name for comparisons, in lower case."""
         return self.proper.casefold()
 
 
 def key_name(section: SectionName, key: str) -> KeyName:
-    """What is meant by a key of that section.
+    """The meaning of a key of that section.
 
     >>> key_name(section_name("1018"), "subnumber")
     KeyName(proper='SubNumber', known=True, rule='', capitals=True)
@@ -155,7 +155,7 @@ def key_name(section: SectionName, key: str) -> KeyName:
     KeyName(proper='SupportedObjects', known=True, rule='key-form', capitals=False)
     """
     folded = "".join(key.casefold().split())
-    proper = _known(section).get(folded)
+    proper = _keys_of(section).get(folded)
     if proper:
         if folded != key.casefold():
             return KeyName(proper, True, "key-form")
@@ -170,7 +170,7 @@ def key_name(section: SectionName, key: str) -> KeyName:
 
 
 def entry_number(key: str) -> int | None:
-    """The number that a folded key is, None if it is a name.
+    """The number of a numbered key in lower case, None for a name.
 
     >>> entry_number("12"), entry_number("lines"), entry_number("²")
     (12, None, None)
@@ -185,7 +185,7 @@ _COMPACT_KEYS = {"nrofentries": "NrOfEntries"}
 _LINK_KEYS = {"objectlinks": "ObjectLinks"}
 
 
-def _known(section: SectionName) -> dict[str, str]:
+def _keys_of(section: SectionName) -> dict[str, str]:
     if section.kind in ("object", "sub"):
         return _OBJECT_KEYS
     if section.kind == "head":

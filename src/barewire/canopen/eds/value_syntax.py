@@ -1,11 +1,11 @@
-"""What stands behind the equals sign: numbers in every dress, formulas with the node-ID, values of every data type.
+"""The text of values <-> values: numbers in all notations, formulas with the node-ID, values of every data type.
 
-        10  0x0A  012         integers, all ten     0Ah  1,5  +5  08        meant as 10, 1.5, 5, 8, and reported
+        10  0x0A  012         integers, all ten     0Ah  1,5  +5  08        read as 10, 1.5, 5, 8, and reported
         $NODEID+0x200         a formula             0x200+$NODEID           the same, and reported
         1.5  0x3FC00000       REAL32, either way    FFFEh of an INTEGER16   -2
-        01020A                OCTET_STRING, DOMAIN  Device type             VISIBLE_STRING, as it stands
+        01020A                OCTET_STRING, DOMAIN  Device type             VISIBLE_STRING, unchanged
 
-Nothing here raises: a reading is a value, or None, and the rules that the text breaks.
+Reading never raises: the result is a value, or None, and the rules that the text breaks.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from barewire.errors import DecodeError, EncodeError
 
 
 class Formula(NamedTuple):
-    """A number that waits for the node-ID.
+    """A number that depends on the node-ID.
 
     >>> str(Formula(0x200)), Formula(0x200).at(5) == 0x205
     ('$NODEID+0x200', True)
@@ -42,7 +42,7 @@ Expression = Value | Formula
 
 
 class ReadValue(NamedTuple):
-    """What a text was taken for, None if for nothing, and the rules that it breaks."""
+    """The value of a text, None without one, and the rules that the text breaks."""
 
     value: Expression | None
     rules: tuple[str, ...] = ()
@@ -68,15 +68,15 @@ _WORDS = {"true": 1, "yes": 1, "false": 0, "no": 0}
 
 
 def read_integer(text: str) -> ReadInteger:
-    """An integer, whatever it wears.
+    """Read an integer in any accepted notation.
 
     >>> read_integer("0x1F"), read_integer("001"), read_integer("soon")
-    (Whole(value=31, rules=()), Whole(value=1, rules=()), Whole(value=None, rules=('bad-number',)))
+    (ReadInteger(value=31, rules=()), ReadInteger(value=1, rules=()), ReadInteger(value=None, rules=('bad-number',)))
 
-    A leading zero makes a number octal [CiA 306 4.3]. Few authors mean that, so it is told where it matters.
+    A leading zero makes a number octal [CiA 306 4.3]. Few authors intend that, so it is reported if it matters.
 
     >>> read_integer("012"), read_integer("08")
-    (Whole(value=10, rules=('leading-zeros',)), Whole(value=8, rules=('leading-zeros',)))
+    (ReadInteger(value=10, rules=('leading-zeros',)), ReadInteger(value=8, rules=('leading-zeros',)))
     """
     plain, rules = _strip_syntax(text)
     if not plain:
@@ -106,13 +106,13 @@ def read_integer(text: str) -> ReadInteger:
     elif _REAL.fullmatch(digits) and float(digits.replace(",", ".")).is_integer():
         value = int(float(digits.replace(",", ".")))
         rules += ["decimal-comma"] if "," in digits else ["real-for-integer"]
-    else:  # words: their blanks and quotes are no oddities of a number
+    else:  # words: their blanks and quotes are not reported
         return ReadInteger(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
     return ReadInteger(sign * value, tuple(rules))
 
 
 def _strip_syntax(text: str) -> tuple[str, list[str]]:
-    """A number without what does not belong to it: a comment, quotes, blanks inside."""
+    """A number without comment, quotes and inner blanks, and the rules that these break."""
     plain, rules = text.strip(), []
     plain, comments = strip_comment(plain)
     rules += comments
@@ -126,7 +126,7 @@ def _strip_syntax(text: str) -> tuple[str, list[str]]:
 
 
 def strip_comment(text: str) -> tuple[str, list[str]]:
-    """What stands before a comment: one of CiA 306, or one that programmers are used to.
+    """The text before a comment, of CiA 306 or of a programming language, and the rule it breaks.
 
     >>> strip_comment("0x07 # VAR"), strip_comment("5;rpm")
     (('0x07', ['foreign-comment']), ('5', ['inline-comment']))
@@ -158,16 +158,16 @@ def read_expression(text: str) -> ReadValue:
 
 
 def read_value(text: str, type: str) -> ReadValue:
-    """A value of a data type. An empty text is no value, and breaks no rule.
+    """Read a value of a data type. An empty text has no value, and breaks no rule.
 
     >>> read_value("0xFFFE", "i16").value, read_value("1,5", "f32"), read_value("01 02", "octets").value
-    (-2, Reading(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
+    (-2, ReadValue(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
     """
     if type in ("string", "unicode"):
         bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
         if type == "unicode" or _encodes(bare):
             return ReadValue(bare, rules)
-        # A VISIBLE_STRING is bytes in the end: those that UTF-8 has for it, as characters of one byte each.
+        # A VISIBLE_STRING is bytes: those of the UTF-8 encoding, each as one character.
         return ReadValue(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
     if not text.strip():
         return ReadValue(None)
@@ -178,7 +178,7 @@ def read_value(text: str, type: str) -> ReadValue:
     if type in ("time_of_day", "time_difference") and (match := _DAYS.fullmatch(text.strip())):
         total = int(match[1]) * DAY + int(match[2])
         return ReadValue(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
-    return _of_integer(read_expression(text), type, text)
+    return _integer_of_type(read_expression(text), type, text)
 
 
 def _is_quoted(text: str) -> bool:
@@ -225,8 +225,8 @@ def _real(text: str, type: str) -> ReadValue:
     return ReadValue(value, tuple(rules))
 
 
-def _of_integer(reading: ReadValue, type: str, text: str) -> ReadValue:
-    """Whether a number or a formula is one of the type; a negative one may have been written without its sign."""
+def _integer_of_type(reading: ReadValue, type: str, text: str) -> ReadValue:
+    """Check the range of a number or formula; a negative number may be written as its unsigned pattern."""
     value, rules = reading
     if value is None or "bad-number" in rules:
         return ReadValue(None, rules)
@@ -246,12 +246,12 @@ def _of_integer(reading: ReadValue, type: str, text: str) -> ReadValue:
 
 
 def write_value(value: Expression, type: str, like: str = "") -> str:
-    """A value as text, in the dress of the one that it takes the place of.
+    """A value as text, in the notation of `like`, the text that it replaces.
 
     >>> write_value(10, "u16"), write_value(10, "u16", like="0x0005"), write_value(-2, "i16", like="0xFFFF")
     ('10', '0x000A', '0xFFFE')
 
-    EncodeError if the type has no such value.
+    Raises EncodeError if the type has no such value.
     """
     codec = object_codec(type)
     if isinstance(value, Formula):

@@ -1,7 +1,7 @@
 """A device description as an EDS, for the tools that speak nothing else.
 
         Parameter  name, type, range, default, access  --.
-        several of one index, with sub-indices         ---+--> EdsObject --> compose --> Document --> bytes
+        several of one index, with sub-indices         ---+--> EdsObject --> compose --> Eds --> bytes
         bits of one object                             --'
         CanopenSettings.pdos: the objects in PDOs      ----> PDOMapping=1
 
@@ -18,7 +18,7 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import takewhile
 
-from barewire.canopen.eds import Document, EdsItem, EdsObject, Formula, compose
+from barewire.canopen.eds import Eds, EdsItem, EdsObject, Formula, compose
 from barewire.canopen.eds.model import RECORD, VAR
 from barewire.codecs import Value
 from barewire.devices.device import Device
@@ -35,7 +35,7 @@ _RATE = re.compile(r"([0-9]+) ([kM])bit/s")
 RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
 
-def export(device: Device, file_name: str = "") -> Document:
+def export(device: Device, file_name: str = "") -> Eds:
     """The EDS of a device. EncodeError if its description tells of no CANopen.
 
     >>> from barewire.devices import load
