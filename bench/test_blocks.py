@@ -34,7 +34,7 @@ def _race(count: int) -> Race:
 
     def barewire(_: ExitStack) -> Work:
         decode = block_decoder(PlannedRead("holding", 0, 2 * count, members, 3))
-        return lambda: decode(content)
+        return lambda: dict(zip(names, decode(content)))
 
     def one_by_one(_: ExitStack) -> Work:
         pairs = [(parameter, 2 * place) for place, parameter in enumerate(parameters)]

@@ -1,9 +1,9 @@
-"""Write down where every parameter of the catalogue is: tests/devices/addresses.txt, a line each.
+"""Writes tests/devices/addresses.txt: the address of every parameter of the catalogue, one line each.
 
-Descriptions were held against the pages of the manuals once, row by row. This list keeps them there: a changed address,
-type, scale or unit shows as a changed line, and somebody has to mean it.
+The descriptions were compared with the pages of the manuals once, row by row. With this list a test reports every later
+change of an address, type, scale or unit.
 
-    python tools/addresses.py          after a change that is meant
+    python tools/addresses.py          after an intended change
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ FILE = Path(__file__).parents[1] / "tests" / "devices" / "addresses.txt"
 
 
 def line(device: str, parameter: Parameter) -> str:
-    """One line: device, name, type, scale, unit, access, place on Modbus, place in the object dictionary."""
+    """One line: device, name, type, scale, unit, access, address on Modbus, object."""
     at, item = parameter.modbus, parameter.object
     modbus = (
         f"{at.table} {at.address} +{at.words} {at.half or '-'} {at.bit if at.bit is not None else '-'} {at.order}"

@@ -124,7 +124,7 @@ def test_a_client_has_a_drive() -> None:
     assert machine.modbus is not None
     with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect(host.url) as client:
         drive = client.drive(load("csd-mt"), progress=told.append)
-        assert drive.look().state is State.SWITCH_ON_DISABLED
+        assert drive.status().state is State.SWITCH_ON_DISABLED
         assert drive.move(3000, velocity=20_000).position == 3000
         assert drive.home(35).position == 0
         assert drive.reset().state is State.OPERATION_ENABLED

@@ -20,7 +20,7 @@ NODE = 5
 
 
 class Machine:
-    """A node that writes down every frame that it hears, as text."""
+    """A node that records every received frame as text."""
 
     def __init__(self, dialect: Any = AZ3) -> None:
         entries = [
@@ -33,10 +33,10 @@ class Machine:
         ]
         self.objects = ObjectDictionary(entries)
         self.server = SdoServer(NODE, self.objects, dialect)
-        self.asked: list[str] = []
+        self.received: list[str] = []
 
     def __call__(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
-        self.asked.append(str(frame))
+        self.received.append(str(frame))
         return [(now + 0.001, answer) for answer in self.server.feed(frame, now)]
 
 
@@ -57,21 +57,21 @@ def write(peer: Callable[[CanFrame, float], Any], wanted: dict[str, Value], **ho
 # Reading
 
 
-def test_values_in_the_order_asked_in_the_dialect_of_the_az3(machine: Machine) -> None:
+def test_values_have_the_order_of_the_names_in_the_dialect_of_the_az3(machine: Machine) -> None:
     names = ["TARGET POSITION", "status word", "MODES OF OPERATION", "IQRMSX10"]
     assert read(machine, *names, dialect=AZ3) == [-100_000, 0x0637, -1, -5]
-    assert [frame[:6] for frame in machine.asked] == ["605#43", "605#4B", "605#4F", "605#4B"]
+    assert [frame[:6] for frame in machine.received] == ["605#43", "605#4B", "605#4F", "605#4B"]
 
 
-def test_the_standard_dialect_if_asked_for(machine: Machine) -> None:
+def test_the_standard_dialect(machine: Machine) -> None:
     assert read(machine, "STATUS WORD", dialect=STANDARD) == [0x0637]
-    assert machine.asked == ["605#4041600000000000"]
+    assert machine.received == ["605#4041600000000000"]
 
 
 def test_bits_of_one_object_are_one_transfer(machine: Machine) -> None:
     names = ["PHASING IN PROGRESS", "START PHASING", "ALIGNMENT REQUEST"]
     assert read(machine, *names) == [False, True, True]
-    assert len(machine.asked) == 1
+    assert len(machine.received) == 1
 
 
 @pytest.mark.parametrize(
@@ -89,13 +89,13 @@ def test_numbers_in_four_bytes(answer: str, name: str, value: Value) -> None:
     assert read(lambda item, now: [(now + 0.001, frame)], name) == [value]
 
 
-def test_a_number_that_does_not_fit_its_type_is_no_value() -> None:
+def test_an_answer_wider_than_the_type_is_an_error() -> None:
     frame = CanFrame(0x580 + NODE, bytes.fromhex("43 41 60 00 37 06 01 00"))
     with pytest.raises(DecodeError):
         read(lambda item, now: [(now + 0.001, frame)], "STATUS WORD")
 
 
-def test_everything_that_the_drive_has_can_be_asked_for() -> None:
+def test_every_readable_object_of_the_drive_can_be_read() -> None:
     names = [parameter.name for parameter in DRIVE.parameters if parameter.readable and parameter.object]
 
     def zeros(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
@@ -111,33 +111,33 @@ def test_everything_that_the_drive_has_can_be_asked_for() -> None:
 
 def test_writing_in_the_dialect_of_the_az3_takes_four_bytes(machine: Machine) -> None:
     write(machine, {"TARGET POSITION": 100_000, "MODES OF OPERATION": 3}, dialect=AZ3)
-    assert machine.asked == ["605#237A6000A0860100", "605#2360600003000000"]
+    assert machine.received == ["605#237A6000A0860100", "605#2360600003000000"]
     assert machine.objects.get(0x6060) == 3
 
 
 def test_writing_by_the_letter_of_the_standard() -> None:
     machine = Machine(STANDARD)
     write(machine, {"MODES OF OPERATION": -1, "SPIDAC CHANNEL 1 SCALE": 1.1}, dialect=STANDARD)
-    assert machine.asked == ["605#2F606000FF000000", "605#23282000CDCC8C3F"]
+    assert machine.received == ["605#2F606000FF000000", "605#23282000CDCC8C3F"]
 
 
 @pytest.mark.parametrize("dialect", [STANDARD, AZ3])
-def test_one_bit_of_an_object_is_changed_and_the_others_kept(dialect: Any) -> None:
+def test_writing_one_bit_of_an_object_keeps_the_others(dialect: Any) -> None:
     machine = Machine(dialect)
     write(machine, {"PHASING IN PROGRESS": True, "START PHASING": False}, dialect=dialect)
     assert machine.objects.get(0x2018) == 0b0101
-    assert len(machine.asked) == 4
+    assert len(machine.received) == 4
 
 
-def test_a_channel_is_used_as_it_is(machine: Machine) -> None:
+def test_a_given_channel_is_used(machine: Machine) -> None:
     channel = Channel(NODE, STANDARD)
     play(read_canopen(channel, DRIVE, ["STATUS WORD"]), machine)
     assert channel.counters.answers == 1
-    with refused(EncodeError, "the channel to node 5 speaks standard, not az3"):
+    with refused(EncodeError, "the channel to node 5 has the SDO dialect standard, not az3"):
         read_canopen(channel, DRIVE, ["STATUS WORD"], dialect=AZ3)
 
 
-def test_every_dialect_of_a_description_is_spoken() -> None:
+def test_the_dialects_of_descriptions() -> None:
     assert DIALECTS == {"standard": STANDARD, "az3": AZ3}
 
 
@@ -145,19 +145,19 @@ def test_every_dialect_of_a_description_is_spoken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "said"),
+    ("wanted", "message"),
     [
         ({"STATUS WORD": 1}, "STATUS WORD is read only"),
         ({"MODES OF OPERATION": 300}, "MODES OF OPERATION = 300: expected"),
         ({"DIGITAL INPUT STATUS": 1}, "DIGITAL INPUT STATUS is read only"),
     ],
 )
-def test_refused_at_once(wanted: dict[str, Value], said: str) -> None:
-    with refused(EncodeError, said):
+def test_refused_before_anything_is_sent(wanted: dict[str, Value], message: str) -> None:
+    with refused(EncodeError, message):
         write_canopen(NODE, DRIVE, wanted)
 
 
-def test_a_parameter_that_is_elsewhere() -> None:
+def test_a_parameter_without_an_object() -> None:
     with refused(EncodeError, "DIGITAL INPUT STATUS is no object of CANopen: it is input 27 on Modbus (from 0)"):
         read_canopen(NODE, DRIVE, ["DIGITAL INPUT STATUS"])
     with refused(EncodeError, "Status Word is no object of CANopen: it is holding 1001 on Modbus (from 0)"):
@@ -177,26 +177,26 @@ def test_eight_bytes_go_in_segments() -> None:
     server = SdoServer(NODE, ObjectDictionary([Entry(0x2000, 0, "wide", "u64", "rw", 0)]))
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
-        return [(now, said) for said in server.feed(frame, now)]
+        return [(now, answer) for answer in server.feed(frame, now)]
 
     play(write_canopen(NODE, device, {"wide": 1 << 60}), peer)
     (reading,), _ = play(read_canopen(NODE, device, ["wide"]), peer)
     assert reading.value == 1 << 60
 
 
-def test_what_an_object_cannot_be() -> None:
+def test_parameters_that_no_object_can_carry() -> None:
     rows = (
         Parameter("text", "text", object=ObjectAt(0x2001)),
         Parameter("flag", "bool", access="wo", object=ObjectAt(0x2002, 0, 3)),
     )
     device = Device("d", "d", rows, canopen=CanopenSettings())
-    with refused(EncodeError, "text is text, and a description does not say how long an object of text is"):
+    with refused(EncodeError, "text is text, and a description does not give the length of an object of text"):
         write_canopen(NODE, device, {"text": "x"})
     with refused(EncodeError, "flag is one bit of an object that cannot be read"):
         write_canopen(NODE, device, {"flag": True})
 
 
-# When the other side is not as it should be
+# Errors of the other side
 
 
 def test_what_was_written_before_an_abort_is_noted(machine: Machine) -> None:
@@ -209,12 +209,12 @@ def test_what_was_written_before_an_abort_is_noted(machine: Machine) -> None:
     assert caught.value.__notes__ == ["while reading SPIDAC CHANNEL 2 SCALE"]
 
 
-def test_nobody_there() -> None:
+def test_no_answer() -> None:
     with pytest.raises(NoAnswer):
         read(lambda item, now: [], "STATUS WORD", timeout=0.5)
 
 
-def test_parameters_may_name_what_is_written(machine: Machine) -> None:
+def test_a_parameter_may_be_given_in_place_of_its_name(machine: Machine) -> None:
     position = DRIVE.find("TARGET POSITION")
     play(write_canopen(NODE, DRIVE, {position: 7}), machine)
     assert machine.objects.get(0x607A) == 7

@@ -20,7 +20,7 @@ AZ3, ADXL, CSD = load("az3"), load("adxl"), load("csd-mt")
 
 
 class Machine(Table):
-    """A table that writes down what it was asked: (function, address, quantity or value)."""
+    """A table that records the requests: (function, address, quantity or value)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,9 +28,9 @@ class Machine(Table):
         self.refuses: set[int] = set()
 
     def handle(self, request: Any, now: float) -> Response | None:
-        said = next(getattr(request, name) for name in ("value", "values", "registers", "bits", "quantity")
-                    if hasattr(request, name))  # fmt: skip
-        self.asked.append((request.function_code, request.address, said))
+        content = next(getattr(request, name) for name in ("value", "values", "registers", "bits", "quantity")
+                       if hasattr(request, name))  # fmt: skip
+        self.asked.append((request.function_code, request.address, content))
         if request.address in self.refuses:
             raise ModbusException(2)
         return super().handle(request, now)
@@ -65,7 +65,7 @@ def put(table: Any, address: int, registers: Sequence[int]) -> None:
 # Reading
 
 
-def test_readings_come_in_the_order_asked_with_name_unit_and_words(machine: Machine) -> None:
+def test_readings_have_the_order_of_the_names_with_unit_and_bit_names(machine: Machine) -> None:
     machine.input_registers[24] = 0x0637
     put(machine.input_registers, 0x31, to_registers(codec("u32").encode(50_003)))
     line = TcpLine()
@@ -115,7 +115,7 @@ def test_a_byte_that_has_a_register_to_itself(machine: Machine) -> None:
     assert machine.asked[-1] == (6, 1080, 80)
 
 
-def test_everything_that_a_machine_has(machine: Machine) -> None:
+def test_every_readable_parameter_can_be_read(machine: Machine) -> None:
     for device in (AZ3, ADXL, CSD):
         names = [p.name for p in device.parameters if p.readable and p.modbus]
         assert len(read(machine, device, *names)) == len(names)
@@ -124,7 +124,7 @@ def test_everything_that_a_machine_has(machine: Machine) -> None:
 # Writing
 
 
-def test_neighbours_travel_together_and_order_is_kept(machine: Machine) -> None:
+def test_neighbours_are_written_in_one_request_and_the_order_is_kept(machine: Machine) -> None:
     write(machine, CSD, {"Target Position": -100_000, "Profile Velocity": 5000, "Control Word": 0x1F})
     assert machine.asked == [(16, 1042, (0x7960, 0xFFFE, 5000, 0)), (6, 1040, 0x1F)]
 
@@ -134,14 +134,14 @@ def test_one_value_of_two_registers_is_one_request(machine: Machine) -> None:
     assert machine.asked == [(16, 4, (0xCCCD, 0x3F8C))]
 
 
-def test_half_a_register_is_changed_and_the_other_half_kept(machine: Machine) -> None:
+def test_writing_half_a_register_keeps_the_other_half(machine: Machine) -> None:
     machine.holding_registers[2] = 0x1234
     write(machine, AZ3, {"SPIDAC CHANNEL SEL2": 0})
     assert machine.holding_registers[2] == 0x0034
     assert machine.asked == [(3, 2, 1), (6, 2, 0x0034)]
 
 
-def test_both_halves_in_one_turn(machine: Machine) -> None:
+def test_both_halves_of_a_register_are_written_in_one_request(machine: Machine) -> None:
     machine.holding_registers[2] = 0xFFFF
     write(machine, AZ3, {"SPIDAC CHANNEL SEL1": 1, "SPIDAC CHANNEL SEL2": 2, "SPIDAC CHANNEL 1 SCALE": 0.5})
     assert machine.holding_registers[2] == 0x0201
@@ -162,7 +162,7 @@ def test_a_soft_starter_takes_one_register_with_06_at_the_address_below_the_prin
 
 
 @pytest.mark.parametrize(
-    ("device", "wanted", "said"),
+    ("device", "wanted", "message"),
     [
         (AZ3, {"STATUS WORD": 1}, "STATUS WORD is read only"),
         (CSD, {"Control Word": 0, "Profile Velocity": 800_001}, "Profile Velocity = 800001: expected 0..800000"),
@@ -171,11 +171,11 @@ def test_a_soft_starter_takes_one_register_with_06_at_the_address_below_the_prin
         (CSD, {"Control Word": float("nan")}, "Control Word = nan: expected 0..65535"),
         (AZ3, {"START PHASING": 2}, "START PHASING = 2: expected 0 or 1 (off or on)"),
         (AZ3, {"TDI CW MODE": 256}, "TDI CW MODE = 256: expected"),
-        (AZ3, {"COIL WORD 0": 0}, "COIL WORD 0 has no place on Modbus: it is object 2018h:00 on CANopen"),
+        (AZ3, {"COIL WORD 0": 0}, "COIL WORD 0 has no address on Modbus: it is object 2018h:00 on CANopen"),
     ],
 )
-def test_refused_at_once(device: Any, wanted: dict[str, Value], said: str) -> None:
-    with refused(EncodeError, said):
+def test_refused_before_anything_is_sent(device: Any, wanted: dict[str, Value], message: str) -> None:
+    with refused(EncodeError, message):
         write_modbus(Bus(TcpLine()), 1, device, wanted)
 
 
@@ -185,26 +185,28 @@ def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
 
 
 @pytest.mark.parametrize(
-    ("device", "wanted", "said"),
+    ("device", "wanted", "message"),
     [
         (CSD, {"Control Word": 70_000}, "Control Word = 70000: 70000 does not fit u16: expected 0..65535"),
-        (AZ3, {"STATUS WORD": 1}, "STATUS WORD lies in table 'input', which nothing in az3 writes"),
+        (AZ3, {"STATUS WORD": 1}, "STATUS WORD lies in table 'input', which no function of az3 writes"),
         (AZ3, {"MODES OF OPERATION": 200}, "MODES OF OPERATION = 200: 200 does not fit i8"),
     ],
 )
-def test_force_does_not_bend_the_wire(device: Any, wanted: dict[str, Value], said: str) -> None:
-    with refused(EncodeError, said):
+def test_force_does_not_write_values_that_cannot_be_encoded(
+    device: Any, wanted: dict[str, Value], message: str
+) -> None:
+    with refused(EncodeError, message):
         write_modbus(Bus(TcpLine()), 1, device, wanted, force=True)
 
 
-def test_reading_is_refused_at_once_as_well() -> None:
+def test_reading_is_refused_before_anything_is_sent() -> None:
     with refused(EncodeError, "C02 Thermal status reset is write only"):
         read_modbus(Bus(TcpLine()), 1, ADXL, ["Frequency", "C02 Thermal status reset"])
     with refused(UnknownName, "csd-mt has no parameter 'Staus Word'; did you mean 'Status Word'"):
         read_modbus(Bus(TcpLine()), 1, CSD, ["Staus Word"])
 
 
-# When the other side is not as it should be
+# Errors of the other side
 
 
 def test_what_was_written_before_a_refusal_is_noted(machine: Machine) -> None:
@@ -219,7 +221,7 @@ def test_what_was_written_before_a_refusal_is_noted(machine: Machine) -> None:
 
 
 def test_a_command_that_the_device_does_not_answer() -> None:
-    """2F03h restarts an ADXL "without any response": a time-out is what was expected. A refusal is still heard."""
+    """2F03h restarts an ADXL "without any response": a time-out is expected. A refusal is still an error."""
     asked: list[bytes] = []
 
     def silent(item: bytes, now: float) -> list[tuple[float, bytes]]:
@@ -237,11 +239,11 @@ def test_a_command_that_the_device_does_not_answer() -> None:
         write(busy, ADXL, {"Save and reboot": 5})
 
 
-def test_nobody_there() -> None:
+def test_no_answer() -> None:
     with pytest.raises(NoAnswer):
         play(read_modbus(Bus(TcpLine()), 1, CSD, ["Status Word"], timeout=0.5), lambda item, now: [])
 
 
-def test_bytes_that_are_no_text_of_the_parameter() -> None:
+def test_a_wrong_number_of_registers_for_a_text() -> None:
     with pytest.raises(DecodeError):
         ADXL.find("Event description").from_registers([1, 2])

@@ -1,4 +1,4 @@
-"""A block read by one struct call gives what reading its parameters one by one gives, for every machine."""
+"""Decoding a block with one struct call gives the values that its parameters decode one by one, for every machine."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ def one_by_one(block: PlannedRead, content: list[int]) -> dict[str, object]:
     return found
 
 
-@pytest.mark.parametrize("name", ["az3", "adxl", "csd-mt"])
-def test_all_at_once_is_one_by_one(name: str) -> None:
-    device = load(name)
+@pytest.mark.parametrize("device_name", ["az3", "adxl", "csd-mt"])
+def test_a_block_is_decoded_like_its_parameters_one_by_one(device_name: str) -> None:
+    device = load(device_name)
     readable = [parameter for parameter in device.parameters if parameter.readable and parameter.modbus]
     blocks = plan_reads(device, readable)
     assert blocks
-    dice = random.Random(1)
+    random_numbers = random.Random(1)
     for block in blocks:
         for _ in range(5):
             top = 1 if block.table in ("coil", "discrete") else 0xFFFF
-            content = [dice.randint(0, top) for _ in range(block.quantity)]
-            found, expected = block_decoder(block)(content), one_by_one(block, content)
-            assert found.keys() == expected.keys()
-            for key, value in expected.items():
-                same = found[key] == value or (value != value and found[key] != found[key])  # not-a-number
-                assert same, key
-                assert type(found[key]) is type(value), key
+            content = [random_numbers.randint(0, top) for _ in range(block.quantity)]
+            expected = one_by_one(block, content)
+            found = dict(zip(expected, block_decoder(block)(content), strict=True))
+            for name, value in expected.items():
+                same = found[name] == value or (value != value and found[name] != found[name])  # not-a-number
+                assert same, name
+                assert type(found[name]) is type(value), name

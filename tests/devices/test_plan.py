@@ -1,4 +1,4 @@
-"""The planner: the fewest requests, no gap bridged that the device does not fill, writing in the order asked."""
+"""The planner: the fewest reads, gaps only over described registers, writes in their order."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def writes(machine: Device, *numbers: int) -> list[tuple[int, int, int, list[str
 # Reading
 
 
-def test_neighbours_are_one_request_in_whatever_order_they_are_asked() -> None:
+def test_neighbours_are_one_request_in_any_order_of_the_names() -> None:
     machine = device(holding(0), holding(1, 2), holding(3))
     assert reads(machine, 2, 0, 1) == [("holding", 0, 4, [("0", 0), ("1", 1), ("2", 3)])]
 
 
-def test_a_known_register_between_is_read_along_and_an_unknown_one_is_not() -> None:
+def test_a_described_register_between_is_read_along_and_another_is_not() -> None:
     machine = device(holding(0), holding(1), holding(2), holding(4))
     assert reads(machine, 0, 2, 3) == [
         ("holding", 0, 3, [("0", 0), ("2", 2)]),
@@ -60,7 +60,7 @@ def test_a_known_register_between_is_read_along_and_an_unknown_one_is_not() -> N
     ]
 
 
-def test_what_may_not_be_read_bridges_nothing() -> None:
+def test_a_register_that_cannot_be_read_bridges_no_gap() -> None:
     machine = device(holding(0), holding(2))
     secret = Parameter("secret", "u16", access="wo", modbus=holding(1))
     machine = Device("d", "d", (*machine.parameters, secret), modbus=machine.modbus)
@@ -73,7 +73,7 @@ def test_halves_and_bits_of_one_register_are_one_request() -> None:
     assert reads(machine, 0, 3) == [("holding", 4, 2, [("3", 0), ("0", 1)])]
 
 
-def test_tables_stand_apart() -> None:
+def test_each_table_has_its_own_requests() -> None:
     machine = device(holding(0), ModbusAt("input", 1), ModbusAt("coil", 2), ModbusAt("discrete", 3))
     assert [row[:3] for row in reads(machine, 0, 1, 2, 3)] == [
         ("coil", 2, 1),
@@ -83,7 +83,7 @@ def test_tables_stand_apart() -> None:
     ]
 
 
-def test_the_limit_cuts_between_parameters_never_within_one() -> None:
+def test_the_limit_cuts_between_parameters_and_not_within_one() -> None:
     machine = device(holding(0, 2), holding(2, 2), holding(4, 2), read_limit=3)
     assert [row[1:3] for row in reads(machine, 0, 1, 2)] == [(0, 2), (2, 2), (4, 2)]
 
@@ -95,7 +95,7 @@ def test_coils_are_counted_sixteen_to_a_register() -> None:
     assert [row[1:3] for row in reads(device(*many), *range(2001))] == [(0, 2000), (2000, 1)]
 
 
-def test_the_same_parameter_twice_is_one_member() -> None:
+def test_a_parameter_given_twice_is_read_once() -> None:
     assert reads(device(holding(0)), 0, 0) == [("holding", 0, 1, [("0", 0)])]
 
 
@@ -110,19 +110,19 @@ def test_the_function_is_that_of_the_description() -> None:
 
 
 @pytest.mark.parametrize(
-    ("machine", "said"),
+    ("machine", "message"),
     [
-        (device(holding(0, 9), read_limit=8), "0 takes 9 registers, d gives 8 in one answer"),
+        (device(holding(0, 9), read_limit=8), "0 takes 9 registers, d allows 8 in one response"),
         (device(holding(0), read_functions={}), "0: d has no function that reads table 'holding'"),
     ],
 )
-def test_what_cannot_be_read(machine: Device, said: str) -> None:
-    with refused(EncodeError, said):
+def test_parameters_that_cannot_be_read(machine: Device, message: str) -> None:
+    with refused(EncodeError, message):
         plan_reads(machine, machine.parameters)
 
 
-def test_a_parameter_that_is_elsewhere() -> None:
-    with refused(EncodeError, "IQRMSX10 has no place on Modbus: it is object 2002h:00 on CANopen"):
+def test_a_parameter_without_an_address_on_modbus() -> None:
+    with refused(EncodeError, "IQRMSX10 has no address on Modbus: it is object 2002h:00 on CANopen"):
         plan_reads(load("az3"), [load("az3").find("IQRMSX10")])
 
 
@@ -146,7 +146,9 @@ places = st.tuples(tables, st.integers(0, 40), st.sampled_from([1, 1, 1, 2, 4]))
 
 @modest
 @given(st.lists(places, min_size=1, max_size=14), st.integers(4, 12), st.data())
-def test_property_of_reading(rows: list[ModbusAt], limit: int, data: st.DataObject) -> None:
+def test_property_any_reads_are_the_fewest_and_within_the_limits(
+    rows: list[ModbusAt], limit: int, data: st.DataObject
+) -> None:
     machine = device(*rows, read_limit=limit)
     asked = data.draw(st.lists(st.sampled_from(machine.parameters), min_size=1, unique_by=lambda row: row.name))
     blocks = plan_reads(machine, asked)
@@ -162,7 +164,7 @@ def test_property_of_reading(rows: list[ModbusAt], limit: int, data: st.DataObje
 
 
 def fewest(machine: Device, asked: list[Parameter], limit: int) -> int:
-    """By trying: the smallest number of spans of known ground that cover what is asked, table by table."""
+    """By search: the smallest number of spans of described addresses that cover the parameters, table by table."""
     total = 0
     for table in {row.modbus.table for row in asked if row.modbus}:
         spans = [(at.address, at.address + at.words) for row in asked if (at := row.modbus) and at.table == table]
@@ -190,7 +192,7 @@ def test_neighbours_in_order_become_one_function_16() -> None:
     assert writes(machine, 0, 1, 2) == [(16, 0, 4, ["0", "1", "2"])]
 
 
-def test_the_order_of_writing_is_kept_and_nothing_is_bridged() -> None:
+def test_writes_keep_their_order_and_bridge_no_gap() -> None:
     machine = device(holding(0), holding(1), holding(2))
     assert writes(machine, 1, 0) == [(6, 1, 1, ["1"]), (6, 0, 1, ["0"])]
     assert writes(machine, 0, 2) == [(6, 0, 1, ["0"]), (6, 2, 1, ["2"])]
@@ -226,9 +228,9 @@ def test_parts_of_a_register_are_read_changed_and_written_together() -> None:
     ]
 
 
-def test_parts_of_a_register_that_nobody_may_read_cannot_be_kept() -> None:
+def test_parts_of_a_register_that_cannot_be_read_are_refused() -> None:
     machine = device(holding(7, half="L"), read_functions={})
-    with refused(EncodeError, "0 is part of a register that d does not let be read"):
+    with refused(EncodeError, "0 is part of a register that cannot be read in d"):
         plan_writes(machine, machine.parameters)
 
 
@@ -238,15 +240,15 @@ def test_coils_one_by_one() -> None:
     assert writes(device(*coils, write_functions={"coil": (15,)}), 0) == [(15, 0, 1, ["0"])]
 
 
-def test_a_table_that_nothing_writes() -> None:
+def test_a_table_without_a_write_function() -> None:
     machine = device(ModbusAt("input", 0))
-    with refused(EncodeError, "0 lies in table 'input', which nothing in d writes"):
+    with refused(EncodeError, "0 lies in table 'input', which no function of d writes"):
         plan_writes(machine, machine.parameters)
 
 
 @modest
 @given(st.lists(places.filter(lambda at: at.table != "input"), min_size=1, max_size=10), st.integers(4, 12))
-def test_property_of_writing(rows: list[ModbusAt], limit: int) -> None:
+def test_property_any_writes_keep_order_and_limits(rows: list[ModbusAt], limit: int) -> None:
     machine = device(*rows, write_limit=limit)
     planned = plan_writes(machine, machine.parameters)
     assert [m.parameter for write in planned for m in write.members] == [*machine.parameters]
@@ -257,6 +259,6 @@ def test_property_of_writing(rows: list[ModbusAt], limit: int) -> None:
         assert sum(at.words for _, at in covered if at is not None) == write.quantity
 
 
-def test_blocks_are_values() -> None:
+def test_plans_compare_by_value() -> None:
     assert PlannedRead("holding", 0, 1, (), 3) == PlannedRead("holding", 0, 1, (), 3)
     assert PlannedWrite("holding", 0, 1, (), 6).keep is False

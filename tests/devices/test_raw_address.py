@@ -1,4 +1,4 @@
-"""Places without a name: what is one, and what is read and written there."""
+"""Addresses in place of names: their forms, their errors, reading and writing them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tests.helpers import refused, serving
         ("discrete:65535:bool", "bool", ModbusAt("discrete", 65535)),
     ],
 )
-def test_places_on_modbus(text: str, type: str, at: ModbusAt) -> None:
+def test_addresses_on_modbus(text: str, type: str, at: ModbusAt) -> None:
     found = raw_parameter(text)
     assert (found.name, found.type, found.modbus) == (text, type, at)
     assert found.writable is (at.table in ("holding", "coil"))
@@ -42,31 +42,31 @@ def test_objects_are_hexadecimal_in_any_form() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
-        ("holding", "'holding' is no place: expected TABLE:ADDRESS"),
-        ("holding:", "'holding:' is no place"),
+        ("holding", "'holding' is no address: expected TABLE:ADDRESS"),
+        ("holding:", "'holding:' is no address"),
         ("holding::u16", "'' is no number in 0..65535"),
         ("holding:-1", "'-1' is no number"),
         ("holding:65536", "'65536' is no number in 0..65535"),
         ("holding:65535:u32", "there are no 2 registers from address 65535 on"),
-        ("holding:1:u17", "type 'u17': expected one of u8, i8, u16"),
+        ("holding:1:u17", "type 'u17': expected one of bool, u8, u16"),
         ("holding:1:u32:ACDB", "order 'ACDB': expected one of ABCD, CDAB, BADC, DCBA"),
-        ("holding:1:u16:ABCD:x", "is no place"),
-        ("holding:1:text0", "type 'text0': expected text1..text125, text in so many registers"),
+        ("holding:1:u16:ABCD:x", "is no address"),
+        ("holding:1:text0", "type 'text0': expected text1..text125, text in that number of registers"),
         ("holding:1:text300", "type 'text300': expected text1..text125"),
         ("holding:1:text", "type 'text': expected text1..text125"),
         ("holding:1:text9999999999", "expected text1..text125"),
         ("holding:65535:text2", "there are no 2 registers from address 65535 on"),
         ("coil:1:u16", "a coil is a bool"),
-        ("object:6041h", "is no place"),
+        ("object:6041h", "is no address"),
         ("object:10000h:u8", "'10000h' is no number in 0..65535"),
         ("object:6041h.100:u8", "'100' is no number in 0..255"),
-        ("Status Word", "is no place"),
+        ("Status Word", "is no address"),
     ],
 )
-def test_what_is_none(text: str, said: str) -> None:
-    with refused(EncodeError, said):
+def test_wrong_addresses(text: str, message: str) -> None:
+    with refused(EncodeError, message):
         device_with("raw", [text])
 
 
@@ -85,25 +85,25 @@ def test_what_is_none(text: str, said: str) -> None:
         ("holding:5", "1", 1),
     ],
 )
-def test_values_as_people_type_them(name: str, text: str, value: Value) -> None:
+def test_values_as_users_type_them(name: str, text: str, value: Value) -> None:
     found = parse_value(raw_parameter(name), text)
     assert (found, type(found)) == (value, type(value))
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "message"),
     [
         ("coil:5", "yes", "expected on or off"),
         ("holding:5", "each", "expected a number"),
         ("holding:5", "h", "a number"),
     ],
 )
-def test_values_that_are_none(name: str, text: str, said: str) -> None:
-    with refused(EncodeError, said):
+def test_text_that_is_no_value(name: str, text: str, message: str) -> None:
+    with refused(EncodeError, message):
         parse_value(raw_parameter(name), text)
 
 
-def test_a_place_beside_the_names_of_a_device_has_its_word_order() -> None:
+def test_an_address_beside_names_of_a_device_has_its_word_order() -> None:
     az3 = device_with("az3", ["STATUS WORD", "holding:84:u32", "holding:84:u32"])
     found, row = az3.find("holding:84:u32").modbus, az3.find("MAX MOTOR SPEED").modbus
     assert found is not None

@@ -1,4 +1,4 @@
-"""The order of words that a machine can be told: register 1162 of the CSD MT, and whoever reads it after that."""
+"""The word order of a machine that can change it (register 1162 of the CSD MT), and clients that read it afterwards."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadHolding
 from barewire.tcp import TcpLine
 from tests.helpers import refused, serving
 
-TURNED = "Little Endian / Big Endian"
+WORD_ORDER = "Little Endian / Big Endian"
 
 
-def test_a_machine_that_was_turned_round_is_read_with_its_order() -> None:
+def test_a_machine_with_changed_word_order_is_read_with_that_order() -> None:
     drive, bus = simulator("csd-mt"), Bus(TcpLine())
     assert drive.modbus is not None
     peer = serving(Server(TcpLine(), {1: drive.modbus}, serial=False))
     little, big = load("csd-mt"), load("csd-mt?order=abcd")
-    play(write_modbus(bus, 1, little, {"Profile Velocity": 70_000, TURNED: 0}), peer)
+    play(write_modbus(bus, 1, little, {"Profile Velocity": 70_000, WORD_ORDER: 0}), peer)
     readings, _ = play(read_modbus(bus, 1, big, ["Profile Velocity"]), peer)
     assert readings[0].value == 70_000
-    play(write_modbus(bus, 1, big, {"Target Position": -2, TURNED: 1}), peer)
+    play(write_modbus(bus, 1, big, {"Target Position": -2, WORD_ORDER: 1}), peer)
     readings, _ = play(read_modbus(bus, 1, little, ["Target Position"]), peer)
     assert readings[0].value == -2
 
 
-def test_a_simulator_that_is_delivered_turned_round() -> None:
-    """Setting the register from the machine's own side turns the words as a write does."""
+def test_a_simulator_with_changed_word_order() -> None:
+    """Setting the register in the simulator changes the word order as a write does."""
     drive = simulator("csd-mt")
     assert drive.modbus is not None
-    drive.store[TURNED] = 0
+    drive.store[WORD_ORDER] = 0
     drive.store["Profile Velocity"] = 70_000
     answer = drive.modbus.handle(ReadHoldingRegisters(1044, 2), 0.0)
     assert isinstance(answer, ReadHoldingRegistersResponse)
     assert answer.registers == (1, 4464)
 
 
-def test_what_has_an_order_of_its_own_keeps_it() -> None:
+def test_a_parameter_with_an_order_of_its_own_keeps_it() -> None:
     az3 = load("az3").in_order("ABCD")
     assert {place.order for row in az3.parameters if (place := row.modbus) and row.type == "f32"} == {"ABCD"}
     assert load("az3").find("ID KP").modbus == az3.find("ID KP").modbus._replace(order="CDAB")  # type: ignore[union-attr]
     assert az3.find("STATUS WORD").object == load("az3").find("STATUS WORD").object
 
 
-def test_places_beside_the_names_have_the_same_order() -> None:
+def test_addresses_beside_names_have_the_same_order() -> None:
     machine = device_with("csd-mt?order=ABCD", ["holding:100:f32"])
     place = machine.find("holding:100:f32").modbus
     assert place is not None
@@ -55,6 +55,6 @@ def test_places_beside_the_names_have_the_same_order() -> None:
 
 
 @pytest.mark.parametrize("name", ["csd-mt?order=XYZ", "csd-mt?orders=ABCD", "csd-mt?"])
-def test_an_order_that_is_none(name: str) -> None:
+def test_an_unknown_order(name: str) -> None:
     with refused(UnknownName, f"device '{name}': expected ?order= and one of ABCD, CDAB, BADC, DCBA behind the name"):
         load(name)

@@ -16,14 +16,14 @@ from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapse
 
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.devices import load
-from barewire.devices.drive.report import DriveProgress, Look, bit_names
-from barewire.devices.drive.states import drive_roles
+from barewire.devices.drive.drive import drive_roles
+from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
 from barewire.devices.parameter import show
 from barewire.errors import NoAnswer, PortError
 from barewire.io import connect
 from barewire.io.drive import DriveClient
 
-Conduct = Callable[..., Look]
+Conduct = Callable[..., DriveStatus]
 
 
 @click.group()
@@ -148,12 +148,12 @@ acceleration_option = click.option("--acceleration", type=Number(), help="Profil
 deceleration_option = click.option("--deceleration", type=Number(), help="Profile deceleration.")
 
 
-def _values(look: Look) -> str:
+def _values(look: DriveStatus) -> str:
     told = (("position", look.position), ("velocity", look.velocity))
     return "".join(f", {name} {show(value)}" for name, value in told if value is not None)
 
 
-def _bits(look: Look) -> str:
+def _bits(look: DriveStatus) -> str:
     return ", ".join(bit_names(look.status_word)) or "no bit set"
 
 
@@ -176,18 +176,18 @@ def followed(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]:
 
 
 def _fields(progress: DriveProgress, began: float) -> dict[str, Any]:
-    return progress.as_dict() | {"time": round(progress.look.now - began, 3)}
+    return progress.as_dict() | {"time": round(progress.status.now - began, 3)}
 
 
 def _line(progress: DriveProgress) -> str:
     waiting = f", waiting for {progress.waiting_for}" if progress.waiting_for else ""
-    return f"{progress.action}: {progress.look.state_name}{waiting}{_values(progress.look)}"
+    return f"{progress.action}: {progress.status.state_name}{waiting}{_values(progress.status)}"
 
 
 def _short(progress: DriveProgress) -> str:
     """The same for one line of a terminal, without what brackets explain."""
     doing = progress.waiting_for.partition(" (")[0] or progress.action
-    return f"{doing} | {progress.look.state_name}{_values(progress.look)}"
+    return f"{doing} | {progress.status.state_name}{_values(progress.status)}"
 
 
 def _changes(began: float) -> Callable[[DriveProgress], None]:
@@ -195,10 +195,10 @@ def _changes(began: float) -> Callable[[DriveProgress], None]:
     last: list[tuple[str, str]] = []
 
     def tell(progress: DriveProgress) -> None:
-        step = (progress.look.state_name, progress.waiting_for)
+        step = (progress.status.state_name, progress.waiting_for)
         if progress.waiting_for and step not in last[-1:]:
             last.append(step)
-            print(f"{progress.look.now - began:7.3f} s  {_line(progress)}", flush=True)
+            print(f"{progress.status.now - began:7.3f} s  {_line(progress)}", flush=True)
 
     return tell
 
@@ -207,31 +207,31 @@ def _changes(began: float) -> Callable[[DriveProgress], None]:
 
 
 @word("status")
-def status(conductor: DriveClient) -> Look:
-    """What the drive says now."""
-    return conductor.look()
+def status(conductor: DriveClient) -> DriveStatus:
+    """Read the drive once."""
+    return conductor.status()
 
 
 @word("enable")
-def enable(conductor: DriveClient) -> Look:
+def enable(conductor: DriveClient) -> DriveStatus:
     """To operation enabled. A fault is not reset on the way."""
     return conductor.enable()
 
 
 @word("disable")
-def disable(conductor: DriveClient) -> Look:
+def disable(conductor: DriveClient) -> DriveStatus:
     """Current off. A motor that turns coasts: quick-stop brakes it."""
     return conductor.disable()
 
 
 @word("quick-stop")
-def quick_stop(conductor: DriveClient) -> Look:
+def quick_stop(conductor: DriveClient) -> DriveStatus:
     """Brake on the quick stop ramp."""
     return conductor.quick_stop()
 
 
 @word("reset")
-def reset(conductor: DriveClient) -> Look:
+def reset(conductor: DriveClient) -> DriveStatus:
     """Out of a fault, once its cause is gone."""
     return conductor.reset()
 
@@ -244,7 +244,7 @@ def reset(conductor: DriveClient) -> Look:
 @acceleration_option
 @deceleration_option
 @within_option
-def move(conductor: DriveClient, target: int | float, **how: Any) -> Look:
+def move(conductor: DriveClient, target: int | float, **how: Any) -> DriveStatus:
     """To the position TARGET, in the drive's unit. What is not given of the profile stays as it is in the drive."""
     return conductor.move(target, **how)
 
@@ -254,7 +254,7 @@ def move(conductor: DriveClient, target: int | float, **how: Any) -> Look:
 @acceleration_option
 @deceleration_option
 @within_option
-def velocity(conductor: DriveClient, target: int | float, **how: Any) -> Look:
+def velocity(conductor: DriveClient, target: int | float, **how: Any) -> DriveStatus:
     """To the velocity TARGET, in the drive's unit; the motor goes on turning. 0 stops it on its ramp."""
     return conductor.velocity(target, **how)
 
@@ -262,6 +262,6 @@ def velocity(conductor: DriveClient, target: int | float, **how: Any) -> Look:
 @word("home", moves=True)
 @click.argument("method", type=int, required=False)
 @within_option
-def home(conductor: DriveClient, method: int | None, within: float) -> Look:
+def home(conductor: DriveClient, method: int | None, within: float) -> DriveStatus:
     """Find home, with the method that is set in the drive or METHOD."""
     return conductor.home(method, within=within)

@@ -1,88 +1,97 @@
-"""The registers of one block -> the values of its parameters: planned once, then one struct call for all of them.
+"""The registers of one read request -> the values of its parameters, with one struct call for all of them.
 
-    registers   0      1      2      3      4          A u16, C f32, E i16; nobody asked for 1
-                A      .      C             E
-    struct      H      2x     f             h          ">H2xfh", over the ten bytes
+    registers   0      1      2      3      4          A u16, C f32 in the order CDAB, E i16, F the low half of 4
+    bytes       0  1   2  3   4  5   6  7   8  9
+                A  A          C  C   C  C   E  EF
+    picked      0  1          6  7   4  5   8  9  9    each value with its most significant byte first
+    struct      H             f             h     B    ">HfhB"
 
-What lies in another order than ABCD, is part of a register, is text, or lies over a neighbour is read one by one,
-beside the rest; the values are the same either way.
-
-I know: where the members of a block lie and of which type they are.  I never know: lines, requests, time.
+Depends on: PlannedRead, Parameter.  Used by: `access.py`.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from operator import itemgetter
+from typing import Any, TypeAlias
 
-from barewire.codecs import Value
-from barewire.devices.parameter import ModbusAt, Parameter
-from barewire.devices.plan import Member, PlannedRead
+from barewire.codecs import Value, to_registers
+from barewire.codecs.bits import get_bit
+from barewire.codecs.order import reorder
+from barewire.devices.parameter import Parameter
+from barewire.devices.plan import PlannedRead
 
-Decode = Callable[[Sequence[int]], dict[str, Value]]
+BlockDecoder: TypeAlias = Callable[[Sequence[int]], list[Value]]
 
-# A byte or a bit that has a register to itself fills it as a 16-bit number, as in `Parameter`.
-_KINDS = {"u8": "H", "u16": "H", "u32": "I", "u64": "Q", "i8": "h", "i16": "h", "i32": "i", "i64": "q"}
-_KINDS |= {"f32": "f", "f64": "d", "bool": "H"}
+_LETTERS = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "i64": "q"}
+_LETTERS |= {"f32": "f", "f64": "d", "bool": "H"}
+_IN_REGISTER = {"u8": "H", "i8": "h"}
+"""A byte that has a register to itself fills it as a 16-bit number."""
 
 
-@lru_cache(maxsize=256)
-def block_decoder(block: PlannedRead) -> Decode:
-    """What turns the content of this block, as a response has it, into values by name.
+def block_decoder(block: PlannedRead) -> BlockDecoder:
+    """The function from the content of a response to this request to the values of its members, in their order.
 
     >>> from barewire.devices import load
     >>> from barewire.devices.plan import plan_reads
     >>> adxl = load("adxl")
     >>> (block,) = plan_reads(adxl, [adxl.find("L1 current"), adxl.find("L3 current")])
     >>> block.quantity, block_decoder(block)(range(block.quantity))
-    (6, {'L1 current': 0.0001, 'L3 current': 26.2149})
+    (6, [0.0001, 26.2149])
     """
     if block.table in ("coil", "discrete"):
-        places = [(parameter.name, offset) for parameter, offset in block.members]
-        return lambda content: {name: bool(content[offset]) for name, offset in places}
-    together: list[Parameter] = []
-    alone: list[tuple[Parameter, int, int]] = []
-    kinds, reached = ">", 0
-    for parameter, offset in sorted(block.members, key=_offset):
-        place = parameter.modbus
-        assert place is not None
-        kind = _kind(parameter, place)
-        if kind is None or offset < reached:
-            alone.append((parameter, offset, offset + place.words))
-            continue
-        kinds += f"{2 * (offset - reached)}x{kind}"
-        together.append(parameter)
-        reached = offset + place.words
-    kinds += f"{2 * (block.quantity - reached)}x"
-    words, values = struct.Struct(f">{block.quantity}H"), struct.Struct(kinds)
-    rules = [(parameter.name, _scaling(parameter)) for parameter in together]
+        offsets = [offset for _, offset in block.members]
+        return lambda content: [bool(content[offset]) for offset in offsets]
+    letters, picked = ">", []
+    rules: list[tuple[int, Callable[[Any], Value]]] = []
+    for number, (parameter, offset) in enumerate(block.members):
+        letter, positions, rule = _member(parameter, 2 * offset)
+        letters += letter
+        picked += positions
+        if rule is not None:
+            rules.append((number, rule))
+    registers = struct.Struct(f">{block.quantity}H")
+    if picked == list(range(registers.size)):
+        values = struct.Struct(letters)
+        return _with_rules(lambda content: values.unpack(registers.pack(*content)), rules)
+    values = struct.Struct(letters + "x")  # one byte more, since itemgetter returns a tuple for two at least
+    pick = itemgetter(*picked, 0)
+    return _with_rules(lambda content: values.unpack(bytes(pick(registers.pack(*content)))), rules)
 
-    def decode(content: Sequence[int]) -> dict[str, Value]:
-        raw = values.unpack(words.pack(*content))
-        found = {name: number if rule is None else rule(number) for (name, rule), number in zip(rules, raw)}
-        for parameter, start, end in alone:
-            found[parameter.name] = parameter.from_registers(content[start:end])
-        return found
+
+def _with_rules(
+    unpack: Callable[[Sequence[int]], tuple[Any, ...]], rules: list[tuple[int, Callable[[Any], Value]]]
+) -> BlockDecoder:
+    def decode(content: Sequence[int]) -> list[Value]:
+        values = list(unpack(content))
+        for number, rule in rules:
+            values[number] = rule(values[number])
+        return values
 
     return decode
 
 
-def _offset(member: Member) -> int:
-    return member.offset
+def _member(parameter: Parameter, start: int) -> tuple[str, list[int], Callable[[Any], Value] | None]:
+    """The letter of `struct`, the positions of the bytes, the most significant first, and what turns the number into
+    the value (None: it is the value)."""
+    place = parameter.modbus
+    assert place is not None
+    positions = list(range(start, start + 2 * place.words))
+    if place.bit is not None:
+        bit = place.bit
+        return "H", positions, lambda register: get_bit(register, bit)
+    if place.half is not None:
+        return _LETTERS[parameter.type], [positions[place.half == "L"]], _scaling(parameter)
+    letter = _IN_REGISTER.get(parameter.type) or _LETTERS.get(parameter.type, "")
+    if not letter or struct.calcsize(f">{letter}") != len(positions):  # text
+        return f"{len(positions)}s", positions, lambda data: parameter.from_registers(to_registers(data))
+    in_order = reorder(bytes(range(len(positions))), place.order)
+    return letter, [start + position for position in in_order], _scaling(parameter)
 
 
-def _kind(parameter: Parameter, place: ModbusAt) -> str | None:
-    """The struct's letter for a parameter that lies in whole registers, the more significant first."""
-    kind = _KINDS.get(parameter.type)
-    straight = place.order == "ABCD" and place.half is None and place.bit is None
-    if kind is None or not straight or struct.calcsize(f">{kind}") != 2 * place.words:
-        return None
-    return kind
-
-
-def _scaling(parameter: Parameter) -> Callable[[float], Value] | None:
-    """What `Parameter.from_raw` does, worked out beforehand; None if it does nothing."""
+def _scaling(parameter: Parameter) -> Callable[[Any], Value] | None:
+    """`Parameter.from_raw` as a prepared function; None if it changes nothing."""
     if parameter.type == "bool":
         return bool
     if parameter.scale == 1:
@@ -92,8 +101,8 @@ def _scaling(parameter: Parameter) -> Callable[[float], Value] | None:
         return lambda raw: raw * factor
     above, below = parameter.scale.numerator, parameter.scale.denominator
 
-    def scaled(raw: float) -> Value:
+    def scaled(raw: int) -> Value:
         # A quotient of whole numbers is rounded once, so this is the exact fraction as a float.
-        return raw * above / below if raw * above % below else int(raw * above // below)
+        return raw * above / below if raw * above % below else raw * above // below
 
     return scaled

@@ -1,10 +1,12 @@
-"""A device: its parameters by name, and what it says of itself on Modbus and on CANopen."""
+"""A device: its parameters by name, and its settings on Modbus, on CANopen and as a drive.
+
+Depends on: Parameter.  Used by: the loader of descriptions, everything that reads and writes by name, the simulators.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,15 +14,15 @@ from barewire.codecs.order import Order
 from barewire.devices.parameter import Parameter, TableName
 from barewire.errors import BarewireError
 
-UNORDERED = ("bool", "text")
+_UNORDERED = ("bool", "text")
 
 
 class UnknownName(BarewireError, LookupError):
-    """No parameter or device has this name; the text tells the nearest ones."""
+    """No parameter or device has this name; the text has the nearest names."""
 
 
 class ModbusSettings(NamedTuple):
-    """What a device says of itself on Modbus."""
+    """The settings of a device on Modbus: its addresses as delivered, its limits (registers) and its functions."""
 
     unit: int = 1
     port: int = 502
@@ -32,7 +34,7 @@ class ModbusSettings(NamedTuple):
 
 
 class DevicePdo(NamedTuple):
-    """A default PDO: `cob_id` is without the node id, `map` holds (index, sub-index, bits)."""
+    """A default PDO: `cob_id` is without the node-ID, `map` holds (index, sub-index, bits)."""
 
     name: str
     cob_id: int
@@ -41,7 +43,7 @@ class DevicePdo(NamedTuple):
 
 
 class CanopenSettings(NamedTuple):
-    """What a device says of itself on CANopen."""
+    """The settings of a device on CANopen as delivered: node-ID, bit rate (bit/s), SDO dialect and default PDOs."""
 
     node: int = 1
     bitrate: int = 125_000
@@ -50,9 +52,9 @@ class CanopenSettings(NamedTuple):
 
 
 class DriveRoles(NamedTuple):
-    """What a drive of CiA 402 says of itself: which parameter plays which part, and where it departs from the profile.
+    """Names of the parameters with a role in a drive of CiA 402, numbers of its modes, departures from the profile.
 
-    Every part but the two words may be missing (""): what needs it is then refused, and nothing else.
+    Every role but the two words may be missing (""): actions that need it raise EncodeError.
     """
 
     status_word: str
@@ -77,7 +79,7 @@ class DriveRoles(NamedTuple):
 
 @dataclass(frozen=True)
 class Device:
-    """A machine by its description. `extra` holds the tables of its description that are no parameters."""
+    """A machine by its description. `extra` holds the tables of the description that the format does not define."""
 
     name: str
     title: str
@@ -92,24 +94,29 @@ class Device:
     def _by_name(self) -> dict[str, Parameter]:
         return {fold(parameter.name): parameter for parameter in self.parameters}
 
+    @cached_property
+    def read_plans(self) -> dict[Any, Any]:
+        """The plans of earlier reads by their names: see `access.py`."""
+        return {}
+
     def find(self, name: str) -> Parameter:
-        """The parameter of that name, whatever its case and blanks. UnknownName suggests the nearest ones."""
+        """The parameter of that name; case and extra blanks do not matter. UnknownName has the nearest names."""
         found = self._by_name.get(fold(name))
         if found is None:
             raise UnknownName(f"{self.name} has no parameter {name!r}{suggest(name, self._by_name, self._named)}")
         return found
 
     def in_order(self, order: Order) -> Device:
-        """The same machine, laying its numbers in registers in another order than described.
+        """The same machine with another order of bytes in registers than described.
 
-        What a row of the description orders by itself keeps its order.
+        A row of the description with an order of its own keeps it.
         """
         if self.modbus is None:
             return self
         usual = self.modbus.order
         moved = tuple(
             replace(parameter, modbus=place._replace(order=order))
-            if (place := parameter.modbus) is not None and place.order == usual and parameter.type not in UNORDERED
+            if (place := parameter.modbus) is not None and place.order == usual and parameter.type not in _UNORDERED
             else parameter
             for parameter in self.parameters
         )
@@ -120,7 +127,7 @@ class Device:
 
 
 def fold(name: str) -> str:
-    """A name as it is compared.
+    """A name in the form in which names are compared.
 
     >>> fold("  Thyristors   Temperature ")
     'thyristors temperature'
@@ -129,7 +136,9 @@ def fold(name: str) -> str:
 
 
 def suggest(name: str, known: Mapping[str, Any], title: Any = str) -> str:
-    """'; did you mean ...?' with up to three near names, or nothing."""
+    """'; did you mean ...?' with up to three near names, or an empty text."""
+    from difflib import get_close_matches  # only errors need it
+
     wanted = fold(name)
     near = get_close_matches(wanted, known, n=3, cutoff=0.6)
     near += [other for other in known if wanted and wanted in other and other not in near][: 3 - len(near)]

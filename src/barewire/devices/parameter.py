@@ -1,6 +1,6 @@
-"""A parameter: one named value of a machine, with its unit and its places. One name, one row, whatever wire it is on.
+"""A parameter: one named value of a machine, with its unit, its range and its address on Modbus and on CANopen.
 
-                        name "STATUS WORD", type u16, unit, scale, range, default, what its bits mean
+                        name "STATUS WORD", type u16, unit, scale, range, default, names of its bits
                           |
              .------------'-------------.
         ModbusAt                    ObjectAt
@@ -9,8 +9,10 @@
         registers [0x0637]          bytes 37 06
              '---------- value ---------'
 
-Scale, unit, names of values and bits belong to the parameter; width, sign and order belong to its codec. Limits are
-told in the unit, after scaling, because that is how people think of them.
+Scale, unit and the names of values and bits belong to the parameter; width, sign and byte order belong to its codec.
+Limits are given in the unit, after scaling, as manuals print them.
+
+Depends on: the codecs.  Used by: every file of this room.
 """
 
 from __future__ import annotations
@@ -26,11 +28,14 @@ from barewire.codecs.order import Order
 from barewire.errors import DecodeError, EncodeError, shown
 
 TableName = Literal["holding", "input", "coil", "discrete"]
+TABLE_NAMES: tuple[TableName, ...] = ("holding", "input", "coil", "discrete")
+INTEGER_TYPES = ("u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64")
+VALUE_TYPES = ("bool", *INTEGER_TYPES, "f32", "f64", "text")
 ParameterAccess = Literal["ro", "rw", "wo"]
 
 
 class ModbusAt(NamedTuple):
-    """A place on Modbus. `address` is the one on the wire, from 0, whatever the manual prints."""
+    """An address on Modbus. `address` is the one on the wire, counted from 0, whatever the manual prints."""
 
     table: TableName
     address: int
@@ -41,13 +46,13 @@ class ModbusAt(NamedTuple):
 
     @property
     def partial(self) -> bool:
-        """Less than a register, so that writing it means: read, change, write back."""
+        """Whether it is less than a register, so that writing it takes a read, a change and a write."""
         return self.table in ("holding", "input") and (self.half is not None or self.bit is not None)
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectAt:
-    """A place in the object dictionary of CANopen. `bit` is one bit of the object, if it is only that."""
+    """An address in the object dictionary of CANopen. `bit` is set where the value is one bit of the object."""
 
     index: int
     sub: int = 0
@@ -56,10 +61,10 @@ class ObjectAt:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One row of a device description. The fields are told in `catalog/README.md`.
+    """One row of a device description. `catalog/README.md` describes the fields.
 
-    >>> kelvin = Parameter("Temperature", "i16", unit="°C", scale=Fraction(1, 10), modbus=ModbusAt("input", 4))
-    >>> kelvin.from_registers([272]), kelvin.to_registers(-0.5)
+    >>> celsius = Parameter("Temperature", "i16", unit="°C", scale=Fraction(1, 10), modbus=ModbusAt("input", 4))
+    >>> celsius.from_registers([272]), celsius.to_registers(-0.5)
     (27.2, (65531,))
     """
 
@@ -76,7 +81,7 @@ class Parameter:
     firmware: str = ""
     storable: bool | None = None
     answered: bool = True
-    """Whether the device answers when it is written: some restart instead."""
+    """Whether the device answers a write: some restart instead."""
     note: str = ""
     printed: Mapping[str, str] = field(default_factory=dict)
     modbus: ModbusAt | None = None
@@ -85,20 +90,20 @@ class Parameter:
     def __hash__(self) -> int:
         return hash((self.name, self.modbus, self.object))
 
-    # Values, as people have them
+    # Values in the unit
 
     @property
     def readable(self) -> bool:
-        """Whether the device lets it be read."""
+        """Whether the device allows reading it."""
         return self.access != "wo"
 
     @property
     def writable(self) -> bool:
-        """Whether the device lets it be written."""
+        """Whether the device allows writing it."""
         return self.access != "ro"
 
     def check(self, value: Value) -> Value:
-        """The value, if the range of the parameter has it; EncodeError names the range otherwise."""
+        """The value, if it is in the range of the parameter; otherwise EncodeError with the range."""
         if self.type == "bool":
             if value not in (0, 1):
                 raise EncodeError(f"{self.name} = {shown(value)}: expected 0 or 1 (off or on)", self.name)
@@ -109,17 +114,17 @@ class Parameter:
             return value
         if not isinstance(value, (int, float)):
             raise EncodeError(f"{self.name} = {shown(value)}: expected a number", self.name)
-        # Asked this way round, not-a-number is outside of every range; and a limit is what the type makes of it.
-        reaches = self.minimum is None or value >= self.limit(self.minimum, -1)
-        if not (reaches and (self.maximum is None or value <= self.limit(self.maximum, 1))):
+        # Compared this way round, not-a-number is outside of every range.
+        above = self.minimum is None or value >= self.limit(self.minimum, -1)
+        if not (above and (self.maximum is None or value <= self.limit(self.maximum, 1))):
             low = "" if self.minimum is None else show(self.minimum)
             high = "" if self.maximum is None else show(self.maximum)
-            reach = low if low == high else f"{low}..{high}"
-            raise EncodeError(f"{self.name} = {show(value)}: expected {reach} {self.unit}".rstrip(), self.name)
+            limits = low if low == high else f"{low}..{high}"
+            raise EncodeError(f"{self.name} = {show(value)}: expected {limits} {self.unit}".rstrip(), self.name)
         return value
 
     def limit(self, limit: int | float, side: int) -> int | float:
-        """A limit of a 32-bit float that no such float is exactly: the nearest one may lie just beyond."""
+        """The limit with the slack of an f32: the 32-bit float nearest to a decimal limit may lie just beyond it."""
         return limit + side * abs(limit) * 6e-8 if self.type == "f32" else limit
 
     def text(self, value: Value) -> str:
@@ -128,14 +133,14 @@ class Parameter:
         >>> Parameter("State", "u8", values={2: "Starter ready"}).text(2)
         '2 (Starter ready)'
         """
-        told = show(value) + (f" {self.unit}" if self.unit else "")
+        shown_value = show(value) + (f" {self.unit}" if self.unit else "")
         if isinstance(value, int) and self.type != "text":
             if int(value) in self.values:
-                return f"{told} ({self.values[int(value)]})"
+                return f"{shown_value} ({self.values[int(value)]})"
             if self.bits and self.type != "bool":
                 names = [name for bit, name in sorted(self.bits.items()) if int(value) >> bit & 1]
-                return f"{told} ({', '.join(names) or 'no bit set'})"
-        return told
+                return f"{shown_value} ({', '.join(names) or 'no bit set'})"
+        return shown_value
 
     def as_dict(self) -> dict[str, Any]:
         """The parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
@@ -169,7 +174,7 @@ class Parameter:
     # Raw numbers, as the wire has them
 
     def to_raw(self, value: Value) -> Value:
-        """The number that travels: checked, then the scale taken off. EncodeError for what falls between two steps."""
+        """The number on the wire: the checked value divided by the scale. EncodeError for a value between two steps."""
         value = self.check(value)
         if self.scale == 1 or isinstance(value, (str, bytes)):
             return value
@@ -178,10 +183,10 @@ class Parameter:
                 raise EncodeError(f"{self.name} = {shown(value)}: more than a float can hold", self.name)
             return float(value) / float(self.scale)
         if value - value != 0:
-            raise EncodeError(f"{self.name} = {shown(value)}: expected a number with an end", self.name)
+            raise EncodeError(f"{self.name} = {shown(value)}: expected a finite number", self.name)
         exact = Fraction(value) / self.scale
         raw = round(exact)
-        # A decimal like 27.2 is not quite a binary number: what is nearer than a thousandth of a step is meant.
+        # A decimal such as 27.2 has no exact binary form: a difference below a thousandth of a step is rounded off.
         if abs(exact - raw) > Fraction(1, 1000):
             step = show(float(self.scale))
             raise EncodeError(
@@ -190,7 +195,7 @@ class Parameter:
         return raw
 
     def from_raw(self, raw: Value) -> Value:
-        """The value of a number that came: scaled."""
+        """The value in the unit for a number from the wire."""
         if self.scale == 1 or isinstance(raw, (str, bytes)):
             return raw
         if isinstance(raw, float):
@@ -201,7 +206,7 @@ class Parameter:
     # Modbus
 
     def to_registers(self, value: Value, old: Sequence[int] = ()) -> tuple[int, ...]:
-        """The registers that hold the value. For half a register or a bit, `old` is what the register holds now."""
+        """The registers that hold the value. Half a register or a bit needs `old`, the present register."""
         place = self._on_modbus()
         raw = self.to_raw(value)
         if place.partial:
@@ -214,11 +219,11 @@ class Parameter:
         return to_registers(self._register_codec(place).encode(raw))
 
     def from_registers(self, registers: Sequence[int]) -> Value:
-        """The value that these registers hold. DecodeError for a wrong number of them."""
+        """The value in these registers. DecodeError for a wrong number of them."""
         place = self._on_modbus()
         if len(registers) != place.words:
             data = from_registers(registers)
-            text = f"{self.name} takes {place.words} registers, here are {len(registers)}"
+            text = f"{self.name} takes {place.words} registers, not {len(registers)}"
             short = len(registers) < place.words
             raise DecodeError("short" if short else "long", data, min(len(data), 2 * place.words), text)
         if place.bit is not None:
@@ -230,7 +235,7 @@ class Parameter:
 
     def _on_modbus(self) -> ModbusAt:
         if self.modbus is None:
-            raise EncodeError(f"{self.name} has no place on Modbus", self.name)
+            raise EncodeError(f"{self.name} has no address on Modbus", self.name)
         return self.modbus
 
     def _register_codec(self, place: ModbusAt) -> Codec:
@@ -243,7 +248,7 @@ class Parameter:
     # CANopen: always little-endian
 
     def to_object(self, value: Value, old: bytes = b"") -> bytes:
-        """The bytes of the object. For one bit of an object, `old` is what it holds now."""
+        """The bytes of the object. For one bit of an object, `old` is its present content."""
         place = self._in_dictionary()
         raw = self.to_raw(value)
         if place.bit is not None:
@@ -254,12 +259,12 @@ class Parameter:
         return self._object_codec().encode(raw)
 
     def from_object(self, data: bytes) -> Value:
-        """The value that the object's bytes hold. Bytes beyond its width are accepted if they are zero."""
+        """The value in the bytes of the object. Bytes beyond its width are accepted if they are zero."""
         place = self._in_dictionary()
         if place.bit is not None:
             return get_bit(int.from_bytes(data, "little"), place.bit, 8 * len(data))
         object_codec = self._object_codec()
-        # Some devices answer every object in four bytes (the guide of the AZ3 shows it): zeros behind are no value.
+        # Some devices answer every object in four bytes (the guide of the AZ3 shows it): the zeros behind are padding.
         if len(data) > object_codec.size and not any(data[object_codec.size :]):
             data = data[: object_codec.size]
         raw = object_codec.decode(data)
@@ -267,24 +272,24 @@ class Parameter:
 
     @property
     def object_size(self) -> int:
-        """How many bytes the object has, as far as this parameter knows: a bit is taken for one of a 16-bit word."""
+        """The bytes of the object. A bit does not give the width of its object: 16 bits are assumed."""
         return 2 if self._in_dictionary().bit is not None else self._object_codec().size
 
     def _in_dictionary(self) -> ObjectAt:
         if self.object is None:
-            raise EncodeError(f"{self.name} has no place in the object dictionary", self.name)
+            raise EncodeError(f"{self.name} has no address in the object dictionary", self.name)
         return self.object
 
     def _object_codec(self) -> Codec:
         if self.type == "text":
             raise EncodeError(
-                f"{self.name} is text, and a description does not say how long an object of text is", self.name
+                f"{self.name} is text, and a description does not give the length of an object of text", self.name
             )
         return codec("u8" if self.type == "bool" else self.type, "DCBA")
 
 
 class Reading(NamedTuple):
-    """A parameter and the value it had."""
+    """A parameter and the value that was read."""
 
     parameter: Parameter
     value: Value
@@ -304,7 +309,7 @@ class Reading(NamedTuple):
 
 
 def show(value: Value) -> str:
-    """A value as short as it can be without losing anything: floats of 32 bits do not show their binary tail.
+    """A value as the shortest text that does not lose anything: 32-bit floats without their binary tail.
 
     >>> show(27.2), show(0.20000000298023224), show(3000), show(True)
     ('27.2', '0.2', '3000', 'on')

@@ -1,15 +1,15 @@
-"""Parameters -> the fewest Modbus requests. Pure: nothing is sent here.
+"""Parameters -> the fewest Modbus requests. Nothing is sent here.
 
-    asked for         A   C     E                     the device has parameters at 0 to 3 and at 6, and none at 4 and 5
+    to read           A   C     E                     the device has parameters at 0 to 3 and at 6, and none at 4 and 5
     input registers   0 1 2 3 . . 6
                       A B C C     E
-    plan_reads        [-------]   [-]                 B is read along, for it lies between; nobody knows what reading
-                      input 0, 4  input 6, 1          4 would do, so that gap is never bridged
+    plan_reads        [-------]   [-]                 B is read along, for it lies between; no description tells what
+                      input 0, 4  input 6, 1          reading 4 would do, so that gap is never bridged
 
-Reading may be in any order, so neighbours, overlaps and what known parameters lie between become one block, as far as
-the device's limit goes. Writing is done in the order asked, and nothing is written that was not asked for.
+Reads may have any order, so neighbours, overlaps and the described parameters between them become one request, up to
+the limit of the device. Writes keep their order, and nothing else is written.
 
-I know: addresses, limits, which function a device has.  I never know: values, lines, time.
+Depends on: addresses, limits and functions of a Device.  Used by: `access.py`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from barewire.devices.device import Device, ModbusSettings
 from barewire.devices.parameter import ModbusAt, Parameter, TableName
 from barewire.errors import EncodeError
 
-BITS_IN_REGISTER = 16
-COILS_READ_LIMIT = 2000  # of the standard [MB-APP 6.1]; registers have theirs in the description
+_BITS_IN_REGISTER = 16
+_COILS_READ_LIMIT = 2000  # of the standard [MB-APP 6.1]; the limit for registers is in the description
 
 
 class Member(NamedTuple):
-    """A parameter in a block: its first register (or coil) is the block's `address` + `offset`."""
+    """A parameter in a request: its first register (or coil) is the request's `address` + `offset`."""
 
     parameter: Parameter
     offset: int
@@ -41,12 +41,17 @@ class PlannedRead(NamedTuple):
     members: tuple[Member, ...]
     function: int
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of the members."""
+        return tuple(member.parameter for member in self.members)
+
 
 class PlannedWrite(NamedTuple):
-    """One write: whole entries from `address`, with function 05, 06, 0F or 10h.
+    """One write: whole registers or coils from `address`, with function 05, 06, 0F or 10h.
 
-    Function 06 with a quantity of 2 or more means one request for each register, the lowest first. `keep` means that
-    the members fill only a part of the register: read it with `read_function`, change it, write it back.
+    Function 06 with a quantity of 2 or more stands for one request for each register, the lowest first. With `keep` the
+    members are only a part of the register: read it with `read_function`, change it, write it back.
     """
 
     table: TableName
@@ -57,18 +62,23 @@ class PlannedWrite(NamedTuple):
     keep: bool = False
     read_function: int = 0
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of the members."""
+        return tuple(member.parameter for member in self.members)
 
-def modbus_place(device: Device, parameter: Parameter) -> tuple[ModbusAt, ModbusSettings]:
-    """Where a parameter lives on Modbus; EncodeError that says where it lives instead."""
+
+def _modbus_address(device: Device, parameter: Parameter) -> tuple[ModbusAt, ModbusSettings]:
+    """The address of a parameter on Modbus; EncodeError with its address on CANopen if it has none."""
     if parameter.modbus is not None and device.modbus is not None:
         return parameter.modbus, device.modbus
     where = parameter.object
-    elsewhere = f"it is object {where.index:04X}h:{where.sub:02X} on CANopen" if where else "nor anywhere else"
-    raise EncodeError(f"{parameter.name} has no place on Modbus: {elsewhere}", parameter.name)
+    elsewhere = f"it is object {where.index:04X}h:{where.sub:02X} on CANopen" if where else "it has no other address"
+    raise EncodeError(f"{parameter.name} has no address on Modbus: {elsewhere}", parameter.name)
 
 
 def known_addresses(device: Device, table: TableName) -> frozenset[int]:
-    """Every address of a table that belongs to a parameter that may be read."""
+    """All addresses of a table that belong to parameters that can be read."""
     return frozenset(
         address
         for parameter in device.parameters
@@ -85,12 +95,12 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
     >>> [block[:3] for block in plan_reads(adxl, map(adxl.find, ["L3 current", "L1 current", "Frequency"]))]
     [('input', 7, 6), ('input', 49, 2)]
 
-    Raises EncodeError for a parameter without a place on Modbus, in a table that nothing reads, or wider than the
-    device's limit.
+    Raises EncodeError for a parameter without an address on Modbus, in a table that no function reads, or wider than
+    the limit of the device.
     """
     by_table: dict[TableName, dict[str, Parameter]] = {}
     for parameter in parameters:
-        place, _ = modbus_place(device, parameter)
+        place, _ = _modbus_address(device, parameter)
         by_table.setdefault(place.table, {})[parameter.name] = parameter
     blocks: list[PlannedRead] = []
     for table in sorted(by_table):
@@ -99,23 +109,25 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
 
 
 def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -> list[PlannedRead]:
-    placed = [(modbus_place(device, parameter)[0], parameter) for parameter in parameters]
+    placed = [(_modbus_address(device, parameter)[0], parameter) for parameter in parameters]
     placed.sort(key=lambda pair: (pair[0].address, pair[0].words))
-    side = modbus_place(device, parameters[0])[1]
+    side = _modbus_address(device, parameters[0])[1]
     function = side.read_functions.get(table)
     if function is None:
         raise EncodeError(f"{parameters[0].name}: {device.name} has no function that reads table {table!r}")
     limit = side.read_limit
     if table in ("coil", "discrete"):
-        limit = min(COILS_READ_LIMIT, limit * BITS_IN_REGISTER)
+        limit = min(_COILS_READ_LIMIT, limit * _BITS_IN_REGISTER)
     known = known_addresses(device, table)
     blocks = []
     while placed:
-        # From the lowest address on, as far as known ground and the limit go: what fits into this block could only
-        # be moved to a later one, never be saved by it.
+        # From the lowest address as far as described addresses and the limit go. Greedy is optimal here: moving a
+        # parameter to a later request never saves one.
         first, widest = placed[0]
         if first.words > limit:
-            raise EncodeError(f"{widest.name} takes {first.words} registers, {device.name} gives {limit} in one answer")
+            raise EncodeError(
+                f"{widest.name} takes {first.words} registers, {device.name} allows {limit} in one response"
+            )
         reach = first.address + first.words
         while reach - first.address < limit and reach in known:
             reach += 1
@@ -128,20 +140,20 @@ def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -
 
 
 def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[PlannedWrite]:
-    """The writes, in the order asked. Whole registers asked for as neighbours become one request where function 16 is.
+    """The writes, in the order of the parameters. Consecutive neighbours become one request if function 16 exists.
 
     >>> from barewire.devices import load
     >>> csd = load("csd-mt")
     >>> [write[:3] for write in plan_writes(csd, [csd.find("Motor Code"), csd.find("Control Word")])]
     [('holding', 1090, 2), ('holding', 1040, 1)]
 
-    Raises EncodeError for a parameter without a place on Modbus, in a table that nothing writes, or wider than one
-    request of the device can carry.
+    Raises EncodeError for a parameter without an address on Modbus, in a table that no function writes, or wider than
+    one request of the device.
     """
     writes: list[PlannedWrite] = []
     for parameter in parameters:
         write = _plan_one(device, parameter)
-        side = modbus_place(device, parameter)[1]
+        side = _modbus_address(device, parameter)[1]
         joined = _join(writes[-1], write, side) if writes else None
         if joined is None:
             writes.append(write)
@@ -151,16 +163,16 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Planned
 
 
 def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
-    place, side = modbus_place(device, parameter)
+    place, side = _modbus_address(device, parameter)
     functions = side.write_functions.get(place.table, ())
     if not functions:
         raise EncodeError(
-            f"{parameter.name} lies in table {place.table!r}, which nothing in {device.name} writes", parameter.name
+            f"{parameter.name} lies in table {place.table!r}, which no function of {device.name} writes", parameter.name
         )
     single, multiple = (5, 15) if place.table == "coil" else (6, 16)
     function = single if place.words == 1 and single in functions else multiple
     if place.words > 1 and (multiple not in functions or place.words > side.write_limit):
-        # Register by register the value is torn for a moment; a device with a limit of one does not have such values.
+        # Register by register the value is torn for a moment: refused if the device takes fewer in one write.
         if single not in functions or place.words > side.write_limit:
             raise EncodeError(
                 f"{parameter.name} takes {place.words} registers, and {device.name} takes {side.write_limit} in one "
@@ -174,7 +186,7 @@ def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
     read_function = side.read_functions.get(place.table)
     if read_function is None:
         raise EncodeError(
-            f"{parameter.name} is part of a register that {device.name} does not let be read, so the rest of it "
+            f"{parameter.name} is part of a register that cannot be read in {device.name}, so the rest of it "
             f"cannot be kept",
             parameter.name,
         )
@@ -182,7 +194,7 @@ def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
 
 
 def _join(last: PlannedWrite, write: PlannedWrite, side: ModbusSettings) -> PlannedWrite | None:
-    """Both as one, or None: parts of the same register, or neighbours that one function 16 can carry."""
+    """Both as one write, or None: parts of the same register, or neighbours within the limit of function 16."""
     if last.table != "holding" or write.table != "holding" or last.keep != write.keep:
         return None
     if last.keep:

@@ -1,14 +1,16 @@
-"""A place without a name: what no description has, or nobody has described yet.
+"""Parameters given by their address instead of a name, for values that no description has.
 
-        holding:100                u16, the type if none is said          TABLE:ADDRESS[:TYPE[:ORDER]]
+        holding:100                u16, the type if none is given         TABLE:ADDRESS[:TYPE[:ORDER]]
         input:0x0FB1:u32:ABCD      0FB1h is the same address              holding, input, coil, discrete
         coil:17                    a bit
         holding:40:text8           text in eight registers
         object:6041h:u16           index, always hexadecimal              object:INDEX[.SUB]:TYPE
         object:1018h.1:u32         and sub-index
 
-Addresses are those on the wire, from 0. Without an order a value of several registers lies as those of the device do,
-or high word first where there is none. The device `raw` has nothing but such places: whatever answers.
+Addresses are those on the wire, from 0. Without an order, long values have the order of the long values of the device,
+or the high word first if it has none. The device `raw` has no parameters but such addresses, and stands for any device.
+
+Depends on: Device, the loader.  Used by: the command line.
 """
 
 from __future__ import annotations
@@ -16,26 +18,32 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import cast, get_args
+from typing import cast
 
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.load import load
 from barewire.devices.device import CanopenSettings, Device, ModbusSettings, fold
-from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, ParameterAccess, TableName
+from barewire.devices.parameter import (
+    TABLE_NAMES,
+    VALUE_TYPES,
+    ModbusAt,
+    ObjectAt,
+    Parameter,
+    ParameterAccess,
+)
 from barewire.errors import EncodeError
 
-RAW = Device("raw", "whatever answers", (), modbus=ModbusSettings(), canopen=CanopenSettings())
+RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSettings())
 
-TABLES = get_args(TableName)
-TYPES = ("u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64", "bool")
-MOST = 125
-"""So many registers travel in one answer."""
-FORM = "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, or object:INDEX[.SUB]:TYPE"
+_TYPES = tuple(name for name in VALUE_TYPES if name != "text")
+_REGISTERS_MAX = 125
+"""The most registers in one response."""
+_FORM = "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, or object:INDEX[.SUB]:TYPE"
 
 
 def device_with(name: str, wanted: Iterable[str]) -> Device:
-    """The device of that name, and in it those of the names that are places. EncodeError for one that is none.
+    """The device of that name with a parameter for each name that is an address. EncodeError for a wrong address.
 
     >>> device = device_with("raw", ["input:0x0FB1:u32", "object:1018h.1:u32"])
     >>> device.find("input:0x0FB1:u32").modbus
@@ -48,25 +56,25 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     order = next(wide, ORDERS[0])
     known = {fold(parameter.name) for parameter in device.parameters}
     unknown = [text for text in dict.fromkeys(wanted) if fold(text) not in known]
-    places = [raw_parameter(text, order) for text in unknown if is_raw_address(text) or device is RAW]
-    return replace(device, parameters=(*device.parameters, *places)) if places else device
+    added = [raw_parameter(text, order) for text in unknown if is_raw_address(text) or device is RAW]
+    return replace(device, parameters=(*device.parameters, *added)) if added else device
 
 
 def is_raw_address(text: str) -> bool:
-    """Whether this is meant as a place: no parameter of a catalogue begins like that."""
-    return text.partition(":")[0].strip() in (*TABLES, "object") and ":" in text
+    """Whether the text begins like an address; no name of a parameter in the catalogue does."""
+    return text.partition(":")[0].strip() in (*TABLE_NAMES, "object") and ":" in text
 
 
 def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
-    """The parameter that a place is."""
+    """The parameter at an address; `order` is that of a long value without one. EncodeError for a wrong address."""
     table, _, rest = text.strip().partition(":")
     parts = rest.split(":")
     if table == "object" and len(parts) == 2:
         index, dot, sub = parts[0].partition(".")
         at = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)
         return Parameter(text, _type(text, parts[1]), object=at)
-    if table not in TABLES or not (rest and len(parts) <= 3):
-        raise EncodeError(f"{text!r} is no place: expected {FORM}")
+    if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
+        raise EncodeError(f"{text!r} is no address: expected {_FORM}")
     address = _number(text, parts[0], 0xFFFF)
     bits = table in ("coil", "discrete")
     kind = parts[1] if len(parts) > 1 else "bool" if bits else "u16"
@@ -78,24 +86,26 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     string = re.fullmatch(r"text(\d*)", kind)
     if string is not None:
         kind, size = "text", int(string[1][:9] or 0)
-        if not 1 <= size <= MOST:
-            raise EncodeError(f"{text!r}: type {parts[1]!r}: expected text1..text{MOST}, text in so many registers")
+        if not 1 <= size <= _REGISTERS_MAX:
+            raise EncodeError(
+                f"{text!r}: type {parts[1]!r}: expected text1..text{_REGISTERS_MAX}, text in that number of registers"
+            )
     else:
         size = 1 if _type(text, kind) == "bool" else max(1, codec(kind).size // 2)
     if address + size > 0x10000:
         raise EncodeError(f"{text!r}: there are no {size} registers from address {address} on")
     access: ParameterAccess = "ro" if table in ("input", "discrete") else "rw"
-    return Parameter(text, kind, access=access, modbus=ModbusAt(cast(TableName, table), address, size, order=letters))
+    return Parameter(text, kind, access=access, modbus=ModbusAt(table, address, size, order=letters))
 
 
 def _type(text: str, kind: str) -> str:
-    if kind not in TYPES:
-        raise EncodeError(f"{text!r}: type {kind!r}: expected one of {', '.join(TYPES)}, or textN in registers")
+    if kind not in _TYPES:
+        raise EncodeError(f"{text!r}: type {kind!r}: expected one of {', '.join(_TYPES)}, or textN in registers")
     return kind
 
 
 def _number(text: str, digits: str, most: int, base: int = 10) -> int:
-    """A decimal number, 0x1A or 1Ah; for objects hexadecimal in any case."""
+    """A decimal number, 0x1A or 1Ah; with base 16 all are hexadecimal."""
     plain = digits.strip().lower()
     if plain.endswith("h"):
         plain, base = plain[:-1], 16

@@ -1,9 +1,11 @@
-"""What a caller asked for, checked as a whole before anything is sent: no call is refused when half of it is done.
+"""Checks of a request by name before anything is sent, and the notes that its errors carry afterwards.
 
     "status word"       find        -> Parameter, or UnknownName with the nearest names
-    {"SPEED": 3000}     may I?      -> "STATUS WORD is read only", "CURRENT = 900: expected 0..300 A"
+    {"SPEED": 3000}     checked     -> "STATUS WORD is read only", "CURRENT = 900: expected 0..300 A"
 
-And what an error has to say afterwards: whose value it was, and what had been written before.
+All of a call is checked first, so no call is refused after a part of it was written.
+
+Depends on: Device, Parameter.  Used by: `access.py`, the drive code.
 """
 
 from __future__ import annotations
@@ -18,13 +20,13 @@ from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show
 from barewire.errors import BarewireError, EncodeError, NoAnswer
 
-Name: TypeAlias = str | Parameter
-# A Mapping is told its keys exactly, so each way of naming stands here by itself.
-Values: TypeAlias = Mapping[str, Value] | Mapping[Parameter, Value] | Mapping[Name, Value]
+NameOrParameter: TypeAlias = str | Parameter
+# Mapping is invariant in its keys, so each kind of key is listed by itself.
+ValuesByName: TypeAlias = Mapping[str, Value] | Mapping[Parameter, Value] | Mapping[NameOrParameter, Value]
 
 
-def to_read(device: Device, names: Iterable[Name]) -> list[Parameter]:
-    """The parameters, all of which may be read."""
+def to_read(device: Device, names: Iterable[NameOrParameter]) -> list[Parameter]:
+    """The parameters of these names. UnknownName, or EncodeError if one cannot be read."""
     found = [device.find(name) if isinstance(name, str) else name for name in names]
     for parameter in found:
         if not parameter.readable:
@@ -32,8 +34,9 @@ def to_read(device: Device, names: Iterable[Name]) -> list[Parameter]:
     return found
 
 
-def to_write(device: Device, values: Values, force: bool) -> list[tuple[Parameter, Value]]:
-    """The parameters with their values, all of which may be written, and in range."""
+def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Parameter, Value]]:
+    """The parameters with their values. EncodeError if one cannot be written, or is out of range; with `force` neither
+    access nor range is checked."""
     found = []
     for name, value in values.items():
         parameter = device.find(name) if isinstance(name, str) else name
@@ -46,8 +49,8 @@ def to_write(device: Device, values: Values, force: bool) -> list[tuple[Paramete
     return found
 
 
-def sendable(parameter: Parameter, value: Value) -> None:
-    """Whether the value can travel at all: in range, on a step of the scale, of the type; EncodeError names it."""
+def check_encodable(parameter: Parameter, value: Value) -> None:
+    """Check that the value can be sent: in range, on a step of the scale, within the type. EncodeError names it."""
     raw = parameter.to_raw(value)
     if parameter.type not in ("bool", "text"):
         with naming(parameter, value):
@@ -56,7 +59,7 @@ def sendable(parameter: Parameter, value: Value) -> None:
 
 @contextmanager
 def naming(parameter: Parameter, value: Value) -> Iterator[None]:
-    """A codec does not know whose value it refuses; the error must."""
+    """Put the name of the parameter into an EncodeError of a codec, which does not have it."""
     try:
         yield
     except EncodeError as error:
@@ -65,31 +68,26 @@ def naming(parameter: Parameter, value: Value) -> Iterator[None]:
         raise EncodeError(f"{parameter.name} = {show(value)}: {error}", parameter.name) from None
 
 
-@contextmanager
-def reading(parameters: Iterable[Parameter]) -> Iterator[None]:
-    """When one request of several fails, the error notes which parameters it was for."""
-    try:
-        yield
-    except BarewireError as error:
-        error.add_note(f"while reading {_some(parameter.name for parameter in parameters)}")
-        raise
+def note_reading(error: BarewireError, parameters: Iterable[Parameter]) -> None:
+    """Note in the error of one request of several which parameters it was for."""
+    error.add_note(f"while reading {_names(parameters)}")
 
 
 @contextmanager
 def writing(parameters: Iterable[Parameter], done: Sequence[str]) -> Iterator[None]:
-    """When one write of several fails, the error notes whose it was, and which have happened before it."""
+    """Note in an error of one write of several which parameters it was for, and what was written before."""
     try:
         yield
     except BarewireError as error:
-        error.add_note(f"while writing {_some(parameter.name for parameter in parameters)}")
+        error.add_note(f"while writing {_names(parameters)}")
         if done:
             error.add_note(f"written before that: {', '.join(done)}")
         raise
 
 
 @contextmanager
-def unanswered(parameters: Iterable[Parameter]) -> Iterator[None]:
-    """Silence is right where the description says that nothing answers. A refusal is still one."""
+def may_not_answer(parameters: Iterable[Parameter]) -> Iterator[None]:
+    """Accept a missing answer where the description has `answered = false`. A refusal is still an error."""
     try:
         yield
     except NoAnswer:
@@ -97,7 +95,7 @@ def unanswered(parameters: Iterable[Parameter]) -> Iterator[None]:
             raise
 
 
-def _some(names: Iterable[str]) -> str:
+def _names(parameters: Iterable[Parameter]) -> str:
     """The first three names, and how many more there are."""
-    known = list(names)
-    return ", ".join(known[:3]) + (f" and {len(known) - 3} more" if known[3:] else "")
+    names = [parameter.name for parameter in parameters]
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")

@@ -21,7 +21,7 @@ from barewire.codecs import Value
 from barewire.conversation import Conversation, Listen
 from barewire.devices.device import Device
 from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import DriveProgress, Look
+from barewire.devices.drive.report import DriveProgress, DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.engine.blocking import run
 
@@ -47,7 +47,7 @@ class ClientAccess:
         yield from ()
         self.client.write(self.device, values)
 
-    def rest(self, until: float) -> Conversation[Never, float]:
+    def wait(self, until: float) -> Conversation[Never, float]:
         """The engine waits; nobody has the line meanwhile."""
         heard = yield Listen(until)
         return heard.now
@@ -86,23 +86,23 @@ class DriveClient:
         """Carry one of the drive's conversations out."""
         return run(conversation, _Waiting())
 
-    def look(self) -> Look:
-        """What the drive says now."""
-        return self.run(self.drive.look())
+    def status(self) -> DriveStatus:
+        """Read the drive once."""
+        return self.run(self.drive.status())
 
-    def enable(self) -> Look:
+    def enable(self) -> DriveStatus:
         """To operation enabled."""
         return self.run(self.drive.enable())
 
-    def disable(self) -> Look:
+    def disable(self) -> DriveStatus:
         """Current off."""
         return self.run(self.drive.disable())
 
-    def quick_stop(self, *, within: float = 30.0) -> Look:
+    def quick_stop(self, *, within: float = 30.0) -> DriveStatus:
         """Brake, and wait until the shaft stands."""
         return self.run(self.drive.quick_stop(within=within))
 
-    def reset(self) -> Look:
+    def reset(self) -> DriveStatus:
         """Out of a fault."""
         return self.run(self.drive.reset())
 
@@ -116,7 +116,7 @@ class DriveClient:
         acceleration: int | float | None = None,
         deceleration: int | float | None = None,
         within: float = 60.0,
-    ) -> Look:
+    ) -> DriveStatus:
         """To a position, or by a distance; enables the drive first."""
         return self.run(
             self.drive.move(
@@ -137,12 +137,12 @@ class DriveClient:
         acceleration: int | float | None = None,
         deceleration: int | float | None = None,
         within: float = 60.0,
-    ) -> Look:
+    ) -> DriveStatus:
         """To a velocity, and on it goes; enables the drive first."""
         return self.run(
             self.drive.velocity(target, acceleration=acceleration, deceleration=deceleration, within=within)
         )
 
-    def home(self, method: int | None = None, *, within: float = 60.0) -> Look:
+    def home(self, method: int | None = None, *, within: float = 60.0) -> DriveStatus:
         """Homing; enables the drive first."""
         return self.run(self.drive.home(method, within=within))

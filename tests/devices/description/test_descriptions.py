@@ -1,4 +1,4 @@
-"""Every kind of mistake in a description, each with the file, the line, the key and what was expected."""
+"""Errors in descriptions: each kind is reported with the file, the line, the key and what was expected."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.devices import DescriptionError, load
-from barewire.devices.description.parameter_table import RULES
+from barewire.devices.description.rules import PARAMETER
 from barewire.errors import BarewireError
 from tests.helpers import modest, refused
 
@@ -24,8 +24,8 @@ write_functions = { holding = [6], coil = [5] }
 [canopen]
 """
 
-# The row under test stands at lines 8 to 12 of rows.toml, what is added to it from line 13 on. The lines before it are
-# what a careless finder of lines would stumble over.
+# The row under test has lines 8 to 12 of rows.toml, and what is added to it begins with line 13. The lines before it
+# contain a table header inside of a string, which is not a header.
 BEFORE = '''\
 [[parameter]]
 name = "first"
@@ -50,7 +50,7 @@ def row(**changes: str | None) -> str:
     return "[[parameter]]\n" + "".join(f"{key} = {value}\n" for key, value in lines.items() if value is not None)
 
 
-def mistake(directory: Path) -> str:
+def load_error(directory: Path) -> str:
     with pytest.raises(DescriptionError) as caught:
         load(directory)
     assert isinstance(caught.value, BarewireError)
@@ -59,8 +59,8 @@ def mistake(directory: Path) -> str:
     return text
 
 
-KEY_MISTAKES: list[tuple[str, str, int, dict[str, str | None]]] = [
-    # key, what is said, line after the header of the row, the row
+KEY_ERRORS: list[tuple[str, str, int, dict[str, str | None]]] = [
+    # key, message, line after the header of the row, the row
     ("name", "missing; expected it in every parameter", 0, {"name": None}),
     ("type", "missing; expected", 0, {"type": None}),
     ("access", "missing; expected", 0, {"access": None}),
@@ -75,10 +75,10 @@ KEY_MISTAKES: list[tuple[str, str, int, dict[str, str | None]]] = [
     ("holding", "0 is address -1 on the wire; expected 0..65535", 3, {"holding": "0"}),
     ("holding", "65536 is address 65535 on the wire; expected 0..65534", 3, {"holding": "65536", "type": '"u32"'}),
     ("access", "'r': expected one of ro, rw, wo", 4, {"access": '"r"'}),
-    ("access", "nothing writes table 'input'; expected ro", 3, {"holding": None, "input": "8"}),
-    ("discrete", "nothing reads it; expected 'discrete' in read_functions", 4, {
+    ("access", "no function writes table 'input'; expected ro", 3, {"holding": None, "input": "8"}),
+    ("discrete", "no function reads it; expected 'discrete' in read_functions", 4, {
         "holding": None, "type": '"bool"', "access": '"ro"', "discrete": "1"}),
-    ("input", "a second table beside 'holding'; expected one place", 5, {"input": "8"}),
+    ("input", "a second table beside 'holding'; expected at most one address", 5, {"input": "8"}),
     ("half", "'M': expected one of L, H", 5, {"half": '"M"'}),
     ("half", "half a register with type 'u16'; expected u8 or i8", 5, {"half": '"L"'}),
     ("half", "a coil is one bit already", 5, {"holding": None, "type": '"bool"', "coil": "1", "half": '"L"'}),
@@ -95,7 +95,7 @@ KEY_MISTAKES: list[tuple[str, str, int, dict[str, str | None]]] = [
     ("sub", "belongs to an object; expected object", 5, {"sub": "1"}),
     ("object_bit", "belongs to an object", 5, {"object_bit": "1"}),
     ("object_bit", "one bit with type 'u16'; expected bool", 6, {"object": "0x2000", "object_bit": "1"}),
-    ("name", "no place; expected one of holding, input, coil, discrete, or object, or both", 1, {"holding": None}),
+    ("name", "no address; expected one of holding, input, coil, discrete, or object, or both", 1, {"holding": None}),
     ("unit", "3: expected text", 5, {"unit": "3"}),
     ("scale", "0.1: expected a fraction or a decimal above 0, as text", 5, {"scale": "0.1"}),
     ("scale", "'1/0': expected", 5, {"scale": '"1/0"'}),
@@ -141,22 +141,24 @@ KEY_MISTAKES: list[tuple[str, str, int, dict[str, str | None]]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("key", "said", "line", "changes"), KEY_MISTAKES)
-def test_a_mistake_in_a_row(key: str, said: str, line: int, changes: dict[str, str | None], tmp_path: Path) -> None:
-    text = mistake(write(tmp_path, BEFORE + row(**changes)))
+@pytest.mark.parametrize(("key", "message", "line", "changes"), KEY_ERRORS)
+def test_an_error_in_a_row_names_line_and_key(
+    key: str, message: str, line: int, changes: dict[str, str | None], tmp_path: Path
+) -> None:
+    text = load_error(write(tmp_path, BEFORE + row(**changes)))
     titled = "2" if changes.get("name", "") is None else changes.get("name", "'second'")
     title = re.escape(str(titled).replace('"', "'"))
     assert re.match(rf".*rows\.toml:{8 + line}: parameter {title}: key '{key}': ", text), text
-    assert said in text
+    assert message in text
 
 
 def test_the_line_of_a_key_in_a_table_of_its_own(tmp_path: Path) -> None:
     rows = BEFORE + row() + "\n[parameter.values]\n0 = 'off'\n\n[parameter.bits]\n3 = 'x'\nnine = 'y'\n"
-    assert "rows.toml:17: parameter 'second': key 'bits': " in mistake(write(tmp_path, rows))
+    assert "rows.toml:17: parameter 'second': key 'bits': " in load_error(write(tmp_path, rows))
 
 
-def test_a_name_may_stand_once_only(tmp_path: Path) -> None:
-    text = mistake(write(tmp_path, BEFORE + row(name='" FIRST"')))
+def test_a_second_parameter_of_the_same_name_is_refused(tmp_path: Path) -> None:
+    text = load_error(write(tmp_path, BEFORE + row(name='" FIRST"')))
     assert text.endswith("expected one, the first is " + str(tmp_path / "rows.toml") + ":2")
     assert "rows.toml:9: parameter ' FIRST': key 'name': a second one of this name" in text
 
@@ -166,7 +168,7 @@ def test_a_default_outside_its_range_is_accepted_with_a_note(tmp_path: Path) -> 
     assert load(write(tmp_path, rows)).parameters[0].default == 7
 
 
-def test_a_limit_that_is_no_binary_fraction_is_taken_for_what_is_meant(tmp_path: Path) -> None:
+def test_a_decimal_limit_without_an_exact_binary_form_is_accepted(tmp_path: Path) -> None:
     rows = row(scale='"1/100"', max="655.35", default="0.07")
     assert load(write(tmp_path, rows)).parameters[0].maximum == 655.35
 
@@ -174,8 +176,8 @@ def test_a_limit_that_is_no_binary_fraction_is_taken_for_what_is_meant(tmp_path:
 DRIVE = HEAD + "[drive]\nstatus_word = 'second'\n"
 BOTH_WORDS = DRIVE + "control_word = 'second'\n"
 
-HEAD_MISTAKES: list[tuple[str, str]] = [
-    # device.toml, what is said behind its name
+HEAD_ERRORS: list[tuple[str, str]] = [
+    # device.toml, the message behind its name
     ('title = "t"\n', "1: key 'name': missing; expected it in every device.toml"),
     ('name = "n"\n', "1: key 'title': missing"),
     ('name = "n"\ntitle = 7\n', "2: key 'title': 7: expected text"),
@@ -206,7 +208,7 @@ HEAD_MISTAKES: list[tuple[str, str]] = [
     (DRIVE + "control_word = 'secnd'\n", "10: [drive]: key 'control_word': 'secnd' is no parameter of this device"),
     (DRIVE + "control_word = ''\n", "10: [drive]: key 'control_word': '': expected text, not empty"),
     (DRIVE + "controlword = 'second'\n", "10: [drive]: key 'controlword': unknown; did you mean 'control_word'?"),
-    (BOTH_WORDS + "modes = { position = 1 }\n", "11: [drive]: key 'modes': nothing to write them to; expected mode"),
+    (BOTH_WORDS + "modes = { position = 1 }\n", "11: [drive]: key 'modes': no parameter to write them to; expected"),
     (BOTH_WORDS + "modes = { flying = 1 }\n", "11: [drive]: key 'modes': {'flying': 1}: 'flying' is unknown"),
     (BOTH_WORDS + "settle = -1\n", "11: [drive]: key 'settle': -1: expected seconds, 0..60"),
     ('name = "n"\ntitle = "t"\nparameter = 5\n', "3: key 'parameter': expected [[parameter]] tables"),
@@ -218,14 +220,14 @@ HEAD_MISTAKES: list[tuple[str, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("head", "said"), HEAD_MISTAKES)
-def test_a_mistake_in_device_toml(head: str, said: str, tmp_path: Path) -> None:
-    text = mistake(write(tmp_path, row(), head))
-    assert text.startswith(str(tmp_path / "device.toml") + ":" + said), text
+@pytest.mark.parametrize(("head", "message"), HEAD_ERRORS)
+def test_an_error_in_device_toml_names_line_and_key(head: str, message: str, tmp_path: Path) -> None:
+    text = load_error(write(tmp_path, row(), head))
+    assert text.startswith(str(tmp_path / "device.toml") + ":" + message), text
 
 
 @pytest.mark.parametrize(
-    ("head", "rows", "said"),
+    ("head", "rows", "message"),
     [
         ('name = "n"\ntitle = "t"\n', row(), "rows.toml:4: parameter 'second': key 'holding': the device has no"),
         (HEAD.replace("[canopen]", ""), row(object="1"), "rows.toml:6: parameter 'second': key 'object': the device"),
@@ -233,12 +235,12 @@ def test_a_mistake_in_device_toml(head: str, said: str, tmp_path: Path) -> None:
         (HEAD, "parameter = 7\n", "rows.toml:1: key 'parameter': expected [[parameter]] tables"),
     ],
 )  # fmt: skip
-def test_a_mistake_between_the_files(head: str, rows: str, said: str, tmp_path: Path) -> None:
-    assert said in mistake(write(tmp_path, rows, head))
+def test_an_error_between_the_files(head: str, rows: str, message: str, tmp_path: Path) -> None:
+    assert message in load_error(write(tmp_path, rows, head))
 
 
 @pytest.mark.parametrize(
-    ("part", "changes", "said"),
+    ("part", "changes", "message"),
     [
         ("status_word", {"access": '"wo"'}, "'second' is write only; expected one that can be read"),
         ("control_word", {"access": '"ro"'}, "'second' is read only; expected one that can be written"),
@@ -246,24 +248,25 @@ def test_a_mistake_between_the_files(head: str, rows: str, said: str, tmp_path: 
         ("position", {"type": '"bool"', "bit": "3"}, "'second' is of type 'bool'; expected a number"),
     ],
 )
-def test_a_parameter_that_cannot_play_its_part(
-    part: str, changes: dict[str, str | None], said: str, tmp_path: Path
+def test_a_parameter_that_does_not_fit_its_role_in_the_drive(
+    part: str, changes: dict[str, str | None], message: str, tmp_path: Path
 ) -> None:
     parts = {"status_word": "'first'", "control_word": "'first'", part: "'second'"}
     head = HEAD + "[drive]\n" + "".join(f"{key} = {name}\n" for key, name in parts.items())
-    text = mistake(write(tmp_path, BEFORE + row(**changes), head))
-    assert f"[drive]: key '{part}': {said}" in text, text
+    text = load_error(write(tmp_path, BEFORE + row(**changes), head))
+    assert f"[drive]: key '{part}': {message}" in text, text
 
 
-def test_bytes_that_are_no_text(tmp_path: Path) -> None:
+def test_a_file_that_is_not_utf_8(tmp_path: Path) -> None:
     write(tmp_path, "")
     (tmp_path / "rows.toml").write_bytes(b"# fine\n# \xb0C\n")
-    assert "rows.toml:2: not UTF-8" in mistake(tmp_path)
+    assert "rows.toml:2: not UTF-8" in load_error(tmp_path)
 
 
 def test_a_directory_without_device_toml(tmp_path: Path) -> None:
     assert (
-        mistake(tmp_path) == f"{tmp_path / 'device.toml'}:1: no such file; a device is a directory with a device.toml"
+        load_error(tmp_path)
+        == f"{tmp_path / 'device.toml'}:1: no such file; a device is a directory with a device.toml"
     )
 
 
@@ -271,19 +274,19 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     write(tmp_path, "")
     (tmp_path / "rows.toml").unlink()
     (tmp_path / "rows.toml").mkdir()
-    assert "rows.toml:1: Is a directory" in mistake(tmp_path)
+    assert "rows.toml:1: Is a directory" in load_error(tmp_path)
 
 
 NUMBERS = ["0", "-1", "7", "99999999999999999999", "0.5", "-1e300", "inf", "nan", "1979-05-27", "07:32:00"]
 TEXTS = ['""', '"x"', '"L"', '"u8"', '"text"', '"f64"', '"bool"', '"ro"', '"1/3"']
 TABLES = ["true", "[]", "[1]", "{}", '{ 0 = "x" }', "{ max = 1 }"]
 values = st.sampled_from([*NUMBERS, *TEXTS, *TABLES])
-keys = st.sampled_from([*RULES, "unknown", '""', '"two words"', "a.b"])
+keys = st.sampled_from([*PARAMETER, "unknown", '""', '"two words"', "a.b"])
 
 
 @modest
 @given(st.dictionaries(keys, values, max_size=6))
-def test_whatever_stands_in_a_row_it_loads_or_is_told(changes: dict[str, str]) -> None:
+def test_any_row_loads_or_is_refused_with_line_and_key(changes: dict[str, str]) -> None:
     text = ""
     with TemporaryDirectory() as directory:
         write(Path(directory), row(**changes))
@@ -294,7 +297,7 @@ def test_whatever_stands_in_a_row_it_loads_or_is_told(changes: dict[str, str]) -
     assert not text or re.match(r".*rows\.toml:\d+: parameter .*: key '.*': ", text)
 
 
-def test_a_pdo_whose_identifier_is_none_with_the_node_id_added(tmp_path: Path) -> None:
+def test_a_pdo_whose_cob_id_is_too_large_with_the_node_id_added(tmp_path: Path) -> None:
     head = HEAD + "[[pdo]]\nname = 'P'\ncob_id = 0x7FF\ntransmission = 0\nmap = []\n"
     with refused(DescriptionError, "10: pdo 'P': key 'cob_id': with node 1 it is 800h; expected 7FFh at most"):
         load(write(tmp_path, BEFORE, head))

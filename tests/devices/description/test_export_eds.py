@@ -1,4 +1,4 @@
-"""A device description as an EDS: without fault, and with everything that the description tells."""
+"""A device description as an EDS: without diagnostics, and with every parameter of the description."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ WITH_CANOPEN = [name for name in names() if load(name).canopen is not None]
 
 
 @pytest.mark.parametrize("name", WITH_CANOPEN)
-def test_without_fault_but_for_what_nobody_told(name: str) -> None:
+def test_the_exported_eds_has_no_diagnostics(name: str) -> None:
     data = export(load(name)).encode()
     assert eds.lint(eds.parse(data, strict=True)) == ()
     assert data.isascii()
 
 
 @pytest.mark.parametrize("name", WITH_CANOPEN)
-def test_every_parameter_is_there(name: str) -> None:
+def test_every_parameter_is_in_the_exported_eds(name: str) -> None:
     device = load(name)
     objects = eds.parse(export(device).encode()).dictionary(device.canopen.node if device.canopen else 1)
     owners = set()
@@ -39,7 +39,7 @@ def test_every_parameter_is_there(name: str) -> None:
     assert len(owners) > 100
 
 
-def test_az3() -> None:
+def test_the_exported_eds_of_the_az3() -> None:
     document = export(load("az3"), "drive.eds")
     assert document.get("FileInfo", "FileName") == "drive.eds"
     assert [document.get("DeviceInfo", f"BaudRate_{rate}") for rate in (10, 20, 800, 1000)] == ["0", "1", "0", "1"]
@@ -52,6 +52,6 @@ def test_az3() -> None:
     assert document.dictionary(9).get(0x1000) == 0x00020192
 
 
-def test_nothing_to_export() -> None:
+def test_a_device_without_canopen_cannot_be_exported() -> None:
     with pytest.raises(EncodeError, match="no CANopen in its description"):
         export(Device("box", "A box", ()))

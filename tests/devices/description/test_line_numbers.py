@@ -1,4 +1,4 @@
-"""The finder of lines: what it takes for keys and headers, and what it does not."""
+"""Line numbers of TOML keys: which lines are keys and headers, and which are inside of strings, arrays and comments."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.description.line_numbers import KeyLines, Path
+from barewire.devices.description.line_numbers import KeyLines, KeyPath
 from barewire.devices.description.load import CATALOG
 
 TEXT = '''\
@@ -66,16 +66,16 @@ key = 6
         (("nowhere",), 1),
     ],
 )
-def test_lines(path: Path, line: int) -> None:
+def test_line_of_a_key(path: KeyPath, line: int) -> None:
     assert KeyLines(TEXT).of(path) == line
 
 
-def test_the_text_above_is_toml() -> None:
+def test_the_example_is_valid_toml() -> None:
     assert tomllib.loads(TEXT)["parameter"][1]["bits"] == {"5": "five"}
 
 
 @pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")
-def test_every_key_of_the_catalogue_has_its_line(file: Any) -> None:
+def test_every_key_of_the_catalogue_is_found_on_its_line(file: Any) -> None:
     text = file.read_text(encoding="utf-8")
     lines, written = KeyLines(text), text.splitlines()
     for place, row in enumerate(tomllib.loads(text).get("parameter", [])):

@@ -1,4 +1,4 @@
-"""Loading: the three devices of the catalogue, devices of one's own, and what printed numbers become."""
+"""Loading: the devices of the catalogue, devices of a user, and printed numbers that become addresses."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def device_in(directory: Path, rows: str, head: str = SMALL) -> Path:
         ("csd-mt", {"holding": 114}, 0),
     ],
 )
-def test_catalogue(name: str, tables: dict[str | None, int], objects: int) -> None:
+def test_tables_and_objects_of_the_catalogue(name: str, tables: dict[str | None, int], objects: int) -> None:
     device = load(name)
     assert device.name == name
     assert Counter(p.modbus.table if p.modbus else None for p in device.parameters) == tables
@@ -58,9 +58,15 @@ def test_catalogue(name: str, tables: dict[str | None, int], objects: int) -> No
     assert device.documents
 
 
-def test_names_are_those_of_the_directories() -> None:
+def test_names_are_the_directories_of_the_catalogue() -> None:
     assert names() == ["adxl", "az3", "csd-mt"]
     assert [load(name).name for name in names()] == names()
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_catalogue_passes_all_checks(name: str) -> None:
+    """`load` does not check the catalogue at each start; loading it by its path does."""
+    assert load(CATALOG / name.replace("-", "_")) == load(name)
 
 
 def test_a_device_of_the_catalogue_is_read_once() -> None:
@@ -84,7 +90,7 @@ def test_limits_and_functions_of_the_machines() -> None:
     assert (csd.port, csd.read_limit, dict(csd.read_functions)) == (502, 125, {"holding": 3})
 
 
-def test_tables_that_are_not_the_formats_are_kept() -> None:
+def test_tables_that_the_format_does_not_define_are_kept_in_extra() -> None:
     assert set(load("adxl").extra) == {"serial", "exception_status", "report_slave_id", "errors"}
     assert load("adxl").extra["errors"]["6"].startswith("Slave busy")
     assert load("csd-mt").extra["alarm"][0]["code"] == 0x2130
@@ -171,19 +177,19 @@ def test_files_are_read_in_the_order_of_their_names(tmp_path: Path) -> None:
     assert [parameter.name for parameter in load(tmp_path).parameters] == ["1", "2", "3"]
 
 
-def test_an_unknown_device_is_told_with_the_nearest_names() -> None:
+def test_the_error_for_an_unknown_device_has_the_nearest_names() -> None:
     with refused(
         UnknownName, "no device 'az4' in the catalogue (adxl, az3, csd-mt), and no such directory; did you mean"
     ):
         load("az4")
 
 
-def test_an_unknown_parameter_is_told_with_the_nearest_names() -> None:
+def test_the_error_for_an_unknown_parameter_has_the_nearest_names() -> None:
     with refused(UnknownName, "az3 has no parameter 'STATUS WROD'; did you mean 'STATUS WORD'"):
         load("az3").find("STATUS WROD")
 
 
-def test_a_manual_that_counts_each_table_from_a_number_of_its_own(tmp_path: Path) -> None:
+def test_each_table_may_be_counted_from_a_number_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_text(
         """
 name = "meter"

@@ -1,4 +1,4 @@
-"""The parameter as JSON, and the schema of the format against the catalogue and against `load`."""
+"""The parameter as JSON, and the JSON schema of the format: the catalogue follows it, and it agrees with `load`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from jsonschema import Draft202012Validator
 
 from barewire.canopen import STANDARD
 from barewire.devices import DescriptionError, load, names
-from barewire.devices.description import drive_table
+from barewire.devices.description import rules
 from barewire.devices.description.load import CATALOG
-from barewire.devices.description.parameter_table import REQUIRED, RULES
 from barewire.devices.sdo_dialects import AZ3
-from tests.devices.description.test_descriptions import HEAD, HEAD_MISTAKES, row, write
+from tests.devices.description.test_descriptions import HEAD, HEAD_ERRORS, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
 KEYS += ["modbus", "object", "bits", "storable", "answered", "printed"]
@@ -28,20 +27,20 @@ VALIDATOR = Draft202012Validator(SCHEMA)
 @pytest.mark.parametrize("name", names())
 def test_every_parameter_is_json_with_the_same_keys(name: str) -> None:
     for parameter in load(name).parameters:
-        told = parameter.as_dict()
-        assert list(told) == KEYS
-        assert json.loads(json.dumps(told, allow_nan=False)) == told
+        fields = parameter.as_dict()
+        assert list(fields) == KEYS
+        assert json.loads(json.dumps(fields, allow_nan=False)) == fields
 
 
 def test_places_scale_and_names() -> None:
-    told = load("az3").find("START PHASING").as_dict()
-    assert told["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
-    assert told["object"] == {"index": 0x2018, "sub": 0, "bit": 1}
-    assert told["default"] is False
-    told = load("adxl").find("Frequency").as_dict()
-    assert (told["scale"], told["unit"], told["object"], told["min"]) == (0.001, "Hz", None, None)
-    told = load("adxl").find("C02 Thermal status reset").as_dict()
-    assert (told["scale"], told["values"]) == (1, {"1": "execute"})
+    fields = load("az3").find("START PHASING").as_dict()
+    assert fields["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
+    assert fields["object"] == {"index": 0x2018, "sub": 0, "bit": 1}
+    assert fields["default"] is False
+    fields = load("adxl").find("Frequency").as_dict()
+    assert (fields["scale"], fields["unit"], fields["object"], fields["min"]) == (0.001, "Hz", None, None)
+    fields = load("adxl").find("C02 Thermal status reset").as_dict()
+    assert (fields["scale"], fields["values"]) == (1, {"1": "execute"})
     half = load("adxl").find("Events counter").as_dict()["modbus"]
     assert half == {"table": "input", "address": 0x502F, "words": 1, "half": "H", "bit": None, "order": "ABCD"}
     assert load("az3").find("IQRMSX10").as_dict()["modbus"] is None
@@ -55,13 +54,13 @@ def test_the_catalogue_follows_the_schema(file: Path) -> None:
 def test_the_schema_is_a_schema_of_the_same_keys_and_words() -> None:
     Draft202012Validator.check_schema(SCHEMA)
     definitions = SCHEMA["$defs"]
-    assert list(definitions["parameter"]["properties"]) == list(RULES)
-    assert definitions["parameter"]["required"] == list(REQUIRED)
+    assert list(definitions["parameter"]["properties"]) == list(rules.PARAMETER)
+    assert definitions["parameter"]["required"] == list(rules.PARAMETER_REQUIRED)
     canopen = definitions["device"]["properties"]["canopen"]["properties"]
     assert canopen["dialect"]["enum"] == [STANDARD.name, AZ3.name]
     drive = definitions["device"]["properties"]["drive"]
-    assert list(drive["properties"]) == list(drive_table.RULES)
-    assert drive["required"] == list(drive_table.REQUIRED)
+    assert list(drive["properties"]) == list(rules.DRIVE)
+    assert drive["required"] == list(rules.DRIVE_REQUIRED)
 
 
 @pytest.mark.parametrize(
@@ -88,16 +87,18 @@ def test_schema_and_loader_refuse_the_same_rows(changes: dict[str, str | None], 
         load(write(tmp_path, rows))
 
 
-# What is no TOML has no schema, and a schema cannot add up the bits of a PDO or look for a parameter in another file.
-BEYOND = ("no TOML", "nested", "room for 64", "is no parameter")
+# A JSON schema cannot describe errors of TOML syntax, sums of PDO bits, or references to parameters in other files.
+BEYOND_SCHEMA = ("no TOML", "nested", "room for 64", "is no parameter")
 
 
-@pytest.mark.parametrize("head", [head for head, said in HEAD_MISTAKES if not any(word in said for word in BEYOND)])
+@pytest.mark.parametrize(
+    "head", [head for head, message in HEAD_ERRORS if not any(word in message for word in BEYOND_SCHEMA)]
+)
 def test_schema_and_loader_refuse_the_same_heads(head: str) -> None:
     assert not VALIDATOR.is_valid(tomllib.loads(head))
 
 
-def test_both_accept_a_good_one(tmp_path: Path) -> None:
+def test_schema_and_loader_accept_a_correct_row(tmp_path: Path) -> None:
     VALIDATOR.validate(tomllib.loads(HEAD))
     VALIDATOR.validate(tomllib.loads(row()))
     assert load(write(tmp_path, row())).find("second").modbus

@@ -1,4 +1,4 @@
-"""The states of a drive, against the tables and the drawing of CiA 402."""
+"""States of a drive, compared with the tables and the drawing of CiA 402."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_state_of(word: int, state: State) -> None:
     assert state_of(word) is state
 
 
-def test_no_word_is_two_states_and_the_other_bits_do_not_matter() -> None:
+def test_a_word_has_one_state_at_most_and_other_bits_do_not_matter() -> None:
     for low in range(0x80):
         found = [state for state, (mask, value) in STATUS_PATTERNS.items() if low & mask == value]
         assert len(found) <= 1
@@ -57,7 +57,7 @@ def test_no_word_is_two_states_and_the_other_bits_do_not_matter() -> None:
 
 
 @pytest.mark.parametrize("word", [0x0001, 0x0013, 0x0203, 0x0060 | 0x08, 0x10000, -1])
-def test_a_word_that_is_no_state(word: int) -> None:
+def test_a_word_without_a_state(word: int) -> None:
     with refused(DecodeError, f"status word {word:04X}h is no state of CiA 402"):
         state_of(word)
 
@@ -89,7 +89,7 @@ def test_command_of(word: int, previous: int, command: DriveCommand | None) -> N
     assert command_of(word, previous) is command
 
 
-def test_every_arrow_of_the_drawing() -> None:
+def test_every_transition() -> None:
     assert {row.number for row in TRANSITIONS} == {*range(1, 17)} - {13}
     for number, source, target, command in TRANSITIONS:
         if command is None:
@@ -103,10 +103,10 @@ def test_every_arrow_of_the_drawing() -> None:
             assert after(source, command) is target
 
 
-def test_what_no_arrow_leads_to_changes_nothing() -> None:
-    arrows = {(row.source, row.command) for row in TRANSITIONS}
+def test_a_command_without_a_transition_changes_nothing() -> None:
+    transitions = {(row.source, row.command) for row in TRANSITIONS}
     for state, command in product(State, DriveCommand):
-        if (state, command) not in arrows:
+        if (state, command) not in transitions:
             assert after(state, command) is state
 
 
@@ -128,7 +128,7 @@ def test_the_goal_is_reached_from_everywhere(start: State, goal: State, stays: b
     assert next_control_word(goal, goal) is None
 
 
-def test_the_usual_way_up() -> None:
+def test_the_commands_from_switch_on_disabled_to_enabled() -> None:
     state, words = State.SWITCH_ON_DISABLED, []
     while (word := next_control_word(state, State.OPERATION_ENABLED)) is not None:
         words.append(word)
@@ -136,14 +136,14 @@ def test_the_usual_way_up() -> None:
     assert words == [0x0006, 0x0007, 0x000F]
 
 
-def test_a_quick_stop_is_for_a_drive_that_runs() -> None:
+def test_a_quick_stop_needs_an_enabled_drive() -> None:
     assert next_control_word(State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE) == 0x0002
     assert next_control_word(State.QUICK_STOP_ACTIVE, State.QUICK_STOP_ACTIVE) is None
-    with refused(EncodeError, "a quick stop is for a drive that runs, not for one that is 'switched on'"):
+    with refused(EncodeError, "a quick stop needs an enabled drive, this one is 'switched on'"):
         next_control_word(State.SWITCHED_ON, State.QUICK_STOP_ACTIVE)
 
 
 @pytest.mark.parametrize("goal", [State.FAULT, State.FAULT_REACTION_ACTIVE, State.NOT_READY_TO_SWITCH_ON])
-def test_nobody_is_sent_into_a_fault(goal: State) -> None:
+def test_no_command_leads_to_a_fault(goal: State) -> None:
     with refused(EncodeError, f"no control word leads to {goal.value!r}: expected one of"):
         next_control_word(State.OPERATION_ENABLED, goal)

@@ -1,4 +1,4 @@
-"""One drive code over three wires, in virtual time: the CSD MT over TCP, the AZ3 over RTU and over CANopen."""
+"""The drive code on three buses in virtual time: the CSD MT over TCP, the AZ3 over RTU and over CANopen."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from barewire.devices import Device, load
 from barewire.devices.drive.access import CanopenAccess, ModbusAccess
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import DriveProgress, DriveStuck, Look
+from barewire.devices.drive.report import DriveProgress, DriveStatus, DriveStuck
 from barewire.devices.sim import Az3, CsdMt, Simulator, simulator
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server
@@ -27,17 +27,17 @@ TIMING = Timing.of(19200)
 
 
 class Bench:
-    """A simulated drive, a wire to it, and the drive code at our end. Time stands still between two actions."""
+    """A simulated drive, a bus, and the drive code. Time stands still between two actions."""
 
     def __init__(self, wire: str, **how: Any) -> None:
         device, _, self.protocol = wire.partition(" over ")
         self.machine: Simulator = simulator(device)
         if isinstance(self.machine, CsdMt):
-            self.machine.store["Velocity Window"] = 10  # as delivered, 21300 step/s off still count as reached
-            self.machine.store["Velocity Total Sample"] = 1  # as delivered, what is shown is the mean of 100 ms
-        self.told: list[DriveProgress] = []
+            self.machine.store["Velocity Window"] = 10  # as delivered, 21300 step/s off still counts as reached
+            self.machine.store["Velocity Total Sample"] = 1  # as delivered, the displayed value is the mean of 100 ms
+        self.progress: list[DriveProgress] = []
         self.now = 1.0
-        self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.told.append, **how)
+        self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.progress.append, **how)
 
     def _access(self) -> ModbusAccess | CanopenAccess:
         device = self.machine.device
@@ -54,16 +54,16 @@ class Bench:
 
     def _bus(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
         assert self.machine.canopen is not None
-        return [(now + 0.0005, said) for said in self.machine.canopen.feed(frame, now)]
+        return [(now + 0.0005, answer) for answer in self.machine.canopen.feed(frame, now)]
 
     def sending_takes(self, item: Any) -> float:
         return TIMING.duration(len(item)) if self.protocol == "RTU" else 0.0005
 
-    def do(self, conversation: Conversation[Any, Look]) -> Look:
+    def do(self, conversation: Conversation[Any, DriveStatus]) -> DriveStatus:
         look, self.now = play(conversation, self.peer, start=self.now, sending_takes=self.sending_takes)
         return look
 
-    def stuck(self, conversation: Conversation[Any, Look]) -> str:
+    def stuck(self, conversation: Conversation[Any, DriveStatus]) -> str:
         with pytest.raises(DriveStuck) as caught:
             self.do(conversation)
         self.now += 100.0
@@ -72,7 +72,7 @@ class Bench:
     @property
     def states(self) -> list[str]:
         """The states passed through, each once in a row."""
-        names = [progress.look.state_name for progress in self.told]
+        names = [progress.status.state_name for progress in self.progress]
         return [name for place, name in enumerate(names) if place == 0 or names[place - 1] != name]
 
 
@@ -91,10 +91,10 @@ def stepper(bench: Bench) -> CsdMt:
     return bench.machine
 
 
-# States, the same on every wire
+# States, the same on every bus
 
 
-def test_enabling_passes_every_state_and_disabling_goes_back(bench: Bench) -> None:
+def test_enabling_passes_every_state_and_disabling_switches_off(bench: Bench) -> None:
     assert bench.do(bench.drive.enable()).state is State.OPERATION_ENABLED
     up = ["switch on disabled", "ready to switch on", "switched on", "operation enabled"]
     assert bench.states == up
@@ -103,36 +103,36 @@ def test_enabling_passes_every_state_and_disabling_goes_back(bench: Bench) -> No
     assert bench.states == [*up, "switch on disabled"]
 
 
-def test_status_is_one_look(bench: Bench) -> None:
-    look = bench.do(bench.drive.look())
+def test_status_reads_the_drive_once(bench: Bench) -> None:
+    look = bench.do(bench.drive.status())
     assert (look.state_name, look.position, look.velocity) == ("switch on disabled", 0, 0)
-    (progress,) = bench.told
+    (progress,) = bench.progress
     assert json.loads(json.dumps(progress.as_dict()))["bits"][0] == "voltage enabled"
 
 
-def test_the_same_words_over_all_wires() -> None:
+def test_status_words_are_the_same_on_all_buses() -> None:
     words = []
     for wire in WIRES:
         bench = Bench(wire)
         bench.do(bench.drive.move(0, relative=True))
-        words.append(bench.do(bench.drive.look()).status_word)
+        words.append(bench.do(bench.drive.status()).status_word)
     assert words == [0x0637] * 3
 
 
 # Motion
 
 
-def test_a_trapezoid_lasts_as_long_as_the_formula_says(bench: Bench) -> None:
+def test_a_trapezoidal_move_takes_the_computed_time(bench: Bench) -> None:
     bench.do(bench.drive.enable())
     # way, velocity, acceleration in the drive's own units, and how many of the way's are in one of the velocity's
     way, speed, rate, unit = (240_000, 90_000, 140_000, 1.0)
     if bench.machine.device.name == "az3":
         way, speed, rate, unit = (81_920, 600, 1200, 8192 / 60)
-    began, told = bench.now, len(bench.told)
+    began, told = bench.now, len(bench.progress)
     look = bench.do(bench.drive.move(way, velocity=speed, acceleration=rate, deceleration=rate))
     assert look.position == way
     assert look.velocity == 0
-    moving = [progress.look for progress in bench.told[told:] if progress.look.velocity]
+    moving = [progress.status for progress in bench.progress[told:] if progress.status.velocity]
     formula = way / (speed * unit) + speed / rate
     assert moving[-1].now - moving[0].now == pytest.approx(formula, abs=0.2)
     assert bench.now - began == pytest.approx(formula, abs=0.6)
@@ -151,18 +151,18 @@ def test_a_velocity_is_reached_and_the_motor_goes_on_turning(bench: Bench) -> No
     look = bench.do(bench.drive.velocity(target, acceleration=40_000, deceleration=40_000))
     assert look.velocity == target
     bench.now += 10
-    assert bench.do(bench.drive.look()).velocity == target
+    assert bench.do(bench.drive.status()).velocity == target
     assert bench.do(bench.drive.velocity(0)).velocity == 0
 
 
-def test_from_turning_to_a_position_the_shaft_is_halted_between(bench: Bench) -> None:
+def test_a_change_of_mode_halts_the_shaft_first(bench: Bench) -> None:
     bench.do(bench.drive.velocity(1200, acceleration=4000, deceleration=4000))
     assert bench.do(bench.drive.move(7000)).position == 7000
-    assert any(progress.waiting_for == "standstill (halt)" for progress in bench.told)
+    assert any(progress.waiting_for == "standstill (halt)" for progress in bench.progress)
     assert bench.do(bench.drive.velocity(1200)).velocity == 1200
 
 
-def test_a_quick_stop_brakes_and_says_where_it_ended(bench: Bench) -> None:
+def test_a_quick_stop_brakes_and_returns_the_final_state(bench: Bench) -> None:
     bench.do(bench.drive.velocity(3000, acceleration=4000, deceleration=4000))
     look = bench.do(bench.drive.quick_stop())
     assert look.velocity == 0
@@ -171,7 +171,7 @@ def test_a_quick_stop_brakes_and_says_where_it_ended(bench: Bench) -> None:
     assert bench.do(bench.drive.enable()).state is State.OPERATION_ENABLED
 
 
-def test_homing_calls_where_it_ended_by_the_offset(csd: Bench) -> None:
+def test_the_position_after_homing_is_the_offset(csd: Bench) -> None:
     csd.do(csd.drive.move(5000))
     stepper(csd).store["Homing Offset"] = 123
     look = csd.do(csd.drive.home(35))
@@ -195,32 +195,32 @@ def test_a_fault_and_its_reset(bench: Bench) -> None:
     assert isinstance(machine, (CsdMt, Az3))
     machine.fault(0x2130, bench.now)
     bench.now += 10
-    name = machine.device.find(bench.drive.parts.error_code).name
-    said = bench.stuck(bench.drive.enable())
-    assert said.startswith("enable: stuck in 'fault', waiting for 'operation enabled': the drive has a fault, ")
-    assert f"{name} 2130h" in said
+    name = machine.device.find(bench.drive.roles.error_code).name
+    message = bench.stuck(bench.drive.enable())
+    assert message.startswith("enable: stuck in 'fault', waiting for 'operation enabled': the drive has a fault, ")
+    assert f"{name} 2130h" in message
     assert bench.do(bench.drive.disable()).state is State.FAULT
-    said = bench.stuck(bench.drive.reset())
-    assert said.startswith("reset: stuck in 'fault' after 3 s, waiting for 'switch on disabled'")
-    assert "its cause is still there, or the reset was not taken" in said
+    message = bench.stuck(bench.drive.reset())
+    assert message.startswith("reset: stuck in 'fault' after 3 s, waiting for 'switch on disabled'")
+    assert "its cause is still there, or the reset was not taken" in message
     machine.solve(bench.now)
     assert bench.do(bench.drive.reset()).state is State.SWITCH_ON_DISABLED
-    assert bench.do(bench.drive.reset()).state is State.SWITCH_ON_DISABLED  # nothing to do is no error
+    assert bench.do(bench.drive.reset()).state is State.SWITCH_ON_DISABLED  # without a fault it does nothing
     assert bench.do(bench.drive.enable()).state is State.OPERATION_ENABLED
 
 
 def test_a_fault_on_the_way_ends_the_move_at_once(csd: Bench) -> None:
     def breaks(progress: DriveProgress) -> None:
-        if progress.look.position and stepper(csd).axis.cause == 0:
-            stepper(csd).fault(0x8611, progress.look.now)
+        if progress.status.position and stepper(csd).axis.cause == 0:
+            stepper(csd).fault(0x8611, progress.status.now)
 
     csd.drive.progress = breaks
     began = csd.now
-    said = csd.stuck(csd.drive.move(1_000_000))
-    assert said.startswith(
+    message = csd.stuck(csd.drive.move(1_000_000))
+    assert message.startswith(
         "move: stuck in 'fault', waiting for target reached: the drive has a fault, Error Code 8611h"
     )
-    assert "(motor following error)" in said
+    assert "(motor following error)" in message
     assert csd.now - 100 - began < 1
 
 
@@ -229,8 +229,8 @@ def test_a_fault_on_the_way_ends_the_move_at_once(csd: Bench) -> None:
 
 def test_no_high_voltage(csd: Bench) -> None:
     stepper(csd).supply(False, 0.0)
-    said = csd.stuck(csd.drive.enable())
-    assert said == (
+    message = csd.stuck(csd.drive.enable())
+    assert message == (
         "enable: stuck in 'ready to switch on' after 3 s, waiting for 'operation enabled': no high voltage, bit 4 "
         "(voltage enabled) is off; status word 0221h: ready to switch on, quick stop, remote; last control word 0007h"
     )
@@ -238,7 +238,7 @@ def test_no_high_voltage(csd: Bench) -> None:
     assert csd.do(csd.drive.enable()).state is State.OPERATION_ENABLED  # after the half second that the power needs
 
 
-def test_a_set_point_that_is_not_taken(csd: Bench) -> None:
+def test_a_set_point_that_is_not_acknowledged(csd: Bench) -> None:
     csd.do(csd.drive.enable())
     with pytest.raises(DriveStuck, match=r"after 0\.1 s, waiting for target reached"):
         csd.do(csd.drive.move(200_000, within=0.1))
@@ -250,20 +250,20 @@ def test_a_set_point_that_is_not_taken(csd: Bench) -> None:
     assert csd.do(csd.drive.move(100, immediately=True)).position == 100
 
 
-def test_the_drive_is_disabled_by_somebody_else(csd: Bench) -> None:
-    def interferes(progress: DriveProgress) -> None:
-        if progress.look.position:
-            stepper(csd).axis.control(0, progress.look.now)
+def test_the_drive_is_disabled_by_another_master(csd: Bench) -> None:
+    def disables(progress: DriveProgress) -> None:
+        if progress.status.position:
+            stepper(csd).axis.control(0, progress.status.now)
 
-    csd.drive.progress = interferes
-    said = csd.stuck(csd.drive.move(1_000_000))
-    assert said.startswith("move: stuck in 'switch on disabled', waiting for target reached; status word")
-
-
-# What cannot be asked for
+    csd.drive.progress = disables
+    message = csd.stuck(csd.drive.move(1_000_000))
+    assert message.startswith("move: stuck in 'switch on disabled', waiting for target reached; status word")
 
 
-def test_what_a_description_does_not_have(csd: Bench) -> None:
+# Refused before anything is sent
+
+
+def test_actions_that_the_description_does_not_support(csd: Bench) -> None:
     with refused(EncodeError, "adxl is no drive: its description has no table [drive]"):
         Drive(csd.drive.access, load("adxl"))
     az3 = Bench(WIRES[2])
@@ -274,13 +274,13 @@ def test_what_a_description_does_not_have(csd: Bench) -> None:
 def test_values_are_checked_before_anything_is_sent(csd: Bench) -> None:
     with refused(EncodeError, "Profile Velocity = 900000: expected 0..800000 step/s"):
         csd.drive.move(0, velocity=900_000)
-    assert not csd.told
+    assert not csd.progress
 
 
-def test_a_drive_of_the_two_words_alone() -> None:
-    """Without a mode display, without values to watch, without an error code: states still work, motion is refused."""
+def test_a_drive_with_only_the_two_words() -> None:
+    """Without mode display, position, velocity and error code the states still work, and motion is refused."""
     bench = Bench(WIRES[0])
-    parts = bench.drive.parts._replace(mode_display="", position="", velocity="", error_code="", target_position="")
+    parts = bench.drive.roles._replace(mode_display="", position="", velocity="", error_code="", target_position="")
     known = bench.machine.device
     bare = Device(known.name, known.title, known.parameters, modbus=known.modbus, drive=parts)
     drive = Drive(ModbusAccess(Bus(TcpLine()), 1, bare), bare)

@@ -141,7 +141,7 @@ def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
     assert place is not None
     if place.table == "input":
         if line.machine.device.name == "az3":
-            with pytest.raises(EncodeError, match="which nothing in az3 writes"):
+            with pytest.raises(EncodeError, match="which no function of az3 writes"):
                 line.write({parameter: value}, force=True)
             return None
         request = WriteSingleRegister(place.address, 0)

@@ -1,10 +1,12 @@
-"""Whether a table of a description is as the format says: every key known, every value fit, none missing.
+"""The rules of the description format for single keys, and the tables that they are applied to.
 
-    Block                    one table of a file, which knows how to say where it is wrong
-    rule(value) -> value     one key; raises Unfit("expected ...")
-    block.read(rules)        all keys of the table; DescriptionError("FILE:LINE: parameter 'NAME': key 'half': ...")
+    TomlTable                one table of a file; its errors have file, line, table and key
+    rule(value)              a check of one value; raises Invalid("expected ...")
+    table.check(rules)       all keys of a table: known, present, valid
 
-I know: tables, keys, types, lines.  I never know: what a register is.
+    DEVICE, MODBUS, CANOPEN, PDO, DRIVE, PARAMETER       key -> rule, for each table of the format
+
+Depends on: the line numbers.  Used by: `check.py`.
 """
 
 from __future__ import annotations
@@ -14,39 +16,45 @@ from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeAlias
 
-from barewire.devices.description.line_numbers import KeyLines, Path
+from barewire.codecs.order import ORDERS
+from barewire.devices.description.line_numbers import KeyLines, KeyPath
 from barewire.devices.device import suggest
+from barewire.devices.parameter import TABLE_NAMES, VALUE_TYPES
+from barewire.devices.sdo_dialects import DIALECTS
 from barewire.errors import BarewireError, shown
 
 
 class DescriptionError(BarewireError, ValueError):
-    """A device description is not as the format says. The text names file, line and key, and what was expected."""
+    """A device description does not follow the format. The text names file, line and key, and what was expected."""
 
 
-class Unfit(Exception):
-    """A rule's verdict on a value: what it expected."""
+class Invalid(Exception):
+    """A value breaks a rule; the text is what the rule expected."""
 
 
-Rule: TypeAlias = Callable[[Any], Any]
+KeyRule: TypeAlias = Callable[[Any], None]
 
 
 class TomlTable(NamedTuple):
-    """One table: in which file and where, what to call it, and what it holds."""
+    """One table: its file, its path in the file, the title that errors give it, and its items."""
 
     file: str
     lines: KeyLines
-    path: Path
+    path: KeyPath
     title: str
     items: Mapping[str, Any]
 
-    def error(self, key: str, text: str) -> DescriptionError:
-        """What is wrong with one key, with the place where it stands."""
-        line = self.lines.of((*self.path, key))
-        title = f"{self.title}: " if self.title else ""
-        return DescriptionError(f"{self.file}:{line}: {title}key {key!r}: {text}")
+    def line(self, key: str) -> int:
+        """The line of a key; of the table if the table does not have it."""
+        return self.lines.of((*self.path, key))
 
-    def read(self, rules: Mapping[str, Rule], required: Sequence[str] = ()) -> dict[str, Any]:
-        """The values as the rules turn them. DescriptionError for a key unknown, missing or unfit."""
+    def error(self, key: str, text: str) -> DescriptionError:
+        """The error for one key, with its file and line."""
+        title = f"{self.title}: " if self.title else ""
+        return DescriptionError(f"{self.file}:{self.line(key)}: {title}key {key!r}: {text}")
+
+    def check(self, rules: Mapping[str, KeyRule], required: Sequence[str] = ()) -> None:
+        """Check every key. DescriptionError for a key that is unknown, missing or invalid."""
         for key in self.items:
             if key not in rules:
                 near = suggest(key, rules) or f"; expected one of {', '.join(rules)}"
@@ -54,152 +62,260 @@ class TomlTable(NamedTuple):
         for key in required:
             if key not in self.items:
                 raise self.error(key, f"missing; expected it in every {self.title.partition(' ')[0] or 'device.toml'}")
-        values = {}
         for key, value in self.items.items():
             try:
-                values[key] = rules[key](value)
-            except Unfit as unfit:
-                raise self.error(key, f"{shown(value)}: {unfit}") from None
-        return values
+                rules[key](value)
+            except Invalid as invalid:
+                raise self.error(key, f"{shown(value)}: {invalid}") from None
+
+    def table(self, key: str) -> TomlTable | None:
+        """The table [key] in this one, if there is one."""
+        items = self.items.get(key)
+        if items is None:
+            return None
+        if not isinstance(items, dict):
+            raise self.error(key, f"expected a table [{key}]")
+        return TomlTable(self.file, self.lines, (*self.path, key), f"[{key}]", items)
+
+    def tables(self, key: str) -> list[TomlTable]:
+        """The tables [[key]] in this one."""
+        rows = self.items.get(key, [])
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise self.error(key, f"expected [[{key}]] tables")
+        return [
+            TomlTable(self.file, self.lines, (*self.path, key, number), f"{key} {row.get('name', number + 1)!r}", row)
+            for number, row in enumerate(rows)
+        ]
 
 
-# The rules
+# Rules
 
 
-def text(value: Any) -> str:
-    """Text that says something."""
+def text(value: Any) -> None:
+    """Text that is not blank."""
     if not isinstance(value, str) or not value.strip():
-        raise Unfit("expected text, not empty")
-    return value
+        raise Invalid("expected text, not empty")
 
 
-def any_text(value: Any) -> str:
+def any_text(value: Any) -> None:
     """Text that may be empty."""
     if not isinstance(value, str):
-        raise Unfit("expected text")
-    return value
+        raise Invalid("expected text")
 
 
-def texts(value: Any) -> tuple[str, ...]:
+def texts(value: Any) -> None:
     """A list of texts."""
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise Unfit("expected a list of texts")
-    return tuple(value)
+        raise Invalid("expected a list of texts")
 
 
-def truth(value: Any) -> bool:
+def boolean(value: Any) -> None:
     """true or false."""
     if not isinstance(value, bool):
-        raise Unfit("expected true or false")
-    return value
+        raise Invalid("expected true or false")
 
 
-def number(value: Any) -> int | float:
-    """A number that is one: TOML has inf and nan too."""
+def finite_number(value: Any) -> None:
+    """A finite number: TOML has inf and nan too."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value - value != 0:
-        raise Unfit("expected a number")
-    return value
+        raise Invalid("expected a number")
 
 
-def scalar(value: Any) -> int | float | bool | str:
+def scalar(value: Any) -> None:
     """A default: which of these it may be depends on the type of the parameter."""
-    return value if isinstance(value, (bool, str)) else number(value)
+    if not isinstance(value, (bool, str)):
+        finite_number(value)
 
 
-def whole(low: int, high: int) -> Rule:
+def seconds(value: Any) -> None:
+    """A time of up to a minute."""
+    finite_number(value)
+    if not 0 <= value <= 60:
+        raise Invalid("expected seconds, 0..60")
+
+
+def whole(low: int, high: int) -> KeyRule:
     """A whole number within limits."""
 
-    def rule(value: Any) -> int:
+    def rule(value: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise Unfit(f"expected a whole number, {low}..{high}")
-        return value
+            raise Invalid(f"expected a whole number, {low}..{high}")
 
     return rule
 
 
-def one_of(*choices: str | int) -> Rule:
+def one_of(*choices: str | int) -> KeyRule:
     """One of a few words or numbers."""
 
-    def rule(value: Any) -> str | int:
+    def rule(value: Any) -> None:
         if isinstance(value, bool) or value not in choices:
-            raise Unfit(f"expected one of {', '.join(map(str, choices))}")
-        chosen: str | int = value
-        return chosen
+            raise Invalid(f"expected one of {', '.join(map(str, choices))}")
 
     return rule
 
 
-def fraction(value: Any) -> Fraction:
+def fraction(value: Any) -> None:
     """A scale: "1/10" or "0.1", as text, since a binary 0.1 would not be a tenth."""
-    # Python would take "1e999999" too, and be busy with it for a while.
-    if isinstance(value, str) and re.fullmatch(r"[0-9]{1,20}(/0*[1-9][0-9]{0,19}|\.[0-9]{1,20})?", value):
-        found = Fraction(value)
-        if found > 0:
-            return found
-    raise Unfit('expected a fraction or a decimal above 0, as text: "1/10"')
+    # Python accepts "1e999999" too, and takes long to compute it.
+    form = r"[0-9]{1,20}(/0*[1-9][0-9]{0,19}|\.[0-9]{1,20})?"
+    if not (isinstance(value, str) and re.fullmatch(form, value) and Fraction(value) > 0):
+        raise Invalid('expected a fraction or a decimal above 0, as text: "1/10"')
 
 
-def numbered(value: Any) -> dict[int, str]:
-    """{ 0 = "text" }: TOML keys are text, these must be whole numbers in decimal."""
+def numbered_texts(value: Any) -> None:
+    """{ 0 = "text" }: the keys of TOML are text, these must be whole numbers in decimal."""
     if not isinstance(value, dict) or not value:
-        raise Unfit('expected a table of numbers and texts: { 0 = "off" }')
-    found = {}
+        raise Invalid('expected a table of numbers and texts: { 0 = "off" }')
     for key, title in value.items():
-        if str(key) != str(_decimal(key)):
-            raise Unfit(f"{key!r} is no whole number in decimal")
+        if not re.fullmatch(r"0|-?[1-9][0-9]{0,24}", key):
+            raise Invalid(f"{key!r} is no whole number in decimal")
         if not isinstance(title, str) or not title.strip():
-            raise Unfit(f"{shown(title)} for {key}: expected text, not empty")
-        found[int(key)] = title
-    return found
+            raise Invalid(f"{shown(title)} for {key}: expected text, not empty")
 
 
-def _decimal(key: str) -> int | None:
-    try:
-        return int(key)
-    except ValueError:
-        return None
-
-
-def table_of(rules: Mapping[str, Rule]) -> Rule:
+def table_of(rules: Mapping[str, KeyRule]) -> KeyRule:
     """An inline table with keys of its own."""
 
-    def rule(value: Any) -> dict[str, Any]:
+    def rule(value: Any) -> None:
         if not isinstance(value, dict):
-            raise Unfit(f"expected a table with some of {', '.join(rules)}")
-        found = {}
+            raise Invalid(f"expected a table with some of {', '.join(rules)}")
         for key, item in value.items():
             if key not in rules:
-                raise Unfit(f"{key!r} is unknown; expected some of {', '.join(rules)}")
+                raise Invalid(f"{key!r} is unknown; expected some of {', '.join(rules)}")
             try:
-                found[key] = rules[key](item)
-            except Unfit as unfit:
-                raise Unfit(f"{key} = {shown(item)}: {unfit}") from None
-        return found
+                rules[key](item)
+            except Invalid as invalid:
+                raise Invalid(f"{key} = {shown(item)}: {invalid}") from None
+
+    return rule
+
+
+def list_of(item_rule: KeyRule, least: int, most: int) -> KeyRule:
+    """A list whose every item follows one rule."""
+
+    def rule(value: Any) -> None:
+        if not isinstance(value, list) or not least <= len(value) <= most:
+            raise Invalid(f"expected a list of {least} to {most}")
+        for item in value:
+            item_rule(item)
 
     return rule
 
 
 PRINTED_MAX = 465_536
-"""The largest number that manuals print for a place: 400001 is the first holding register of some of them."""
+"""The largest number that manuals print for an address: 400001 is the first holding register in some of them."""
 
 
-def each_of(*names: str) -> Rule:
+def each_of(*names: str) -> KeyRule:
     """One whole number for all of these names, or a table with a number for some of them."""
-    number = whole(0, PRINTED_MAX)
-    numbers = table_of(dict.fromkeys(names, number))
+    one = whole(0, PRINTED_MAX)
+    several = table_of(dict.fromkeys(names, one))
 
-    def rule(value: Any) -> Any:
-        return numbers(value) if isinstance(value, dict) else dict.fromkeys(names, number(value))
-
-    return rule
-
-
-def list_of(item_rule: Rule, least: int, most: int) -> Rule:
-    """A list whose every item follows one rule."""
-
-    def rule(value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, list) or not least <= len(value) <= most:
-            raise Unfit(f"expected a list of {least} to {most}")
-        return tuple(item_rule(item) for item in value)
+    def rule(value: Any) -> None:
+        (several if isinstance(value, dict) else one)(value)
 
     return rule
+
+
+def mapping_entry(value: Any) -> None:
+    """An entry of a PDO mapping: [index, sub-index, bits]."""
+    ranges = (whole(1, 0xFFFF), whole(0, 0xFF), whole(1, 64))
+    if not isinstance(value, list) or len(value) != len(ranges):
+        raise Invalid("expected [index, sub-index, bits] in each place")
+    for rule, item in zip(ranges, value):
+        rule(item)
+
+
+def printed(value: Any) -> None:
+    """Field -> the text of the manual; `range` is min and max in one, `canopen_` or `modbus_` names the manual."""
+    if not isinstance(value, dict):
+        raise Invalid('expected a table of fields and texts: { max = "4.2E10" }')
+    for key, words in value.items():
+        if key.removeprefix("canopen_").removeprefix("modbus_") not in (*PARAMETER, "range"):
+            raise Invalid(f"{key!r} is no field; expected a key of the row, or range, maybe behind canopen_ or modbus_")
+        if not isinstance(words, str):
+            raise Invalid(f"{key} = {shown(words)}: expected text, as it is printed")
+
+
+# Tables
+
+
+def anything(value: Any) -> None:
+    """A table that is checked by itself."""
+
+
+_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+
+DEVICE: dict[str, KeyRule] = {
+    "name": text,
+    "title": text,
+    "documents": texts,
+    **dict.fromkeys(("modbus", "canopen", "pdo", "drive", "parameter"), anything),
+}
+
+MODBUS: dict[str, KeyRule] = {
+    "unit": whole(0, 255),
+    "port": whole(1, 0xFFFF),
+    "first_register": each_of("holding", "input"),
+    "first_coil": each_of("coil", "discrete"),
+    "order": one_of(*ORDERS),
+    "read_limit": whole(1, 125),
+    "write_limit": whole(1, 123),
+    "read_functions": table_of(
+        {"holding": one_of(3, 4), "input": one_of(3, 4), "coil": one_of(1, 2), "discrete": one_of(1, 2)}
+    ),
+    "write_functions": table_of({"holding": list_of(one_of(6, 16), 1, 2), "coil": list_of(one_of(5, 15), 1, 2)}),
+}
+
+CANOPEN: dict[str, KeyRule] = {
+    "node": whole(1, 127),
+    "bitrate": one_of(*_BITRATES),
+    "dialect": one_of(*DIALECTS),
+}
+PDO: dict[str, KeyRule] = {
+    "name": text,
+    "cob_id": whole(0x80, 0x7FF),
+    "transmission": whole(0, 255),
+    "map": list_of(mapping_entry, 0, 64),
+}
+
+READ_ROLES = ("status_word", "mode_display", "error_code", "position", "velocity")
+"""The roles in a drive whose parameters are read."""
+WRITTEN_ROLES = (
+    *("control_word", "mode", "target_position", "target_velocity", "profile_velocity"),
+    *("acceleration", "deceleration", "homing_method", "homing_speed_switch", "homing_speed_zero"),
+)
+DRIVE: dict[str, KeyRule] = {
+    **dict.fromkeys((*READ_ROLES, *WRITTEN_ROLES), text),
+    "modes": table_of(dict.fromkeys(("position", "velocity", "homing"), whole(-128, 127))),
+    "stays_in_quick_stop": boolean,
+    "settle": seconds,
+}
+DRIVE_REQUIRED = ("status_word", "control_word")
+
+PARAMETER: dict[str, KeyRule] = {
+    "name": text,
+    "type": one_of(*VALUE_TYPES),
+    **dict.fromkeys(TABLE_NAMES, whole(0, PRINTED_MAX + 0xFFFF)),
+    "half": one_of("L", "H"),
+    "bit": whole(0, 15),
+    "order": one_of(*ORDERS),
+    "words": whole(1, 125),
+    "object": whole(1, 0xFFFF),
+    "sub": whole(0, 0xFF),
+    "object_bit": whole(0, 31),
+    "access": one_of("ro", "rw", "wo"),
+    "unit": any_text,
+    "scale": fraction,
+    "default": scalar,
+    "min": finite_number,
+    "max": finite_number,
+    "values": numbered_texts,
+    "bits": numbered_texts,
+    "firmware": text,
+    "storable": boolean,
+    "answered": boolean,
+    "note": text,
+    "printed": printed,
+}
+PARAMETER_REQUIRED = ("name", "type", "access")

@@ -1,1 +1,9 @@
-"""."""
+"""Drives of CiA 402: one code that moves any drive, over Modbus and over CANopen.
+
+    cia402      states, status words, control words, transitions
+    report      one reading of a drive, progress, and the error DriveStuck with the reasons
+    access      how a drive is read and written by name: ModbusAccess, CanopenAccess
+    drive       enable, disable, quick stop, reset, move, velocity, home
+
+Depends on: reading and writing by name (`devices.access`).  Used by: `io.drive`, the command `barewire drive`.
+"""

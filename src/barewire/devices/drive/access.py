@@ -1,58 +1,56 @@
-"""How the drive code reaches a drive: read by name, write by name, let time pass. One for each bus.
+"""Access of the drive code to a drive: read by name, write by name, wait. One class for each bus.
 
-        drive.py  --read, write, rest-->  ModbusAccess   Conversation[bytes, ...]      RTU, ASCII, TCP
+        drive.py  --read, write, wait-->  ModbusAccess   Conversation[bytes, ...]      RTU, ASCII, TCP
                                           CanopenAccess  Conversation[CanFrame, ...]   SDO
 
-`rest` is also how time becomes known. What comes meanwhile goes to whoever remembers the line, so no byte vanishes.
+`wait` returns the time, and passes what is received meanwhile to the bus or the channel, which keeps its statistics.
 
-I know: both ways to read and write by name.  I never know: states, motion.
+Depends on: reading and writing by name.  Used by: `drive.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from barewire.canopen import CanFrame, Channel
 from barewire.codecs import Value
-from barewire.conversation import Conversation, Listen
+from barewire.conversation import Conversation, Item, Listen
 from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
 from barewire.devices.device import Device
 from barewire.devices.parameter import Reading
 from barewire.modbus import Bus
 
-Item = TypeVar("Item")
-
 
 class DriveAccess(Protocol[Item]):
-    """What the drive code needs of a wire."""
+    """What the drive code needs of a bus."""
 
     def read(self, names: Sequence[str]) -> Conversation[Item, list[Reading]]:
-        """Named values, in the order asked."""
+        """Read values by name, in the order of `names`."""
 
     def write(self, values: Mapping[str, Value]) -> Conversation[Item, None]:
-        """Named values, in the order given."""
+        """Write values by name, in their order."""
 
-    def rest(self, until: float) -> Conversation[Item, float]:
-        """Let time pass until then, or not at all if it is past; returns the time."""
+    def wait(self, until: float) -> Conversation[Item, float]:
+        """Wait until then, or not at all if it is past; returns the time."""
 
 
 class ModbusAccess:
-    """A drive that is `unit` on a bus."""
+    """Access to a drive that is `unit` on a Modbus line."""
 
     def __init__(self, bus: Bus, unit: int, device: Device, *, timeout: float = 1.0) -> None:
         self.bus, self.unit, self.device, self.timeout = bus, unit, device, timeout
 
     def read(self, names: Sequence[str]) -> Conversation[bytes, list[Reading]]:
-        """With as few requests as the device allows."""
+        """Read with as few requests as the device allows."""
         return read_modbus(self.bus, self.unit, self.device, names, timeout=self.timeout)
 
     def write(self, values: Mapping[str, Value]) -> Conversation[bytes, None]:
-        """Checked before anything is sent."""
+        """Write after all values are checked."""
         return write_modbus(self.bus, self.unit, self.device, values, timeout=self.timeout)
 
-    def rest(self, until: float) -> Conversation[bytes, float]:
-        """The bus overhears what comes."""
+    def wait(self, until: float) -> Conversation[bytes, float]:
+        """Wait; the bus is given what is received."""
         while True:
             heard = yield Listen(until)
             self.bus.overhear(heard.item, heard.now)
@@ -61,21 +59,21 @@ class ModbusAccess:
 
 
 class CanopenAccess:
-    """A drive that is the node of an SDO channel."""
+    """Access to a drive that is the node of an SDO channel."""
 
     def __init__(self, channel: Channel, device: Device, *, timeout: float = 1.0) -> None:
         self.channel, self.device, self.timeout = channel, device, timeout
 
     def read(self, names: Sequence[str]) -> Conversation[CanFrame, list[Reading]]:
-        """One upload for each object."""
+        """Read with one upload for each object."""
         return read_canopen(self.channel, self.device, names, timeout=self.timeout)
 
     def write(self, values: Mapping[str, Value]) -> Conversation[CanFrame, None]:
-        """Checked before anything is sent."""
+        """Write after all values are checked."""
         return write_canopen(self.channel, self.device, values, timeout=self.timeout)
 
-    def rest(self, until: float) -> Conversation[CanFrame, float]:
-        """The channel counts what comes."""
+    def wait(self, until: float) -> Conversation[CanFrame, float]:
+        """Wait; the channel is given what is received."""
         while True:
             heard = yield Listen(until)
             if heard.item is not None:

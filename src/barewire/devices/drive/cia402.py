@@ -1,4 +1,4 @@
-"""The states of a drive: what the status word says, and which control word leads where.   [CiA 402, device control]
+"""The states of a drive: the state in a status word, the control word for each transition.   [CiA 402, device control]
 
               0 | power on                                                14 (by itself)
        NOT READY TO SWITCH ON          any state --13, a fault--> FAULT REACTION ACTIVE ---> FAULT
@@ -13,10 +13,9 @@
               11 | quick stop                                    |
        QUICK STOP ACTIVE ----------------------------------------'    16 enable: back, if the drive stays here
 
-Pure and without time: the drive reports, we decide. Both buses carry these words, 6040h and 6041h on CANopen, a holding
-and an input register on Modbus.
+Pure functions without time. Both buses carry these words: objects 6040h and 6041h on CANopen, registers on Modbus.
 
-I know: states, words, transitions.  I never know: how words travel, modes, targets.
+Used by: the drive code, the simulated drives.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from barewire.errors import DecodeError, EncodeError
 
 
 class State(Enum):
-    """Where a drive stands, in the standard's words."""
+    """A state of the device control, in the words of the standard."""
 
     NOT_READY_TO_SWITCH_ON = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -41,7 +40,7 @@ class State(Enum):
 
 
 class DriveCommand(IntEnum):
-    """What a control word asks for; its value is the plainest word that does. Switch on is also disable operation."""
+    """A command; its value is the simplest control word that gives it. Switch on is also disable operation."""
 
     DISABLE_VOLTAGE = 0x0000
     QUICK_STOP = 0x0002
@@ -51,7 +50,7 @@ class DriveCommand(IntEnum):
     FAULT_RESET = 0x0080
 
 
-# The status word: under this mask it has this value in this state, and in no other.
+# The status word under this mask has this value in this state, and in no other state.
 #   bit 6 switch on disabled, 5 quick stop (0: active), 3 fault, 2 operation enabled, 1 switched on, 0 ready
 STATUS_PATTERNS: dict[State, tuple[int, int]] = {
     State.NOT_READY_TO_SWITCH_ON: (0x4F, 0x00),
@@ -64,7 +63,7 @@ STATUS_PATTERNS: dict[State, tuple[int, int]] = {
     State.FAULT: (0x4F, 0x08),
 }
 
-# The control word: bits 7, 3, 2, 1, 0 count, the others belong to the mode. Fault reset is the rising edge of bit 7.
+# The control word: bits 7, 3, 2, 1, 0 are the command, the others belong to the mode. Fault reset is the edge of bit 7.
 CONTROL_PATTERNS: dict[DriveCommand, tuple[int, int]] = {
     DriveCommand.DISABLE_VOLTAGE: (0x82, 0x00),
     DriveCommand.QUICK_STOP: (0x86, 0x02),
@@ -75,7 +74,7 @@ CONTROL_PATTERNS: dict[DriveCommand, tuple[int, int]] = {
 
 
 class Transition(NamedTuple):
-    """One arrow of the drawing. Without a command the drive takes it by itself."""
+    """One arrow of the drawing. Without a command the drive makes it by itself."""
 
     number: int
     source: State
@@ -105,7 +104,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(16, _S.QUICK_STOP_ACTIVE, _S.OPERATION_ENABLED, DriveCommand.ENABLE_OPERATION),
 )
 
-# Where a command can lead on purpose, each with the command to give in every state on the way there.
+# Goal -> state on the way -> the command for the next step.
 _STEPS: dict[State, dict[State, DriveCommand]] = {
     _S.SWITCH_ON_DISABLED: {
         _S.READY_TO_SWITCH_ON: DriveCommand.DISABLE_VOLTAGE,
@@ -132,12 +131,12 @@ _STEPS: dict[State, dict[State, DriveCommand]] = {
 
 
 def state_of(status_word: int) -> State:
-    """The state that a status word tells.
+    """The state in a status word.
 
     >>> state_of(0x0637)
     <State.OPERATION_ENABLED: 'operation enabled'>
 
-    DecodeError for a word that is none of the eight, which a drive shows only while it changes.
+    DecodeError for a word that is none of the eight states, which a drive shows only during a transition.
     """
     for state, (mask, value) in STATUS_PATTERNS.items():
         if status_word & mask == value and 0 <= status_word <= 0xFFFF:
@@ -147,7 +146,7 @@ def state_of(status_word: int) -> State:
 
 
 def with_state(status_word: int, state: State) -> int:
-    """The status word with the bits of `state` in it and every other bit kept: how a simulated drive reports.
+    """The status word with the bits of `state` and every other bit kept, as a simulated drive reports it.
 
     >>> hex(with_state(0x0600, State.OPERATION_ENABLED))
     '0x627'
@@ -157,10 +156,10 @@ def with_state(status_word: int, state: State) -> int:
 
 
 def command_of(control_word: int, previous: int = 0) -> DriveCommand | None:
-    """What a control word asks for, after the previous one: fault reset is an edge. None while bit 7 only stays.
+    """The command in a control word that follows `previous`: fault reset is an edge. None while bit 7 stays set.
 
     >>> command_of(0x001F), command_of(0x0080), command_of(0x0080, previous=0x0080)
-    (<Command.ENABLE_OPERATION: 15>, <Command.FAULT_RESET: 128>, None)
+    (<DriveCommand.ENABLE_OPERATION: 15>, <DriveCommand.FAULT_RESET: 128>, None)
     """
     if control_word & ~previous & DriveCommand.FAULT_RESET:
         return DriveCommand.FAULT_RESET
@@ -171,7 +170,7 @@ def command_of(control_word: int, previous: int = 0) -> DriveCommand | None:
 
 
 def after(state: State, control_word: int, previous: int = 0, *, stays_in_quick_stop: bool = False) -> State:
-    """Where a control word takes a drive. Transition 16 only exists in a drive that stays in its quick stop.
+    """The state after a control word. Transition 16 exists only in a drive that stays in its quick stop.
 
     >>> after(State.READY_TO_SWITCH_ON, 0x000F)
     <State.OPERATION_ENABLED: 'operation enabled'>
@@ -181,21 +180,21 @@ def after(state: State, control_word: int, previous: int = 0, *, stays_in_quick_
         return state
     for number, source, target, asks in TRANSITIONS:
         if source is state and asks is command and (number != 16 or stays_in_quick_stop):
-            # One word can take two steps: 000Fh switches a ready drive on and enables it.
+            # One word can make two transitions: 000Fh switches a ready drive on and enables it.
             state = target
     return state
 
 
 def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = False) -> int | None:
-    """The control word that takes a drive in `state` one step nearer to `goal`. None: nothing to say, look again.
+    """The control word for the next step from `state` to `goal`, or None where no command is needed.
 
-    None is the answer where the drive stands at its goal, and where it moves by itself. Out of a fault leads the edge
-    of bit 7, so whoever has 0080h standing in the control word must first write 0000h.
+    None is returned at the goal, and in states that the drive leaves by itself. A fault is left by the edge of bit 7:
+    if the control word is 0080h already, write 0000h first.
 
     >>> [next_control_word(state, State.OPERATION_ENABLED) for state in (State.SWITCH_ON_DISABLED, State.FAULT)]
     [6, 128]
 
-    Raises EncodeError for a goal that no command leads to: a fault, or a quick stop of a drive that is not enabled.
+    Raises EncodeError for a goal that no command reaches: a fault, or a quick stop of a drive that is not enabled.
     """
     steps = _STEPS.get(goal)
     if steps is None:
@@ -204,7 +203,7 @@ def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = 
     if state is goal or state in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE):
         return None
     if goal is State.QUICK_STOP_ACTIVE and state not in steps:
-        raise EncodeError(f"a quick stop is for a drive that runs, not for one that is {state.value!r}", "goal")
+        raise EncodeError(f"a quick stop needs an enabled drive, this one is {state.value!r}", "goal")
     if state is State.FAULT:
         return int(DriveCommand.FAULT_RESET)
     if state is State.QUICK_STOP_ACTIVE:

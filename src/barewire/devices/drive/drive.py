@@ -1,53 +1,153 @@
-"""ONE drive code: CiA 402 over any wire, for every drive whose description has a table [drive].
+"""One drive code for every drive of CiA 402 with a table [drive] in its description, over any bus.
 
     drive = Drive(ModbusAccess(bus, 1, load("csd-mt")), load("csd-mt"))       or CanopenAccess(Channel(1), load("az3"))
 
-    enable        switch on disabled -> ready to switch on -> switched on -> operation enabled
-    disable       whatever it does, the current goes off; a motor that turns coasts
-    quick_stop    the brake ramp, first the word and then a look
-    reset         fault -> switch on disabled, by the edge of bit 7
-    move          set-point: bit 4 up, the drive says bit 12, bit 4 down, then it says bit 10, target reached
-    velocity      ramps to a velocity; it says bit 10; it goes on turning
-    home          bit 4 up; it says bits 12 and 10, or 13 for an error
+    switch on disabled --06h--> ready to switch on --07h--> switched on --0Fh--> operation enabled
+           ^                                                                        |       | 02h
+           '------------------------------- 00h ------------------------------------'   quick stop active
+    fault --00h, 80h: an edge of bit 7--> switch on disabled
 
-Each is a conversation that ends with the last `Look`, or with `DriveStuck`, which says in which state and why. Whoever
-wants to follow gives `progress`, a function that is called with a `Progress` after every look. A fault is never
-reset on the way: somebody must have seen it. A target that is reached is taken for ours only if mode, target and
-control word are still what was written: another master's halt says "reached" too.
+    enable        to operation enabled                   move          set-point: bit 4 up, wait for bit 12, bit 4 down,
+    disable       current off; a turning motor coasts                  wait for bit 10, target reached
+    quick_stop    the brake ramp                         velocity      wait for bit 10; the motor goes on turning
+    reset         fault -> switch on disabled            home          bit 4 up, wait for bits 12 and 10; 13 is an error
 
-Conversations over Modbus carry bytes, over CANopen frames; here nobody asks which.
+Each is a conversation that returns the last `DriveStatus`, or raises `DriveStuck` with the state and the reasons.
+`progress`, if given, is called with a `DriveProgress` after every reading. A fault is never reset on the way, so that
+it is noticed. "Target reached" is a success only if mode, target and control word are still the written ones: after a
+halt by another master the drive reports "reached" too.
 
-I know: states, modes, hand-shakes.  I never know: registers, objects, clocks. Time is what `rest` returns.
+Depends on: the access to the drive, the states of CiA 402.  Used by: `io.drive`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import isclose, isfinite
-from typing import TypeVar
+from typing import Generic
 
 from barewire.codecs import Value
-from barewire.conversation import Conversation
-from barewire.devices.drive.cia402 import DriveCommand, State
-from barewire.devices.drive.report import LIMITED, MODE_BIT, MODE_ERROR, REACHED, Look
-from barewire.devices.drive.states import DriveStates, seconds
-from barewire.devices.parameter import Parameter, show
-from barewire.devices.request_checks import sendable
-from barewire.errors import EncodeError, Refused
+from barewire.conversation import Conversation, Item
+from barewire.devices.device import Device, DriveRoles
+from barewire.devices.drive.access import DriveAccess
+from barewire.devices.drive.cia402 import DriveCommand, State, next_control_word
+from barewire.devices.drive.report import (
+    FAULT_STATES,
+    LIMITED,
+    MODE_BIT,
+    MODE_ERROR,
+    REACHED,
+    DriveProgress,
+    DriveStatus,
+    DriveStuck,
+    stuck_error,
+)
+from barewire.devices.parameter import Parameter, Reading, show
+from barewire.devices.request_checks import check_encodable
+from barewire.errors import BarewireError, EncodeError, Refused
 
-Item = TypeVar("Item")
+_ENABLED = int(DriveCommand.ENABLE_OPERATION)
+_NEW_SET_POINT, _IMMEDIATELY, _RELATIVE, _HALT = 0x10, 0x20, 0x40, 0x100
+_DEFINED_BITS = 0x01FF
+"""The bits of the control word that CiA 402 defines in these modes."""
 
-ENABLED = int(DriveCommand.ENABLE_OPERATION)
-NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
-DEFINED = 0x01FF
-"""The bits of the control word that CiA 402 gives a meaning in these modes."""
+_READ_ROLES = ("status_word", "mode_display", "position", "velocity")
+_ZERO_STOPS = {
+    "move": ("profile_velocity", "acceleration"),
+    "velocity": ("acceleration",),
+    "home": ("homing_speed_switch", "homing_speed_zero"),
+}
+"""Action -> the roles whose value 0 keeps the motor from turning."""
 
-_AT_ONCE = float("-inf")
+_NOW = float("-inf")
 
 
-class Drive(DriveStates[Item]):
-    """One drive: its states, and its motion."""
+def drive_roles(device: Device) -> DriveRoles:
+    """The roles of a device as a drive. EncodeError if its description has no table [drive]."""
+    if device.drive is None:
+        raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
+    return device.drive
+
+
+class Drive(Generic[Item]):
+    """One drive. `timeout` (seconds) limits each step, `period` is the pause between two readings in seconds."""
+
+    def __init__(
+        self,
+        access: DriveAccess[Item],
+        device: Device,
+        *,
+        timeout: float = 3.0,
+        period: float = 0.02,
+        progress: Callable[[DriveProgress], None] | None = None,
+    ) -> None:
+        self.access = access
+        self.device = device
+        self.roles = drive_roles(device)
+        self.timeout = _positive("timeout", timeout)
+        self.period = _positive("period", period)
+        self.progress = progress
+        self.control: int | None = None
+        """The last control word that was written."""
+        self._names = {role: name for role in _READ_ROLES if (name := getattr(self.roles, role))}
+
+    # States
+
+    def status(self, action: str = "status", waiting_for: str = "") -> Conversation[Item, DriveStatus]:
+        """Read status word, mode, position and velocity once."""
+        readings = yield from self.access.read(list(self._names.values()))
+        now = yield from self.access.wait(_NOW)
+        values = dict(zip(self._names, (reading.value for reading in readings)))
+        word, mode = int(values["status_word"]), values.get("mode_display")
+        status = DriveStatus(now, word, mode, values.get("position"), values.get("velocity"))
+        if self.progress is not None:
+            self.progress(DriveProgress(action, waiting_for, status))
+        return status
+
+    def enable(self) -> Conversation[Item, DriveStatus]:
+        """To operation enabled, and then the pause that the motor needs."""
+        return self._enable("enable")
+
+    def disable(self) -> Conversation[Item, DriveStatus]:
+        """Switch the current off. A drive with a fault has it off already, and stays in its fault."""
+        return self._go("disable", State.SWITCH_ON_DISABLED)
+
+    def quick_stop(self, *, within: float = 30.0) -> Conversation[Item, DriveStatus]:
+        """Brake on the quick stop ramp, and wait (`within` seconds) until the shaft stands or the current is off."""
+        _positive("within", within)
+        yield from self._command(int(DriveCommand.QUICK_STOP))
+
+        def stands(status: DriveStatus) -> bool:
+            if status.state is State.QUICK_STOP_ACTIVE:
+                return self.roles.stays_in_quick_stop and status.has(REACHED)
+            return status.state not in (State.OPERATION_ENABLED, State.FAULT_REACTION_ACTIVE, None)
+
+        return (yield from self._until("quick stop", "standstill", stands, within, enabled=False))
+
+    def reset(self) -> Conversation[Item, DriveStatus]:
+        """Leave a fault. The edge of bit 7 is repeated until the drive accepts it: a cause may take time to go."""
+
+        def is_reset(status: DriveStatus) -> bool:
+            return status.state not in (*FAULT_STATES, None)
+
+        waiting_for = f"{State.SWITCH_ON_DISABLED.value!r}"
+        status = yield from self.status("reset", waiting_for)
+        began = status.now
+        while not is_reset(status):
+            if status.now >= began + self.timeout:
+                raise (yield from self._stuck("reset", waiting_for, self.timeout, status))
+            if status.state is State.FAULT:
+                yield from self._command(int(DriveCommand.DISABLE_VOLTAGE))
+                yield from self._command(int(DriveCommand.FAULT_RESET))
+            status = yield from self.status("reset", waiting_for)
+            if not is_reset(status):
+                yield from self.access.wait(min(status.now + self.period, began + self.timeout))
+        if self.control == DriveCommand.FAULT_RESET:
+            yield from self._command(int(DriveCommand.DISABLE_VOLTAGE))
+        return status
+
+    # Motion
 
     def move(
         self,
@@ -59,33 +159,34 @@ class Drive(DriveStates[Item]):
         acceleration: int | float | None = None,
         deceleration: int | float | None = None,
         within: float = 60.0,
-    ) -> Conversation[Item, Look]:
+    ) -> Conversation[Item, DriveStatus]:
         """Profile position: to `target`, or by `target` if `relative`, in the drive's units; enables the drive first.
 
-        `immediately` replaces a movement that is under way; otherwise the drive takes the set-point when it stands.
-        What is not given of the profile stays as it is in the drive. Raises EncodeError at once for a value out of
-        range or a part that the description lacks.
+        `immediately` replaces a movement under way; otherwise the drive takes the set-point at its end. Parts of the
+        profile that are not given keep their value in the drive. Raises EncodeError at once for a value out of range
+        or a role that the description lacks, DriveStuck if the target is not reached `within` so many seconds.
         """
         values = {"profile_velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
         settings = self._settings("move", "position", {**values, "target_position": target}, within)
-        set_point = ENABLED | (RELATIVE if relative else 0) | (IMMEDIATELY if immediately else 0)
+        set_point = _ENABLED | (_RELATIVE if relative else 0) | (_IMMEDIATELY if immediately else 0)
         return self._move(settings, set_point, target, within)
 
     def _move(
         self, settings: Mapping[str, Value], set_point: int, target: float, within: float
-    ) -> Conversation[Item, Look]:
+    ) -> Conversation[Item, DriveStatus]:
         begun = yield from self._prepare("move", settings, within)
         yield from self._command(set_point)
-        ready, taken = "bit 12 to fall (set-point acknowledge)", "bit 12 to rise (set-point acknowledge)"
-        yield from self._until("move", ready, lambda look: not look.has(MODE_BIT), self.timeout)
-        yield from self._command(set_point | NEW_SET_POINT)
-        yield from self._until("move", taken, lambda look: look.has(MODE_BIT), self.timeout)
+        low, high = "bit 12 to fall (set-point acknowledge)", "bit 12 to rise (set-point acknowledge)"
+        yield from self._until("move", low, lambda status: not status.has(MODE_BIT), self.timeout)
+        yield from self._command(set_point | _NEW_SET_POINT)
+        yield from self._until("move", high, lambda status: status.has(MODE_BIT), self.timeout)
         yield from self._command(set_point)
-        look = yield from self._until("move", "target reached", lambda look: look.has(REACHED), within)
-        goal = target + float(begun.position or 0) if set_point & RELATIVE else target
-        if look.has(LIMITED) and look.position is not None and look.position != goal:
-            raise (yield from self._stuck("move", "target reached", None, look, [f"position {show(look.position)}"]))
-        return (yield from self._still_ours("move", "target reached", settings, look))
+        status = yield from self._until("move", "target reached", lambda status: status.has(REACHED), within)
+        goal = target + float(begun.position or 0) if set_point & _RELATIVE else target
+        if status.has(LIMITED) and status.position is not None and status.position != goal:
+            reached = [f"position {show(status.position)}"]
+            raise (yield from self._stuck("move", "target reached", None, status, reached))
+        return (yield from self._unchanged("move", "target reached", settings, status))
 
     def velocity(
         self,
@@ -94,120 +195,211 @@ class Drive(DriveStates[Item]):
         acceleration: int | float | None = None,
         deceleration: int | float | None = None,
         within: float = 60.0,
-    ) -> Conversation[Item, Look]:
+    ) -> Conversation[Item, DriveStatus]:
         """Profile velocity: enables the drive, ramps to `target` and leaves it turning; 0 stops it on its ramp.
 
-        Reached is what the drive calls so: some have a wide velocity window.
+        The drive decides when the velocity is reached: some have a wide velocity window.
         """
         values = {"acceleration": acceleration, "deceleration": deceleration, "target_velocity": target}
         return self._velocity(self._settings("velocity", "velocity", values, within), target, within)
 
-    def _velocity(self, settings: Mapping[str, Value], target: float, within: float) -> Conversation[Item, Look]:
-        look = yield from self._prepare("velocity", settings, within)
-        yield from self._command(ENABLED)  # takes a halt away
-        # A drive that turned already says "reached" until it has seen the new target.
-        yield from self.access.rest(look.now + self.period)
+    def _velocity(self, settings: Mapping[str, Value], target: float, within: float) -> Conversation[Item, DriveStatus]:
+        status = yield from self._prepare("velocity", settings, within)
+        yield from self._command(_ENABLED)  # ends a halt
+        # A drive that turned already reports "reached" until it has accepted the new target.
+        yield from self.access.wait(status.now + self.period)
 
-        def reached(look: Look) -> bool:
-            # A limit switch holds the shaft, and the drive says that standing is what is wanted now.
-            held = look.has(LIMITED) and target and look.velocity is not None and float(look.velocity) * target <= 0
-            return look.has(REACHED) and not held
+        def reached(status: DriveStatus) -> bool:
+            # A limit switch stops the shaft, and the drive then reports the standstill as the target.
+            velocity = status.velocity
+            held = status.has(LIMITED) and target and velocity is not None and float(velocity) * target <= 0
+            return status.has(REACHED) and not held
 
-        look = yield from self._until("velocity", "target reached", reached, within)
-        return (yield from self._still_ours("velocity", "target reached", settings, look))
+        status = yield from self._until("velocity", "target reached", reached, within)
+        return (yield from self._unchanged("velocity", "target reached", settings, status))
 
-    def home(self, method: int | None = None, *, within: float = 60.0) -> Conversation[Item, Look]:
-        """Homing, with the method that is set in the drive or the one given; enables the drive first."""
+    def home(self, method: int | None = None, *, within: float = 60.0) -> Conversation[Item, DriveStatus]:
+        """Homing, with the method that is set in the drive or the given one; enables the drive first."""
         settings = self._settings("home", "homing", {"homing_method": method}, within)
         if method is not None:
-            self._known_method(self.device.find(self.parts.homing_method), method)
+            _check_method(self.device.find(self.roles.homing_method), method)
         return self._home(settings, within)
 
-    def _known_method(self, parameter: Parameter, method: Value) -> None:
-        """A search by a method that is none would be waited for in vain."""
-        if parameter.values and method not in parameter.values:
-            known = ", ".join(map(str, parameter.values))
-            raise EncodeError(f"home: {parameter.name} {show(method)} is no method: expected one of {known}")
-
-    def _home(self, settings: Mapping[str, Value], within: float) -> Conversation[Item, Look]:
-        name = self.parts.homing_method
+    def _home(self, settings: Mapping[str, Value], within: float) -> Conversation[Item, DriveStatus]:
+        name = self.roles.homing_method
         if name and name not in settings and self.device.find(name).readable:
             (method,) = yield from self.access.read([name])
-            self._known_method(method.parameter, method.value)
+            _check_method(method.parameter, method.value)
         yield from self._prepare("home", settings, within)
-        yield from self._command(ENABLED)
-        yield from self._command(ENABLED | NEW_SET_POINT)
+        yield from self._command(_ENABLED)
+        yield from self._command(_ENABLED | _NEW_SET_POINT)
         # Bit 12 may be that of the last homing until the drive begins.
-        yield from self.access.rest((yield from self.access.rest(_AT_ONCE)) + self.period)
+        yield from self.access.wait((yield from self.access.wait(_NOW)) + self.period)
 
-        def ended(look: Look) -> bool:
-            return look.has(MODE_ERROR) or (look.has(MODE_BIT) and look.has(REACHED))
+        def ended(status: DriveStatus) -> bool:
+            return status.has(MODE_ERROR) or (status.has(MODE_BIT) and status.has(REACHED))
 
-        look = yield from self._until("home", "homing attained (bits 12 and 10)", ended, within)
-        if look.has(MODE_ERROR):
-            raise (yield from self._stuck("home", "homing attained, but the drive says homing error (13)", None, look))
-        yield from self._still_ours("home", "homing attained", settings, look)
-        yield from self._command(ENABLED)
-        return look
+        status = yield from self._until("home", "homing attained (bits 12 and 10)", ended, within)
+        if status.has(MODE_ERROR):
+            failed = "homing attained, but the drive reports homing error (13)"
+            raise (yield from self._stuck("home", failed, None, status))
+        yield from self._unchanged("home", "homing attained", settings, status)
+        yield from self._command(_ENABLED)
+        return status
 
-    def _still_ours(
-        self, action: str, waiting_for: str, settings: Mapping[str, Value], look: Look
-    ) -> Conversation[Item, Look]:
-        """A following error, and a halt by somebody else, in another mode or for another target, say "reached" too."""
-        if look.has(MODE_ERROR) and action != "home":
-            raise (yield from self._stuck(action, waiting_for, None, look, ["a following error, bit 13"]))
-        parts = (self.parts.mode, self.parts.target_position, self.parts.target_velocity)
-        wanted = {name: value for name, value in settings.items() if name in parts}
-        wanted[self.parts.control_word] = self.control or 0
-        readable = [name for name in wanted if self.device.find(name).readable]
-        changed, found = [], []
-        if readable:
-            with suppress(Refused):  # a drive that does not show its commands is believed
-                found = yield from self.access.read(readable)
-        for reading in found:
-            if reading.name == self.parts.control_word:
-                if (int(reading.value) ^ int(wanted[reading.name])) & DEFINED:
-                    changed.append(f"somebody else wrote {reading.name} {int(reading.value):04X}h")
-            elif not isclose(float(reading.value), float(wanted[reading.name]), rel_tol=1e-6):  # an f32 rounds
-                changed.append(f"somebody else wrote {reading.name} {show(reading.value)}")
-        if changed:
-            raise (yield from self._stuck(action, waiting_for, None, look, changed))
-        return look
+    # Steps of these actions
+
+    def _command(self, word: int) -> Conversation[Item, None]:
+        yield from self.access.write({self.roles.control_word: word})
+        self.control = word
+
+    def _enable(self, action: str) -> Conversation[Item, DriveStatus]:
+        status = yield from self.status(action, f"{State.OPERATION_ENABLED.value!r}")
+        if status.state is State.OPERATION_ENABLED:
+            return status
+        status = yield from self._go(action, State.OPERATION_ENABLED)
+        yield from self.access.wait(status.now + self.roles.settle)
+        return (yield from self.status(action, "the motor to settle"))
+
+    def _go(self, action: str, goal: State) -> Conversation[Item, DriveStatus]:
+        """Command after command until the drive is in the state `goal`. A command that had no effect is repeated.
+
+        Where the goal is current off, a fault counts as reached: the drive has switched it off.
+        """
+        waiting_for = f"{goal.value!r}"
+        began: float | None = None
+        before: State | None = None
+        while True:
+            status = yield from self.status(action, waiting_for)
+            began = status.now if began is None else began
+            if status.state is goal or (status.state is State.FAULT and goal is State.SWITCH_ON_DISABLED):
+                return status
+            if status.state is State.FAULT:
+                raise (yield from self._stuck(action, waiting_for, None, status))
+            if status.now >= began + self.timeout:
+                raise (yield from self._stuck(action, waiting_for, self.timeout, status))
+            if status.state is before:
+                yield from self.access.wait(min(status.now + self.period, began + self.timeout))
+            before = status.state
+            if status.state is not None:
+                word = next_control_word(status.state, goal, stays_in_quick_stop=self.roles.stays_in_quick_stop)
+                if word is not None:
+                    yield from self._command(word)
+
+    def _until(
+        self,
+        action: str,
+        waiting_for: str,
+        is_done: Callable[[DriveStatus], bool],
+        within: float,
+        *,
+        enabled: bool = True,
+    ) -> Conversation[Item, DriveStatus]:
+        """Read the drive until `is_done`. With `enabled`, leaving operation enabled ends the waiting with an error."""
+        began: float | None = None
+        while True:
+            status = yield from self.status(action, waiting_for)
+            began = status.now if began is None else began
+            lost = enabled and status.state not in (State.OPERATION_ENABLED, None)
+            if not lost and is_done(status):
+                return status
+            if lost or status.now >= began + within:
+                raise (yield from self._stuck(action, waiting_for, None if lost else within, status))
+            yield from self.access.wait(min(status.now + self.period, began + within))
 
     def _settings(
         self, action: str, mode: str, values: Mapping[str, int | float | None], within: float
     ) -> dict[str, Value]:
-        """What is to be written, the mode first, by name and checked; EncodeError before anything is sent."""
-        seconds("within", within)
-        if mode not in self.parts.modes:
+        """The values to write by name, the mode first, all of them checked; EncodeError before anything is sent."""
+        _positive("within", within)
+        if mode not in self.roles.modes:
             raise EncodeError(f"{action}: the description of {self.device.name} has no {mode!r} in modes of [drive]")
-        settings: dict[str, Value] = {self.parts.mode: self.parts.modes[mode]}
-        for part, value in values.items():
+        settings: dict[str, Value] = {self.roles.mode: self.roles.modes[mode]}
+        for role, value in values.items():
             if value is None:
                 continue
-            name = getattr(self.parts, part)
+            name = getattr(self.roles, role)
             if not name:
-                raise EncodeError(f"{action}: the description of {self.device.name} names no {part} in [drive]")
-            sendable(self.device.find(name), value)
-            if not isfinite(value):  # a float without a range could carry it, and nobody knows where that is
-                raise EncodeError(f"{name} = {show(value)}: expected a number with an end", name)
+                raise EncodeError(f"{action}: the description of {self.device.name} names no {role} in [drive]")
+            check_encodable(self.device.find(name), value)
+            if not isfinite(value):  # an f32 without a range could carry it
+                raise EncodeError(f"{name} = {show(value)}: expected a finite number", name)
             settings[name] = value
         return settings
 
-    def _prepare(self, action: str, settings: Mapping[str, Value], within: float) -> Conversation[Item, Look]:
-        """Mode and values, then enabled. Between two modes the shaft is halted, so that nothing runs on by mistake."""
-        (mode,) = yield from self.access.read([self.parts.mode])
-        look = yield from self.look(action, "the mode")
-        wanted = settings[self.parts.mode]
-        halted = look.state is State.OPERATION_ENABLED and mode.value != wanted
+    def _prepare(self, action: str, settings: Mapping[str, Value], within: float) -> Conversation[Item, DriveStatus]:
+        """Write mode and values, then enable. A change of mode halts the shaft first, so that no movement continues."""
+        (mode,) = yield from self.access.read([self.roles.mode])
+        status = yield from self.status(action, "the mode")
+        wanted = settings[self.roles.mode]
+        halted = status.state is State.OPERATION_ENABLED and mode.value != wanted
         if halted:
-            yield from self._command(ENABLED | HALT)
-            yield from self._until(action, "standstill (halt)", lambda look: look.has(REACHED), within)
+            yield from self._command(_ENABLED | _HALT)
+            yield from self._until(action, "standstill (halt)", lambda status: status.has(REACHED), within)
         yield from self.access.write(settings)
         if halted:  # in the new mode too: in profile velocity, slow enough counts as standing
-            yield from self._until(action, "standstill (halt)", lambda look: look.has(REACHED), within)
-        look = yield from self._enable(action)
-        if self.parts.mode_display:
-            shown = f"mode {show(wanted)} in {self.parts.mode_display}"
-            look = yield from self._until(action, shown, lambda look: look.mode == wanted, self.timeout)
-        return look
+            yield from self._until(action, "standstill (halt)", lambda status: status.has(REACHED), within)
+        status = yield from self._enable(action)
+        if self.roles.mode_display:
+            display = f"mode {show(wanted)} in {self.roles.mode_display}"
+            status = yield from self._until(action, display, lambda status: status.mode == wanted, self.timeout)
+        return status
+
+    def _unchanged(
+        self, action: str, waiting_for: str, settings: Mapping[str, Value], status: DriveStatus
+    ) -> Conversation[Item, DriveStatus]:
+        """Check that "reached" is meant for our target: a following error, a halt, another mode or another target of
+        another master make the drive report it too."""
+        if status.has(MODE_ERROR) and action != "home":
+            raise (yield from self._stuck(action, waiting_for, None, status, ["a following error, bit 13"]))
+        commanded = (self.roles.mode, self.roles.target_position, self.roles.target_velocity)
+        written = {name: value for name, value in settings.items() if name in commanded}
+        written[self.roles.control_word] = self.control or 0
+        readable = [name for name in written if self.device.find(name).readable]
+        changed, found = [], []
+        if readable:
+            with suppress(Refused):  # a drive whose commands cannot be read back is not checked
+                found = yield from self.access.read(readable)
+        for reading in found:
+            if reading.name == self.roles.control_word:
+                if (int(reading.value) ^ int(written[reading.name])) & _DEFINED_BITS:
+                    changed.append(f"another master wrote {reading.name} {int(reading.value):04X}h")
+            elif not isclose(float(reading.value), float(written[reading.name]), rel_tol=1e-6):  # an f32 rounds
+                changed.append(f"another master wrote {reading.name} {show(reading.value)}")
+        if changed:
+            raise (yield from self._stuck(action, waiting_for, None, status, changed))
+        return status
+
+    # Reasons
+
+    def _stuck(
+        self, action: str, waiting_for: str, waited: float | None, status: DriveStatus, more: Sequence[str] = ()
+    ) -> Conversation[Item, DriveStuck]:
+        error = yield from self._read_reason(self.roles.error_code)
+        more = list(more)
+        if status.state is State.OPERATION_ENABLED and not status.velocity:
+            for role in _ZERO_STOPS.get(action, ()):
+                reading = yield from self._read_reason(getattr(self.roles, role))
+                more += [f"{reading.name} is 0"] if reading is not None and reading.value == 0 else []
+        return stuck_error(action, waiting_for, waited, status, self.control, error, more)
+
+    def _read_reason(self, name: str) -> Conversation[Item, Reading | None]:
+        """A value that may explain the error. If it cannot be read, the error is raised without it."""
+        if name:
+            with suppress(BarewireError):
+                return (yield from self.access.read([name]))[0]
+        return None
+
+
+def _positive(name: str, value: float) -> float:
+    """A time in seconds above 0. Not-a-number is refused too: waiting for it would never end."""
+    if not value > 0:
+        raise EncodeError(f"{name} = {value:g}: expected seconds, above 0", name)
+    return value
+
+
+def _check_method(parameter: Parameter, method: Value) -> None:
+    """EncodeError for a homing method that the drive does not have: it would never finish."""
+    if parameter.values and method not in parameter.values:
+        known = ", ".join(map(str, parameter.values))
+        raise EncodeError(f"home: {parameter.name} {show(method)} is no method: expected one of {known}")

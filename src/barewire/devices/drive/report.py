@@ -1,9 +1,9 @@
-"""What the drive code tells: one look at the drive, progress, and the error of a drive that does not get there.
+"""Reports of the drive code: the status of a drive, progress, and the error of a drive that does not reach its goal.
 
     move: stuck in 'ready to switch on' after 3 s, waiting for 'operation enabled': no high voltage, bit 4 (voltage
     enabled) is off; status word 0221h: ready to switch on, quick stop, remote; last control word 0007h
 
-I know: what the bits of a status word mean when nothing happens.  I never know: who asks the drive, and how.
+Depends on: the states of CiA 402.  Used by: `drive.py`, the command `barewire drive`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from barewire.errors import BarewireError, DecodeError
 
 VOLTAGE_ENABLED, REMOTE, REACHED, LIMITED, MODE_BIT, MODE_ERROR = 4, 9, 10, 11, 12, 13
 
-NAMES: dict[int, str] = {
+_BIT_NAMES: dict[int, str] = {
     0: "ready to switch on",
     1: "switched on",
     2: "operation enabled",
@@ -35,11 +35,11 @@ NAMES: dict[int, str] = {
 }
 """The bits of the status word that CiA 402 names; 12 and 13 belong to the mode."""
 
-FAULTED = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
+FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 
 
-class Look(NamedTuple):
-    """What a drive said at one moment. None is "not told": the description has no such part."""
+class DriveStatus(NamedTuple):
+    """What was read of a drive at one time (seconds). None where the description has no parameter in this role."""
 
     now: float
     status_word: int
@@ -49,7 +49,7 @@ class Look(NamedTuple):
 
     @property
     def state(self) -> State | None:
-        """The state; None while the word is none, which a drive shows only while it changes."""
+        """The state; None for a word that is no state, which a drive shows only during a transition."""
         try:
             return state_of(self.status_word)
         except DecodeError:
@@ -66,36 +66,36 @@ class Look(NamedTuple):
 
 
 class DriveProgress(NamedTuple):
-    """Told after every look at the drive: what is being done, what is waited for, and what the drive says."""
+    """Reported after every reading of the drive: the action, the event it waits for, and the status."""
 
     action: str
     waiting_for: str
-    look: Look
+    status: DriveStatus
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: the status word as the number and its bits in words."""
-        look = self.look
+        """For JSON: the status word as a number and its bits in words."""
+        status = self.status
         return {
-            "time": round(look.now, 3),
+            "time": round(status.now, 3),
             "action": self.action,
             "waiting_for": self.waiting_for,
-            "state": look.state_name,
-            "status_word": look.status_word,
-            "bits": bit_names(look.status_word),
-            "mode": look.mode,
-            "position": look.position,
-            "velocity": look.velocity,
+            "state": status.state_name,
+            "status_word": status.status_word,
+            "bits": bit_names(status.status_word),
+            "mode": status.mode,
+            "position": status.position,
+            "velocity": status.velocity,
         }
 
 
 class DriveStuck(BarewireError, TimeoutError):
-    """The drive did not get there in the time given, or cannot from where it is. The text says where, and why."""
+    """The drive did not reach its goal in time, or cannot from its state. The text has the state and the reasons."""
 
-    def __init__(self, text: str, look: Look, error: Reading | None) -> None:
+    def __init__(self, text: str, status: DriveStatus, error: Reading | None) -> None:
         super().__init__(text)
-        self.look = look
+        self.status = status
         self.error = error
-        """The drive's error code, where it has one and could be asked."""
+        """The drive's error code, if it has one and it could be read."""
 
 
 def bit_names(word: int) -> list[str]:
@@ -104,62 +104,60 @@ def bit_names(word: int) -> list[str]:
     >>> bit_names(0x0221)
     ['ready to switch on', 'quick stop', 'remote']
     """
-    return [name for bit, name in NAMES.items() if word >> bit & 1]
+    return [name for bit, name in _BIT_NAMES.items() if word >> bit & 1]
 
 
-def stuck(
+def stuck_error(
     action: str,
     waiting_for: str,
     waited: float | None,
-    look: Look,
+    status: DriveStatus,
     control: int | None,
     error: Reading | None,
     more: Sequence[str] = (),
 ) -> DriveStuck:
-    """The error, told whole. `waited` is None where waiting longer would not help; `more` is what no look tells."""
+    """The error with all reasons. `waited` (seconds) is None where more time would not help; `more` are reasons that
+    are not in the status."""
     after = "" if waited is None else f" after {waited:g} s"
-    reasons = [*why(action, look, error), *whether_it_turns(look), *more]
-    said = ", ".join(bit_names(look.status_word)) or "no bit set"
+    reasons = [*_reasons(action, status, error), *_motor_reason(status), *more]
+    bits = ", ".join(bit_names(status.status_word)) or "no bit set"
     last = "" if control is None else f"; last control word {control:04X}h"
     because = f": {'; '.join(reasons)}" if reasons else ""
-    text = f"{action}: stuck in {look.state_name!r}{after}, waiting for {waiting_for}{because}"
-    return DriveStuck(f"{text}; status word {look.status_word:04X}h: {said}{last}", look, error)
+    text = f"{action}: stuck in {status.state_name!r}{after}, waiting for {waiting_for}{because}"
+    return DriveStuck(f"{text}; status word {status.status_word:04X}h: {bits}{last}", status, error)
 
 
-def why(action: str, look: Look, error: Reading | None) -> list[str]:
-    """What the drive's own words say about why nothing happens; the surest first."""
+def _reasons(action: str, status: DriveStatus, error: Reading | None) -> list[str]:
+    """The reasons in the error code and in the status word, the most certain first."""
     reasons = []
-    if look.state in FAULTED:
-        told = f"{error.name} {_code(error.parameter, error.value)}" if error and error.value else "no error code"
-        reasons.append(f"the drive has a fault, {told}")
+    code = f"{error.name} {_code(error.parameter, error.value)}" if error is not None and error.value else ""
+    if status.state in FAULT_STATES:
+        reasons.append(f"the drive has a fault, {code or 'no error code'}")
         if action == "reset":
             reasons.append("its cause is still there, or the reset was not taken")
         return reasons
-    if error is not None and error.value:
-        reasons.append(f"{error.name} {_code(error.parameter, error.value)}")
-    if not look.has(VOLTAGE_ENABLED):
+    if code:
+        reasons.append(code)
+    if not status.has(VOLTAGE_ENABLED):
         reasons.append("no high voltage, bit 4 (voltage enabled) is off")
-    if not look.has(REMOTE):
+    if not status.has(REMOTE):
         reasons.append("the drive does not take commands from the bus, bit 9 (remote) is off")
-    if look.has(LIMITED):
+    if status.has(LIMITED):
         reasons.append("a limit of the drive is active, bit 11")
     return reasons
 
 
-def whether_it_turns(look: Look) -> list[str]:
-    """With the current on: a motor that stands waits for something, one that turns may need longer."""
-    if look.state is not State.OPERATION_ENABLED or look.velocity is None:
+def _motor_reason(status: DriveStatus) -> list[str]:
+    """With the current on: a motor that stands waits for something, one that turns may need more time."""
+    if status.state is not State.OPERATION_ENABLED or status.velocity is None:
         return []
-    if look.velocity:
-        return [f"the motor still turns, velocity {show(look.velocity)}"]
+    if status.velocity:
+        return [f"the motor still turns, velocity {show(status.velocity)}"]
     return ["the motor stands"]
 
 
-SWITCHED_OFF = "'switch on disabled'"
-
-
 def _code(parameter: Parameter, value: Value) -> str:
-    """An error code as manuals print it, with its meaning where the description has one."""
+    """An error code as manuals print it, with its meaning if the description has one."""
     meaning = parameter.values.get(int(value)) if isinstance(value, int) else None
-    shown = f"{value & 0xFFFF:04X}h" if isinstance(value, int) else str(value)
-    return f"{shown} ({meaning})" if meaning else shown
+    number = f"{value & 0xFFFF:04X}h" if isinstance(value, int) else str(value)
+    return f"{number} ({meaning})" if meaning else number

@@ -1,0 +1,139 @@
+"""Builds a Device from the tables of its TOML files. Printed numbers become addresses on the wire here.
+
+    holding = 1001            first_register = 0     ->  ModbusAt("holding", 1001)     the CSD MT counts from 0
+    input = 25                first_register = 1     ->  ModbusAt("input", 24)         the AZ3 counts from 1
+    object = 0x6041           sub = 0                ->  ObjectAt(0x6041, 0)
+
+Nothing is checked here: `check.py` does that for descriptions of users, and a test does it for those of the catalogue.
+
+Depends on: Device, Parameter.  Used by: `load.py`, `check.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from barewire.codecs.order import Order
+from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRoles, ModbusSettings, fold
+from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter, TableName
+
+KEYS = ("name", "title", "documents", "modbus", "canopen", "pdo", "drive", "parameter")
+"""The keys of device.toml that the format defines. Tables of other names are kept in `Device.extra`."""
+
+_WORDS = {"u32": 2, "i32": 2, "f32": 2, "u64": 4, "i64": 4, "f64": 4}
+_NONE: Mapping[Any, Any] = MappingProxyType({})
+_fraction = lru_cache(maxsize=None)(Fraction)  # few scales occur, each of them often
+_ONE = _fraction(1)
+
+
+class Numbering(NamedTuple):
+    """What the rows leave out because it is the same for all: how the manual counts, and the order of long values."""
+
+    first: Mapping[str, int] = _NONE
+    """For each table the printed number of address 0 on the wire; 0 if it is not given."""
+
+    order: Order = "ABCD"
+
+
+def build_device(head: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> Device:
+    """The device of these tables: `head` is device.toml, `rows` are the [[parameter]] tables of all files."""
+    numbering = numbering_of(head.get("modbus", _NONE))
+    parameters = tuple(build_parameter(row, numbering) for row in rows)
+    modbus, canopen, drive = head.get("modbus"), head.get("canopen"), head.get("drive")
+    return Device(
+        name=head["name"],
+        title=head["title"],
+        parameters=parameters,
+        documents=tuple(head.get("documents", ())),
+        modbus=None if modbus is None else _modbus(modbus),
+        canopen=None if canopen is None else _canopen(canopen, head.get("pdo", ())),
+        drive=None if drive is None else _drive(drive, parameters),
+        extra=MappingProxyType({key: value for key, value in head.items() if key not in KEYS}),
+    )
+
+
+def numbering_of(modbus: Mapping[str, Any]) -> Numbering:
+    """The numbering that a table [modbus] gives."""
+    first: dict[str, int] = {}
+    for key, tables in (("first_register", ("holding", "input")), ("first_coil", ("coil", "discrete"))):
+        number = modbus.get(key, 0)
+        first |= number if isinstance(number, dict) else dict.fromkeys(tables, number)
+    return Numbering(first, modbus.get("order", "ABCD"))
+
+
+def build_parameter(row: Mapping[str, Any], numbering: Numbering) -> Parameter:
+    """One [[parameter]] table."""
+    get = row.get
+    return Parameter(
+        name=" ".join(row["name"].split()),
+        type=row["type"],
+        unit=get("unit", ""),
+        scale=_fraction(row["scale"]) if "scale" in row else _ONE,
+        default=get("default"),
+        minimum=get("min"),
+        maximum=get("max"),
+        access=row["access"],
+        values=_numbered(row["values"]) if "values" in row else _NONE,
+        bits=_numbered(row["bits"]) if "bits" in row else _NONE,
+        firmware=get("firmware", ""),
+        storable=get("storable"),
+        answered=get("answered", True),
+        note=get("note", ""),
+        printed=MappingProxyType(row["printed"]) if "printed" in row else _NONE,
+        modbus=_modbus_address(row, numbering),
+        object=ObjectAt(row["object"], get("sub", 0), get("object_bit")) if "object" in row else None,
+    )
+
+
+def words_of(row: Mapping[str, Any]) -> int:
+    """How many registers or bits of its table a row takes."""
+    words: int = row["words"] if row["type"] == "text" else _WORDS.get(row["type"], 1)
+    return words
+
+
+def _modbus_address(row: Mapping[str, Any], numbering: Numbering) -> ModbusAt | None:
+    for table in TABLE_NAMES:
+        if table in row:
+            break
+    else:
+        return None
+    address = row[table] - numbering.first.get(table, 0)
+    if row["type"] == "text" or table in ("coil", "discrete"):
+        return ModbusAt(table, address, words_of(row))
+    return ModbusAt(table, address, words_of(row), row.get("half"), row.get("bit"), row.get("order", numbering.order))
+
+
+def _numbered(table: Mapping[str, str]) -> Mapping[int, str]:
+    """{ 0 = "text" }: the keys of TOML are text, these are numbers."""
+    return MappingProxyType({int(key): text for key, text in table.items()})
+
+
+def _modbus(table: Mapping[str, Any]) -> ModbusSettings:
+    kept = ("unit", "port", "read_limit", "write_limit", "order")
+    values = {key: table[key] for key in kept if key in table}
+    if "read_functions" in table:
+        values["read_functions"] = MappingProxyType(table["read_functions"])
+    if "write_functions" in table:
+        functions: dict[TableName, tuple[int, ...]] = {key: tuple(own) for key, own in table["write_functions"].items()}
+        values["write_functions"] = MappingProxyType(functions)
+    return ModbusSettings(**values)
+
+
+def _canopen(table: Mapping[str, Any], pdos: Iterable[Mapping[str, Any]]) -> CanopenSettings:
+    built = tuple(DevicePdo(**{**pdo, "map": tuple(tuple(entry) for entry in pdo["map"])}) for pdo in pdos)
+    return CanopenSettings(**table, pdos=built)
+
+
+def _drive(table: Mapping[str, Any], parameters: Iterable[Parameter]) -> DriveRoles:
+    """The roles with the names as the parameters have them; `modes`, `settle` and the flag are no names."""
+    names = {fold(parameter.name): parameter.name for parameter in parameters}
+    roles: dict[str, Any] = {
+        key: names[fold(value)] if isinstance(value, str) else value for key, value in table.items()
+    }
+    if "settle" in roles:
+        roles["settle"] = float(roles["settle"])
+    return DriveRoles(**roles)
