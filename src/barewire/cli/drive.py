@@ -16,7 +16,7 @@ from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapse
 
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
 from barewire.devices import load
-from barewire.devices.drive.drive import drive_roles
+from barewire.devices.device import drive_roles
 from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
 from barewire.devices.parameter import show
 from barewire.errors import NoAnswer, PortError

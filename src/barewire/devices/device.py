@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from barewire.codecs.order import Order
 from barewire.devices.parameter import Parameter, TableName
-from barewire.errors import BarewireError
+from barewire.errors import BarewireError, EncodeError
 
 _UNORDERED = ("bool", "text")
 
@@ -124,6 +124,13 @@ class Device:
 
     def _named(self, folded: str) -> str:
         return self._by_name[folded].name
+
+
+def drive_roles(device: Device) -> DriveRoles:
+    """The roles of a device as a drive. EncodeError if its description has no table [drive]."""
+    if device.drive is None:
+        raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
+    return device.drive
 
 
 def fold(name: str) -> str:

@@ -29,7 +29,7 @@ from typing import Generic
 
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Item
-from barewire.devices.device import Device, DriveRoles
+from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.access import DriveAccess
 from barewire.devices.drive.cia402 import DriveCommand, State, next_control_word
 from barewire.devices.drive.report import (
@@ -61,13 +61,6 @@ _ZERO_STOPS = {
 """Action -> the roles whose value 0 keeps the motor from turning."""
 
 _NOW = float("-inf")
-
-
-def drive_roles(device: Device) -> DriveRoles:
-    """The roles of a device as a drive. EncodeError if its description has no table [drive]."""
-    if device.drive is None:
-        raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
-    return device.drive
 
 
 class Drive(Generic[Item]):
