@@ -55,7 +55,7 @@ def test_a_short_emergency_is_kept_and_marked() -> None:
 
 
 def test_an_emergency_has_room_for_five_bytes() -> None:
-    with pytest.raises(EncodeError, match="room for 5"):
+    with pytest.raises(EncodeError, match="expected at most 5"):
         Emergency(5, 0, 0, bytes(6)).encode()
 
 

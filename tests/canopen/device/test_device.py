@@ -292,7 +292,7 @@ def test_factory_settings_are_checked_too() -> None:
         LocalNode(5, ObjectDictionary(), [PdoConfig("TPDO", 1, (0x60410010,))])
     with pytest.raises(EncodeError, match="expected a number"):
         LocalNode(5, az3_objects(), [PdoConfig("TPDO", 0, (0x60410010,))])
-    with pytest.raises(EncodeError, match="there twice"):
+    with pytest.raises(EncodeError, match="defined twice"):
         LocalNode(5, az3_objects(), [PdoConfig("TPDO", 1, ()), PdoConfig("TPDO", 1, ())])
 
 

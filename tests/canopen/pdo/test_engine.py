@@ -1,4 +1,4 @@
-"""What moves a PDO besides SYNC and change: remote frames, deadlines, two devices with each other."""
+"""The PDO engine: remote requests, event timers of RPDOs, identifiers, PDOs between two devices."""
 
 from __future__ import annotations
 
@@ -18,81 +18,81 @@ def device_with(*pdos: PdoConfig) -> LocalNode:
     ]
     device = LocalNode(5, ObjectDictionary(objects), pdos)
     device.start(0.0)
-    hear(device, "000#0105")
+    feed(device, "000#0105")
     return device
 
 
-def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
+def feed(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
-def test_type_253_is_sampled_when_it_is_asked() -> None:
+def test_type_253_is_sampled_at_the_request() -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=253))
-    assert hear(device, None, 100.0) == hear(device, "080#", 100.0) == []
-    assert hear(device, "185#R2", 100.0) == ["185#3706"]
+    assert feed(device, None, 100.0) == feed(device, "080#", 100.0) == []
+    assert feed(device, "185#R2", 100.0) == ["185#3706"]
     device.objects.set(0x6041, 0, 1)
-    assert hear(device, None, 101.0) == []
-    assert hear(device, "185#R2", 102.0) == ["185#0100"]
+    assert feed(device, None, 101.0) == []
+    assert feed(device, "185#R2", 102.0) == ["185#0100"]
 
 
 def test_type_252_is_sampled_at_sync() -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=252))
-    assert hear(device, "185#R2") == []  # there was no SYNC yet
-    assert hear(device, "080#") == []
+    assert feed(device, "185#R2") == []  # there was no SYNC yet
+    assert feed(device, "080#") == []
     device.objects.set(0x6041, 0, 1)
-    assert hear(device, "185#R2") == ["185#3706"]
-    hear(device, "080#")
-    assert hear(device, "185#R2") == ["185#0100"]
+    assert feed(device, "185#R2") == ["185#3706"]
+    feed(device, "080#")
+    assert feed(device, "185#R2") == ["185#0100"]
 
 
 @pytest.mark.parametrize("type_", [0, 1, 255])
-def test_any_tpdo_is_said_on_request_unless_bit_30_forbids_it(type_: int) -> None:
+def test_any_tpdo_is_sent_on_request_unless_bit_30_forbids_it(type_: int) -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=type_))
-    hear(device, None, 1.0)
-    assert hear(device, "185#R2", 2.0) == ["185#3706"]
-    assert hear(device, "00000185#R2", 2.0) == hear(device, "205#R2", 2.0) == []
+    feed(device, None, 1.0)
+    assert feed(device, "185#R2", 2.0) == ["185#3706"]
+    assert feed(device, "00000185#R2", 2.0) == feed(device, "205#R2", 2.0) == []
     deaf = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=type_, cob_id=0x4000_0185))
-    hear(deaf, None, 1.0)
-    assert hear(deaf, "185#R2", 2.0) == []
+    feed(deaf, None, 1.0)
+    assert feed(deaf, "185#R2", 2.0) == []
 
 
-def test_an_rpdo_that_stays_away() -> None:
+def test_a_missing_rpdo_is_reported_as_8250h() -> None:
     device = device_with(PdoConfig("RPDO", 1, (0x60400010,), event_timer=100))
-    assert hear(device, None, 50.0) == []  # it never came: nobody waits
-    hear(device, "205#0100", 60.0)
+    assert feed(device, None, 50.0) == []  # the event timer starts with the first RPDO
+    feed(device, "205#0100", 60.0)
     assert device.deadline == pytest.approx(60.1)
-    hear(device, "205#0200", 60.05)
-    assert hear(device, None, 60.1) == []
-    assert hear(device, None, 60.15) == ["085#5082110014000000"]
-    assert hear(device, None, 70.0) == []
-    assert hear(device, "205#0200", 71.0) == ["085#0000000000000000"]
+    feed(device, "205#0200", 60.05)
+    assert feed(device, None, 60.1) == []
+    assert feed(device, None, 60.15) == ["085#5082110014000000"]
+    assert feed(device, None, 70.0) == []
+    assert feed(device, "205#0200", 71.0) == ["085#0000000000000000"]
 
 
-def test_an_extended_identifier_is_another_one() -> None:
+def test_base_and_extended_identifiers_are_distinguished() -> None:
     device = device_with(
         PdoConfig("RPDO", 1, (0x60400010,), cob_id=0x2000_0205),
         PdoConfig("TPDO", 1, (0x60410010,), type=1, cob_id=0x2000_0185),
     )
-    hear(device, "205#0100")
+    feed(device, "205#0100")
     assert device.objects.get(0x6040) == 0
-    hear(device, "00000205#0100")
+    feed(device, "00000205#0100")
     assert device.objects.get(0x6040) == 1
-    assert hear(device, "080#") == ["00000185#3706"]
+    assert feed(device, "080#") == ["00000185#3706"]
 
 
-def test_settings_that_do_not_exist() -> None:
+def test_invalid_configurations_raise() -> None:
     for pdo in (
         PdoConfig("RPDO", 1, (), type=252),
         PdoConfig("TPDO", 1, (), type=241),
         PdoConfig("TPDO", 1, (), type=256),
     ):
-        with pytest.raises(EncodeError, match="there is no transmission type"):
+        with pytest.raises(EncodeError, match="does not exist"):
             device_with(pdo)
-    with pytest.raises(EncodeError, match="is not meant for an RPDO"):
+    with pytest.raises(EncodeError, match="cannot be mapped to an RPDO"):
         device_with(PdoConfig("RPDO", 1, (0x60420010,)))
 
 
-def test_one_device_drives_another() -> None:
+def test_the_tpdo_of_one_device_is_the_rpdo_of_another() -> None:
     """The TPDO of node 5 is the RPDO of node 6; SYNC is produced by a third."""
     bus = VirtualBus()
     sender = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=2))
@@ -107,6 +107,6 @@ def test_one_device_drives_another() -> None:
         bus.add(device)
     bus.inject("000#0100", 0.0)
     bus.pass_time(0.026)
-    assert objects.get(0x6040) == 0  # heard after the second SYNC, taken over at the third
+    assert objects.get(0x6040) == 0  # received after the second SYNC, stored at the third
     bus.pass_time(0.01)
     assert objects.get(0x6040) == 0x0637

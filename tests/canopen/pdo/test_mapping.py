@@ -35,7 +35,7 @@ def row(*entries: tuple[str | None, int]) -> PdoMapping:
         ([], [], ""),
     ],
 )
-def test_packing_both_ways(entries: list[tuple[str, int]], values: list[Value], data: str) -> None:
+def test_pack_and_unpack(entries: list[tuple[str, int]], values: list[Value], data: str) -> None:
     mapping = row(*entries)
     named = dict(zip("abcdefgh", values))
     assert mapping.pack(named) == bytes.fromhex(data)
@@ -79,7 +79,7 @@ def test_the_eight_pdos_of_the_az3(entries: tuple[MappedObject, ...], values: tu
     assert mapping.unpack(bytes.fromhex(data)) == named
 
 
-def test_entries_as_they_lie_in_the_dictionary() -> None:
+def test_mapping_entries_as_32_bit_words() -> None:
     # The eight PDOs again as the guide prints them: index, sub-index, bits in hexadecimal.
     assert CONTROL.word == 0x60400010
     assert MappedObject.of_word(0x206A0120, "f32") == MappedObject(0x206A, 1, 32, "f32")
@@ -120,7 +120,7 @@ def test_the_same_object_twice_is_one_value() -> None:
         ([MappedObject(0x2000, 0, 8, "u8", "a"), MappedObject(0x2001, 0, 8, "u8", "a")], "called 'a'"),
     ],
 )
-def test_mappings_that_cannot_be(entries: list[MappedObject], text: str) -> None:
+def test_impossible_mappings_raise(entries: list[MappedObject], text: str) -> None:
     with pytest.raises(EncodeError, match=text):
         PdoMapping(entries)
 
@@ -146,14 +146,14 @@ def test_values_that_do_not_fit_name_their_object(type_: str, bits: int, value: 
         row((type_, bits)).pack({"a": value})
 
 
-def test_a_name_that_is_not_there() -> None:
+def test_an_unknown_name_raises() -> None:
     with pytest.raises(EncodeError, match="'b' is not in this PDO: it has a"):
         row(("u8", 8)).pack({"a": 1, "b": 2})
     with pytest.raises(EncodeError, match="it has nothing"):
         PdoMapping([]).pack({"b": 2})
 
 
-def test_data_of_another_length() -> None:
+def test_data_of_another_length_raises() -> None:
     for data, reason, at in ((b"\1", "short", 1), (b"\1\2\3", "long", 2)):
         with pytest.raises(DecodeError) as caught:
             row(("u16", 16)).unpack(data)
@@ -162,7 +162,7 @@ def test_data_of_another_length() -> None:
 
 @settings(max_examples=200)
 @given(st.data())
-def test_whatever_is_packed_is_unpacked(data: st.DataObject) -> None:
+def test_unpack_inverts_pack(data: st.DataObject) -> None:
     entries, values, used = [], {}, 0
     for place in range(data.draw(st.integers(1, 12))):
         bits = data.draw(st.integers(1, 16))

@@ -1,4 +1,4 @@
-"""Multiplexed PDOs: what they say, who says them when, where they go."""
+"""Multiplexed PDOs: their frames, scanner and dispatcher lists, sending and receiving, configuration."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def node(number: int, pdo: PdoConfig, *more: Entry) -> LocalNode:
     return device
 
 
-def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
+def feed(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
@@ -71,7 +71,7 @@ def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
         (Mpdo("DAM", 127, 0xFFFF, 1, b""), "185#FFFFFF0100000000"),
     ],
 )
-def test_frames(message: Mpdo, text: str) -> None:
+def test_encode_and_decode(message: Mpdo, text: str) -> None:
     frame = message.encode((0x185, False))
     assert str(frame) == text
     again = Mpdo.decode(frame)
@@ -84,7 +84,7 @@ def test_frames(message: Mpdo, text: str) -> None:
     )
 
 
-def test_what_is_no_mpdo() -> None:
+def test_invalid_messages_raise() -> None:
     for text in ("185#", "185#05016401010000", "185#R8", "185#0001640101000000"):
         with pytest.raises(DecodeError):
             Mpdo.decode(CanFrame.parse(text))
@@ -96,7 +96,7 @@ def test_what_is_no_mpdo() -> None:
             wrong.pack()
 
 
-def test_lists() -> None:
+def test_scanner_and_dispatcher_lists() -> None:
     both = objects(
         *scanner(0x01_6401_02, 0, 0x03_6401_01, 0xFF_2000_FE),
         *dispatcher(0x02_2000_01_6401_03_07, 0, 0x00_2102_00_6041_00_08, 0x01_2000_01_6401_03_07),
@@ -112,28 +112,28 @@ def test_lists() -> None:
 # Source addressing
 
 
-def test_a_source_says_everything_once_and_then_what_changes() -> None:
+def test_a_sam_producer_sends_everything_once_and_then_changes() -> None:
     source = node(7, PdoConfig("TPDO", 1, (), multiplexed="SAM"), *scanner(0x02_6401_01, 0x01_2100_00, 0x01_5000_00))
-    said = [text for _ in range(5) for text in hear(source, None)]
-    # The first went out with the start command; what is too long or missing is counted and left out.
-    assert said == ["187#0701640202000000"]
+    sent = [text for _ in range(5) for text in feed(source, None)]
+    # The first was sent with the start command; objects that are too long or missing are counted and left out.
+    assert sent == ["187#0701640202000000"]
     assert source.pdo.refused == 2
     assert source.deadline is None
     source.objects.set(0x6401, 2, -2)
-    assert hear(source, None, 1.0) == ["187#07016402FEFF0000"]
-    assert hear(source, None, 2.0) == []
-    assert hear(source, "187#R8", 2.0) == hear(source, "080#", 2.0) == []
+    assert feed(source, None, 1.0) == ["187#07016402FEFF0000"]
+    assert feed(source, None, 2.0) == []
+    assert feed(source, "187#R8", 2.0) == feed(source, "080#", 2.0) == []
 
 
-def test_the_inhibit_time_lies_between_two_of_them() -> None:
+def test_messages_are_an_inhibit_time_apart() -> None:
     source = node(7, PdoConfig("TPDO", 1, (), inhibit=100, multiplexed="SAM"), *scanner(0x03_6401_01))
     assert (hear(source, None, 0.005), source.deadline) == ([], 0.01)
-    assert hear(source, None, 0.01) == ["187#0701640202000000"]
-    assert hear(source, None, 0.02) == ["187#0701640303000000"]
+    assert feed(source, None, 0.01) == ["187#0701640202000000"]
+    assert feed(source, None, 0.02) == ["187#0701640303000000"]
     assert source.deadline is None
 
 
-def test_from_a_source_to_who_lists_it() -> None:
+def test_a_sam_consumer_stores_what_its_dispatcher_list_names() -> None:
     source = node(7, PdoConfig("TPDO", 1, (), multiplexed="SAM"), *scanner(0x04_6401_01))
     into = PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="SAM")
     listener = node(5, into, *dispatcher(0x02_2000_03_6401_01_07, 0x01_2102_00_6401_04_07, 0x01_2101_00_6401_03_08))
@@ -153,82 +153,82 @@ def test_from_a_source_to_who_lists_it() -> None:
 # Destination addressing
 
 
-def test_a_destination_takes_what_is_for_it_or_for_all() -> None:
+def test_a_dam_consumer_stores_messages_for_it_and_for_all() -> None:
     device = node(5, PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
     for text in ("187#85002001FEFF0000", "187#800020020300FFFF", "187#8600200304000000", "187#0500200304000000"):
-        assert hear(device, text) == []
+        assert feed(device, text) == []
     assert [device.objects.get(0x2000, sub) for sub in (1, 2, 3)] == [-2, 3, 0]
-    assert hear(device, "187#8501210041424344") == []
+    assert feed(device, "187#8501210041424344") == []
     assert device.objects.get(0x2101) == "ABCD"
 
 
-def test_a_destination_that_is_not_there_is_told() -> None:
+def test_a_missing_destination_is_reported_as_8230h() -> None:
     device = node(5, PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
-    assert hear(device, "187#8500500100000000") == ["085#3082110050010000"]
-    assert hear(device, "187#8600500100000000") == []
-    assert hear(device, "187#8500210001000000") == []  # u64 does not fit: the error is there already
-    assert hear(device, "187#8500200101000000") == ["085#0000000000000000"]
-    assert hear(device, "187#85002001010000") == ["085#1082110708000000"]
-    assert hear(device, "187#8500200102000000") == ["085#0000000000000000"]
+    assert feed(device, "187#8500500100000000") == ["085#3082110050010000"]
+    assert feed(device, "187#8600500100000000") == []
+    assert feed(device, "187#8500210001000000") == []  # u64 does not fit: the error is active already
+    assert feed(device, "187#8500200101000000") == ["085#0000000000000000"]
+    assert feed(device, "187#85002001010000") == ["085#1082110708000000"]
+    assert feed(device, "187#8500200102000000") == ["085#0000000000000000"]
     assert device.objects.get(0x2000, 1) == 2
 
 
-def test_telling_another_node() -> None:
+def test_send_mpdo_to_another_node() -> None:
     source = node(7, PdoConfig("TPDO", 1, (), inhibit=100, multiplexed="DAM"))
     device = node(5, PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM"))
-    said = source.pdo.tell(1, Mpdo("DAM", 5, 0x2000, 1, b"\x01\x00"), 0.0)
-    said += source.pdo.tell(1, Mpdo("DAM", 0, 0x2000, 2, b"\x02\x00"), 0.0)
-    assert [str(frame) for frame in said] == ["187#8500200101000000"]
+    frames = source.pdo.send_mpdo(1, Mpdo("DAM", 5, 0x2000, 1, b"\x01\x00"), 0.0)
+    frames += source.pdo.send_mpdo(1, Mpdo("DAM", 0, 0x2000, 2, b"\x02\x00"), 0.0)
+    assert [str(frame) for frame in frames] == ["187#8500200101000000"]
     assert source.deadline == 0.01
-    for frame in said + source.feed(None, 0.01):
+    for frame in frames + source.feed(None, 0.01):
         device.feed(frame, 0.01)
     assert [device.objects.get(0x2000, sub) for sub in (1, 2)] == [1, 2]
     for _ in range(100):
-        source.pdo.tell(1, Mpdo("DAM", 5, 0x2000, 1, b""), 0.01)
+        source.pdo.send_mpdo(1, Mpdo("DAM", 5, 0x2000, 1, b""), 0.01)
     assert source.pdo.refused == 100 - 32
     for number, message in ((2, Mpdo("DAM", 5, 1, 1, b"")), (1, Mpdo("SAM", 5, 1, 1, b""))):
         with pytest.raises(EncodeError, match="no DAM MPDO"):
-            source.pdo.tell(number, message, 0.0)
-    hear(source, "000#8007")
+            source.pdo.send_mpdo(number, message, 0.0)
+    feed(source, "000#8007")
     with pytest.raises(EncodeError, match="no DAM MPDO"):
-        source.pdo.tell(1, Mpdo("DAM", 5, 1, 1, b""), 0.0)
+        source.pdo.send_mpdo(1, Mpdo("DAM", 5, 1, 1, b""), 0.0)
 
 
 # The records
 
 
-def test_configured_by_sdo_and_read_from_a_dictionary() -> None:
+def test_an_mpdo_is_configured_by_sdo_and_read_from_a_dictionary() -> None:
     device = LocalNode(5, objects(*scanner(0x01_6401_01)), [PdoConfig("TPDO", 1, (), type=1)])
     device.start(0.0)
     ok = "585#6000{}0000000000"
-    assert hear(device, "605#2F001A00FE000000") == ["585#80001A0000000106"]  # it is on
-    hear(device, "605#2300180185010080")
-    assert hear(device, "605#2F001A00FE000000") == ["585#80001A0042000406"]  # with SYNC there is none
-    hear(device, "605#2F001802FE000000")
+    assert feed(device, "605#2F001A00FE000000") == ["585#80001A0000000106"]  # it is on
+    feed(device, "605#2300180185010080")
+    assert feed(device, "605#2F001A00FE000000") == ["585#80001A0042000406"]  # with SYNC there is none
+    feed(device, "605#2F001802FE000000")
     for number in ("FC", "FD"):
-        assert hear(device, f"605#2F001A00{number}000000") == ["585#80001A0042000406"]
-    assert hear(device, "605#2F001A00FE000000") == [ok.format("1A")]
-    assert hear(device, "605#2300180185010000") == ["585#6000180100000000"]
-    assert hear(device, "000#0105") == ["185#0501640101000000"]
+        assert feed(device, f"605#2F001A00{number}000000") == ["585#80001A0042000406"]
+    assert feed(device, "605#2F001A00FE000000") == [ok.format("1A")]
+    assert feed(device, "605#2300180185010000") == ["585#6000180100000000"]
+    assert feed(device, "000#0105") == ["185#0501640101000000"]
     assert [(pdo.multiplexed, pdo.count) for pdo in pdos_of(device.objects, 5)] == [("SAM", 0xFE)]
 
 
-def test_a_type_that_does_not_go_with_it_is_refused_and_not_silently_off() -> None:
+def test_a_type_that_an_mpdo_cannot_have_is_refused() -> None:
     device = node(7, PdoConfig("TPDO", 1, (), multiplexed="SAM"), *scanner(0x01_6401_01))
     for number in ("00", "01", "F0", "FC", "FD"):
-        assert hear(device, f"607#2F001802{number}000000") == ["587#8000180230000906"]
-    assert hear(device, "607#2F001802FE000000")[0] == "587#6000180200000000"
+        assert feed(device, f"607#2F001802{number}000000") == ["587#8000180230000906"]
+    assert feed(device, "607#2F001802FE000000")[0] == "587#6000180200000000"
     for type in (1, 252, 253):
-        with pytest.raises(EncodeError, match=f"TPDO1 is multiplexed: expected type 254 or 255, here is {type}"):
+        with pytest.raises(EncodeError, match=f"TPDO1 is multiplexed: expected type 254 or 255, not {type}"):
             LocalNode(7, objects(), [PdoConfig("TPDO", 1, (), type=type, multiplexed="SAM")])
-    with pytest.raises(EncodeError, match="TPDO1 is multiplexed, so it maps nothing"):
+    with pytest.raises(EncodeError, match="TPDO1 is multiplexed: expected no mapping"):
         PdoConfig("TPDO", 1, (0x20000110,), multiplexed="DAM")
 
 
 @pytest.mark.parametrize(
     "policy", [PdoConfigPolicy(), PdoConfigPolicy(skip_equal=True), PdoConfigPolicy(order="first")]
 )
-def test_a_master_reads_and_writes_it(policy: PdoConfigPolicy) -> None:
+def test_an_mpdo_is_read_and_written_by_a_master(policy: PdoConfigPolicy) -> None:
     device = LocalNode(7, objects(*scanner(0x01_6401_01)), [PdoConfig("TPDO", 1, (0x64010110,), type=1)])
     bus = VirtualBus()
     bus.add(device, sent=device.start(0.0))

@@ -1,4 +1,4 @@
-"""The PDOs of other devices, by name."""
+"""The PDOs of other devices as named values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from barewire.errors import EncodeError
 from tests.canopen.sdo.sdo_bus import Bus, Store
 
 
-def test_the_pdo_of_a_device_with_names() -> None:
+def test_a_remote_pdo_with_names_of_a_dictionary() -> None:
     store = Store()
     record = {(0x1800, 1): "85010000", (0x1800, 2): "FF", (0x1800, 3): "0000", (0x1A00, 0): "02"}
     record |= {(0x1A00, 1): "10004160", (0x1A00, 2): "08000620"}
@@ -30,6 +30,6 @@ def test_the_pdo_of_a_device_with_names() -> None:
     assert listener.feed(CanFrame.parse("186#3706FF"), 3.0) == listener.feed(CanFrame.parse("185#R3"), 3.0) == []
 
 
-def test_a_pdo_that_is_switched_off_has_no_identifier() -> None:
+def test_a_pdo_that_is_switched_off_raises() -> None:
     with pytest.raises(EncodeError, match="RPDO5 of node 5 is switched off"):
         RemotePdo.of(5, PdoConfig("RPDO", 5, (0x60400010,)))

@@ -1,4 +1,4 @@
-"""The PDOs of another device: read and written over SDO, in the safe order, against our own device."""
+"""The PDO configuration of another device, read and written by SDO in the safe order, with a local node."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def writes(bus: VirtualBus) -> list[str]:
     return found
 
 
-def test_what_was_written_is_read() -> None:
+def test_a_written_configuration_is_read_back() -> None:
     bus, _ = bus_with(PdoConfig("TPDO", 1, ()), PdoConfig("RPDO", 1, (0x60400010,)))
     bus.run(write_pdo(5, TPDO1))
     read = bus.run(read_pdo(5, "TPDO", 1))
@@ -58,7 +58,7 @@ def test_what_was_written_is_read() -> None:
     assert "185#3706FEFFFFFF" in bus.pass_time(0.1)
 
 
-def test_the_order_is_the_safe_one() -> None:
+def test_the_writes_are_in_the_safe_order() -> None:
     bus, _ = bus_with(PdoConfig("TPDO", 1, (0x60410010,), cob_id=0x195))
     bus.run(write_pdo(5, TPDO1))
     mapping = ["1A00:0=0", "1A00:1=60410010", "1A00:2=60640020", "1A00:0=2"]
@@ -69,7 +69,7 @@ def test_the_order_is_the_safe_one() -> None:
     assert writes(bus) == ["1800:1=80000185", *parameters, *mapping, "1800:1=185"]
 
 
-def test_what_is_equal_is_left_out_where_the_device_wants_it_so() -> None:
+def test_skip_equal_does_not_write_equal_values() -> None:
     bus, _ = bus_with(TPDO1)
     bus.run(write_pdo(5, TPDO1, policy=PdoConfigPolicy(skip_equal=True)))
     assert writes(bus) == ["1800:1=80000185", "1800:1=185"]
@@ -107,13 +107,13 @@ def test_a_constant_mapping_is_compared(policy: PdoConfigPolicy) -> None:
     bus.run(write_pdo(5, PdoConfig("TPDO", 1, (0x60410010,), type=1), policy=policy))
     assert (device.objects.get(0x1800, 1), device.objects.get(0x1800, 2)) == (0x185, 1)
     assert bus.run(read_pdo(5, "TPDO", 1)).event_timer == 0
-    with pytest.raises(EncodeError, match="TPDO1 maps 60410010 and cannot be changed; wanted is nothing") as caught:
+    with pytest.raises(EncodeError, match="TPDO1 maps 60410010 and cannot be changed; expected nothing") as caught:
         bus.run(write_pdo(5, PdoConfig("TPDO", 1, ()), policy=policy))
     assert caught.value.__notes__ == ["TPDO1 of node 5 is left switched off"]
     assert device.objects.get(0x1800, 1) == 0x80000185
 
 
-def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
+def test_a_missing_sub_index_raises_if_its_value_is_not_0() -> None:
     bus, device = VirtualBus(), Locked()
     bus.add(device)
     with pytest.raises(SdoAbort, match="1800h:05: 0609 0011h"):
@@ -124,18 +124,18 @@ def test_what_the_device_does_not_have_is_missed_when_it_is_wanted() -> None:
         bus.run(read_pdo(5, "RPDO", 1))
     assert bus.run(read_pdo(5, "TPDO", 2)).multiplexed == "DAM"
     device.objects.set(0x1A01, 0, 65)
-    with pytest.raises(DecodeError, match="1A01h:00 = 65: that is no number of entries"):
+    with pytest.raises(DecodeError, match="1A01h:00 = 65: expected"):
         bus.run(read_pdo(5, "TPDO", 2))
 
 
-def test_what_cannot_be_mapped_is_known_before_anything_is_said() -> None:
+def test_an_impossible_mapping_raises_before_anything_is_sent() -> None:
     bus, _ = bus_with(TPDO1)
     with pytest.raises(EncodeError, match="80 bits"):
         bus.run(write_pdo(5, PdoConfig("TPDO", 1, (0x60410010, 0x60640020, 0x60640020))))
     assert writes(bus) == []
 
 
-def test_names_and_placeholders() -> None:
+def test_mapping_with_names_and_placeholders() -> None:
     objects = ObjectDictionary([Entry(0x6041, 0, "statusword", "u16"), Entry(0x6064, 0, "position", "i32")])
     words = (0x60410010, 0x00050008, 0x2FFF0004, 0x60640014, 0x60640008, 0x60410008)
     mapping = mapping_of(PdoConfig("TPDO", 1, words), objects)
@@ -148,7 +148,7 @@ def test_names_and_placeholders() -> None:
     }
 
 
-def test_pdos_out_of_a_dictionary() -> None:
+def test_pdos_of_a_dictionary() -> None:
     pdos = [
         PdoConfig("RPDO", 1, (0x60400010,), event_timer=7),
         PdoConfig("TPDO", 2, (0x60410010,), type=1, cob_id=0x1A0),

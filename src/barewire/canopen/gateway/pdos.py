@@ -90,8 +90,8 @@ class GatewayPdo:
             at += words_of(type)
         for sub, value in enumerate(values, 1):
             self._objects.set(_INDEX, sub, value)
-        for live in self._engine.live:
-            live.sent = None  # said again even if nothing changed: somebody asked for it
+        for pdo in self._engine.active:
+            pdo.sent = None  # so the next values are sent even if they are the same
         if self.request.transmission == "event" and self._engine.deadline is None:
             self._engine.start()
 

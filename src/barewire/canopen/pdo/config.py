@@ -1,25 +1,25 @@
-"""The records that configure PDOs, as they stand in the object dictionary.   [CiA 301, PDO communication and mapping]
+"""The configuration of PDOs: two records each in the object dictionary.   [CiA 301, PDO communication and mapping]
 
         communication 1400h+ (RPDO), 1800h+ (TPDO)         mapping 1600h+ (RPDO), 1A00h+ (TPDO)
 
-        00  highest sub-index                              00  how many entries are in force; FEh, FFh: see `mpdo`
+        00  highest sub-index                              00  number of mapped entries; FEh, FFh: `multiplexed`
         01  COB-ID u32, bit 31: switched off               01  index 2 | sub 1 | bits 1
         02  transmission type u8                           02  ...
         03  inhibit time u16, in 100 us
         05  event timer u16, in ms
         06  SYNC start value u8
 
-        type 0        acyclic with SYNC: TPDO at the next SYNC if something changed    RPDO takes effect
+        type 0        acyclic with SYNC: TPDO at the next SYNC if its data changed     RPDO takes effect
         type 1..240   cyclic with SYNC: TPDO at every n-th                             at the next SYNC
-        type 252      TPDO on request, with what it was at the last SYNC               -
-        type 253      TPDO on request, with what it is                                 -
-        type 254/255  TPDO when something changes, at the latest with the event timer  RPDO at once
-                      only these go with a multiplexed PDO, and while it is one no other is taken: 0609 0030h
+        type 252      TPDO on request, with its data at the last SYNC                  -
+        type 253      TPDO on request, with its present data                           -
+        type 254/255  TPDO when its data changes, at the latest with the event timer   RPDO at once
+                      a multiplexed PDO has one of these two; any other type is refused for it: 0609 0030h
 
-The event timer of an RPDO is how long it may stay away.
+The event timer of an RPDO is the longest time between two receptions.
 
 To change a mapping: switch the PDO off (bit 31 of 01), set 00 of the mapping to 0, write the entries, set 00 to their
-number, switch the PDO on. Out of this order the answer is 0601 0000h.
+number, switch the PDO on. Any other order is refused with 0601 0000h.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ _DEFAULT_SERVICE: dict[tuple[PdoDirection, int], ServiceName] = {
 
 @dataclass(frozen=True, slots=True)
 class PdoConfig:
-    """The factory setting of one PDO: what it maps, when it goes, on which COB-ID.
+    """The configuration of one PDO: mapping, transmission type, COB-ID.
 
-    `mapping` are the 32-bit entries. Without a `cob_id` PDO 1 to 4 have theirs from the predefined connection set,
-    and any further one is switched off until somebody gives it an identifier.
+    `mapping` are the 32-bit entries, `inhibit` is in 100 us, `event_timer` in ms. Without a `cob_id`, PDO 1 to 4 have
+    the identifier of the predefined connection set, and any further PDO is switched off until it is given one.
 
     >>> PdoConfig("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
     True
@@ -78,45 +78,45 @@ class PdoConfig:
     inhibit: int = 0
     event_timer: int = 0
     sync_start: int = 0
-    slots: int = 8  # room for entries, if not more are mapped
-    multiplexed: Addressing | None = None  # then it maps nothing, and says with each object which it is: see `mpdo`
+    slots: int = 8  # sub-indices of the mapping record, if not more are mapped
+    multiplexed: Addressing | None = None  # an MPDO: without mapping, each frame names its object
 
     def __post_init__(self) -> None:
-        # Behind the last record of one kind begins another: 1800h + 512 would be a mapping.
+        # Behind the last record of one kind begins another: 1800h + 512 would be a mapping record.
         if self.direction not in _COMMUNICATION:
             raise EncodeError(f"direction {self.direction!r}: expected RPDO or TPDO")
         if not 1 <= self.number <= PDOS_MAX:
             raise EncodeError(f"{self.direction}{self.number}: expected a number in 1..{PDOS_MAX}")
         if self.multiplexed is not None and self.mapping:
-            raise EncodeError(f"{self.direction}{self.number} is multiplexed, so it maps nothing")
+            raise EncodeError(f"{self.direction}{self.number} is multiplexed: expected no mapping")
 
     def __repr__(self) -> str:
         words = "".join(f"0x{word:08X}," for word in self.mapping)
         words = f"({words if len(self.mapping) == 1 else words[:-1].replace(',', ', ')})"
-        said = [repr(self.direction), str(self.number), words, f"type={self.type}"]
+        fields = [repr(self.direction), str(self.number), words, f"type={self.type}"]
         if self.cob_id is not None:
-            said.append(f"cob_id=0x{self.cob_id:X}")
-        others = {"inhibit": 0, "event_timer": 0, "sync_start": 0, "slots": 8, "multiplexed": None}
-        said += [f"{name}={value!r}" for name in others if (value := getattr(self, name)) != others[name]]
-        return f"PdoConfig({', '.join(said)})"
+            fields.append(f"cob_id=0x{self.cob_id:X}")
+        defaults = {"inhibit": 0, "event_timer": 0, "sync_start": 0, "slots": 8, "multiplexed": None}
+        fields += [f"{name}={value!r}" for name in defaults if (value := getattr(self, name)) != defaults[name]]
+        return f"PdoConfig({', '.join(fields)})"
 
     @property
     def communication(self) -> int:
-        """Index of the communication record."""
+        """The index of the communication record."""
         return _COMMUNICATION[self.direction] + self.number - 1
 
     @property
     def map(self) -> int:
-        """Index of the mapping record."""
+        """The index of the mapping record."""
         return _MAPPING[self.direction] + self.number - 1
 
     @property
     def count(self) -> int:
-        """What stands in sub-index 00 of the mapping."""
+        """The value of sub-index 00 of the mapping record."""
         return next((count for count, kind in MPDO_COUNTS.items() if kind == self.multiplexed), len(self.mapping))
 
     def cob_entry(self, node: int) -> CobEntry:
-        """The COB-ID with the node-ID in it."""
+        """The COB-ID of this PDO for a node-ID."""
         if self.cob_id is not None:
             return CobEntry.unpack(self.cob_id)
         service = _DEFAULT_SERVICE.get((self.direction, self.number))
@@ -124,9 +124,9 @@ class PdoConfig:
 
 
 def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
-    """The PDOs that a dictionary describes by itself, as one out of an EDS does: what `Device` wants to be given.
+    """The PDOs whose records a dictionary has, for example one from an EDS: an argument of `LocalNode`.
 
-    A COB-ID of the predefined connection set stays tied to the node-ID.
+    A COB-ID of the predefined connection set is left out, so it follows the node-ID.
     """
     found = []
     for direction in _DIRECTIONS:
@@ -134,86 +134,83 @@ def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
             pdo = PdoConfig(direction, number, ())
             if (pdo.communication, 1) not in objects or (pdo.map, 0) not in objects:
                 continue
-            told = {sub: _number(objects, pdo.communication, sub) for sub in (1, 2, 3, 5, 6)}
-            count = _number(objects, pdo.map, 0)
+            values = {sub: _value(objects, pdo.communication, sub) for sub in (1, 2, 3, 5, 6)}
+            count = _value(objects, pdo.map, 0)
             multiplexed = MPDO_COUNTS.get(count)
             if count > ENTRIES_MAX and multiplexed is None:
                 continue
-            words = () if multiplexed else tuple(_number(objects, pdo.map, sub) for sub in range(1, count + 1))
-            own = number <= 4 and told[1] == pdo.cob_entry(node).pack()
+            words = () if multiplexed else tuple(_value(objects, pdo.map, sub) for sub in range(1, count + 1))
+            by_default = number <= 4 and values[1] == pdo.cob_entry(node).pack()
+            identifier = None if by_default else values[1]
             slots = max(objects.subs(pdo.map))
-            times = told[3], told[5], told[6]
-            found.append(
-                PdoConfig(direction, number, words, told[2], None if own else told[1], *times, slots, multiplexed)
-            )
+            times = values[3], values[5], values[6]
+            found.append(PdoConfig(direction, number, words, values[2], identifier, *times, slots, multiplexed))
     return found
 
 
-def _number(objects: ObjectDictionary, index: int, sub: int) -> int:
+def _value(objects: ObjectDictionary, index: int, sub: int) -> int:
     return int(objects.get(index, sub)) if (index, sub) in objects else 0
 
 
 def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: Callable[[], object]) -> None:
-    """Put the two records of a PDO into the dictionary, with the rules for changing them.
+    """Add the two records of a PDO to the dictionary, with the rules for writing them.
 
-    Where the dictionary has an entry of the records already (a device description lists them too), it keeps its name
-    and takes its default and its rules from here; sub-index 04, reserved, stays as it is, or absent. `changed` is
-    called when a write has been accepted, just before it is stored. Raises EncodeError if the factory setting itself
-    breaks a rule.
+    An entry that the dictionary has already (from a device description) keeps its name and gets its default and its
+    rules from here; the reserved sub-index 04 is left alone. `changed` is called when a write has been accepted, before
+    it is stored. EncodeError if `pdo` itself breaks a rule.
     """
     if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
-        raise EncodeError(f"{pdo.direction}{pdo.number}: there is no transmission type {pdo.type} for it")
+        raise EncodeError(f"{pdo.direction}{pdo.number}: transmission type {pdo.type} does not exist")
     if pdo.multiplexed is not None and pdo.type <= RTR_AT_ONCE:
-        raise EncodeError(f"{pdo.direction}{pdo.number} is multiplexed: expected type 254 or 255, here is {pdo.type}")
+        raise EncodeError(f"{pdo.direction}{pdo.number} is multiplexed: expected type 254 or 255, not {pdo.type}")
     resolve(objects, pdo.direction, pdo.mapping)
     rules = _Rules(objects, pdo, changed)
     at, name = pdo.communication, f"{pdo.direction}{pdo.number}"
 
-    def put(index: int, sub: int, what: str, type: str, default: int, check: Callable[[int], None] | None) -> None:
+    def add(index: int, sub: int, what: str, type: str, default: int, check: Callable[[int], None] | None) -> None:
         access: Literal["const", "rw"] = "const" if check is None else "rw"
         hook = None if check is None else rules.hook(check)
-        called = objects.entry(index, sub).name if (index, sub) in objects else f"{name} {what}"
-        objects.replace(Entry(index, sub, called, type, access, default, on_write=hook))
+        title = objects.entry(index, sub).name if (index, sub) in objects else f"{name} {what}"
+        objects.replace(Entry(index, sub, title, type, access, default, on_write=hook))
 
-    put(at, 0, "highest sub-index", "u8", 6, None)
-    put(at, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)
-    put(at, 2, "transmission type", "u8", pdo.type, rules.type)
-    put(at, 3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(at, 3))
-    put(at, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
-    put(at, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(at, 6))
+    add(at, 0, "highest sub-index", "u8", 6, None)
+    add(at, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)
+    add(at, 2, "transmission type", "u8", pdo.type, rules.type)
+    add(at, 3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(at, 3))
+    add(at, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
+    add(at, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(at, 6))
     slots = min(max(pdo.slots, len(pdo.mapping)), ENTRIES_MAX)
-    put(pdo.map, 0, "entries", "u8", pdo.count, rules.count)
+    add(pdo.map, 0, "entries", "u8", pdo.count, rules.count)
     for sub in range(1, slots + 1):
         word = pdo.mapping[sub - 1] if sub <= len(pdo.mapping) else 0
-        put(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
+        add(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
 
 
 def has_type(direction: PdoDirection, type: int) -> bool:
-    """Whether there is such a transmission type: 241 to 251 are reserved, and nobody asks for an RPDO."""
+    """Whether a transmission type exists: 241 to 251 are reserved, and an RPDO cannot be sent on request."""
     return not LAST_CYCLIC < type < RTR_AT_SYNC and not (direction == "RPDO" and type in (RTR_AT_SYNC, RTR_AT_ONCE))
 
 
 def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int, ...]) -> PdoMapping:
-    """The mapping behind the entries, with the types that the dictionary has for them. Raises EncodeError."""
+    """The mapping of 32-bit entries with the types of the dictionary. EncodeError if an object cannot be mapped."""
     entries = []
     for word in words:
         mapped = MappedObject.of_word(word)
         if not mapped.is_dummy:
-            place = mapped.index, mapped.sub
-            if place not in objects:
+            if (mapped.index, mapped.sub) not in objects:
                 raise EncodeError(f"{mapped.name} cannot be mapped: there is no such object")
-            entry = objects.entry(*place)
+            entry = objects.entry(mapped.index, mapped.sub)
             if entry.access in (("ro", "const") if direction == "RPDO" else ("wo",)):
                 raise EncodeError(f"{mapped.name} is {entry.access} and cannot be mapped to an {direction}")
             if direction not in entry.mappable:
-                raise EncodeError(f"{mapped.name} is not meant for an {direction}")
+                raise EncodeError(f"{mapped.name} cannot be mapped to an {direction}")
             mapped = MappedObject.of_word(word, entry.type)
         entries.append(mapped)
     return PdoMapping(entries)
 
 
 class _Rules:
-    """What may be written to the records of one PDO, and when."""
+    """The checks of writes to the records of one PDO."""
 
     def __init__(self, objects: ObjectDictionary, pdo: PdoConfig, changed: Callable[[], object]) -> None:
         self.objects = objects

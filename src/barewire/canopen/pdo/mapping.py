@@ -1,4 +1,4 @@
-"""What a PDO carries: a row of objects packed bit by bit, with no word about which is which.   [CiA 301, PDO mapping]
+"""The mapping of a PDO: which objects its data contains, packed bit by bit without identification.   [CiA 301, PDO]
 
         mapping entry    index 2 | sub 1 | bits 1     as one number: 6040 00 10h = 6040h:00, 16 bits
 
@@ -6,12 +6,12 @@
         byte                 0   1      | 2   3   4   5
                              0F 00        A8 61 00 00          controlword 000Fh, velocity 25000
 
-Bit k of the stream is bit (k mod 8) of byte (k div 8), the low bit of each object first. So a PDO is one
-little-endian number, and every object is a shift and a mask in it:
+Bit k of the data is bit (k mod 8) of byte (k div 8), the low bit of each object first. So the data is one little-endian
+number, and every object is a shift and a mask in it:
 
         5 : 4 bits, ABh : 8 bits, Ch : 4 bits    ->    CAB5h    ->    B5 CA
 
-An object that nobody knows here, or a dummy (0001h to 0007h), keeps its bits, so nothing behind it moves.
+An unknown object and a dummy (0001h to 0007h) keep their bits, so the position of the objects behind them is right.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ ENTRIES_MAX = 64
 BITS_MAX = 64
 DUMMIES = range(0x0001, 0x0008)
 
-# What lies on whole bytes in a usual width is one struct call; the rest takes the way of shifts and masks.
+# Objects of these types on whole bytes are packed by one struct call; all others by shifts and masks.
 _STRUCT = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "i64": "q"}
 _STRUCT |= {"f32": "f", "f64": "d"}
 
 
 @dataclass(frozen=True, slots=True)
 class MappedObject:
-    """One object in a PDO. Without a type it is a placeholder, packed and unpacked as plain bits.
+    """One object in a PDO. Without a type it is packed and unpacked as an unsigned number.
 
     >>> f"{MappedObject(0x6040, 0, 16, 'u16').word:08X}", MappedObject.of_word(0x60FF0020).name
     ('60400010', '60FFh:00')
@@ -51,27 +51,27 @@ class MappedObject:
 
     @property
     def name(self) -> str:
-        """The name it was given, or its place."""
+        """The given name, or index and sub-index."""
         return self.given_name or f"{self.index:04X}h:{self.sub:02X}"
 
     @property
     def word(self) -> int:
-        """The entry as it lies in 1600h or 1A00h."""
+        """The 32-bit mapping entry of 1600h or 1A00h."""
         return self.index << 16 | self.sub << 8 | self.bits
 
     @property
     def is_dummy(self) -> bool:
-        """Bits that nobody owns."""
+        """Whether the entry only fills bits (index 0001h to 0007h)."""
         return self.index in DUMMIES and self.sub == 0
 
     @classmethod
     def of_word(cls, word: int, type: str | None = None, name: str = "") -> MappedObject:
-        """The entry behind the 32 bits of the object dictionary."""
+        """The object of a 32-bit mapping entry."""
         return cls(word >> 16 & 0xFFFF, word >> 8 & 0xFF, word & 0xFF, type, name)
 
 
 class _Step(NamedTuple):
-    """One step of the plan: everything about an object that does not depend on its value."""
+    """Everything about packing one object that does not depend on its value."""
 
     name: str
     offset: int
@@ -83,7 +83,7 @@ class _Step(NamedTuple):
 
 
 class PdoMapping:
-    """A packed row of objects, planned once.
+    """A row of objects and how to pack them, computed once.
 
     >>> controlword = MappedObject(0x6040, 0, 16, "u16", "controlword")
     >>> rpdo1 = PdoMapping([controlword, MappedObject(0x60FF, 0, 32, "i32", "velocity")])
@@ -123,13 +123,16 @@ class PdoMapping:
         return f"PdoMapping([{', '.join(f'{entry.word:08X}h' for entry in self.entries)}])"
 
     def pack(self, values: Mapping[str, Value]) -> bytes:
-        """Values by name as the data of a PDO. An object without a value goes as 0, an unknown name is an error."""
+        """The data of a PDO from values by name; an object without a value is 0.
+
+        EncodeError for an unknown name, and for a value that does not fit.
+        """
         if self._struct is not None:
             try:
                 if len(values) == len(self._names):
                     return self._struct.pack(*[values[name] for name in self._names])
             except (KeyError, struct.error, OverflowError):
-                pass  # something is missing or does not fit: the long way finds out what
+                pass  # a value is missing or does not fit: the general path below finds out which
         stream = 0
         used = 0
         for step in self._steps:
@@ -142,7 +145,7 @@ class PdoMapping:
         return stream.to_bytes(self.size, "little")
 
     def unpack(self, data: bytes) -> dict[str, Value]:
-        """The data of a PDO as values by name; DecodeError if it is not exactly as long as mapped."""
+        """The values by name from the data of a PDO. DecodeError if the data is not as long as mapped."""
         if len(data) < self.size:
             raise DecodeError("short", data, len(data), f"{self.size} bytes are mapped, here are {len(data)}")
         if len(data) > self.size:
@@ -160,7 +163,7 @@ class PdoMapping:
 
 
 def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:
-    """The whole mapping as one struct, if every object is whole bytes of a usual width."""
+    """The whole mapping as one struct, None if an object is not of a type and width of `_STRUCT`."""
     kinds = ""
     for entry in entries:
         kind = _STRUCT.get(entry.type or f"u{entry.bits}")
@@ -174,7 +177,7 @@ def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:
 
 
 def _step(entry: MappedObject, offset: int) -> _Step:
-    """Whether type and bits fit each other is decided here, once."""
+    """The packing step of an object. EncodeError if its type and its bits do not fit each other."""
     if not 1 <= entry.bits <= BITS_MAX:
         raise EncodeError(f"{entry.name} has {entry.bits} bits: expected 1..{BITS_MAX}")
     mask = (1 << entry.bits) - 1
@@ -203,7 +206,7 @@ def _step(entry: MappedObject, offset: int) -> _Step:
 
 
 def _to_bits(step: _Step, value: Value) -> int:
-    """One value as the bits that go into the stream."""
+    """The bits of one value."""
     if step.codec is not None:
         return int.from_bytes(step.codec.encode(value), "little")
     if step.length:
@@ -220,7 +223,7 @@ def _to_bits(step: _Step, value: Value) -> int:
 
 
 def _from_bits(step: _Step, bits: int) -> Value:
-    """The bits of one object as its value."""
+    """The value of the bits of one object."""
     if step.codec is not None:
         return step.codec.decode(bits.to_bytes(step.codec.size, "little"))
     if step.length:

@@ -1,9 +1,9 @@
-"""The PDOs of other devices as named values: sent to them, and heard of them.   [CiA 301, PDO]
+"""The PDOs of other devices as named values, sent and received.   [CiA 301, PDO]
 
         {"controlword": 15, "velocity": 25000}  --encode-->  205#0F00A8610000
         185#3706A8610000                        --decode-->  {"statusword": 0x0637, "velocity": 25000}
 
-A `RemotePdo` is what `read_pdo` told (or what one knows anyway) with the names that a dictionary has for the objects.
+A `RemotePdo` is a PDO configuration (read by `read_pdo`, or known) with the names of its objects in a dictionary.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from barewire.errors import DecodeError, EncodeError
 
 @dataclass(frozen=True, slots=True)
 class RemotePdo:
-    """One PDO of one node, with names.
+    """One PDO of another node, with the names of its objects.
 
     >>> remote = RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,)))
     >>> str(remote.encode({"6040h:00": 15}))
@@ -39,8 +39,10 @@ class RemotePdo:
 
     @classmethod
     def of(cls, node: int, pdo: PdoConfig, objects: ObjectDictionary | None = None) -> Self:
-        """With the names and types of a dictionary. EncodeError if the PDO is switched off and has no identifier, or is
-        multiplexed: then each of its frames says itself what it carries (`Mpdo`)."""
+        """From a configuration, with the names and types of a dictionary.
+
+        EncodeError if the PDO is switched off, or multiplexed: then each frame names its object (`Mpdo`).
+        """
         entry = pdo.cob_entry(node)
         if pdo.multiplexed is not None:
             what = f"{pdo.direction}{pdo.number} of node {node} is a multiplexed PDO ({pdo.multiplexed})"
@@ -50,11 +52,11 @@ class RemotePdo:
         return cls(node, pdo, mapping_of(pdo, objects), (entry.identifier, entry.extended))
 
     def encode(self, values: Mapping[str, Value]) -> CanFrame:
-        """The frame that carries these values. Raises EncodeError."""
+        """The frame with these values. Raises EncodeError."""
         return CanFrame(self.key[0], self.mapping.pack(values), self.key[1])
 
     def decode(self, frame: CanFrame) -> dict[str, Value]:
-        """The values in a frame of this PDO. Raises DecodeError."""
+        """The values of a frame of this PDO. Raises DecodeError."""
         if frame.key != self.key or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is not {self.pdo.direction}{self.pdo.number}")
         return self.mapping.unpack(frame.data)
@@ -68,13 +70,13 @@ def remote_pdo(
     *,
     timeout: float = 1.0,
 ) -> Conversation[CanFrame, RemotePdo]:
-    """Ask a device for one of its PDOs. Raises SdoAbort if it has none, EncodeError if it is switched off."""
+    """Read a PDO configuration from a device. SdoAbort if it does not exist, EncodeError if it is switched off."""
     pdo = yield from read_pdo(channel, direction, number, timeout=timeout)
     return RemotePdo.of(channel.node, pdo, objects)
 
 
 class PdoReceived(NamedTuple):
-    """A PDO came. `values` is None if it has not the length that is mapped, and `why` says so."""
+    """A received PDO. If its length is not the mapped one, `values` is None and `why` is the reason."""
 
     source: RemotePdo
     values: dict[str, Value] | None
@@ -84,10 +86,10 @@ class PdoReceived(NamedTuple):
 
 
 class PdoConsumer:
-    """Listens to some PDOs. A machine.
+    """Receives PDOs of other nodes. A machine.
 
-    >>> listener = PdoConsumer([RemotePdo.of(5, PdoConfig("TPDO", 1, (0x60410010,)))])
-    >>> [(event.source.node, event.values) for event in listener.feed(CanFrame.parse("185#3706"), 0.0)]
+    >>> consumer = PdoConsumer([RemotePdo.of(5, PdoConfig("TPDO", 1, (0x60410010,)))])
+    >>> [(event.source.node, event.values) for event in consumer.feed(CanFrame.parse("185#3706"), 0.0)]
     [(5, {'6041h:00': 1591})]
     """
 
@@ -98,7 +100,7 @@ class PdoConsumer:
 
     @property
     def deadline(self) -> float | None:
-        """None: it waits for nothing but PDOs."""
+        """None: nothing is timed."""
         return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[PdoReceived]:

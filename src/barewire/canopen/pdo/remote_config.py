@@ -1,20 +1,18 @@
-"""The PDOs of another device: read what it has, write what it shall have, in the safe order.   [CiA 301, PDO]
+"""The PDO configuration of another device: read it, and write it in the safe order.   [CiA 301, PDO]
 
-        1  communication :01    the COB-ID with bit 31: off. From now on nobody gets half a PDO
+        1  communication :01    the COB-ID with bit 31: off, so no half-configured PDO is ever sent
         2  mapping :00          0
         3  mapping :01 ...      the entries
-        4  mapping :00          how many
+        4  mapping :00          their number
         5  communication :02    type, then :03 inhibit time, :05 event timer, :06 SYNC start value
         6  communication :01    the COB-ID without bit 31: on
 
-A multiplexed PDO (`mpdo`) has FEh or FFh in place of 4, no entries, and its type comes first: only 254 and 255 go with
-it.
+A multiplexed PDO has FEh or FFh in step 4, no entries, and its type (254 or 255) is written first.
 
-Not every device has the whole of it, and `PdoConfigPolicy` says as data how one departs: a mapping that cannot be
-changed is compared instead of written; where a device wants the parameters before the mapping, they go there. What a
-device does not have (no :05, no :06) is not missed as long as it would be 0.
+`PdoConfigPolicy` describes devices that deviate: a mapping that cannot be changed is compared instead of written; some
+devices need the parameters before the mapping. A missing sub-index (:05, :06) is accepted if its value is 0.
 
-If a step fails, the PDO is left off and the error says so: half a mapping is worse than none.
+If a step fails, the PDO is left off and the error reports that: half a mapping is worse than none.
 """
 
 from __future__ import annotations
@@ -37,17 +35,17 @@ _COB_ID, _TYPE, _INHIBIT, _EVENT_TIMER, _SYNC_START = 1, 2, 3, 5, 6
 _SIZES = {_COB_ID: 4, _TYPE: 1, _INHIBIT: 2, _EVENT_TIMER: 2, _SYNC_START: 1}
 _OFF = 1 << 31
 _Content = tuple[tuple[int, ...], Addressing | None]
-"""What a PDO carries: these entries, or one object at a time."""
+"""The content of a PDO: its mapping entries, or the addressing of an MPDO."""
 _ABSENT = frozenset({AbortCode.NO_SUB, AbortCode.NO_OBJECT})
 _LOCKED = frozenset({AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS})
 
 
 class PdoConfigPolicy(NamedTuple):
-    """How a device wants its PDOs configured.
+    """How the PDOs of a device are configured.
 
-    `mapping`: `variable`; `fixed`, so it is compared and not written; `try` writes, and compares if the device says
-    that its mapping is read-only. `order`: whether type and timers go `last` or `first`, before the mapping.
-    `skip_equal` leaves out what the device has already, for those that refuse to be told so.
+    `mapping`: `variable` is written; `fixed` is compared and not written; `try` is written, and compared if the device
+    reports its mapping as read-only. `order`: type and timers are written `last`, or `first`, before the mapping.
+    `skip_equal` does not write values that the device has already, because some devices refuse that.
     """
 
     mapping: Literal["try", "variable", "fixed"] = "try"
@@ -61,23 +59,25 @@ _DEFAULT_POLICY = PdoConfigPolicy()
 def read_pdo(
     node: int | Channel, direction: PdoDirection, number: int, *, timeout: float = 1.0
 ) -> Conversation[CanFrame, PdoConfig]:
-    """One PDO of a device as its records say, with its COB-ID as it is there. Raises SdoAbort if it has none, and
-    DecodeError("value") if what it says of its mapping is nothing."""
+    """Read the configuration of a PDO, with its COB-ID as stored in the device. Time-out in seconds for each SDO.
+
+    Raises SdoAbort if the PDO does not exist, NoAnswer, and DecodeError("value") if the reported mapping is invalid.
+    """
     channel = channel_to(node, None)
     blank = PdoConfig(direction, number, ())
-    told = {}
+    values = {}
     for sub in _SIZES:
-        told[sub] = yield from _read(channel, blank.communication, sub, timeout, needed=sub in (_COB_ID, _TYPE))
+        values[sub] = yield from _read(channel, blank.communication, sub, timeout, needed=sub in (_COB_ID, _TYPE))
     mapping, multiplexed = yield from _read_mapping(channel, blank, timeout)
     return PdoConfig(
         direction,
         number,
         mapping,
-        type=told[_TYPE] or 0,
-        cob_id=told[_COB_ID],
-        inhibit=told[_INHIBIT] or 0,
-        event_timer=told[_EVENT_TIMER] or 0,
-        sync_start=told[_SYNC_START] or 0,
+        type=values[_TYPE] or 0,
+        cob_id=values[_COB_ID],
+        inhibit=values[_INHIBIT] or 0,
+        event_timer=values[_EVENT_TIMER] or 0,
+        sync_start=values[_SYNC_START] or 0,
         multiplexed=multiplexed,
     )
 
@@ -85,14 +85,14 @@ def read_pdo(
 def write_pdo(
     node: int | Channel, pdo: PdoConfig, *, policy: PdoConfigPolicy = _DEFAULT_POLICY, timeout: float = 1.0
 ) -> Conversation[CanFrame, None]:
-    """Make a PDO of the device the one that is given. The device should be pre-operational.
+    """Write the configuration of a PDO. The device should be pre-operational. Time-out in seconds for each SDO.
 
-    Without a `cob_id` the PDO has the one of the predefined connection set. Raises SdoAbort or NoAnswer, and
-    EncodeError if the mapping cannot be changed and is another one.
+    Without a `cob_id` the PDO gets the identifier of the predefined connection set. Raises SdoAbort or NoAnswer, and
+    EncodeError if the mapping is a different one and cannot be changed.
     """
     channel = channel_to(node, None)
     entry = pdo.cob_entry(channel.node)
-    PdoMapping(MappedObject.of_word(word) for word in pdo.mapping)  # more than 64 bits fail here, not half-way
+    PdoMapping(MappedObject.of_word(word) for word in pdo.mapping)  # fails here if it has more than 64 bits
     return _write_pdo(channel, pdo, entry, policy, timeout)
 
 
@@ -100,7 +100,7 @@ def _write_pdo(
     channel: Channel, pdo: PdoConfig, entry: CobEntry, policy: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
     at = pdo.communication
-    # Off with the identifier that it has: some devices do not take another one in the same step.
+    # Switched off with its present identifier: some devices refuse another one in the same write.
     before = (yield from _read(channel, at, _COB_ID, timeout, needed=True)) or 0
     if not (policy.skip_equal and before & _OFF):
         yield from _write(channel, at, _COB_ID, before | _OFF, 4, timeout)
@@ -161,7 +161,7 @@ def _write_parameters(
 def _read(
     channel: Channel, index: int, sub: int, timeout: float, *, needed: bool
 ) -> Conversation[CanFrame, int | None]:
-    """A number of a communication record; None if the device has none and need not."""
+    """A value of a communication record; None if the device does not have it and it is not `needed`."""
     try:
         data = yield from upload(channel, index, sub, timeout=timeout, size=_SIZES[sub])
     except SdoAbort as refusal:
@@ -177,7 +177,7 @@ def _read_mapping(channel: Channel, pdo: PdoConfig, timeout: float) -> Conversat
     if multiplexed is not None:
         return (), multiplexed
     if data[0] > ENTRIES_MAX:
-        raise DecodeError("value", data, 0, f"{pdo.map:04X}h:00 = {data[0]}: that is no number of entries")
+        raise DecodeError("value", data, 0, f"{pdo.map:04X}h:00 = {data[0]}: expected 0..{ENTRIES_MAX}, FEh or FFh")
     words = []
     for sub in range(1, data[0] + 1):
         word = yield from upload(channel, pdo.map, sub, timeout=timeout, size=4)
@@ -196,14 +196,14 @@ def _other_mapping(pdo: PdoConfig, has: _Content) -> EncodeError:
         kind or " ".join(f"{word:08X}" for word in words) or "nothing"
         for words, kind in (has, (pdo.mapping, pdo.multiplexed))
     )
-    return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; wanted is {wanted}")
+    return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; expected {wanted}")
 
 
 def mapping_of(pdo: PdoConfig, objects: ObjectDictionary | None = None) -> PdoMapping:
-    """The mapping of a PDO with the names and types of a dictionary, by which values are packed and unpacked.
+    """The mapping of a PDO, which packs and unpacks values by the names and types of a dictionary.
 
-    What the dictionary does not know, or has with another width, is a placeholder under the name of its place: it
-    keeps its bits, so nothing behind it moves.
+    An object that the dictionary does not have, or has with another width, is named by index and sub-index and keeps
+    its bits, so the position of the objects behind it is right.
 
     >>> mapping_of(PdoConfig("TPDO", 1, (0x60410010, 0x20050010))).unpack(bytes.fromhex("3706 18FC"))
     {'6041h:00': 1591, '2005h:00': 64536}
