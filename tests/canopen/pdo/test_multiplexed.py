@@ -127,7 +127,7 @@ def test_a_sam_producer_sends_everything_once_and_then_changes() -> None:
 
 def test_messages_are_an_inhibit_time_apart() -> None:
     source = node(7, PdoConfig("TPDO", 1, (), inhibit=100, multiplexed="SAM"), *scanner(0x03_6401_01))
-    assert (hear(source, None, 0.005), source.deadline) == ([], 0.01)
+    assert (feed(source, None, 0.005), source.deadline) == ([], 0.01)
     assert feed(source, None, 0.01) == ["187#0701640202000000"]
     assert feed(source, None, 0.02) == ["187#0701640303000000"]
     assert source.deadline is None
