@@ -1,4 +1,4 @@
-"""A bench for simulated machines: ask by name, in virtual time, through real messages and frames."""
+"""Read and write a simulated machine by parameter names, in virtual time, through real messages and frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from barewire.modbus.messages.base import Response
 
 
 class Bench:
-    """One machine and the time it is there."""
+    """One machine and its time."""
 
     def __init__(self, machine: Simulator, now: float = 0.0) -> None:
         self.machine = machine
@@ -74,17 +74,17 @@ class Bench:
     # CANopen
 
     def frames(self, text: str | None = None) -> list[str]:
-        """What the node says to a frame, or to time passing, as lines of text."""
+        """The frames that the node sends after a frame, or after time has passed, as text."""
         assert self.machine.canopen is not None
         frame = None if text is None else CanFrame.parse(text)
-        return [str(said) for said in self.machine.canopen.feed(frame, self.now)]
+        return [str(sent) for sent in self.machine.canopen.feed(frame, self.now)]
 
     def _sdo(self, command: int, index: int, sub: int, data: bytes = b"", node: int = 1) -> bytes | int:
-        """One expedited transfer, bit by bit: the bytes of the answer, or the abort code."""
+        """One expedited transfer, composed byte by byte: the bytes of the answer, or the abort code."""
         assert self.machine.canopen is not None
         request = bytes([command]) + index.to_bytes(2, "little") + bytes([sub]) + data.ljust(4, b"\0")
-        said = self.machine.canopen.feed(CanFrame(0x600 + node, request), self.now)
-        (answer,) = [frame.data for frame in said if frame.id == 0x580 + node]
+        sent = self.machine.canopen.feed(CanFrame(0x600 + node, request), self.now)
+        (answer,) = [frame.data for frame in sent if frame.id == 0x580 + node]
         if answer[0] == 0x80:
             return int.from_bytes(answer[4:], "little")
         return answer[4 : 8 - (answer[0] >> 2 & 3)]
@@ -94,7 +94,7 @@ class Bench:
         return self._sdo(0x40, index, sub)
 
     def upload_at(self, node: int, index: int, sub: int = 0) -> bytes | int:
-        """The same from a drive that has another node-ID now."""
+        """The same from a node with another node-ID."""
         return self._sdo(0x40, index, sub, node=node)
 
     def download(self, index: int, sub: int, data: bytes) -> int:

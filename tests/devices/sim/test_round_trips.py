@@ -1,5 +1,5 @@
-"""Every writable parameter of every machine over every transport that it has: extremes and defaults come back.
-Every read-only one refuses, with the exception or the abort code of the standard, however hard one tries."""
+"""Every writable parameter of every machine over each of its transports: extremes and defaults are read back.
+Every read-only parameter refuses writes, with the exception or the abort code of the standard."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from barewire.modbus import ModbusException
 from barewire.modbus.messages.registers import WriteSingleRegister
 from tests.devices.sim.wires import WIRES, CanopenWire, ModbusWire, Wire, canopen
 
-# Written, and not to be read back as written: each acts and falls back, or shows something else at once.
+# Not read back as written: each acts and returns to its rest value, or shows a measured value.
 PUSHED = {
     "csd-mt": {
         "Save All Parameters", "Restore All Default Parameters", "Reset Error Logs", "Read Temperature",
@@ -33,7 +33,7 @@ PUSHED = {
 }  # fmt: skip
 
 PDO_RECORDS = range(0x1400, 0x1C00)
-"""Have rules about their order: tests/canopen, and `test_pdo_records` below."""
+"""Written in a certain order: see tests/canopen, and the last test here."""
 
 MENU = {"Menu number selection": 1, "Parameter number selection": 4}
 TRANSPORTS = pytest.mark.parametrize(("device", "wire"), WIRES, ids=[f"{name}-{made.__name__}" for name, made in WIRES])
@@ -71,7 +71,7 @@ def same(parameter: Parameter, got: Value, value: Value) -> bool:
 
 
 @TRANSPORTS
-def test_what_can_be_written_comes_back(device: str, wire: Callable[[str], Wire]) -> None:
+def test_every_writable_parameter_is_read_back(device: str, wire: Callable[[str], Wire]) -> None:
     wrong, tried = [], 0
     for parameter in load(device).parameters:
         line = wire(device)
@@ -100,7 +100,7 @@ def test_what_can_be_written_comes_back(device: str, wire: Callable[[str], Wire]
 
 
 @TRANSPORTS
-def test_what_is_read_only_refuses(device: str, wire: Callable[[str], Wire]) -> None:
+def test_every_read_only_parameter_refuses_writes(device: str, wire: Callable[[str], Wire]) -> None:
     line, refused = wire(device), 0
     for parameter in load(device).parameters:
         if parameter.writable or not line.has(parameter) or parameter.type == "text":
@@ -126,13 +126,13 @@ def test_what_is_read_only_refuses(device: str, wire: Callable[[str], Wire]) -> 
                 line.write({parameter: before}, force=True)
             assert declined.value.code == AbortCode.READ_ONLY, parameter.name
         refused += 1
-        # The line of the ADXL breathes; nothing else moves in these milliseconds.
+        # The line voltage of the ADXL varies; nothing else changes in these milliseconds.
         assert line.read(parameter) == pytest.approx(before, rel=1e-3), parameter.name
     assert refused > {"az3": 7, "adxl": 20, "csd-mt": 20}[device]
 
 
 def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
-    """The exception code of a write that is tried all the same; None where the function for it does not exist.
+    """The exception code of a write that is sent all the same; None where the function for it does not exist.
 
     Nothing on Modbus writes an input register. Where a device has all of its tables at the same addresses, as the ADXL
     and the CSD MT, function 06 asks for this one; on the AZ3 it would ask for a holding register of the same number.
@@ -158,7 +158,7 @@ def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_the_records_of_the_pdos(number: int) -> None:
+def test_pdo_records_can_be_written_in_the_order_of_cia_301(number: int) -> None:
     """Communication and mapping records of the AZ3, every entry, in the order that CiA 301 wants."""
     line = canopen("az3")
     records = [p for p in load("az3").parameters if p.object is not None and p.object.index in PDO_RECORDS]

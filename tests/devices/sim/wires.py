@@ -1,4 +1,4 @@
-"""The transports that a simulated machine really has, in memory: names in, the frames of an envelope in between."""
+"""The transports of the simulated machines, in memory: reads and writes by name, through the frames of an envelope."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TIMING = Timing.of(19200)
 
 
 class Wire(ABC):
-    """A client and a machine with frames between them, and the time there."""
+    """A client and a machine with frames between them, and their time."""
 
     def __init__(self, device: str) -> None:
         self.machine: Simulator = simulator(device)
@@ -31,7 +31,7 @@ class Wire(ABC):
 
     @abstractmethod
     def has(self, parameter: Parameter) -> bool:
-        """Whether the parameter travels here."""
+        """Whether the parameter can be accessed on this transport."""
 
     @abstractmethod
     def read(self, parameter: Parameter) -> Value: ...
@@ -73,7 +73,7 @@ class CanopenWire(Wire):
 
     def _peer(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
         assert self.machine.canopen is not None
-        return [(now, said) for said in self.machine.canopen.feed(frame, now)]
+        return [(now, sent) for sent in self.machine.canopen.feed(frame, now)]
 
     def has(self, parameter: Parameter) -> bool:
         return parameter.object is not None
@@ -119,4 +119,4 @@ WIRES: list[tuple[str, Callable[[str], Wire]]] = [
     ("adxl", tcp),
     ("csd-mt", tcp),
 ]
-"""Each machine with the transports of its manual; the AZ3 hears both dialects of SDO."""
+"""Each machine with the transports of its manual; the AZ3 understands both SDO dialects."""

@@ -1,4 +1,4 @@
-"""The soft starter on a bench: what its tests do with it over and over."""
+"""Helpers of the soft starter's tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The soft starter: a start in time, the example of the manual byte for byte, commands, events, reboot."""
+"""The soft starter: duration of a start, measures, menus, commands, events, reboot."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_measures_follow_the_motor(bench: Bench) -> None:
     assert bench.read("Status") == 2
 
 
-def test_looking_more_often_changes_nothing_worth_mentioning() -> None:
+def test_ticking_more_often_changes_almost_nothing() -> None:
     seldom, often = Bench(simulator("adxl")), Bench(simulator("adxl"))
     for bench in (seldom, often):
         bench.write("Motor start command", 1)
@@ -79,13 +79,13 @@ def test_looking_more_often_changes_nothing_worth_mentioning() -> None:
     )
 
 
-def test_what_is_not_saved_is_lost(bench: Bench) -> None:
+def test_unsaved_parameters_are_lost_at_power_off(bench: Bench) -> None:
     set_parameter(bench, 1, 4, 33)
     bench.machine.power_cycle(1.0)
     assert starter(bench).menus.values[1, 0, 4] == 10
 
 
-def test_menus(bench: Bench) -> None:
+def test_menu_parameters_are_selected_read_and_written(bench: Bench) -> None:
     set_parameter(bench, 8, 4, 2)
     assert bench.read("Parameter value") == 2
     assert bench.refused(WriteSingleRegister(0x5003, 3)) == 3  # stop bits: 1 or 2
@@ -100,7 +100,7 @@ def test_menus(bench: Bench) -> None:
     assert starter(bench).menus.values[8, 0, 4] == 2
 
 
-def test_commands_act_on_what_they_name(bench: Bench) -> None:
+def test_each_command_acts_on_the_counter_that_it_names(bench: Bench) -> None:
     bench.write("Motor start command", 1)
     bench.now = 1000.0
     bench.read("Status")
@@ -117,7 +117,7 @@ def test_commands_act_on_what_they_name(bench: Bench) -> None:
     assert bench.refused(WriteSingleRegister(0x2FEF, 13)) == 4  # no copy to restore
 
 
-def test_events(bench: Bench) -> None:
+def test_events_are_counted_and_read_one_after_the_other(bench: Bench) -> None:
     bench.write("Motor start command", 1)
     assert bench.words(0x502F, 1, "input") == (0x0202,)
     bench.write("Event index", 0)
@@ -148,7 +148,7 @@ def test_function_codes(bench: Bench) -> None:
     assert bench.refused(WriteSingleRegister(0x0FB1, 1)) == 2
 
 
-def test_line_and_alarm(bench: Bench) -> None:
+def test_line_failure_and_alarm_stop_the_motor(bench: Bench) -> None:
     bench.write("Motor start command", 1)
     starter(bench).trip("THERMAL PROTECTION", 3.0)
     bench.now = 3.0

@@ -1,4 +1,4 @@
-"""The soft starter and the world around it: every status, delays and limits, inputs, a small motor, another address."""
+"""The soft starter in its environment: every status, delays and limits, inputs, a small motor, another address."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def bench() -> Bench:
     return Bench(simulator("adxl"))
 
 
-def test_every_status_of_table_2_has_a_way_to_it(bench: Bench) -> None:
+def test_every_status_of_table_2_can_be_reached(bench: Bench) -> None:
     machine, seen = starter(bench), {}
 
     def look() -> None:
@@ -41,7 +41,7 @@ def test_every_status_of_table_2_has_a_way_to_it(bench: Bench) -> None:
     until(15.0)
     machine.inhibited = True
     look()
-    machine.trip("PHASE LOSS", bench.now)  # inhibited: told, and nothing else
+    machine.trip("PHASE LOSS", bench.now)  # inhibited: an event and nothing else
     assert (bench.read("Status"), machine.events.texts[-1].split(" ", 1)[1]) == (11, "INHIBITED PHASE LOSS")
     machine.inhibited = False
     bench.write("Motor stop command", 1)
@@ -84,7 +84,7 @@ def test_a_torque_limit_holds_the_torque_and_takes_current_with_it(bench: Bench)
     assert float(free.read("Torque")) > 75
 
 
-def test_c15_tests_with_a_small_motor_until_the_next_start(bench: Bench) -> None:
+def test_c15_simulates_a_small_motor_until_the_next_power_on(bench: Bench) -> None:
     bench.ask(WriteSingleRegister(0x2FEF, 14))
     bench.write("Motor start command", 1)
     statuses = set()
@@ -128,7 +128,7 @@ def test_inputs_limits_and_remotes(bench: Bench) -> None:
     assert machine.service_hours == 0
 
 
-def test_a_new_node_address_counts_after_the_reboot(bench: Bench) -> None:
+def test_a_new_node_address_takes_effect_after_the_reboot(bench: Bench) -> None:
     set_parameter(bench, 8, 1, 17)
     assert list(MachineUnits(bench.machine)) == [1]
     bench.write("Save and reboot", 5)

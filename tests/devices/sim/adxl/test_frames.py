@@ -48,7 +48,7 @@ def test_the_parameter_setting_example_byte_for_byte(bench: Bench) -> None:
     assert decode(busy.data) == Adu(1, bytes.fromhex("8406"))
     (answer,) = server.feed(asked, 3.0 + REBOOT_TAKES)
     assert decode(answer.data) == Adu(1, bytes.fromhex("0404000000F5"))
-    assert answer.data.hex(" ").upper() == "01 04 04 00 00 00 F5 3B C3"  # whose CRC the manual prints
+    assert answer.data.hex(" ").upper() == "01 04 04 00 00 00 F5 3B C3"  # the manual prints this CRC
 
 
 ENVELOPES: dict[str, tuple[Any, Any, bool]] = {
@@ -62,10 +62,10 @@ def test_the_same_example_in_the_other_envelopes(bench: Bench, envelope: str) ->
     line, frame, serial = ENVELOPES[envelope]
     server = Server(line(), MachineUnits(bench.machine), serial=serial)
     asked = [bytes.fromhex(rtu)[1:-2] for rtu, _ in STEPS]
-    said = [b"".join(reply.data for reply in server.feed(frame(pdu), float(at))) for at, pdu in enumerate(asked)]
-    assert said == [*map(frame, asked[:3]), b""]
+    replies = [b"".join(reply.data for reply in server.feed(frame(pdu), float(at))) for at, pdu in enumerate(asked)]
+    assert replies == [*map(frame, asked[:3]), b""]
     assert (
-        said[0]
+        replies[0]
         == {
             "ascii": b":01064FFF0001AA\r\n",
             "tcp": bytes.fromhex("002A 0000 0006 01 06 4FFF 0001"),
@@ -81,18 +81,18 @@ def test_the_procedure_for_reading_events_byte_for_byte(bench: Bench) -> None:
     )
     now = [1.0]
 
-    def said(pdu: str) -> str:
+    def answer_to(pdu: str) -> str:
         now[0] += 1.0
         (reply,) = server.feed(encode(1, bytes.fromhex(pdu)), now[0])
         return decode(reply.data).pdu.hex(" ").upper()
 
-    said("06 10 01 00 01")  # start the motor: a second event
-    assert said("04 50 2F 00 01") == "04 02 02 02"  # 1: two are stored (MSB), the second was the last (LSB)
-    assert said("06 50 2F 00 00") == "06 50 2F 00 00"  # 2: the first one, number 0
-    first, second = said("04 50 31 00 1C"), said("04 50 31 00 1C")  # 3, and 4: the next by the same step
+    answer_to("06 10 01 00 01")  # start the motor: a second event
+    assert answer_to("04 50 2F 00 01") == "04 02 02 02"  # 1: two are stored (MSB), the second was the last (LSB)
+    assert answer_to("06 50 2F 00 00") == "06 50 2F 00 00"  # 2: the first one, number 0
+    first, second = answer_to("04 50 31 00 1C"), answer_to("04 50 31 00 1C")  # 3, and 4: the next by the same step
     texts = [bytes.fromhex(answer)[2:].rstrip(b"\0 ").decode() for answer in (first, second)]
     assert texts == ["00000000 POWER ON", "00000000 MOTOR START COMMAND"]
     assert [len(bytes.fromhex(answer)) for answer in (first, second)] == [2 + 56] * 2
-    assert said("04 50 31 00 1C") == "84 04"  # nothing is left
-    assert said("06 50 2F 00 01") == "06 50 2F 00 01"  # 4: or any other event, by step 2
-    assert said("04 50 31 00 1C") == second
+    assert answer_to("04 50 31 00 1C") == "84 04"  # nothing is left
+    assert answer_to("06 50 2F 00 01") == "06 50 2F 00 01"  # 4: or any other event, by step 2
+    assert answer_to("04 50 31 00 1C") == second

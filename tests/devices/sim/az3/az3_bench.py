@@ -1,4 +1,4 @@
-"""The servo drive on a bench: switched on, and what its tests do with it over and over."""
+"""Helpers of the servo drive's tests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tests.devices.sim.bench import Bench
 
 
 def az3_bench() -> Bench:
-    """A drive that was just switched on: it said so."""
+    """A drive that was just switched on and sent its boot-up message."""
     bench = Bench(simulator("az3"))
     assert bench.frames() == ["701#00"]
     return bench
@@ -20,7 +20,7 @@ def drive(bench: Bench) -> Az3:
 
 
 def enable(bench: Bench, mode: int | None = 3) -> None:
-    """Through every state; in the mode that is set already, if there is none here."""
+    """Enable the operation, in `mode` or, if it is None, in the mode that is set."""
     if mode is not None:
         bench.write("MODES OF OPERATION", mode)
     for word in (0x06, 0x07, 0x0F):

@@ -1,4 +1,4 @@
-"""The servo drive: one machine, two faces."""
+"""The servo drive: one machine on two buses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def states(bench: Bench) -> list[int]:
     return [80 + bit for bit in range(10) if word >> bit & 1]
 
 
-def test_one_value_two_faces(bench: Bench) -> None:
+def test_both_buses_show_one_value(bench: Bench) -> None:
     bench.write("TARGET VELOCITY", -250)
     assert bench.upload(0x60FF) == (-250).to_bytes(4, "little", signed=True)
     assert bench.download(0x206A, 1, bytes.fromhex("CDCC8C3F")) == 0  # 1.1, the number of the guide
@@ -37,14 +37,14 @@ def test_one_value_two_faces(bench: Bench) -> None:
     assert bench.download(0x6041, 0, b"\x00\x00") == 0x0601_0002
 
 
-def test_both_dialects_of_a_request(bench: Bench) -> None:
+def test_both_sdo_dialects_are_answered(bench: Bench) -> None:
     bench.write("CONTROL WORD", 0x06)
     assert bench.frames("601#4040600000000000") == ["581#4B40600006000000"]
     assert bench.frames("601#4340600000000000") == ["581#4340600006000000"]  # the example of the guide, 4.3.1
     assert bench.frames("601#234060000F000000") == ["581#6040600000000000"]
 
 
-def test_state_coils(bench: Bench) -> None:
+def test_each_state_has_its_coil(bench: Bench) -> None:
     seen = [states(bench)]
     for word in (0x06, 0x07, 0x0F):
         bench.write("CONTROL WORD", word)
@@ -106,39 +106,39 @@ def test_position_mode_and_torque_mode(bench: Bench) -> None:
     assert (bench.read("TORQUE ACTUAL VALUE"), bench.read("RMS CURRENT")) == (500, 8.0)
 
 
-def test_process_data_move_with_sync(bench: Bench) -> None:
+def test_sync_transfers_process_data(bench: Bench) -> None:
     assert bench.frames("080#") == []  # not operational yet
     assert bench.frames("000#0101") == []
     assert bench.read("NODE STATE") == 5
     for word in ("0600", "0700", "0F00"):
         assert bench.frames(f"201#{word}E8030000") == []
         before = bench.read("CONTROL WORD")
-        said = bench.frames("080#")
+        sent = bench.frames("080#")
         assert before != bench.read("CONTROL WORD") == int(word[:2], 16)  # type 0: taken at SYNC
-        assert [frame[:3] for frame in said] == ["181", "281", "381", "481"]
+        assert [frame[:3] for frame in sent] == ["181", "281", "381", "481"]
     assert bench.read("TARGET VELOCITY") == 1000
     bench.now = 0.5
     first = next(frame for frame in bench.frames("080#") if frame.startswith("181"))
     assert first.startswith("181#3702F401")  # status word, 500 rpm
 
 
-def test_heartbeat(bench: Bench) -> None:
-    face = drive(bench).canopen
-    assert face is not None
-    assert face.deadline == 1.0
+def test_the_heartbeat_has_its_period_and_stops(bench: Bench) -> None:
+    adapter = drive(bench).canopen
+    assert adapter is not None
+    assert adapter.deadline == 1.0
     bench.now = 1.0
     assert bench.frames() == ["701#7F"]
     bench.write("HEART BEAT TIME", 0)
     bench.now = 5.0
     assert bench.frames() == []
-    assert face.deadline is None
+    assert adapter.deadline is None
     bench.write("HEART BEAT TIME", 500)
-    assert face.deadline == 5.0  # written over Modbus, followed on CAN
+    assert adapter.deadline == 5.0  # written over Modbus, followed on CAN
     assert bench.frames() == ["701#7F"]
-    assert face.deadline == 5.5
+    assert adapter.deadline == 5.5
 
 
-def test_a_fault_is_told_on_both_buses(bench: Bench) -> None:
+def test_a_fault_is_reported_on_both_buses(bench: Bench) -> None:
     enable(bench, mode=None)
     bench.write("TARGET VELOCITY", 1000)
     bench.now = 5.0
@@ -156,7 +156,7 @@ def test_a_fault_is_told_on_both_buses(bench: Bench) -> None:
     assert bench.frames() == ["081#0000000000000000"]
 
 
-def test_resets(bench: Bench) -> None:
+def test_each_reset_restores_its_part(bench: Bench) -> None:
     bench.write("SPEED KP", 0.5)
     bench.write("HEART BEAT TIME", 0)
     bench.frames()
@@ -180,7 +180,7 @@ def test_monitor_variables(bench: Bench) -> None:
     assert (bench.read("MONITOR VAR 1"), bench.read("MONITOR VAR 2")) == (48.0, 0.0)
 
 
-def test_position_is_reset(bench: Bench) -> None:
+def test_reset_position_sets_the_position_to_0(bench: Bench) -> None:
     enable(bench, mode=None)
     bench.write("TARGET VELOCITY", 500)
     bench.now = 2.0

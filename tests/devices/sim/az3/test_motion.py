@@ -1,4 +1,4 @@
-"""The shaft of the servo drive and what holds it: brake, phasing, references, supply, limits, units."""
+"""Motion of the servo drive: brake, phasing, references, supply, limits, units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def bench() -> Bench:
 # Brake, phasing, references
 
 
-def test_the_shaft_waits_for_its_brake(bench: Bench) -> None:
+def test_the_shaft_moves_after_the_brake_has_opened(bench: Bench) -> None:
     for name, value in (("BRAKE DISENGAGE TIME", 200), ("BRAKE ENGAGE TIME", 300), ("BRAKE ACTIVATION", True)):
         bench.write(name, value)
     assert bench.read("BRAKE VALUE") is False
@@ -115,7 +115,7 @@ def test_without_high_voltage_it_cannot_be_switched_on(bench: Bench) -> None:
     assert state(bench) is State.SWITCH_ON_DISABLED
 
 
-def test_v_bus_max(bench: Bench) -> None:
+def test_a_supply_above_v_bus_max_is_a_fault(bench: Bench) -> None:
     drive(bench).supply(61.0, 0.0)
     assert (state(bench), bench.read("ERROR CODE 1")) == (State.FAULT, 0x3210)
     drive(bench).supply(59.0, 1.0)
@@ -126,7 +126,7 @@ def test_v_bus_max(bench: Bench) -> None:
     assert state(bench) is State.FAULT
 
 
-def test_soft_limits_hold_the_target(bench: Bench) -> None:
+def test_soft_limits_limit_the_target(bench: Bench) -> None:
     bench.write("SOFT MIN POSITION LIMIT", -500)
     bench.write("SOFT MAX POSITION LIMIT", 800)
     enable(bench, mode=1)
@@ -139,7 +139,7 @@ def test_soft_limits_hold_the_target(bench: Bench) -> None:
         assert bool(int(bench.read("STATUS WORD")) & 0x0800) is limited
 
 
-def test_polarity_turns_both_round(bench: Bench) -> None:
+def test_polarity_reverses_position_and_velocity(bench: Bench) -> None:
     bench.write("POLARITY", 0xC0)
     enable(bench)
     bench.write("TARGET VELOCITY", 300)
@@ -159,7 +159,7 @@ def test_the_velocity_factor_is_the_unit(bench: Bench) -> None:
     assert drive(bench).axis.trajectory.velocity(bench.now) == pytest.approx(10 * 8192)
 
 
-def test_the_torque_limit(bench: Bench) -> None:
+def test_the_torque_limit_limits_the_torque(bench: Bench) -> None:
     bench.write("TORQUE LIMIT", 0.46)  # Nm; 2.3 Nm is rated
     enable(bench, mode=4)
     bench.write("TARGET TORQUE", 500)
@@ -171,7 +171,7 @@ def test_the_torque_limit(bench: Bench) -> None:
     assert bench.read("TORQUE ACTUAL VALUE NM") == pytest.approx(0.46)
 
 
-def test_a_target_velocity_above_the_motor_s_is_limited_and_says_so(bench: Bench) -> None:
+def test_a_target_velocity_above_max_motor_speed_sets_internal_limit(bench: Bench) -> None:
     bench.write("MAX MOTOR SPEED", 600)
     enable(bench)
     bench.write("TARGET VELOCITY", -900)

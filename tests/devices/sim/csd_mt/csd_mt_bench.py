@@ -1,4 +1,4 @@
-"""A bench for the CSD MT: status words as text, the enable sequence, and the world around the drive."""
+"""A bench for the CSD MT: status words as text, the enable sequence, registers by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ POSITION, VELOCITY, HOMING = 1, 3, 6
 
 
 class CsdBench(Bench):
-    """One CSD MT and the time it is there."""
+    """One CSD MT and its time."""
 
     def __init__(self, now: float = 0.0) -> None:
         super().__init__(simulator("csd-mt", now), now)
@@ -28,18 +28,18 @@ class CsdBench(Bench):
         return f"{self.words(STATUS)[0]:04X}"
 
     def control(self, *words: int) -> str:
-        """Control words one after the other, and the status word after the last."""
+        """Write control words; returns the status word after the last."""
         for word in words:
             self.ask(WriteSingleRegister(CONTROL, word))
         return self.status()
 
     def put(self, **values: Value) -> None:
-        """Registers by name, with _ for a space."""
+        """Write registers by name, with _ for a space."""
         for name, value in values.items():
             self.write(name.replace("_", " "), value)
 
     def enable(self, mode: int = POSITION) -> None:
-        """To operation enabled, and the delay of register 1096."""
+        """Enable the operation, and wait the delay of register 1096."""
         self.write("Mode of Operation", mode)
         self.control(0x06, 0x07, 0x0F)
         self.now += 0.23
@@ -54,7 +54,7 @@ class CsdBench(Bench):
         return self.read("Velocity Actual Value")
 
     def settle(self) -> float:
-        """Let the movement end that is under way; when it did."""
+        """Let the present movement end; returns when it did."""
         self.drive.tick(self.now)
         ends_at = self.drive.axis.trajectory.ends_at
         self.now = max(self.now, ends_at + 1e-6)
@@ -62,7 +62,7 @@ class CsdBench(Bench):
 
 
 def moving(bench: CsdBench, target: int = 100_000, **registers: int) -> None:
-    """A trapezoid of 20000 step/s that begins at 1 s."""
+    """Start a trapezoid of 20000 step/s at 1 s."""
     bench.put(Target_Position=target, Profile_Velocity=20_000, Profile_Acceleration=100_000, **registers)
     bench.enable(POSITION)
     bench.now = 1.0

@@ -1,4 +1,4 @@
-"""The stepper drive: states and status words as printed and faults."""
+"""The stepper drive: states, the printed status words, faults."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def bench() -> CsdBench:
     return CsdBench()
 
 
-def test_status_words_as_printed(bench: CsdBench) -> None:
+def test_the_enable_sequence_shows_the_printed_status_words(bench: CsdBench) -> None:
     assert bench.status() == "0270"
     bench.drive.supply(False, 0.0)
     assert bench.control(0x06) == "0221"  # no high voltage
@@ -50,7 +50,7 @@ def test_status_words_of_the_other_modes(bench: CsdBench, mode: int, words: list
     assert bench.read("Mode of Operation Display") == mode
 
 
-def test_enabling_at_a_velocity_shows_1237(bench: CsdBench) -> None:
+def test_enabling_with_a_target_velocity_shows_1237(bench: CsdBench) -> None:
     """The third word that the manual prints: zero speed, and not what is wanted."""
     bench.put(Target_Velocity=100_000, Profile_Acceleration=2000)
     bench.enable(VELOCITY)
@@ -60,13 +60,13 @@ def test_enabling_at_a_velocity_shows_1237(bench: CsdBench) -> None:
 def test_the_enable_sequence_over_modbus_tcp(bench: CsdBench) -> None:
     assert bench.machine.modbus is not None
     server = Server(TcpLine(), {1: bench.machine.modbus}, serial=False)
-    said = []
+    replies = []
     for number, (word, now) in enumerate([(0x06, 1.0), (0x07, 2.0), (0x0F, 3.0)]):
         write = bytes.fromhex(f"{2 * number:04x} 0000 0006 01 06 0410 {word:04x}")
         assert [reply.data for reply in server.feed(write, now)] == [write]
         read = bytes.fromhex(f"{2 * number + 1:04x} 0000 0006 01 03 03e9 0001")
-        said += [reply.data.hex(" ") for reply in server.feed(read, now + 0.5)]
-    assert said == [
+        replies += [reply.data.hex(" ") for reply in server.feed(read, now + 0.5)]
+    assert replies == [
         "00 01 00 00 00 05 01 03 02 02 31",
         "00 03 00 00 00 05 01 03 02 02 33",
         "00 05 00 00 00 05 01 03 02 06 37",
@@ -124,7 +124,7 @@ TABLE_12 = {
 
 @pytest.mark.parametrize("state", TO, ids=lambda state: state.value)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_in_every_state(bench: CsdBench, state: State, command: str) -> None:
+def test_every_command_in_every_state_leads_where_table_11_says(bench: CsdBench, state: State, command: str) -> None:
     """Tables 11 and 12."""
     for word in TO[state]:
         bench.control(word)
@@ -141,7 +141,7 @@ def test_every_command_in_every_state(bench: CsdBench, state: State, command: st
     assert (bench.drive.axis.state, word & 0b110_1111) == (after, TABLE_12[after])
 
 
-def test_the_current_comes_and_goes_with_delays(bench: CsdBench) -> None:
+def test_current_and_brake_switch_with_their_delays(bench: CsdBench) -> None:
     bench.put(Output_Config=0x27, Brake_Delay_Current_ON=200, Brake_Delay_Unlock=50, Brake_Delay_Azio_Ready=120)
     bench.put(Brake_Delay_Lock=300)
 
@@ -159,7 +159,7 @@ def test_the_current_comes_and_goes_with_delays(bench: CsdBench) -> None:
     bench.control(0x07)  # transition 5: the brake first
     assert seen(0.62) == (True, False, "0637")
     assert seen(0.64) == (False, False, "0233")
-    # Another command takes the place of one that is still being carried out.
+    # Another command replaces one that is still being carried out.
     bench.control(0x0F)
     bench.now = 0.9
     assert bench.control(0x06) == "0231"
@@ -184,7 +184,7 @@ def test_a_motion_waits_until_the_drive_is_ready(bench: CsdBench) -> None:
     assert bench.position() == 5000
 
 
-def test_a_mode_is_switched_from_four_states(bench: CsdBench) -> None:
+def test_the_mode_changes_in_four_states_only(bench: CsdBench) -> None:
     bench.enable(VELOCITY)
     bench.control(0x02)
     bench.write("Mode of Operation", 1)
@@ -193,7 +193,7 @@ def test_a_mode_is_switched_from_four_states(bench: CsdBench) -> None:
     assert bench.read("Mode of Operation Display") == 1
 
 
-def test_32_bits_take_effect_with_the_second_word(bench: CsdBench) -> None:
+def test_a_32_bit_value_takes_effect_with_its_second_word(bench: CsdBench) -> None:
     bench.ask(WriteSingleRegister(1042, 0x5678))
     assert bench.read("Target Position") == 0
     bench.ask(WriteSingleRegister(1043, 0x1234))
@@ -211,7 +211,7 @@ def test_32_bits_take_effect_with_the_second_word(bench: CsdBench) -> None:
 # Faults
 
 
-def test_faults(bench: CsdBench) -> None:
+def test_a_fault_needs_its_cause_gone_and_a_reset(bench: CsdBench) -> None:
     bench.enable()
     bench.drive.fault(0x2130, 65.0)
     bench.now = 65.0
@@ -230,7 +230,7 @@ def test_faults(bench: CsdBench) -> None:
     assert bench.read("Drive Alarm Code 0") == 0
 
 
-def test_ten_alarms_the_newest_first(bench: CsdBench) -> None:
+def test_the_log_has_ten_alarms_the_newest_first(bench: CsdBench) -> None:
     bench.status(0.0)
     for second in range(1, 13):
         bench.drive.fault(0x2130 if second % 2 else 0x8400, float(second))
@@ -255,7 +255,7 @@ def test_a_following_error_brakes_first(bench: CsdBench) -> None:
 
 
 @pytest.mark.parametrize("volts", [0.0, 20.0, 53.0])
-def test_power_fails_under_way(bench: CsdBench, volts: float) -> None:
+def test_a_power_failure_in_motion_is_a_fault(bench: CsdBench, volts: float) -> None:
     bench.enable()
     bench.drive.voltage(volts, 1.0)
     bench.now = 1.0
@@ -265,13 +265,13 @@ def test_power_fails_under_way(bench: CsdBench, volts: float) -> None:
     assert bench.control(0x80) == "0270"
 
 
-def test_power_fails_without_current(bench: CsdBench) -> None:
+def test_a_power_failure_without_current_is_no_fault(bench: CsdBench) -> None:
     bench.control(0x06)
     bench.drive.supply(False, 1.0)  # "drive power supply can be disconnected" (transition 6)
     assert bench.status(1.0) == "0221"
 
 
-def test_the_watchdog_of_messages(bench: CsdBench) -> None:
+def test_the_watchdog_acts_when_no_message_comes(bench: CsdBench) -> None:
     assert bench.refused(WriteSingleRegister(1097, 99)) == 3
     bench.write("Counter Watchdog", 500)
     bench.control(0x06, 0x0F)
@@ -281,4 +281,4 @@ def test_the_watchdog_of_messages(bench: CsdBench) -> None:
     assert (bench.read("Drive Alarm Time 0"), bench.read("Error Code")) == (1, 0)  # at 1.3 s, not at 2
     assert len(bench.drive.context.alarms.entries) == 1
     assert bench.control(0x00, 0x80) == "0270"
-    assert bench.status(3.0) == "0218"  # whatever the state
+    assert bench.status(3.0) == "0218"  # in every state

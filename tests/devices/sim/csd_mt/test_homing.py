@@ -1,4 +1,4 @@
-"""Every homing method of the manual, from wherever it starts, with the edge that it must find."""
+"""Every homing method of the manual, from inside and outside the switch, with the edge that it must find."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_the_search_as_figure_31_draws_it(bench: CsdBench) -> None:
     assert bench.status(ends + 0.01) == "1637"
 
 
-def test_on_the_spot() -> None:
+def test_methods_35_and_37_home_where_the_shaft_stands() -> None:
     for method in (35, 37):
         bench = ready(5.0, method)
         assert bench.control(0x1F) == "1637"
@@ -93,7 +93,7 @@ def test_on_the_spot() -> None:
 
 
 @pytest.mark.parametrize(("method", "wall", "back"), [(-1, -20_000.0, 1), (-2, 20_000.0, -1)])
-def test_against_a_mechanical_stop(method: int, wall: float, back: int) -> None:
+def test_homing_against_a_mechanical_stop(method: int, wall: float, back: int) -> None:
     bench = ready(0.0, method, Auto_Sync_Enable=2, Hard_Stop_Homing_Disengaging_Steps=200)
     bench.drive.environment.walls = Span(-20_000.0, 20_000.0)
     bench.control(0x1F)
@@ -102,13 +102,13 @@ def test_against_a_mechanical_stop(method: int, wall: float, back: int) -> None:
     assert bench.position() == 1000
 
 
-def test_a_mechanical_stop_needs_auto_sync() -> None:
+def test_homing_against_a_mechanical_stop_needs_auto_sync() -> None:
     bench = ready(0.0, -1)
     assert bench.control(0x1F) == "0237"
     assert bench.position(10.0) == 0
 
 
-def test_what_is_never_found(bench: CsdBench) -> None:
+def test_a_search_without_switch_or_speed_never_ends(bench: CsdBench) -> None:
     bench.write("Homing Method", 0)
     assert bench.control(0x1F) == "0237"  # no method
     assert bench.position(2.0) == 0
@@ -123,7 +123,7 @@ def test_what_is_never_found(bench: CsdBench) -> None:
     assert bench.status(1000.0) == "0237"
 
 
-def test_no_index_without_encoder() -> None:
+def test_there_is_no_index_pulse_without_encoder() -> None:
     bench = ready(0.0, 3, Following_Error_Reaction_Code=17)
     bench.control(0x1F)
     assert bench.status(60.0) == "0237"
@@ -150,7 +150,7 @@ def test_a_new_mode_ends_the_search(bench: CsdBench) -> None:
     assert bench.position(50.0) == stands
 
 
-def test_a_search_is_not_begun_twice(bench: CsdBench) -> None:
+def test_a_second_start_does_not_restart_the_search(bench: CsdBench) -> None:
     bench.put(Homing_Method=19)
     bench.control(0x1F)
     bench.now = 1.2

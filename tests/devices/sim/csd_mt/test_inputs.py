@@ -27,12 +27,12 @@ def with_limits(bench: CsdBench) -> None:
 
 
 def press(bench: CsdBench, number: int, on: bool) -> None:
-    """An input by hand."""
+    """Set the level of an input."""
     bench.drive.tick(bench.now)
     bench.drive.environment.inputs[number] = on
 
 
-def test_digital_input(bench: CsdBench) -> None:
+def test_digital_input_shows_levels_and_functions(bench: CsdBench) -> None:
     assert bench.read("Digital Input") == 0
     for number in (1, 3, 4):
         press(bench, number, True)
@@ -44,7 +44,7 @@ def test_digital_input(bench: CsdBench) -> None:
     assert bench.read("Digital Input") == 0b1111 << 16 | 0b111
 
 
-def test_a_switch_that_the_shaft_passes(bench: CsdBench) -> None:
+def test_a_switch_changes_when_the_shaft_passes(bench: CsdBench) -> None:
     bench.write("Input Config", 30)
     bench.put(Target_Position=40_000, Profile_Velocity=10_000)
     bench.enable()
@@ -122,7 +122,7 @@ def test_a_limit_switch_that_is_not_wired_is_off(bench: CsdBench) -> None:
 
 
 @pytest.mark.parametrize(("code", "number", "relative"), [(m, (m - 1) // 2, m % 2 == 0) for m in range(1, 9)])
-def test_start_from_an_input(bench: CsdBench, code: int, number: int, relative: bool) -> None:
+def test_an_input_starts_a_set_point(bench: CsdBench, code: int, number: int, relative: bool) -> None:
     press(bench, 0, False)
     bench.write("Control Word from I/O", code)
     bench.put(Target_Position=5000)
@@ -149,7 +149,7 @@ def test_an_input_starts_nothing_below_operation_enabled(bench: CsdBench) -> Non
 
 
 @pytest.mark.parametrize(("code", "number"), [(0x12, 0), (0x32, 1), (0x52, 2), (0x72, 3)])
-def test_halt_from_an_input(bench: CsdBench, code: int, number: int) -> None:
+def test_an_input_halts_the_shaft(bench: CsdBench, code: int, number: int) -> None:
     press(bench, 0, False)
     bench.write("Control Word from I/O", code)
     bench.put(Target_Position=100_000)
@@ -170,7 +170,7 @@ def test_halt_from_an_input(bench: CsdBench, code: int, number: int) -> None:
     assert bench.position() == 100_000
 
 
-def test_run_and_stop_by_an_input(bench: CsdBench) -> None:
+def test_an_input_runs_and_stops_profile_velocity(bench: CsdBench) -> None:
     bench.write("Control Word from I/O", 7)
     bench.put(Target_Velocity=20_000)
     bench.enable(VELOCITY)
@@ -236,7 +236,7 @@ def test_touch_probe_on_the_index(bench: CsdBench) -> None:
     assert probe(bench)[2] == 500 + 3 * 12_800  # downwards the pulse ends at its lower end
 
 
-def test_an_index_pulse_below_the_one_that_was_left(bench: CsdBench) -> None:
+def test_the_next_index_pulse_may_be_below_the_last_one(bench: CsdBench) -> None:
     bench.enable()
     bench.drive.slip(-0.001, 1.0)  # at the lower end of the pulse at 0
     bench.put(Touch_Probe_Function=0x25, Target_Position=-20_000)
@@ -245,14 +245,14 @@ def test_an_index_pulse_below_the_one_that_was_left(bench: CsdBench) -> None:
     assert probe(bench) == (0x45, 0, -12_800)
 
 
-def test_touch_probe_input_must_be_one(bench: CsdBench) -> None:
+def test_the_touch_probe_needs_its_input_function(bench: CsdBench) -> None:
     probing(bench, 0x11)
     bench.write("Input Config", 31)
     bench.now = 9.0
     assert probe(bench) == (0x01, 0, 0)
 
 
-def test_start_and_halt_are_not_for_homing(bench: CsdBench) -> None:
+def test_start_and_halt_inputs_do_not_act_on_homing(bench: CsdBench) -> None:
     bench.write("Control Word from I/O", 0x31)
     bench.write("Homing Method", 35)
     bench.enable(HOMING)
@@ -262,7 +262,7 @@ def test_start_and_halt_are_not_for_homing(bench: CsdBench) -> None:
     assert bench.control(0x1F) == "1637"
 
 
-def test_an_index_for_homing_is_none_for_the_touch_probe(bench: CsdBench) -> None:
+def test_an_index_pulse_for_homing_does_not_trigger_the_touch_probe(bench: CsdBench) -> None:
     bench.put(
         Input_Config=0b10110, Homing_Method=3, Homing_Speed_During_Search_for_Zero=3200, Touch_Probe_Function=0x11
     )

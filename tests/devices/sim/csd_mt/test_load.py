@@ -21,7 +21,7 @@ def bench() -> CsdBench:
 # Walls and load
 
 
-def test_against_a_wall(bench: CsdBench) -> None:
+def test_a_motor_against_a_wall_loses_steps(bench: CsdBench) -> None:
     bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench)
     at_wall = 1 + 0.2 + (30_000 - 2000) / 20_000
@@ -48,7 +48,7 @@ def test_a_wall_without_encoder_is_not_noticed(bench: CsdBench) -> None:
     assert (bench.position(), bench.drive.shaft.position(bench.now)) == (90_000, 20_000)
 
 
-def test_too_fast_for_the_load(bench: CsdBench) -> None:
+def test_a_motor_faster_than_the_load_allows_stands(bench: CsdBench) -> None:
     bench.drive.environment.pull_out = 15_000
     moving(bench, Following_Error_Reaction_Code=2)
     assert bench.status(1.14) == "1237"
@@ -59,7 +59,7 @@ def test_too_fast_for_the_load(bench: CsdBench) -> None:
 # Auto Sync
 
 
-def test_auto_sync_recovers(bench: CsdBench) -> None:
+def test_auto_sync_recovers_lost_steps(bench: CsdBench) -> None:
     """Slower than the command while the load is too much, faster after that."""
     bench.drive.environment.pull_out = 15_000
     moving(bench, Auto_Sync_Enable=2, Enable_SW_bit_14=1)
@@ -85,7 +85,7 @@ def test_auto_sync_gives_up_at_its_window(bench: CsdBench) -> None:
     assert bench.status(at_wall + 0.26) == "0218"
 
 
-def test_auto_sync_with_reaction_1_resets_itself(bench: CsdBench) -> None:
+def test_auto_sync_with_reaction_1_resets_bit_13_when_recovered(bench: CsdBench) -> None:
     bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench, target=40_000, Auto_Sync_Enable=1, Auto_Sync_Window=5000, Following_Error_Reaction_Code=1)
     bench.settle()
@@ -96,7 +96,7 @@ def test_auto_sync_with_reaction_1_resets_itself(bench: CsdBench) -> None:
     assert (bench.status(), bench.position()) == ("1637", 25_000)
 
 
-def test_a_small_lag_is_left_alone(bench: CsdBench) -> None:
+def test_auto_sync_does_not_correct_a_small_lag(bench: CsdBench) -> None:
     bench.write("Auto Sync Enable", 1)
     bench.enable()
     bench.drive.slip(60, 1.0)
@@ -111,7 +111,7 @@ def test_a_small_lag_is_left_alone(bench: CsdBench) -> None:
     assert bench.position() == 100_160
 
 
-def test_auto_sync_can_be_switched_on_the_way(bench: CsdBench) -> None:
+def test_auto_sync_can_be_switched_in_motion(bench: CsdBench) -> None:
     bench.drive.environment.pull_out = 15_000
     moving(bench, Following_Error_Reaction_Code=1)
     assert bench.velocity(2.0) == 0
@@ -124,7 +124,7 @@ def test_auto_sync_can_be_switched_on_the_way(bench: CsdBench) -> None:
     assert bench.drive.shaft.in_step  # the command stands, and the shaft is in step again
 
 
-def test_reactivity_nothing_recovers_nothing(bench: CsdBench) -> None:
+def test_auto_sync_with_kv_0_recovers_nothing(bench: CsdBench) -> None:
     bench.put(Auto_Sync_Enable=1, Auto_Sync_Kv=0)
     bench.enable()
     bench.drive.slip(1000, 1.0)
@@ -136,7 +136,7 @@ def test_reactivity_nothing_recovers_nothing(bench: CsdBench) -> None:
 # Without current
 
 
-def test_the_shaft_coasts(bench: CsdBench) -> None:
+def test_the_shaft_coasts_without_current(bench: CsdBench) -> None:
     bench.drive.environment.friction = 10_000
     moving(bench)
     bench.now = 3.0
@@ -165,7 +165,7 @@ def test_a_shaft_that_turns_too_fast_is_not_caught(bench: CsdBench) -> None:
     assert bench.velocity(6.0) == 0
 
 
-def test_an_encoder_of_another_count(bench: CsdBench) -> None:
+def test_a_wrong_encoder_count_is_a_following_error(bench: CsdBench) -> None:
     bench.drive.environment.encoder = 4000
     moving(bench)
     bench.now = 2.0
@@ -179,14 +179,14 @@ def test_an_encoder_of_another_count(bench: CsdBench) -> None:
     assert (bench.position(), bench.control(0x0F)) == (100_000, "0637")
 
 
-def test_no_encoder_at_all(bench: CsdBench) -> None:
+def test_a_motor_without_encoder_has_a_following_error(bench: CsdBench) -> None:
     bench.drive.environment.encoder = 0
     moving(bench)
     assert bench.status(2.0) == "3637"
     assert bench.position() == 0
 
 
-def test_a_world_that_contradicts_itself_does_not_hang(bench: CsdBench) -> None:
+def test_an_impossible_environment_does_not_hang(bench: CsdBench) -> None:
     bench.drive.environment.walls = Span(100.0, -100.0)
     bench.drive.environment.pull_out = 0.0
     moving(bench)

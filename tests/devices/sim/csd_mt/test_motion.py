@@ -1,4 +1,4 @@
-"""How the stepper drive moves: profiles that last as the formula says, set-points on the way, halt, velocity."""
+"""Motion of the stepper drive: durations of profiles, set-points in motion, halt, velocity mode."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_movement_lasts_as_the_formula_says(
     assert bench.position() == (2 * way if relative else way)
 
 
-def test_a_trapezoid_from_inside(bench: CsdBench) -> None:
+def test_velocity_and_status_during_a_trapezoid(bench: CsdBench) -> None:
     bench.enable()
     bench.put(Target_Position=240_000, Profile_Velocity=90_000, Profile_Acceleration=140_000)
     bench.now = 10.0
@@ -59,8 +59,8 @@ def test_a_trapezoid_from_inside(bench: CsdBench) -> None:
     assert bench.velocity(slows + 0.2) == pytest.approx(90_000 - 140_000 * 0.15, abs=1)
 
 
-def test_an_absolute_way_is_from_what_the_counter_shows(bench: CsdBench) -> None:
-    """The counter goes round: from 2147483000 it is 1000 steps up to -2147483296, and a long way down."""
+def test_an_absolute_move_counts_from_the_shown_position(bench: CsdBench) -> None:
+    """The counter wraps: from 2147483000 it is 1000 steps up to -2147483296, and a long way down."""
     bench.drive.axis.rest_at(2_147_483_000.0, 0.0)
     bench.enable()
     bench.put(Target_Position=1000, Profile_Velocity=16_000)
@@ -75,7 +75,7 @@ def test_an_absolute_way_is_from_what_the_counter_shows(bench: CsdBench) -> None
     assert bench.position() == -2_147_483_000
 
 
-def test_set_points_on_the_way(bench: CsdBench) -> None:
+def test_set_points_in_motion(bench: CsdBench) -> None:
     bench.enable()
     bench.put(Target_Position=100_000)
     bench.control(0x1F, 0x0F)
@@ -133,7 +133,7 @@ def test_a_set_point_behind_the_shaft_stops_it_first(bench: CsdBench) -> None:
 def test_a_new_ramp_waits_for_the_next_movement(bench: CsdBench) -> None:
     bench.enable()
     bench.put(Profile_Velocity=100_000, Profile_Acceleration=100_000, Target_Position=300_000)
-    bench.put(Profile_Deceleration=2_000)  # of no account here: 1072 is for profile velocity
+    bench.put(Profile_Deceleration=2_000)  # without effect here: 1072 is for profile velocity
     bench.now = 1.0
     bench.control(0x2F, 0x3F)
     bench.now = 2.5
@@ -223,7 +223,7 @@ def test_windows_of_profile_velocity(bench: CsdBench) -> None:
     assert bench.status(11.20) == "0637"
 
 
-def test_velocity_halts_and_goes_on(bench: CsdBench) -> None:
+def test_profile_velocity_halts_and_continues(bench: CsdBench) -> None:
     bench.enable(VELOCITY)
     bench.put(Target_Velocity=64_000)
     bench.now = 1.0
@@ -251,8 +251,8 @@ def test_the_direction_can_be_turned_round(bench: CsdBench) -> None:
     assert bench.drive.shaft.position(bench.now) == -5000
 
 
-def test_looking_often_changes_nothing() -> None:
-    """The same commands, once with a look every 10 ms and once with none."""
+def test_reading_often_changes_nothing() -> None:
+    """The same commands, once with a tick every 10 ms and once with none."""
 
     def run(often: bool) -> list[object]:
         bench = CsdBench()

@@ -17,7 +17,7 @@ def bench() -> CsdBench:
 # Temperature
 
 
-def test_temperature(bench: CsdBench) -> None:
+def test_temperature_warns_and_trips(bench: CsdBench) -> None:
     bench.enable()
     bench.write("Enable SW bit 7", 1)
     assert bench.refused(WriteSingleRegister(1107, 1)) == 3  # not both
@@ -26,7 +26,7 @@ def test_temperature(bench: CsdBench) -> None:
     bench.drive.environment.ambient = 110.0
     assert bench.status(3000.0) == "0298"
     assert bench.read("Error Code") == 0x4310
-    assert int(bench.read("Drive Alarm Time 0")) < 2000  # when it was too hot, not when somebody looked
+    assert int(bench.read("Drive Alarm Time 0")) < 2000  # when it became too hot, not when it was read
     assert bench.control(0x80) == "0298"
     bench.drive.environment.ambient = 90.0
     bench.status(6000.0)
@@ -70,7 +70,7 @@ def test_the_current_is_reduced_at_standstill(bench: CsdBench) -> None:
 # Memory
 
 
-def test_memory(bench: CsdBench) -> None:
+def test_parameters_are_saved_after_five_seconds(bench: CsdBench) -> None:
     bench.write("Current Ratio", 50)
     bench.write("IP Address fourth octet", 77)
     bench.write("Target Position", 5)
@@ -101,7 +101,7 @@ def test_memory(bench: CsdBench) -> None:
     assert (bench.read("Current Ratio"), bench.read("IP Address fourth octet")) == (70, 77)
 
 
-def test_power_off_takes_the_drive_down(bench: CsdBench) -> None:
+def test_power_off_stops_the_drive_and_leaves_the_shaft(bench: CsdBench) -> None:
     bench.enable()
     bench.put(Target_Position=100_000)
     bench.control(0x1F)
@@ -133,9 +133,9 @@ def test_refusals(bench: CsdBench) -> None:
     assert bench.refused(WriteSingleRegister(1092, 1)) == 4
 
 
-def test_outputs(bench: CsdBench) -> None:
+def test_digital_output_shows_brake_and_fault(bench: CsdBench) -> None:
     bench.write("Set Output", 0b11111)
-    assert bench.read("Digital Output") == 0b11011 << 16  # O2 tells of a fault
+    assert bench.read("Digital Output") == 0b11011 << 16  # O2 shows a fault
     bench.write("Output Config", 0x27)
     assert bench.read("Digital Output") == 0b11101 << 16  # O1 is the brake, locked
     bench.enable()

@@ -23,7 +23,7 @@ def test_the_encoder_window(bench: CsdBench, window: int, steps: int) -> None:
     bench.enable()
     bench.drive.slip(steps - 1, 1.0)
     assert bench.status(1.0) == "0637"
-    assert bench.position() == steps - 1  # what the encoder says
+    assert bench.position() == steps - 1  # the position of the encoder
     bench.drive.slip(-2 * steps, 2.0)
     assert bench.status(2.0) == "2637"
 
@@ -53,7 +53,7 @@ def test_reaction_0_stops_a_run_without_ramp_at_once(bench: CsdBench) -> None:
     assert bench.position() == pytest.approx(91_000, abs=1)
 
 
-def test_reaction_1_goes_on(bench: CsdBench) -> None:
+def test_reaction_1_continues_the_run(bench: CsdBench) -> None:
     moving(bench, Following_Error_Reaction_Code=1)
     bench.drive.slip(-300, 3.0)
     bench.settle()
@@ -106,7 +106,7 @@ def test_reaction_2_in_profile_velocity(bench: CsdBench) -> None:
     assert bench.control(0x80) == "1270"
 
 
-def test_reaction_17_sees_nothing(bench: CsdBench) -> None:
+def test_reaction_17_ignores_the_encoder(bench: CsdBench) -> None:
     moving(bench, Following_Error_Reaction_Code=17)
     bench.drive.slip(-5000, 3.0)
     assert bench.velocity(3.1) == 20_000  # what is commanded
@@ -121,7 +121,7 @@ def test_reaction_17_sees_nothing(bench: CsdBench) -> None:
 # Position Error Reset
 
 
-def test_the_step_counter_into_the_encoder(bench: CsdBench) -> None:
+def test_the_encoder_takes_the_step_counter(bench: CsdBench) -> None:
     moving(bench)
     bench.drive.slip(-100, 3.0)
     bench.settle()
@@ -129,7 +129,7 @@ def test_the_step_counter_into_the_encoder(bench: CsdBench) -> None:
     bench.write("Position Error Reset", 2)
     assert bench.position() == 100_000
     bench.drive.slip(-100, bench.now)
-    bench.write("Position Error Reset", 1)  # the other way: the command takes what the encoder says
+    bench.write("Position Error Reset", 1)  # the other way: the command takes the position of the encoder
     assert bench.position() == 99_900
     bench.put(Target_Position=100)
     bench.control(0x0F, 0x5F)
@@ -137,7 +137,7 @@ def test_the_step_counter_into_the_encoder(bench: CsdBench) -> None:
     assert bench.position() == 100_000
 
 
-def test_a_reset_on_the_way_renumbers_the_target_too(bench: CsdBench) -> None:
+def test_a_reset_in_motion_renumbers_the_target_too(bench: CsdBench) -> None:
     bench.enable()
     bench.put(Target_Position=100_000, Profile_Velocity=20_000)
     bench.now = 1.0
@@ -150,7 +150,7 @@ def test_a_reset_on_the_way_renumbers_the_target_too(bench: CsdBench) -> None:
     assert bench.position() == 99_900
 
 
-def test_reaction_0_on_a_ramp_keeps_to_a_ramp(bench: CsdBench) -> None:
+def test_reaction_0_on_a_ramp_stops_with_a_ramp(bench: CsdBench) -> None:
     """It is slow there, but no start-stop run."""
     moving(bench)
     bench.drive.slip(-300, 1.1)
@@ -158,7 +158,7 @@ def test_reaction_0_on_a_ramp_keeps_to_a_ramp(bench: CsdBench) -> None:
     assert bench.velocity(1.25) == 0
 
 
-def test_a_reset_is_for_operation_enabled(bench: CsdBench) -> None:
+def test_position_error_reset_acts_in_operation_enabled_only(bench: CsdBench) -> None:
     moving(bench, Following_Error_Reaction_Code=1)
     bench.drive.slip(-300, 3.0)
     bench.settle()

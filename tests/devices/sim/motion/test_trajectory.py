@@ -1,4 +1,4 @@
-"""Motion in closed form, held against the formulas and against itself."""
+"""Motion in closed form, compared with the formulas and with itself."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_move_lasts_as_long_as_the_formula_says(way: float, velocity: float, r
 
 
 @given(RATES, RATES, RATES, st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(0.0, 3.0))
-def test_wherever_it_is_and_however_fast_it_arrives(
+def test_a_second_move_always_arrives_at_its_target(
     velocity: float, up: float, down: float, first: float, second: float, when: float
 ) -> None:
     run = Trajectory()
@@ -51,7 +51,7 @@ def test_a_shaft_too_fast_to_stop_comes_back() -> None:
     assert run.position(run.ends_at) == 160
 
 
-def test_since_when_the_velocity_is_right() -> None:
+def test_inside_since_finds_when_the_velocity_came_in() -> None:
     run = Trajectory()
     run.run_at(1.0, 100.0, 10.0, 10.0)
     assert run.inside_since(0.5, 0.0, 5.0) == float("-inf")
@@ -61,7 +61,7 @@ def test_since_when_the_velocity_is_right() -> None:
     assert run.inside_since(60.0, -100.0, 20.0) == pytest.approx(38.0)
 
 
-def test_a_slower_velocity_on_the_way() -> None:
+def test_a_slower_velocity_in_motion() -> None:
     run = Trajectory()
     run.move(0.0, 1000.0, 100.0, 100.0, 100.0)
     run.move(2.0, 1000.0, 50.0, 100.0, 100.0)
@@ -71,14 +71,14 @@ def test_a_slower_velocity_on_the_way() -> None:
     assert run.position(run.ends_at) == 1000
 
 
-def test_a_jump_of_velocity_ends_what_was_before() -> None:
+def test_inside_since_ends_at_a_jump_of_velocity() -> None:
     run = Trajectory()
     run.move(1.0, 100.0, 10.0, 10.0, 10.0, jerky=True)
     assert run.inside_since(5.0, 10.0, 1.0) == 1.0
     assert run.inside_since(20.0, 0.0, 1.0) == pytest.approx(11.0)
 
 
-def test_when_it_is_somewhere() -> None:
+def test_first_finds_when_a_position_is_reached() -> None:
     run = Trajectory()
     run.move(1.0, 100.0, 10.0, 10.0, 10.0)
     assert run.first(0.0, 5.0, rising=True) == pytest.approx(2.0)  # the end of the ramp
@@ -91,7 +91,9 @@ def test_when_it_is_somewhere() -> None:
 
 
 @given(st.floats(-1e5, 1e5), st.floats(1.0, 1e5), st.floats(1.0, 1e5), st.floats(0.0, 20.0), st.floats(-1e5, 1e5))
-def test_when_it_is_somewhere_it_is_there(target: float, velocity: float, rate: float, after: float, at: float) -> None:
+def test_first_returns_the_time_of_arrival(
+    target: float, velocity: float, rate: float, after: float, at: float
+) -> None:
     run = Trajectory()
     run.run_at(0.0, velocity, rate, rate)
     run.move(0.5, target, velocity, rate, rate)
@@ -106,7 +108,7 @@ def test_when_it_is_somewhere_it_is_there(target: float, velocity: float, rate: 
             assert all(place < at if rising else place > at for place in far)
 
 
-def test_when_it_is_faster_and_when_it_rests() -> None:
+def test_first_faster_and_first_at_rest() -> None:
     run = Trajectory()
     run.move(1.0, -100.0, 10.0, 10.0, 10.0)
     assert run.first_faster(0.0, 5.0) == pytest.approx(1.5)
@@ -119,7 +121,7 @@ def test_when_it_is_faster_and_when_it_rests() -> None:
     assert Trajectory.moving(0.0, 0.0, 1.0).first_at_rest(0.0, 1.0) == inf
 
 
-def test_what_is_between_two() -> None:
+def test_minus_is_the_difference_of_two_trajectories() -> None:
     run, other = Trajectory(), Trajectory.moving(2.0, 0.0, 5.0)
     run.move(0.0, 100.0, 10.0, 10.0, 10.0)
     between = run.minus(other, 2.0, 3.0, 2.0)
@@ -127,7 +129,7 @@ def test_what_is_between_two() -> None:
         assert between.position(now) == pytest.approx(run.position(now) - 2 * other.position(now) - 3)
 
 
-def test_other_numbers_on_the_way() -> None:
+def test_renumber_continues_the_movement() -> None:
     run = Trajectory()
     run.move(0.0, 100.0, 10.0, 10.0, 10.0)
     run.renumber(0.5, 1000.0)
@@ -146,7 +148,7 @@ def test_a_start_stop_move_from_a_higher_velocity() -> None:
     assert run.position(run.ends_at) == 250
 
 
-def test_it_tells_until_when_it_turns() -> None:
+def test_turns_until_is_the_end_of_the_braking() -> None:
     run = Trajectory()
     run.run_at(0.0, 100.0, 100.0, 100.0)
     run.move(1.0, 0.0, 100.0, 100.0, 100.0)

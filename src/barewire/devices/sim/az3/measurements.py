@@ -18,7 +18,7 @@ from math import pi
 from barewire.devices.drive.cia402 import State
 from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings
 from barewire.devices.sim.az3.phasing import CAPTURES, Phasing
-from barewire.devices.sim.core.machine import Clock
+from barewire.devices.sim.core.machine import MachineClock
 from barewire.devices.sim.core.store import MachineStore
 from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, TORQUE
 from barewire.devices.sim.motion.trajectory import Trajectory, wrapped
@@ -49,7 +49,7 @@ class Measurements:
     """The measured values of one drive. They are computed when they are read."""
 
     def __init__(
-        self, clock: Clock, store: MachineStore, settings: Az3Settings, axis: Az3Axis, phasing: Phasing
+        self, clock: MachineClock, store: MachineStore, settings: Az3Settings, axis: Az3Axis, phasing: Phasing
     ) -> None:
         self.clock, self.store, self.settings, self.axis, self.phasing = clock, store, settings, axis, phasing
         self.supply = _SUPPLY

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from barewire.devices.drive.cia402 import State
 from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings
-from barewire.devices.sim.core.machine import Clock
+from barewire.devices.sim.core.machine import MachineClock
 from barewire.devices.sim.core.store import MachineStore
 from barewire.devices.sim.motion.trajectory import wrapped
 
@@ -24,7 +24,7 @@ _TENTHS_OF_MS = 1e-4
 class Phasing:
     """The alignment of one drive. It runs only with high voltage and while no client moves the shaft."""
 
-    def __init__(self, clock: Clock, store: MachineStore, settings: Az3Settings, axis: Az3Axis) -> None:
+    def __init__(self, clock: MachineClock, store: MachineStore, settings: Az3Settings, axis: Az3Axis) -> None:
         self.clock, self.store, self.settings, self.axis = clock, store, settings, axis
         self.captures = [0] * CAPTURES
         """Position counts at the six sectors of one electrical revolution, and at its end."""

@@ -7,10 +7,10 @@ from typing import Protocol
 from barewire.devices.sim.core.store import MachineStore
 
 
-class Clock:
+class MachineClock:
     """The time of one machine in seconds, as it was last passed in. All parts of the machine share one clock.
 
-    >>> clock = Clock()
+    >>> clock = MachineClock()
     >>> clock.advance(5.0)
     >>> clock.advance(7.5)
     >>> clock.now, clock.uptime
@@ -38,7 +38,7 @@ class SimulatedMachine(Protocol):
     """What the adapters use of a machine: its values, its clock, and resets that come over a bus."""
 
     store: MachineStore
-    clock: Clock
+    clock: MachineClock
 
     def tick(self, now: float) -> None:
         """Let time pass: everything that happens by itself until `now` happens."""

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.devices.device import Device, ModbusSettings
-from barewire.devices.sim.core.machine import Clock
+from barewire.devices.sim.core.machine import MachineClock
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.store import MachineStore
 from barewire.errors import EncodeError
@@ -38,7 +38,7 @@ class Simulator:
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         self.device = device
-        self.clock = Clock(now)
+        self.clock = MachineClock(now)
         self.address = 1 if device.modbus is None else device.modbus.unit
         """The unit address on Modbus. A machine whose address is a parameter changes it when it restarts."""
         self.store = MachineStore(device.parameters)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from barewire.devices.sim.core.machine import Clock
+from barewire.devices.sim.core.machine import MachineClock
 from barewire.devices.sim.core.store import MachineStore
 from barewire.devices.sim.csd_mt.environment import Environment
 
@@ -38,7 +38,7 @@ class AlarmLog:
 class Context:
     """The shared state of one drive."""
 
-    clock: Clock
+    clock: MachineClock
     store: MachineStore
     environment: Environment
     alarms: AlarmLog = field(default_factory=AlarmLog)

@@ -1,4 +1,4 @@
-"""The servo drive beside its motion: one status word on three ways, starting anew, what it keeps."""
+"""The servo drive on its buses and after restarts: status word, TPDOs, addresses, saved parameters."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def test_the_status_word_is_the_same_through_rtu_sdo_and_tpdo1() -> None:
     assert isinstance(over_can, CanopenWire)
     # One machine for both: the CAN side of the one that the RTU server has.
     over_can.machine = over_rtu.machine
-    face, find = over_rtu.machine.canopen, over_rtu.machine.device.find
-    assert face is not None
-    face.feed(CanFrame.parse("000#0101"), 0.0)
+    adapter, find = over_rtu.machine.canopen, over_rtu.machine.device.find
+    assert adapter is not None
+    adapter.feed(CanFrame.parse("000#0101"), 0.0)
     seen = []
     for word, target in ((0, 0), (6, 0), (7, 0), (15, 0), (15, 500), (15, 500), (2, 500), (0x80, 0)):
         over_rtu.write({find("CONTROL WORD"): word, find("TARGET VELOCITY"): target})
         over_rtu.now += 0.3
         over_can.now = over_rtu.now
         ways: list[Value] = [over_can.read(find("STATUS WORD"))]
-        (tpdo1,) = [said for said in face.feed(CanFrame.parse("080#"), over_rtu.now) if said.id == 0x181]
+        (tpdo1,) = [sent for sent in adapter.feed(CanFrame.parse("080#"), over_rtu.now) if sent.id == 0x181]
         ways.append(int.from_bytes(tpdo1.data[:2], "little"))
         ways.append(over_rtu.read(find("STATUS WORD")))
         assert len(set(ways)) == 1, ways
@@ -45,7 +45,7 @@ def test_the_status_word_is_the_same_through_rtu_sdo_and_tpdo1() -> None:
     assert seen == [0x1270, 0x1231, 0x1233, 0x1637, 0x0237, 0x0637, 0x0217, 0x1270]
 
 
-def test_a_tpdo_goes_by_change_once_its_type_is_255(bench: Bench) -> None:
+def test_a_tpdo_of_type_255_is_sent_on_change(bench: Bench) -> None:
     assert bench.download(0x1800, 1, (0x8000_0181).to_bytes(4, "little")) == 0
     assert bench.download(0x1800, 2, b"\xff") == 0
     assert bench.download(0x1800, 3, (500).to_bytes(2, "little")) == 0  # 50 ms of inhibit time
@@ -65,7 +65,7 @@ def test_a_tpdo_goes_by_change_once_its_type_is_255(bench: Bench) -> None:
     assert [frame for frame in bench.frames() if frame.startswith("181")] == []  # nothing changed
 
 
-def test_a_master_that_falls_silent_is_missed(bench: Bench) -> None:
+def test_a_missing_heartbeat_of_the_master_is_detected(bench: Bench) -> None:
     # As delivered the drive watches nodes 1 and 2 for 3 s, from their first heartbeat on.
     assert bench.frames("702#05") == []
     bench.now = 2.9
@@ -77,7 +77,7 @@ def test_a_master_that_falls_silent_is_missed(bench: Bench) -> None:
 # Starting anew
 
 
-def test_a_new_node_id_counts_from_the_next_reset(bench: Bench) -> None:
+def test_a_new_node_id_takes_effect_at_the_next_reset(bench: Bench) -> None:
     bench.write("BOOT CAN NODE", 9)
     assert bench.upload(0x200D) == b"\x01"
     assert bench.frames("000#8201") == ["709#00"]  # communication: settings that no object has are kept
@@ -92,7 +92,7 @@ def test_a_new_node_id_counts_from_the_next_reset(bench: Bench) -> None:
     assert bench.frames() == ["77F#00"]
 
 
-def test_a_drive_without_a_node_id_is_silent_on_can_and_heard_on_modbus(bench: Bench) -> None:
+def test_a_drive_without_node_id_is_silent_on_can_and_answers_on_modbus(bench: Bench) -> None:
     bench.write("BOOT CAN NODE", 0)
     assert bench.frames("000#8200") == []
     bench.now = 5.0
@@ -102,25 +102,25 @@ def test_a_drive_without_a_node_id_is_silent_on_can_and_heard_on_modbus(bench: B
     assert bench.frames() == ["701#00"]
 
 
-def test_a_new_bit_rate_counts_from_the_next_reset(bench: Bench) -> None:
-    face = drive(bench).canopen
-    assert face is not None
-    face.bus_bitrate = 125_000
+def test_a_new_bit_rate_takes_effect_at_the_next_reset(bench: Bench) -> None:
+    adapter = drive(bench).canopen
+    assert adapter is not None
+    adapter.bus_bitrate = 125_000
     assert bench.download(0x2068, 0, b"\x07") == 0
-    assert (bench.read("CAN BIT RATE"), bench.read("CAN BITRATE INDEX"), face.bitrate) == (7, 5, 125_000)
+    assert (bench.read("CAN BIT RATE"), bench.read("CAN BITRATE INDEX"), adapter.bitrate) == (7, 5, 125_000)
     assert bench.frames("000#8201") == []  # gone from this bus
-    assert (bench.read("CAN BITRATE INDEX"), face.bitrate, face.deadline) == (7, 500_000, None)
+    assert (bench.read("CAN BITRATE INDEX"), adapter.bitrate, adapter.deadline) == (7, 500_000, None)
     bench.now = 3.0
     assert bench.frames("601#4041600000000000") == []
-    face.bus_bitrate = 500_000  # somebody looks for it there
+    adapter.bus_bitrate = 500_000  # a bus of the new bit rate
     assert "701#7F" in bench.frames()
     bench.write("CAN BIT RATE", 200)
     bench.write("STORE ALL PARAMETERS", SAVE)
     bench.machine.power_cycle(4.0)
-    assert (face.bitrate, bench.read("CAN BITRATE INDEX")) == (125_000, 5)  # 200 is no rate of the guide
+    assert (adapter.bitrate, bench.read("CAN BITRATE INDEX")) == (125_000, 5)  # 200 is no rate of the guide
 
 
-def test_how_it_is_delivered() -> None:
+def test_node_bit_rate_and_unit_at_delivery() -> None:
     machine = simulator("az3", node=5, bitrate=1_000_000, unit=3)
     assert [machine.store[name] for name in ("BOOT CAN NODE", "CAN BIT RATE", "MODBUS ADDRESS")] == [5, 9, 3]
     assert list(MachineUnits(machine)) == [3]
@@ -130,7 +130,7 @@ def test_how_it_is_delivered() -> None:
     assert (machine.canopen.bitrate, machine.canopen.node.node) == (1_000_000, 5)
 
 
-def test_a_new_modbus_address_counts_from_the_next_reset() -> None:
+def test_a_new_modbus_address_takes_effect_at_the_next_reset() -> None:
     wire = rtu("az3")
     find = wire.machine.device.find
     wire.write({find("MODBUS ADDRESS"): 17, find("STORE ALL PARAMETERS"): SAVE})
@@ -176,7 +176,7 @@ def test_pdo_records_are_saved_with_the_rest(bench: Bench) -> None:
     assert mapped() == as_delivered
 
 
-def test_what_is_cleaned(bench: Bench) -> None:
+def test_each_cleaning_deletes_its_part(bench: Bench) -> None:
     bench.write("SPEED KP", 0.5)
     bench.write("STORE ALL PARAMETERS", SAVE)
     drive(bench).fault(0x5441, 0.0)

@@ -1,4 +1,4 @@
-"""Whatever is around the stepper drive and whatever a master writes: it does not hang, and looking changes nothing."""
+"""The stepper drive in random environments with random writes: it never hangs, and reading it changes nothing."""
 
 from __future__ import annotations
 
@@ -39,15 +39,16 @@ STEPS = st.lists(st.tuples(WORDS | PAIRS | SLIPS, st.sampled_from([0.0, 0.01, 0.
 
 def enabled(inputs: list[Span | bool], walls: Span, pull_out: float, encoder: int) -> CsdBench:
     bench = CsdBench()
-    world = bench.drive.environment
-    world.inputs, world.walls, world.pull_out, world.encoder = list(inputs), walls, pull_out, encoder
+    environment = bench.drive.environment
+    environment.inputs, environment.walls = list(inputs), walls
+    environment.pull_out, environment.encoder = pull_out, encoder
     bench.write("Homing Speed During Search for Zero", 3200)
     bench.enable()
     return bench
 
 
-def carry_out(bench: CsdBench, steps: list[tuple[tuple[int, int], float]], looks: int) -> list[object]:
-    """The registers that tell what happened, at the end and after every step."""
+def carry_out(bench: CsdBench, steps: list[tuple[tuple[int, int], float]], ticks: int) -> list[object]:
+    """The registers that show what happened, after every step; `ticks` more ticks in every pause."""
     seen: list[object] = []
     for (address, value), pause in steps:
         if address == 0:
@@ -57,8 +58,8 @@ def carry_out(bench: CsdBench, steps: list[tuple[tuple[int, int], float]], looks
         else:
             bench.refused(WriteSingleRegister(address, value))
         began = bench.now
-        for look in range(looks):
-            bench.drive.tick(began + pause * look / looks)
+        for tick in range(ticks):
+            bench.drive.tick(began + pause * tick / ticks)
         bench.now = began + pause
         bench.drive.tick(bench.now)
         seen.append((bench.words(1001)[0], bench.words(1007), bench.words(1014, 4), bench.words(1008, 2)))
@@ -74,7 +75,7 @@ def carry_out(bench: CsdBench, steps: list[tuple[tuple[int, int], float]], looks
     st.sampled_from([400, 400, 4000, 0]),
     STEPS,
 )
-def test_looking_changes_nothing(
+def test_reading_often_changes_nothing(
     inputs: list[Span | bool],
     walls: Span,
     pull_out: float,

@@ -1,4 +1,4 @@
-"""Whatever a master writes, whenever: a machine answers or declines, and every value can still be read."""
+"""Random writes and frames: a machine answers or declines, and every value can still be read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from hypothesis import given, strategies as st
 
 from barewire.canopen import CanFrame
 from barewire.devices.description.load import names
+from barewire.devices.drive.cia402 import State, state_of
 from barewire.devices.sim import simulator
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.registers import WriteMultipleRegisters, WriteSingleRegister
@@ -18,11 +19,11 @@ PAUSES = st.sampled_from([0.0, 0.001, 0.3, 7.0, 1e5])
 
 @pytest.mark.parametrize("name", names())
 @given(data=st.data())
-def test_any_writes(name: str, data: st.DataObject) -> None:
+def test_after_any_writes_every_value_can_be_read(name: str, data: st.DataObject) -> None:
     bench = Bench(simulator(name))
-    face = bench.machine.modbus
-    assert face is not None
-    code, image = next((code, face.writes[code]) for code in (0x10, 0x06) if code in face.writes)
+    adapter = bench.machine.modbus
+    assert adapter is not None
+    code, image = next((code, adapter.writes[code]) for code in (0x10, 0x06) if code in adapter.writes)
     places = sorted(image.words)
     for _ in range(data.draw(st.integers(1, 12))):
         address = data.draw(st.sampled_from(places))
@@ -31,7 +32,7 @@ def test_any_writes(name: str, data: st.DataObject) -> None:
         bench.refused(WriteSingleRegister(address, words[0]) if single else WriteMultipleRegisters(address, words))
         bench.now += data.draw(PAUSES)
         bench.machine.tick(bench.now)
-    bench.now += 10.0  # whatever reboots has rebooted
+    bench.now += 10.0  # a reboot is over
     for parameter in bench.machine.device.parameters:
         if parameter.modbus is not None and parameter.readable:
             try:
@@ -41,12 +42,11 @@ def test_any_writes(name: str, data: st.DataObject) -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from([0x000, 0x080, 0x201, 0x301, 0x401, 0x501, 0x601]), st.binary(max_size=8))))
-def test_any_frames(frames: list[tuple[int, bytes]]) -> None:
+def test_after_any_frames_the_drive_is_in_a_state(frames: list[tuple[int, bytes]]) -> None:
     bench = Bench(simulator("az3"))
     assert bench.machine.canopen is not None
     bench.frames("000#0101")
     for identifier, data in frames:
         bench.machine.canopen.feed(CanFrame(identifier, data), bench.now)
         bench.now += 0.1
-    assert bench.machine.canopen.node.pdo.refused >= 0
-    bench.read("STATUS WORD")
+    assert isinstance(state_of(int(bench.read("STATUS WORD"))), State)

@@ -1,4 +1,4 @@
-"""Laws of every simulator, with a machine that nobody has taught to move."""
+"""Rules of every simulator, tested with a device without behaviour."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.devices.sim.bench import Bench
 
 HEAD = """
 name = "mine"
-title = "A machine of somebody's own"
+title = "A user's machine"
 [modbus]
 first_register = 0
 read_limit = 8
@@ -78,7 +78,7 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(simulator(load(tmp_path)))
 
 
-def test_it_keeps_what_is_written(bench: Bench) -> None:
+def test_written_values_are_read_back(bench: Bench) -> None:
     assert type(bench.machine) is Simulator
     for name, value in (("Long", 100_000), ("Low", 200), ("High", -3), ("Text", "abc"), ("Lamp", True)):
         bench.write(name, value)
@@ -88,7 +88,7 @@ def test_it_keeps_what_is_written(bench: Bench) -> None:
     assert bench.read("Level") == 27.2
 
 
-def test_a_gap_does_not_exist(bench: Bench) -> None:
+def test_addresses_without_parameter_do_not_exist(bench: Bench) -> None:
     assert bench.words(10, 5) == (0, 7, 0, 0, 0)
     assert bench.refused(registers.ReadHoldingRegisters(9, 2)) == 2
     assert bench.refused(registers.ReadHoldingRegisters(14, 2)) == 2
@@ -97,13 +97,13 @@ def test_a_gap_does_not_exist(bench: Bench) -> None:
     assert bench.refused(registers.WriteSingleRegister(0, 1)) == 2  # the input register
 
 
-def test_the_quantity_is_looked_at_before_the_address(bench: Bench) -> None:
+def test_the_quantity_is_checked_before_the_address(bench: Bench) -> None:
     assert bench.refused(registers.ReadHoldingRegisters(100, 9)) == 3
     assert bench.refused(registers.WriteMultipleRegisters(100, (0,) * 5)) == 3
     assert bench.refused(ReadExceptionStatus()) == 1
 
 
-def test_all_or_nothing(bench: Bench) -> None:
+def test_a_request_is_carried_out_completely_or_not_at_all(bench: Bench) -> None:
     # The high byte of register 12 may not be -6, so the long value before it is not taken either.
     assert bench.refused(registers.WriteMultipleRegisters(10, (0, 9, 0xFA00))) == 3
     assert bench.read("Long") == 7
@@ -120,7 +120,7 @@ def test_a_long_value_takes_effect_with_its_last_register(bench: Bench) -> None:
     assert bench.words(10, 2) == (1, 5)
 
 
-def test_the_other_face(bench: Bench) -> None:
+def test_the_canopen_adapter_reads_and_writes_the_same_store(bench: Bench) -> None:
     assert bench.frames() == ["701#00"]
     assert bench.download(0x2000, 0, bytes.fromhex("E8030000")) == 0
     assert bench.read("Long") == 1000
@@ -132,14 +132,14 @@ def test_the_other_face(bench: Bench) -> None:
     assert bench.upload(0x2002) == 0x0602_0000
 
 
-def test_power_off(bench: Bench) -> None:
+def test_power_off_restores_the_defaults_and_boots_the_node(bench: Bench) -> None:
     bench.write("Long", 9)
     bench.machine.power_cycle(1.0)
     assert bench.read("Long") == 7
     assert bench.frames() == ["701#00"]
 
 
-def test_the_door() -> None:
+def test_simulator_takes_a_name_or_a_description() -> None:
     by_name, by_description = simulator("az3", node=5), simulator(load("csd-mt"))
     assert (type(by_name).__name__, type(by_description).__name__) == ("Az3", "CsdMt")
     assert by_name.canopen is not None
@@ -149,7 +149,7 @@ def test_the_door() -> None:
     assert by_description.canopen is None
 
 
-def test_a_description_with_a_name_of_ours_is_still_somebody_elses(tmp_path: Path) -> None:
+def test_a_user_description_with_a_shipped_name_gets_no_behaviour(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_text(HEAD.replace("mine", "az3"))
     (tmp_path / "rows.toml").write_text(ROWS)
     assert type(simulator(tmp_path)) is Simulator
