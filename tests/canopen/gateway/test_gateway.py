@@ -1,4 +1,4 @@
-"""The text gateway, line by line: a session as a person or a script has it, on a bus in virtual time."""
+"""The text gateway, line by line: sessions on a bus in virtual time."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ from barewire.canopen import (
     standard_objects,
 )
 from barewire.canopen.gateway import GatewayError, GatewaySession
-from barewire.canopen.gateway.commands import parse_line
+from barewire.canopen.gateway.parser import parse_line, split_line
 from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text
-from barewire.canopen.gateway.words import split_line
 from barewire.codecs import Value
 from barewire.conversation import play
 from tests.canopen.virtual_bus import VirtualBus
@@ -47,7 +46,7 @@ VALUES = {
     "time_of_day": ("t", "15659 43200000"),
     "time_difference": ("td", "0 1000"),
 }
-"""Our type, the gateway's, and a value as a line has it."""
+"""Name in `datatypes`, name in the gateway, and the text of a value."""
 DEFAULTS: dict[str, Value] = {"string": "", "unicode": "", "octets": b"", "domain": b"", "bool": False}
 
 
@@ -73,9 +72,9 @@ def bus() -> VirtualBus:
 
 
 def ask(bus: VirtualBus, session: GatewaySession, line: str) -> str:
-    """The one line of an answer."""
-    (said,) = bus.run(session.answer(line))
-    return said
+    """The answer to a line, on a bus with a device."""
+    (answer,) = bus.run(session.answer(line))
+    return answer
 
 
 # Reading and writing ---------------------------------------------------------------------------------------------
@@ -90,7 +89,7 @@ def test_every_type_is_written_and_read(bus: VirtualBus, type: str, block: int) 
     assert ask(bus, session, f"[3] 5 READ 0x2000 {sub} {word}") == f"[3] {value}"
 
 
-def test_without_a_type_it_tells_bytes_and_x_is_hexadecimal(bus: VirtualBus) -> None:
+def test_a_read_without_a_type_returns_bytes_and_x_types_are_hexadecimal(bus: VirtualBus) -> None:
     session = GatewaySession()
     assert ask(bus, session, "[1] 5 r 0x6041 0") == "[1] 37 06"
     assert ask(bus, session, "[2] 5 r 24641 0 u16") == "[2] 1591"
@@ -99,7 +98,7 @@ def test_without_a_type_it_tells_bytes_and_x_is_hexadecimal(bus: VirtualBus) -> 
     assert ask(bus, session, "[5] 5 r 0x6040 0 u16") == "[5] 15"
 
 
-def test_defaults_hold_until_they_are_taken_back(bus: VirtualBus) -> None:
+def test_default_net_and_node_apply_until_they_are_reset(bus: VirtualBus) -> None:
     session = GatewaySession()
     assert ask(bus, session, "[1] r 0x6041 0 u16").startswith("[1] ERROR:105 #")
     assert ask(bus, session, "[2] set node 5") == "[2] OK"
@@ -116,7 +115,7 @@ def test_defaults_hold_until_they_are_taken_back(bus: VirtualBus) -> None:
     assert ask(bus, session, "[13] 0 r 0x6041 0").startswith("[13] ERROR:107 #")
 
 
-def test_what_the_node_refuses_has_its_abort_code(bus: VirtualBus) -> None:
+def test_refusals_of_the_node_have_its_abort_code(bus: VirtualBus) -> None:
     session = GatewaySession()
     assert ask(bus, session, "[1] 5 r 0x6999 0").startswith("[1] ERROR:0x06020000 #")
     assert ask(bus, session, "[2] 5 w 0x6041 0 u16 1").startswith("[2] ERROR:0x06010002 #")
@@ -130,7 +129,7 @@ def test_what_the_node_refuses_has_its_abort_code(bus: VirtualBus) -> None:
 # NMT, error control, PDO -----------------------------------------------------------------------------------------
 
 
-def test_nmt(bus: VirtualBus) -> None:
+def test_nmt_commands_are_sent(bus: VirtualBus) -> None:
     session = GatewaySession()
     for sequence, (words, frame) in enumerate(
         {
@@ -147,99 +146,99 @@ def test_nmt(bus: VirtualBus) -> None:
         assert bus.log[-1][1] == frame or bus.log[-2][1] == frame
 
 
-def tell(session: GatewaySession, text: str | None, now: float) -> tuple[list[str], list[str]]:
+def feed(session: GatewaySession, text: str | None, now: float) -> tuple[list[str], list[str]]:
     frames, lines = session.notices.feed(None if text is None else CanFrame.parse(text), now)
     return [str(frame) for frame in frames], lines
 
 
-def said(session: GatewaySession, line: str, now: float = 0.0) -> str:
-    """The answer of a line that needs no device."""
+def answer_to(session: GatewaySession, line: str, now: float = 0.0) -> str:
+    """The answer to a line that needs no device."""
     (answer,) = play(session.answer(line), lambda frame, at: [], start=now)[0]
     return answer
 
 
-def test_boot_up_and_emergencies_are_told() -> None:
+def test_boot_ups_and_emergencies_are_reported() -> None:
     session = GatewaySession(net=3)
-    assert tell(session, "705#00", 0.0)[1] == ["3 5 BOOT_UP"]
-    assert tell(session, "085#3081110102030405", 0.1)[1] == ["3 5 EMCY 8130 11 1 2 3 4 5"]
-    assert said(session, "[1] boot_up_indication Disable") == "[1] OK"
-    assert tell(session, "705#00", 0.2)[1] == []
+    assert feed(session, "705#00", 0.0)[1] == ["3 5 BOOT_UP"]
+    assert feed(session, "085#3081110102030405", 0.1)[1] == ["3 5 EMCY 8130 11 1 2 3 4 5"]
+    assert answer_to(session, "[1] boot_up_indication Disable") == "[1] OK"
+    assert feed(session, "705#00", 0.2)[1] == []
 
 
-def test_a_heartbeat_is_missed() -> None:
+def test_a_lost_heartbeat_is_reported() -> None:
     session = GatewaySession()
-    assert tell(session, "705#05", 0.0)[1] == []
-    assert said(session, "[1] 5 enable heartbeat 500") == "[1] OK"
-    assert tell(session, "705#05", 1.0)[1] == ["1 5 ERROR 202 #heartbeat started"]
-    assert tell(session, "705#7F", 1.2)[1] == ["1 5 ERROR 204 #its NMT state is now 7Fh"]
+    assert feed(session, "705#05", 0.0)[1] == []
+    assert answer_to(session, "[1] 5 enable heartbeat 500") == "[1] OK"
+    assert feed(session, "705#05", 1.0)[1] == ["1 5 ERROR 202 #heartbeat started"]
+    assert feed(session, "705#7F", 1.2)[1] == ["1 5 ERROR 204 #its NMT state is now 7Fh"]
     assert session.notices.deadline == pytest.approx(1.7)
-    assert tell(session, None, 1.7)[1] == ["1 5 ERROR 203 #heartbeat lost"]
-    assert said(session, "[2] 5 disable heartbeat") == "[2] OK"
-    assert tell(session, "705#7F", 2.0)[1] == []
+    assert feed(session, None, 1.7)[1] == ["1 5 ERROR 203 #heartbeat lost"]
+    assert answer_to(session, "[2] 5 disable heartbeat") == "[2] OK"
+    assert feed(session, "705#7F", 2.0)[1] == []
     assert session.notices.deadline is None
 
 
-def test_a_node_is_guarded() -> None:
+def test_node_guarding_reports_toggle_errors_and_silence() -> None:
     session = GatewaySession()
-    assert said(session, "[1] 5 enable guarding 100 3", now=10.0) == "[1] OK"
-    assert tell(session, None, 10.0) == (["705#R1"], [])
-    assert tell(session, "705#05", 10.01)[1] == []
-    assert tell(session, None, 10.1) == (["705#R1"], [])
-    assert tell(session, "705#05", 10.11)[1] == ["1 5 ERROR 200 #the toggle bit did not alternate"]
-    assert tell(session, None, 10.4)[1] == ["1 5 ERROR 201 #no answer to guarding"]
-    assert said(session, "[2] 5 disable guarding") == "[2] OK"
+    assert answer_to(session, "[1] 5 enable guarding 100 3", now=10.0) == "[1] OK"
+    assert feed(session, None, 10.0) == (["705#R1"], [])
+    assert feed(session, "705#05", 10.01)[1] == []
+    assert feed(session, None, 10.1) == (["705#R1"], [])
+    assert feed(session, "705#05", 10.11)[1] == ["1 5 ERROR 200 #the toggle bit did not alternate"]
+    assert feed(session, None, 10.4)[1] == ["1 5 ERROR 201 #no answer to guarding"]
+    assert answer_to(session, "[2] 5 disable guarding") == "[2] OK"
     assert session.notices.deadline is None
 
 
-def test_a_received_pdo_is_told_and_kept() -> None:
+def test_a_received_pdo_is_reported_and_stored() -> None:
     session = GatewaySession()
-    assert said(session, "[1] set rpdo 1 0x185 event 3 0x6041 0 u16 0x2005 0 i16 0x2006 0 b") == "[1] OK"
-    assert said(session, "[2] read pdo 1") == "[2] 1 pdo 1 3 0x0000 0x0000 0"
-    assert tell(session, "185#3706FEFF01", 0.0) == ([], ["1 pdo 1 3 0x0637 0xFFFE 1"])
-    assert tell(session, "185#3706FE", 0.1) == ([], [])
-    assert said(session, "[3] r p 1") == "[3] 1 pdo 1 3 0x0637 0xFFFE 1"
-    assert said(session, "[4] w p 1 3 1 2 1").startswith("[4] ERROR:102 #")
-    assert said(session, "[5] set rpdo 2 0x185 event 1 0x6041 0 u16").startswith("[5] ERROR:400 #")
-    assert said(session, "[6] set rpdo 1 0x185 event 0") == "[6] OK"
-    assert said(session, "[7] r p 1").startswith("[7] ERROR:102 #")
-    assert said(session, "[8] set rpdo 1 0x185 event 2 0x6041 0 u64 0x2000 0 u8").startswith("[8] ERROR:401 #")
+    assert answer_to(session, "[1] set rpdo 1 0x185 event 3 0x6041 0 u16 0x2005 0 i16 0x2006 0 b") == "[1] OK"
+    assert answer_to(session, "[2] read pdo 1") == "[2] 1 pdo 1 3 0x0000 0x0000 0"
+    assert feed(session, "185#3706FEFF01", 0.0) == ([], ["1 pdo 1 3 0x0637 0xFFFE 1"])
+    assert feed(session, "185#3706FE", 0.1) == ([], [])
+    assert answer_to(session, "[3] r p 1") == "[3] 1 pdo 1 3 0x0637 0xFFFE 1"
+    assert answer_to(session, "[4] w p 1 3 1 2 1").startswith("[4] ERROR:102 #")
+    assert answer_to(session, "[5] set rpdo 2 0x185 event 1 0x6041 0 u16").startswith("[5] ERROR:400 #")
+    assert answer_to(session, "[6] set rpdo 1 0x185 event 0") == "[6] OK"
+    assert answer_to(session, "[7] r p 1").startswith("[7] ERROR:102 #")
+    assert answer_to(session, "[8] set rpdo 1 0x185 event 2 0x6041 0 u64 0x2000 0 u8").startswith("[8] ERROR:401 #")
 
 
-def test_a_pdo_is_sent_when_its_type_says_so() -> None:
+def test_a_pdo_is_sent_by_its_transmission_type() -> None:
     def sends(session: GatewaySession, line: str) -> list[str]:
-        out: list[str] = []
+        sent: list[str] = []
 
-        def nobody(frame: CanFrame, at: float) -> list[tuple[float, CanFrame]]:
-            out.append(str(frame))
+        def record(frame: CanFrame, at: float) -> list[tuple[float, CanFrame]]:
+            sent.append(str(frame))
             return []
 
-        assert play(session.answer(line), nobody)[0] == [line[: line.index("]") + 1] + " OK"]
-        return out
+        assert play(session.answer(line), record)[0] == [line[: line.index("]") + 1] + " OK"]
+        return sent
 
     event = GatewaySession()
     assert sends(event, "[1] set tpdo 1 0x205 event 1 0x6040 0 u16") == []
-    assert tell(event, None, 1.0) == ([], [])
+    assert feed(event, None, 1.0) == ([], [])
     assert sends(event, "[2] write pdo 1 1 0x000F") == ["205#0F00"]
     assert sends(event, "[3] write pdo 1 1 15") == ["205#0F00"]
     synced = GatewaySession()
     assert sends(synced, "[1] set tpdo 1 0x205 sync2 1 0x6040 0 u16") == []
     assert sends(synced, "[2] write pdo 1 1 15") == []
-    assert [tell(synced, "080#", now)[0] for now in (0.0, 0.1, 0.2, 0.3)] == [[], ["205#0F00"], [], ["205#0F00"]]
-    asked = GatewaySession()
-    assert sends(asked, "[1] set tpdox 1 0x205 rtr 0 0 0 1 0x6040 0 u16") == []
-    assert sends(asked, "[2] write pdo 1 1 15") == []
-    assert tell(asked, "205#R2", 0.0)[0] == ["205#0F00"]
+    assert [feed(synced, "080#", now)[0] for now in (0.0, 0.1, 0.2, 0.3)] == [[], ["205#0F00"], [], ["205#0F00"]]
+    remote = GatewaySession()
+    assert sends(remote, "[1] set tpdox 1 0x205 rtr 0 0 0 1 0x6040 0 u16") == []
+    assert sends(remote, "[2] write pdo 1 1 15") == []
+    assert feed(remote, "205#R2", 0.0)[0] == ["205#0F00"]
 
 
-def test_with_a_real_device_a_pdo_makes_the_round(bus: VirtualBus) -> None:
+def test_pdos_are_exchanged_with_a_device(bus: VirtualBus) -> None:
     session = GatewaySession()
     for line in ("set rpdo 1 0x185 event 1 0x6041 0 u16", "set tpdo 1 0x205 event 1 0x6040 0 u16", "5 start"):
         assert ask(bus, session, f"[1] {line}") == "[1] OK"
     assert ask(bus, session, "[2] w p 1 1 7") == "[2] OK"
     assert ask(bus, session, "[3] 5 r 0x6040 0 u16") == "[3] 7"
     bus.inject("080#", bus.now)
-    heard = bus.pass_time(0.01)
-    assert [line for text in heard for line in tell(session, text, bus.now)[1]] == ["1 pdo 1 1 0x0637"]
+    received = bus.pass_time(0.01)
+    assert [line for text in received for line in feed(session, text, bus.now)[1]] == ["1 pdo 1 1 0x0637"]
 
 
 # LSS -------------------------------------------------------------------------------------------------------------
@@ -257,7 +256,7 @@ def unconfigured() -> VirtualBus:
 FOUND = "0x00000360 0x00010203 0x00020001 0xDEADBEEF"
 
 
-def test_lss_step_by_step(unconfigured: VirtualBus) -> None:
+def test_lss_commands_configure_a_device(unconfigured: VirtualBus) -> None:
     bus, session = unconfigured, GatewaySession()
     assert ask(bus, session, "[1] lss_ident_nonconf") == "[1] OK"
     assert ask(bus, session, "[2] lss_identity 0x360 0x10203 0 0xFFFFFFFF 0 0xFFFFFFFF") == "[2] OK"
@@ -272,13 +271,13 @@ def test_lss_step_by_step(unconfigured: VirtualBus) -> None:
     assert ask(bus, session, "[11] lss_conf_bitrate 0 4") == "[11] OK"
     assert ask(bus, session, "[12] 1 lss_set_node 7") == "[12] OK"
     assert ask(bus, session, "[13] lss_store") == "[13] OK"
-    assert ask(bus, session, "[14] lss_get_node") == "[14] 255"  # the new one holds from the next boot on
+    assert ask(bus, session, "[14] lss_get_node") == "[14] 255"  # the new node-ID is valid after the next boot
     assert ask(bus, session, "[15] lss_switch_glob 0") == "[15] OK"
     assert "707#00" in bus.pass_time(1.0)
     assert ask(bus, session, "[16] lss_store").startswith("[16] ERROR:103 #")
 
 
-def test_lss_scans(unconfigured: VirtualBus) -> None:
+def test_lss_scans_find_a_device(unconfigured: VirtualBus) -> None:
     bus, session = unconfigured, GatewaySession()
     assert ask(bus, session, "[1] _lss_fastscan") == f"[1] {FOUND}"
     assert ask(bus, session, "[2] lss_switch_glob 0") == "[2] OK"
@@ -286,7 +285,7 @@ def test_lss_scans(unconfigured: VirtualBus) -> None:
     assert ask(bus, session, "[4] _lss_fastscan 100").startswith("[4] ERROR:103 #")
 
 
-# What is no command ----------------------------------------------------------------------------------------------
+# Invalid lines ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("line", ["", "   ", "# a comment", "  # another"])
@@ -344,20 +343,20 @@ def test_empty_lines_are_not_answered(line: str) -> None:
         ("[1] 5 enable heartbeat 0", "[1] ERROR:101"),
     ],
 )
-def test_what_is_no_command(line: str, code: str) -> None:
-    answer = said(GatewaySession(), line)
+def test_invalid_commands_get_an_error_code(line: str, code: str) -> None:
+    answer = answer_to(GatewaySession(), line)
     assert answer.startswith(f"{code} #"), answer
 
 
-def test_a_line_without_end_is_refused() -> None:
-    assert said(GatewaySession(), f"[1] 5 w 0x2000 0 d {'A' * 70_000}").startswith("[0] ERROR:600 #")
+def test_a_line_that_is_too_long_is_refused() -> None:
+    assert answer_to(GatewaySession(), f"[1] 5 w 0x2000 0 d {'A' * 70_000}").startswith("[0] ERROR:600 #")
 
 
 def test_help_and_version() -> None:
     lines = play(GatewaySession().answer("[1] help lss"), lambda frame, at: [])[0]
     assert lines[-1] == "[1] OK"
     assert any("_lss_fastscan" in line for line in lines)
-    assert said(GatewaySession(version="barewire 1.2"), "[2] info version") == "[2] barewire 1.2"
+    assert answer_to(GatewaySession(version="barewire 1.2"), "[2] info version") == "[2] barewire 1.2"
 
 
 @given(st.text(max_size=60) | st.from_regex(r"\[1\] ([0-9x]{1,3} ){0,2}(r|w|set|lss_\w+|enable) [ -~]{0,30}"))
@@ -367,7 +366,7 @@ def test_any_line_is_answered(line: str) -> None:
 
 
 @given(st.text(max_size=40))
-def test_any_words_are_commands_or_not(line: str) -> None:
+def test_any_words_parse_or_raise_a_gateway_error(line: str) -> None:
     try:
         sequence = parse_line(f"[1] {line}").sequence
     except GatewayError as refused:
@@ -382,7 +381,7 @@ def test_quotes_hold_any_word_together(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize("type", TYPE_NAMES)
-def test_text_and_bytes_are_each_others(type: str) -> None:
+def test_text_and_bytes_convert_both_ways(type: str) -> None:
     if type in ("vs", "os", "us", "d", "hex"):
         data = b"ab"
     else:

@@ -1,13 +1,13 @@
-"""What a gateway answers when it can't: the internal error codes.   [CiA 309-3, error codes]
+"""The error codes of the gateway, and the line that reports one.   [CiA 309-3, error codes]
 
-        [7] ERROR:101 #no command "raed"              the gateway did not understand, or cannot do it
+        [7] ERROR:101 #no command "raed"              a syntax error, or a command that the gateway does not support
         [8] ERROR:0x06020000 #no such object          the node refused: the abort code of the SDO transfer
          |        |           |
-         |        |           a comment, for people; programs read up to the number sign
+         |        |           a comment for people; programs read up to the number sign
          |        code: three decimal digits, or eight hexadecimal ones
          the sequence number of the command
 
-The numbers 200 to 299 tell of a node by itself, without a command: they stand in lines such as "1 5 ERROR 203".
+The codes 200 to 299 report the state of a node without a command, in lines such as "1 5 ERROR 203".
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from barewire.errors import BarewireError
 
 
 class GatewayCode(IntEnum):
-    """The internal error codes. Those that this gateway never says are here for who reads the answers of another."""
+    """The internal error codes that this gateway sends."""
 
     NOT_SUPPORTED = 100
     SYNTAX = 101
@@ -33,12 +33,9 @@ class GatewayCode(IntEnum):
     HEARTBEAT_STARTED = 202
     HEARTBEAT_LOST = 203
     WRONG_NMT_STATE = 204
-    BOOT_UP = 205
     ERROR_PASSIVE = 300
     BUS_OFF = 301
     CAN_OVERFLOW = 303
-    CAN_INIT = 304
-    CAN_ACTIVE = 305
     PDO_ALREADY_USED = 400
     PDO_LENGTH_EXCEEDED = 401
     LSS_ERROR = 501
@@ -50,7 +47,7 @@ class GatewayCode(IntEnum):
 
 
 class GatewayError(BarewireError):
-    """The gateway can't do what was asked: `code`, and the sentence for a person."""
+    """The gateway cannot execute a command: the code, and a sentence for people."""
 
     def __init__(self, code: GatewayCode, text: str) -> None:
         super().__init__(text)
@@ -58,7 +55,7 @@ class GatewayError(BarewireError):
 
 
 def error_line(sequence: int, code: int, text: str) -> str:
-    """The answer that says no, as it stands on its line.
+    """The line that reports an error.
 
     >>> error_line(7, GatewayCode.SYNTAX, 'no command "raed"'), error_line(8, 0x06020000, "no such object")
     ('[7] ERROR:101 #no command "raed"', '[8] ERROR:0x06020000 #no such object')

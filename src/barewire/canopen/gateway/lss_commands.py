@@ -1,4 +1,4 @@
-"""The LSS commands of a gateway, carried out by the LSS master.   [CiA 309-3, LSS; CiA 305]
+"""The LSS commands of the gateway, executed by the LSS master.   [CiA 309-3, LSS; CiA 305]
 
         [1] lss_switch_sel 0x1 0x2 0x3 0x4     the device with this address to configuration: OK, or ERROR:103
         [2] lss_set_node 7                     OK, or ERROR:502
@@ -6,7 +6,7 @@
         [4] lss_switch_glob 0                  back to waiting: OK
         [5] _lss_fastscan                      0x00000001 0x00000002 0x00000003 0x00000004
 
-A service that nobody answers ends in ERROR:103, except the global ones, which nobody is to answer.
+A service without a response ends with ERROR:103, except the global ones, which have no response.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.gateway.requests import LssCommand
+from barewire.canopen.gateway.commands import LssCommand
 from barewire.canopen.lss.fastscan import assign_node_ids, fastscan
 from barewire.canopen.lss.master import (
     LSS_TIMEOUT,
@@ -43,13 +43,13 @@ _CODES = {
 
 
 def lss_error_code(refused: LssRefused) -> GatewayCode:
-    """The gateway's code for what an LSS device declined."""
+    """The gateway's error code for a refusal of an LSS device."""
     return _CODES.get((refused.service, refused.code), GatewayCode.LSS_ERROR)
 
 
-def run_lss(request: LssCommand) -> Conversation[CanFrame, str]:
-    """One LSS command and the words of its answer. Raises GatewayError, LssRefused, NoAnswer, EncodeError."""
-    return _COMMANDS[request.service](*request.numbers)
+def run_lss(command: LssCommand) -> Conversation[CanFrame, str]:
+    """Execute an LSS command; returns its answer. Raises GatewayError, LssRefused, NoAnswer, EncodeError."""
+    return _COMMANDS[command.service](*command.numbers)
 
 
 def _switch_global(state: int) -> Conversation[CanFrame, str]:
@@ -87,7 +87,7 @@ def _store() -> Conversation[CanFrame, str]:
 
 
 def _inquire(which: int | None = None) -> Conversation[CanFrame, str]:
-    """All four numbers, or one of them: 0 to 3, or its command byte 5Ah to 5Dh."""
+    """All four numbers of the address, or one: 0 to 3, or its command byte 5Ah to 5Dh."""
     if which is not None and which >= LssService.INQUIRE_VENDOR:
         which -= LssService.INQUIRE_VENDOR
     if which is not None and not 0 <= which <= 3:
@@ -123,7 +123,7 @@ def _fastscan(milliseconds: int = 0) -> Conversation[CanFrame, str]:
 
 
 def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1) -> Conversation[CanFrame, str]:
-    """Find every device without a node-ID and give it one, from `first` upwards."""
+    """Find each device without a node-ID and assign one, from `first` upwards."""
     if not 1 <= first <= NODE_MAX or store > 1:
         raise GatewayError(GatewayCode.SYNTAX, "lss_allnodes: expected [timeout_ms [first_node 1..127 [store 0|1]]]")
     found = yield from assign_node_ids(range(first, NODE_MAX + 1), store=bool(store), timeout=_seconds(milliseconds))

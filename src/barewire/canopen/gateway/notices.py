@@ -1,13 +1,13 @@
-"""What a gateway tells without being asked: who booted, who is missed, what went wrong.   [CiA 309-3, events]
+"""Notices: the lines of a gateway that no command requested.   [CiA 309-3, events]
 
         1 5 BOOT_UP                         node 5 of net 1 has booted (unless `boot_up_indication Disable`)
         1 5 EMCY 8130 11 0 0 0 0 0          an emergency: code and error register in hexadecimal, five bytes
-        1 5 ERROR 203 #heartbeat lost       with `enable heartbeat`: 202 first heard, 203 lost, 204 an unwanted state
+        1 5 ERROR 203 #heartbeat lost       with `enable heartbeat`: 202 first received, 203 lost, 204 an unwanted state
         1 5 ERROR 201 #...                  with `enable guarding`: 200 a wrong toggle bit, 201 lost
-        1 pdo 1 2 0x0637 0x0000             a PDO that `set rpdo` asked for
+        1 pdo 1 2 0x0637 0x0000             a PDO configured with `set rpdo`
         1 ERROR 301 #bus off                the CAN controller
 
-A machine that is fed every frame of the net and the time.
+A machine: it is fed every frame of the net, and the time.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from __future__ import annotations
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
+from barewire.canopen.gateway.commands import SetPdo
 from barewire.canopen.gateway.pdos import GatewayPdo
-from barewire.canopen.gateway.requests import SetPdo
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
 
 _GUARD_CODES = {"lost": GatewayCode.LOST_CONNECTION, "toggle": GatewayCode.LOST_GUARDING_MESSAGE}
-_GUARD_WORDS = {"lost": "no answer to guarding", "toggle": "the toggle bit did not alternate"}
+_GUARD_TEXTS = {"lost": "no answer to guarding", "toggle": "the toggle bit did not alternate"}
 
 
 class Notices:
-    """Everything that one connection wants to be told."""
+    """The notices that one connection has enabled."""
 
     def __init__(self, net: int) -> None:
         self.net = net
@@ -38,37 +38,37 @@ class Notices:
 
     @property
     def deadline(self) -> float | None:
-        """When a node will be missed, has to be asked, or a PDO goes out."""
+        """When a heartbeat is overdue, a node must be guarded, or a PDO is sent."""
         dues = [self._heartbeats.deadline, self._guarding.deadline]
         dues += [pdo.deadline for pdo in self.pdos.values()]
         return min((due for due in dues if due is not None), default=None)
 
     def heartbeat(self, node: int, seconds: float) -> None:
-        """Miss this node when it is silent for so long; 0: no more."""
+        """Report this node if no heartbeat arrives for so many seconds; 0: stop that."""
         times = {other: time for other, time in self._heartbeats.times.items() if other != node}
         self._heartbeats.watch(times | ({node: seconds} if seconds else {}))
 
     def guard(self, node: int, seconds: float, factor: int, now: float) -> None:
-        """Ask this node for its state every `seconds`; 0: no more. The others begin anew."""
+        """Guard this node every `seconds`; 0: stop that. The guarding of other nodes restarts."""
         self._guards.pop(node, None)
         if seconds:
             self._guards[node] = Guard(seconds, factor)
         self._guarding = GuardingMaster(self._guards, now)
 
-    def set_pdo(self, request: SetPdo) -> None:
-        """A PDO in place of the one with this number. GatewayError if another one has its COB-ID."""
-        place = request.send, request.number
+    def set_pdo(self, settings: SetPdo) -> None:
+        """Replace the PDO of this number. Raises GatewayError if another one has its COB-ID."""
+        place = settings.send, settings.number
         for other, pdo in self.pdos.items():
-            if other != place and pdo.request.cob_id == request.cob_id:
-                text = f"COB-ID {request.cob_id:03X}h belongs to {'t' if other[0] else 'r'}pdo {other[1]}"
+            if other != place and pdo.settings.cob_id == settings.cob_id:
+                text = f"COB-ID {settings.cob_id:03X}h belongs to {'t' if other[0] else 'r'}pdo {other[1]}"
                 raise GatewayError(GatewayCode.PDO_ALREADY_USED, text)
-        if request.types:
-            self.pdos[place] = GatewayPdo(request)
+        if settings.types:
+            self.pdos[place] = GatewayPdo(settings)
         else:
             self.pdos.pop(place, None)
 
     def pdo(self, send: bool, number: int) -> GatewayPdo:
-        """The PDO, or GatewayError."""
+        """A configured PDO. Raises GatewayError if there is none."""
         found = self.pdos.get((send, number))
         if found is None:
             text = f"there is no {'t' if send else 'r'}pdo {number}: set it first"
@@ -76,34 +76,34 @@ class Notices:
         return found
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[str]]:
-        """Frames to send, and lines to tell."""
+        """The frames to send, and the lines to report."""
         frames: list[CanFrame] = []
         lines: list[str] = []
         for event in self._heartbeats.feed(frame, now):
-            lines += self._of_heartbeat(event)
-        for said in self._guarding.feed(frame, now):
-            if isinstance(said, CanFrame):
-                frames.append(said)
+            lines += self._heartbeat_lines(event)
+        for result in self._guarding.feed(frame, now):
+            if isinstance(result, CanFrame):
+                frames.append(result)
             else:
-                lines += self._of_guarding(said)
+                lines += self._guarding_lines(result)
         for emergency in self._emcy.feed(frame, now):
             message = emergency.message
             info = " ".join(str(byte) for byte in message.info)
             lines.append(f"{self.net} {message.node} EMCY {message.code:04X} {message.register:02X} {info}")
         for pdo in self.pdos.values():
             frames += pdo.feed(frame, now)
-            if frame is not None and pdo.came(frame):
-                lines.append(f"{self.net} pdo {pdo.request.number} {pdo.told()}")
+            if frame is not None and pdo.receives(frame):
+                lines.append(f"{self.net} pdo {pdo.settings.number} {pdo.text()}")
         return frames, lines
 
-    def bus(self, code: GatewayCode, text: str) -> str:
-        """The line for something that the CAN controller or the port reports."""
+    def bus_error(self, code: GatewayCode, text: str) -> str:
+        """The line for a report of the CAN controller or the port."""
         return f"{self.net} ERROR {int(code)} #{' '.join(text.split())}"
 
     def _error(self, node: int, code: GatewayCode, text: str) -> str:
         return f"{self.net} {node} ERROR {int(code)} #{text}"
 
-    def _of_heartbeat(self, event: HeartbeatEvent) -> list[str]:
+    def _heartbeat_lines(self, event: HeartbeatEvent) -> list[str]:
         if event.kind in ("booted", "rebooted"):
             return [f"{self.net} {event.node} BOOT_UP"] if self.boot_ups else []
         if event.node not in self._heartbeats.times:
@@ -114,10 +114,10 @@ class Notices:
             return [self._error(event.node, GatewayCode.HEARTBEAT_STARTED, "heartbeat started")]
         return [self._error(event.node, GatewayCode.WRONG_NMT_STATE, f"its NMT state is now {event.state:02X}h")]
 
-    def _of_guarding(self, event: GuardEvent) -> list[str]:
+    def _guarding_lines(self, event: GuardEvent) -> list[str]:
         if event.kind == "booted" or event.kind == "answered":
             return []
         if event.kind == "state":
             text = f"its NMT state is now {event.state or 0:02X}h"
             return [self._error(event.node, GatewayCode.WRONG_NMT_STATE, text)]
-        return [self._error(event.node, _GUARD_CODES[event.kind], _GUARD_WORDS[event.kind])]
+        return [self._error(event.node, _GUARD_CODES[event.kind], _GUARD_TEXTS[event.kind])]

@@ -1,14 +1,14 @@
-"""One connection to the gateway: its settings, and what becomes of each of its lines.   [CiA 309-3]
+"""One connection to the gateway: its settings, and the execution of its lines.   [CiA 309-3]
 
         line                          conversation on the bus                   answer
         [1] 5 r 0x6041 0 u16     ->   605h 40 41 60 00 ... 585h 4B ...     ->   [1] 1591
         [2] 5 start              ->   000h 01 05                           ->   [2] OK
         [3] 5 r 0x6999 0         ->   605h ...  585h 80 ... 06020000h      ->   [3] ERROR:0x06020000 #...
 
-`answer` is a conversation; whoever runs it gives `notices` every frame besides. Lines of one connection are carried
-out one after the other, in their order.
+`answer` is a conversation. The caller also feeds every frame to `notices`. The lines of one connection are executed one
+after the other, in their order.
 
-I know: one net, the settings of one connection.  I never know: sockets, clocks, other connections.
+Depends on: parser, commands, SDO, NMT and LSS of one net. Used by: the gateway server in io.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ from typing import Literal, TypeAlias
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError, error_line
-from barewire.canopen.gateway.commands import parse_line
-from barewire.canopen.gateway.lss_commands import lss_error_code, run_lss
-from barewire.canopen.gateway.notices import Notices
-from barewire.canopen.gateway.requests import (
+from barewire.canopen.gateway.commands import (
     CommandLine,
     ConfigureGuarding,
     ConfigureHeartbeat,
@@ -36,8 +33,10 @@ from barewire.canopen.gateway.requests import (
     WritePdo,
     WriteSdo,
 )
+from barewire.canopen.gateway.lss_commands import lss_error_code, run_lss
+from barewire.canopen.gateway.notices import Notices
+from barewire.canopen.gateway.parser import parse_line, sequence_of
 from barewire.canopen.gateway.values import is_wrong_length, to_text
-from barewire.canopen.gateway.words import sequence_of
 from barewire.canopen.lss.messages import LssRefused
 from barewire.canopen.nmt.messages import NmtMessage
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
@@ -50,7 +49,7 @@ from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 _ChannelOf: TypeAlias = Callable[[int], Channel]
 
-_SDO_TIMEOUT = 0.5
+_SDO_TIMEOUT = 0.5  # seconds, until `set sdo_timeout`
 MAX_LINE = 65_536
 """Bytes of the longest line: room for a domain of some 48 KiB."""
 
@@ -72,8 +71,8 @@ HELP = """\
 types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a comment"""
 
 
-class _NotThisType(Exception):
-    """A value came, and is none of the type that was asked for; the node has no part in it."""
+class _WrongType(Exception):
+    """A value was read that is not of the requested type; the node did not refuse it."""
 
     def __init__(self, code: AbortCode, text: str) -> None:
         super().__init__(text)
@@ -82,10 +81,10 @@ class _NotThisType(Exception):
 
 
 class GatewaySession:
-    """The settings of one connection, and its lines carried out.
+    """The settings of one connection, and the execution of its lines.
 
-    `channel` gives the SDO channel to a node, for connections that share a bus; without it the session keeps its own.
-    `remote`: whether the bus carries remote frames, without which nobody is guarded.
+    `channel` returns the SDO channel to a node, for connections that share a bus; without it the session has its own
+    channels. `remote`: whether the bus carries remote frames, which node guarding needs.
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
@@ -114,7 +113,7 @@ class GatewaySession:
         self._block = False
 
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
-        """Carry out one line; the lines of the answer, none for an empty line or a comment. Never raises."""
+        """Execute one line. Returns the lines of the answer, none for an empty line or a comment. Never raises."""
         if not text.partition("#")[0].strip():
             return []
         sequence = 0
@@ -123,50 +122,50 @@ class GatewaySession:
                 raise GatewayError(GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")
             sequence = sequence_of(text)[0]
             line = parse_line(text)
-            said = yield from self._carry_out(line)
+            answer = yield from self._execute(line)
         except GatewayError as error:
             return [error_line(sequence, error.code, str(error))]
-        except _NotThisType as error:
+        except _WrongType as error:
             return [error_line(sequence, error.code, error.text)]
         except SdoAbort as error:
             return [error_line(sequence, error.code, str(error))]
         except LssRefused as error:
             return [error_line(sequence, lss_error_code(error), str(error))]
         except NoAnswer as error:
-            code = AbortCode.TIMED_OUT if isinstance(line.request, (ReadSdo, WriteSdo)) else GatewayCode.TIME_OUT
+            code = AbortCode.TIMED_OUT if isinstance(line.command, (ReadSdo, WriteSdo)) else GatewayCode.TIME_OUT
             return [error_line(sequence, code, str(error))]
         except EncodeError as error:
             return [error_line(sequence, GatewayCode.SYNTAX, str(error))]
-        if isinstance(line.request, ShowInfo):
-            return [*said.splitlines(), f"[{sequence}] OK"] if line.request.what == "help" else [f"[{sequence}] {said}"]
-        return [f"[{sequence}] {said}"]
+        if isinstance(line.command, ShowInfo) and line.command.topic == "help":
+            return [*answer.splitlines(), f"[{sequence}] OK"]
+        return [f"[{sequence}] {answer}"]
 
-    def talks_to(self, text: str) -> Channel | Literal["LSS"] | None:
-        """Whom a line will talk to and wait for: an SDO channel, the devices without a node-ID, or nobody."""
+    def target(self, text: str) -> Channel | Literal["LSS"] | None:
+        """What a line will use exclusively: an SDO channel, LSS, or nothing."""
         try:
             line = parse_line(text)
-            if isinstance(line.request, (ReadSdo, WriteSdo)):
+            if isinstance(line.command, (ReadSdo, WriteSdo)):
                 return self._channel(self._node(line.node))
         except GatewayError:
             return None
-        return "LSS" if isinstance(line.request, LssCommand) else None
+        return "LSS" if isinstance(line.command, LssCommand) else None
 
-    def _carry_out(self, line: CommandLine) -> Conversation[CanFrame, str]:
-        request = line.request
-        if isinstance(request, ShowInfo):
-            return HELP if request.what == "help" else self._version or "barewire"
-        if not (isinstance(request, SetOption) and request.what == "network"):
+    def _execute(self, line: CommandLine) -> Conversation[CanFrame, str]:
+        command = line.command
+        if isinstance(command, ShowInfo):
+            return HELP if command.topic == "help" else self._version or "barewire"
+        if not (isinstance(command, SetOption) and command.name == "network"):
             self._check_net(line.net)
-        if isinstance(request, SetOption):
-            return self._set(request)
-        if isinstance(request, (ReadSdo, WriteSdo)):
-            return (yield from self._transfer(self._node(line.node), request))
-        if isinstance(request, SendNmt):
-            yield Send(NmtMessage(request.command, self._node(line.node, all_too=True)).encode())
+        if isinstance(command, SetOption):
+            return self._set(command)
+        if isinstance(command, (ReadSdo, WriteSdo)):
+            return (yield from self._sdo_transfer(self._node(line.node), command))
+        if isinstance(command, SendNmt):
+            yield Send(NmtMessage(command.command, self._node(line.node, all_too=True)).encode())
             return "OK"
-        if isinstance(request, LssCommand):
-            return (yield from run_lss(request))
-        return (yield from self._control(line, request))
+        if isinstance(command, LssCommand):
+            return (yield from run_lss(command))
+        return (yield from self._control(line, command))
 
     def _check_net(self, net: int | None) -> None:
         wanted = self._default_net if net is None else net
@@ -184,15 +183,15 @@ class GatewaySession:
             raise GatewayError(GatewayCode.UNSUPPORTED_NODE, f"node {wanted}: expected {low}1..127")
         return wanted
 
-    def _set(self, request: SetOption) -> str:
-        value = request.value
-        if request.what == "network":
+    def _set(self, command: SetOption) -> str:
+        value = command.value
+        if command.name == "network":
             if value not in (0, self.net):
                 raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {value}: this gateway has net {self.net}")
             self._default_net = value or None
-        elif request.what == "node":
+        elif command.name == "node":
             self._default_node = value or None
-        elif request.what == "sdo_timeout":
+        elif command.name == "sdo_timeout":
             if not value:
                 raise GatewayError(GatewayCode.SYNTAX, "sdo_timeout 0: expected 1..65535 ms")
             self._timeout = value / 1000
@@ -200,50 +199,50 @@ class GatewaySession:
             self._block = bool(value)
         return "OK"
 
-    def _transfer(self, node: int, request: ReadSdo | WriteSdo) -> Conversation[CanFrame, str]:
+    def _sdo_transfer(self, node: int, command: ReadSdo | WriteSdo) -> Conversation[CanFrame, str]:
         channel = self._channel(node)
-        if isinstance(request, WriteSdo):
-            block = self._block and len(request.data) > 4
-            yield from download(channel, request.index, request.sub, request.data, timeout=self._timeout, block=block)
+        if isinstance(command, WriteSdo):
+            block = self._block and len(command.data) > 4
+            yield from download(channel, command.index, command.sub, command.data, timeout=self._timeout, block=block)
             return "OK"
-        data = yield from upload(channel, request.index, request.sub, timeout=self._timeout, block=self._block)
+        data = yield from upload(channel, command.index, command.sub, timeout=self._timeout, block=self._block)
         try:
-            return to_text(request.type, data)
+            return to_text(command.type, data)
         except DecodeError as error:
             code = AbortCode.LENGTH if is_wrong_length(error) else AbortCode.INVALID_VALUE
-            raise _NotThisType(
-                code, f"{request.index:04X}h:{request.sub:02X}: {error.text}: {data[:16].hex(' ')}"
+            raise _WrongType(
+                code, f"{command.index:04X}h:{command.sub:02X}: {error.text}: {data[:16].hex(' ')}"
             ) from None
 
     def _control(
         self,
         line: CommandLine,
-        request: ConfigureGuarding | ConfigureHeartbeat | EnableBootUp | SetPdo | ReadPdo | WritePdo,
+        command: ConfigureGuarding | ConfigureHeartbeat | EnableBootUp | SetPdo | ReadPdo | WritePdo,
     ) -> Conversation[CanFrame, str]:
         notices = self.notices
-        if isinstance(request, EnableBootUp):
-            notices.boot_ups = request.on
-        elif isinstance(request, ConfigureHeartbeat):
-            notices.heartbeat(self._node(line.node), request.time / 1000)
-        elif isinstance(request, ConfigureGuarding):
-            if request.time and not self._remote:
-                text = "this bus carries no remote frames: enable heartbeat tells the same"
+        if isinstance(command, EnableBootUp):
+            notices.boot_ups = command.on
+        elif isinstance(command, ConfigureHeartbeat):
+            notices.heartbeat(self._node(line.node), command.time / 1000)
+        elif isinstance(command, ConfigureGuarding):
+            if command.time and not self._remote:
+                text = "this bus carries no remote frames: use enable heartbeat instead"
                 raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
             now = yield from _time()
-            notices.guard(self._node(line.node), request.time / 1000, request.factor, now)
-        elif isinstance(request, SetPdo):
-            notices.set_pdo(request)
-        elif isinstance(request, ReadPdo):
-            pdo = notices.pdo(False, request.number)
-            return f"{self.net} pdo {request.number} {pdo.told()}"
+            notices.guard(self._node(line.node), command.time / 1000, command.factor, now)
+        elif isinstance(command, SetPdo):
+            notices.set_pdo(command)
+        elif isinstance(command, ReadPdo):
+            pdo = notices.pdo(False, command.number)
+            return f"{self.net} pdo {command.number} {pdo.text()}"
         else:
-            notices.pdo(True, request.number).write(request.words)
-            for frame in notices.pdo(True, request.number).feed(None, (yield from _time())):
+            notices.pdo(True, command.number).write(command.words)
+            for frame in notices.pdo(True, command.number).feed(None, (yield from _time())):
                 yield Send(frame)
         return "OK"
 
 
 def _time() -> Conversation[CanFrame, float]:
-    """What time it is, without waiting. What was heard by the way is the notices' to tell."""
+    """The present time, without waiting. A frame received by that is left to the notices."""
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     return heard.now

@@ -1,14 +1,14 @@
-"""Values as a gateway writes them: words of a line <-> the bytes of an object.   [CiA 309-3, data types]
+"""The text of values in the gateway's lines <-> the bytes of an object.   [CiA 309-3, data types]
 
-        b  i8 i16 i24 ... i64  u8 u16 u24 ... u64   0, 1      numbers, decimal or 0x...; told in decimal
-        x8 x16 ... x64                              the same, told in hexadecimal (an extension that others have too)
+        b  i8 i16 i24 ... i64  u8 u16 u24 ... u64   0, 1      numbers, decimal or 0x...; written in decimal
+        x8 x16 ... x64                              the same, written in hexadecimal (a common extension)
         r32 r64                                     3.14      real numbers
         vs                                          "a text"  a double quote inside is doubled
         os us d                                     AAECAw==  base64 (for us: of its 16-bit characters)
         t td                                        15659 43200000   days, then milliseconds of the day
-        hex                                         01 02 03  bytes as they are (an extension); reading without a type
+        hex                                         01 02 03  the bytes (an extension); default of a read command
 
-Numbers are little-endian on the wire like everywhere in CANopen.
+Numbers are little-endian on the bus, as everywhere in CANopen.
 """
 
 from __future__ import annotations
@@ -37,30 +37,30 @@ TYPE_NAMES: dict[str, str] = {
     "d": "domain",
     "hex": "domain",
 }
-"""The gateway's word for a type, and ours (`datatypes`)."""
+"""The gateway's name of a type, and that of `datatypes`."""
 
 _BASE64 = ("os", "us", "d")
 
 
 def width(type: str) -> int:
-    """Bits of a type in a PDO, 0 for those that have no fixed size."""
+    """The bits of a type in a PDO, 0 for types without a fixed size."""
     if type == "b":
         return 1
     return 8 * (object_codec(TYPE_NAMES[type]).size or 0)
 
 
-def words_of(type: str) -> int:
-    """How many words of a line a value takes, 0 for all that are left."""
+def word_count(type: str) -> int:
+    """How many words of a line a value takes, 0 for all remaining ones."""
     return {"t": 2, "td": 2, "hex": 0}.get(type, 1)
 
 
 def to_text(type: str, data: bytes) -> str:
-    r"""The bytes of an object, as a gateway tells them.
+    r"""The bytes of an object as text.
 
     >>> to_text("i16", b"\xFE\xFF"), to_text("x16", b"\xFE\xFF"), to_text("vs", b'say "no" now')
     ('-2', '0xFFFE', '"say ""no"" now"')
 
-    Raises DecodeError for bytes that are not of the type.
+    Raises DecodeError for bytes that are not a value of the type.
     """
     if type == "hex":
         return data.hex(" ").upper()
@@ -78,7 +78,7 @@ def to_text(type: str, data: bytes) -> str:
 
 
 def from_text(type: str, words: list[str]) -> bytes:
-    """The bytes that these words mean. Raises GatewayError: 101, with the word that does not fit.
+    """The bytes of the value that these words represent. Raises GatewayError 101 if they represent none.
 
     >>> from_text("u16", ["0x1234"]).hex(" "), from_text("td", ["1", "1000"]).hex(" "), from_text("hex", ["01", "0203"])
     ('34 12', 'e8 03 00 00 01 00', b'\\x01\\x02\\x03')
@@ -92,7 +92,7 @@ def from_text(type: str, words: list[str]) -> bytes:
     except EncodeError as error:
         raise GatewayError(GatewayCode.SYNTAX, str(error)) from None
     except (ValueError, OverflowError, binascii.Error):
-        raise GatewayError(GatewayCode.SYNTAX, f"{shown(' '.join(words))} is no value of type {type}") from None
+        raise GatewayError(GatewayCode.SYNTAX, f"{shown(' '.join(words))} is not a value of type {type}") from None
 
 
 def _value(type: str, words: list[str]) -> Value:
@@ -109,12 +109,12 @@ def _value(type: str, words: list[str]) -> Value:
 
 
 def read_number(word: str) -> int:
-    """A whole number as the gateway's lines have it: decimal, or hexadecimal behind 0x. Raises ValueError."""
+    """An integer in decimal, or in hexadecimal after 0x. Raises ValueError."""
     if len(word) > 40 or not word.isascii() or "_" in word:
         raise ValueError(word)
     return int(word, 16 if word.lower().startswith(("0x", "-0x", "+0x")) else 10)
 
 
 def is_wrong_length(error: DecodeError) -> bool:
-    """Whether the object had another number of bytes than the type: then an SDO has a code for it."""
+    """Whether the object has another size than the type, for which SDO has an abort code."""
     return error.reason in ("short", "long")

@@ -180,7 +180,7 @@ class _Connection:
         await self._writer.drain()
 
     def _talk(self, text: str) -> Talk[list[str]]:
-        conversation, whom = self._session.answer(text), self._session.talks_to(text)
+        conversation, whom = self._session.answer(text), self._session.target(text)
         if whom is None:
             return Talk(conversation, NOBODY, SILENCE)
         return Talk(conversation, LSS_CLAIM, LSS_HEARS) if whom == "LSS" else sdo(whom, conversation)
@@ -198,9 +198,9 @@ class _Connection:
                 self._tell_now(arrived.item, arrived.at)
             elif isinstance(arrived.item, FramesLost):
                 text = f"{arrived.item.frames} frames were not looked at"
-                self._notice([self._session.notices.bus(GatewayCode.CAN_OVERFLOW, text)])
+                self._notice([self._session.notices.bus_error(GatewayCode.CAN_OVERFLOW, text)])
             elif isinstance(arrived.item, ErrorFrame) and (code := _code_of(arrived.item)):
-                self._notice([self._session.notices.bus(code, arrived.item.text)])
+                self._notice([self._session.notices.bus_error(code, arrived.item.text)])
 
     def _tell_now(self, frame: CanFrame | None, now: float) -> None:
         frames, lines = self._session.notices.feed(frame, now)
