@@ -63,7 +63,7 @@ class Known(Table):
         if counters is not None:
             counters.frame()
             counters.received()
-            if not counters.hears(request.encode()):
+            if not counters.accepts(request.encode()):
                 return None
         response = self._answer(request, now)
         if counters is not None:

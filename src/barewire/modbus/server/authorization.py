@@ -1,15 +1,17 @@
-"""Who may do what: roles, and what each of them is permitted. Data, and nothing is permitted that it does not say.
+"""Authorization: roles and their permissions, as data. A request that no permission covers is refused.
 
     {"Viewer":   [{"functions": [1, 2, 3, 4]}],
      "Operator": [{"functions": [1, 2, 3, 4, 23]},
                   {"functions": [5, 6, 15, 16], "units": "1-10", "addresses": "0-99,200"}],
-     "":         []}                                     the role of a certificate that names none
+     "":         []}                                     the role of a certificate without a role
 
-A request is permitted if one line of its role permits it whole: its function, its unit, and every address it touches.
-What has no addresses (files, diagnostics) is permitted by a line with `addresses` only if that line names its function:
-whoever may touch registers 0 to 9 was not told that all files are his.
-The table is the user's: there is no default, and a role that is not in it may do nothing [MB-TLS R-23, R-27, R-28].
-What is refused gets exception 01 [MB-TLS R-31].
+A request is permitted if one permission of its role covers it completely: its function, its unit, and every address it
+touches. A request without addresses (files, diagnostics) is covered by a permission with `addresses` only if that also
+lists its function: permission for registers 0 to 9 does not imply access to files.
+There is no default table, and a role that is not in the table may do nothing [MB-TLS R-23, R-27, R-28]. A refused
+request gets exception 01 [MB-TLS R-31].
+
+Depends on: messages. Used by: the TLS servers of io, as `permits` of `Server`.
 """
 
 from __future__ import annotations
@@ -26,25 +28,25 @@ _PLACES = (
     ("read_address", "read_quantity"),
     ("write_address", "write_quantity"),
 )
-"""The fields of a request that say what it touches. Without a quantity it is one."""
+"""The fields of a request that hold an address and a quantity; without a quantity field it is one."""
 
 
 class Permission(NamedTuple):
-    """One line of the table. None stands for all: all functions, all units, all addresses."""
+    """One permission of a role. None means all: all functions, all units, all addresses."""
 
     functions: frozenset[int] | None = None
     units: tuple[range, ...] | None = None
     addresses: tuple[range, ...] | None = None
 
     def allows(self, unit: int, request: Request[Any]) -> bool:
-        """Whether this line permits the request whole."""
+        """Whether this permission covers the request completely."""
         if self.functions is not None and request.function_code not in self.functions:
             return False
         if self.units is not None and not any(unit in span for span in self.units):
             return False
         if self.addresses is None:
             return True
-        touched = touches(request)
+        touched = _touches(request)
         return all(map(self._covers, touched)) if touched else self.functions is not None
 
     def _covers(self, touched: range) -> bool:
@@ -53,7 +55,7 @@ class Permission(NamedTuple):
 
 
 class Authorization:
-    """The whole table: role -> its permissions.
+    """The table: role -> its permissions.
 
     >>> table = Authorization.parse('{"Viewer": [{"functions": [3, 4], "addresses": "0-99"}]}')
     >>> from barewire.modbus import ReadHoldingRegisters, WriteSingleRegister
@@ -68,7 +70,7 @@ class Authorization:
 
     @classmethod
     def parse(cls, text: str) -> Authorization:
-        """The table from JSON. EncodeError says what is wrong with it."""
+        """The table from JSON text; EncodeError, with the reason, if it is not valid."""
         import json  # every server loads this file, and few have such a table
 
         form = "a table of roles is JSON, role -> list of permissions"
@@ -83,11 +85,11 @@ class Authorization:
         return cls({role: _permissions(role, rows) for role, rows in table.items()})
 
     def allows(self, role: str | None, unit: int, request: Request[Any]) -> bool:
-        """Whether somebody of this role may ask this of that unit."""
+        """Whether a client with this role may send this request to this unit. None: a certificate without a role."""
         return any(line.allows(unit, request) for line in self.roles.get(role or "", ()))
 
 
-def touches(request: Request[Any]) -> list[range]:
+def _touches(request: Request[Any]) -> list[range]:
     """The addresses that a request reads or writes; none for a request that has no addresses."""
     found = []
     for at, count in _PLACES:
@@ -100,11 +102,11 @@ def touches(request: Request[Any]) -> list[range]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of the JSON. Of a name that is said twice the last would win, and the first be forgotten in silence."""
+    """A JSON object as a dict; EncodeError for a name that occurs twice, which `json` would silently overwrite."""
     table = dict(pairs)
     for name, _ in pairs if len(table) < len(pairs) else ():
         if sum(name == other for other, _ in pairs) > 1:
-            raise EncodeError(f"a table of roles: {name!r} is said twice")
+            raise EncodeError(f"a table of roles: {name!r} is given twice")
     return table
 
 

@@ -1,17 +1,19 @@
-"""A unit made of plain functions: for a program that has the values somewhere else than in a table.
+"""A unit of plain functions: for programs whose values are not in a table.
 
-Functions(read_holding_registers=lambda address, quantity: sensor[address : address + quantity])
+    Functions(read_holding_registers=lambda address, quantity: sensor[address : address + quantity])
+
+Depends on: messages, identity. Used by: programs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from barewire.errors import EncodeError
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
-from barewire.modbus.messages import coils as bits, combined, files, registers
+from barewire.modbus.messages import coils, combined, files, registers
 from barewire.modbus.messages.base import Request, Response
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import ReadFifoQueue, ReadFifoQueueResponse
@@ -24,39 +26,19 @@ WriteBits = Callable[[int, Sequence[bool]], object]
 WriteRegisters = Callable[[int, Sequence[int]], object]
 Own = Callable[[Any], Response | None]
 
-# Which functions a request needs.
-_NEEDS: dict[type[Request[Any]], tuple[str, ...]] = {
-    bits.ReadCoils: ("read_coils",),
-    bits.ReadDiscreteInputs: ("read_discrete_inputs",),
-    bits.WriteSingleCoil: ("write_coils",),
-    bits.WriteMultipleCoils: ("write_coils",),
-    registers.ReadHoldingRegisters: ("read_holding_registers",),
-    registers.ReadInputRegisters: ("read_input_registers",),
-    registers.WriteSingleRegister: ("write_registers",),
-    registers.WriteMultipleRegisters: ("write_registers",),
-    combined.MaskWriteRegister: ("read_holding_registers", "write_registers"),
-    combined.ReadWriteMultipleRegisters: ("read_holding_registers", "write_registers"),
-    files.ReadFileRecord: ("read_file",),
-    files.WriteFileRecord: ("write_file",),
-    ReadFifoQueue: ("read_queue",),
-    ReadExceptionStatus: ("read_exception_status",),
-    ReportServerId: ("report_server_id",),
-    ReadDeviceIdentification: ("identity",),
-}
-
 
 @dataclass(slots=True)
 class Functions:
-    """Plain functions as a unit: what is not given is exception 01.
+    """Plain functions as a unit; a request whose functions are not given is exception 01.
 
     >>> unit = Functions(read_holding_registers=lambda address, quantity: [address + at for at in range(quantity)])
     >>> unit.handle(registers.ReadHoldingRegisters(40, 3), now=0.0)
     ReadHoldingRegistersResponse(registers=(40, 41, 42))
 
-    A function raises `ModbusException(2)` for an address that it does not have. Anything else it raises, a result of
-    the wrong length, and a value that does not fit are its own failure: the client gets exception 04, and the reason
-    stands in `statistics.failures` of the server. Single and multiple writes arrive at the same function; 16 and 17 are
-    made of a read and a write. `own` answers function codes of your own, by request class.
+    A function raises `ModbusException(2)` for an address that does not exist. Any other exception, a result of the
+    wrong length and a value that does not fit are failures of the function: the client gets exception 04, and the
+    reason is in `statistics.failures` of the server. Single and multiple writes call the same function; 16 and 17 call
+    a read and a write function. `own` maps request classes of your own to functions that return the response.
     """
 
     _: KW_ONLY
@@ -75,67 +57,117 @@ class Functions:
     own: Mapping[type[Request[Any]], Own] = field(default_factory=dict)
 
     def supports(self, request: type[Request[Any]]) -> bool:
-        """Whether the functions that this request needs were given."""
-        needs = _NEEDS.get(request, ("",))
-        return request in self.own or all(getattr(self, name, None) is not None for name in needs)
+        """Whether the functions that this class of requests needs are given."""
+        if request in self.own:
+            return True
+        found = _ANSWERS.get(request)
+        return found is not None and all(getattr(self, name) is not None for name in found.needs)
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """Call what was given for this request."""
-        if type(request) in self.own:
-            return self.own[type(request)](request)
-        if not self.supports(type(request)):
+        """Call the functions for this request and return its response."""
+        kind = type(request)
+        if kind in self.own:
+            return self.own[kind](request)
+        if not self.supports(kind):
             raise ModbusException(ILLEGAL_FUNCTION)
-        match request:
-            case bits.ReadCoils(address, quantity):
-                read = self.read_discrete_inputs if request.function_code == 0x02 else self.read_coils
-                return request.response(_row(read, address, quantity))  # type: ignore[call-arg]  # whichever response class it is
-            case registers.ReadHoldingRegisters(address, quantity):
-                read = self.read_input_registers if request.function_code == 0x04 else self.read_holding_registers
-                return request.response(_row(read, address, quantity))  # type: ignore[call-arg]  # whichever response class it is
-            case combined.ReadWriteMultipleRegisters(read_address, read_quantity, write_address, values):
-                _call(self.write_registers, write_address, values)
-                row = _row(self.read_holding_registers, read_address, read_quantity)
-                return combined.ReadWriteMultipleRegistersResponse(row)
-            case ReadFifoQueue(address):
-                return ReadFifoQueueResponse(tuple(_call(self.read_queue, address)))
-            case files.ReadFileRecord(places):
-                groups = [_exactly(place[2], _call(self.read_file, *place)) for place in places]
-                return files.ReadFileRecordResponse(tuple(groups))
-            case ReadExceptionStatus():
-                return ReadExceptionStatusResponse(_call(self.read_exception_status))
-            case ReportServerId():
-                return ReportServerIdResponse(_call(self.report_server_id))
-            case ReadDeviceIdentification() if self.identity is not None:
-                return self.identity.answer(request)
-        return self._write(request)
+        return _ANSWERS[kind].answer(self, request)
 
-    def _write(self, request: Any) -> Response | None:
-        match request:
-            case bits.WriteSingleCoil(address, on):
-                _call(self.write_coils, address, (on,))
-                return bits.WriteSingleCoilResponse(address, on)
-            case bits.WriteMultipleCoils(address, row_of_bits):
-                _call(self.write_coils, address, row_of_bits)
-                return bits.WriteMultipleCoilsResponse(address, len(row_of_bits))
-            case registers.WriteSingleRegister(address, value):
-                _call(self.write_registers, address, (value,))
-                return registers.WriteSingleRegisterResponse(address, value)
-            case registers.WriteMultipleRegisters(address, values):
-                _call(self.write_registers, address, values)
-                return registers.WriteMultipleRegistersResponse(address, len(values))
-            case combined.MaskWriteRegister(address, and_mask, or_mask):
-                (old,) = _row(self.read_holding_registers, address, 1)
-                _call(self.write_registers, address, (combined.masked(old, and_mask, or_mask),))
-                return combined.MaskWriteRegisterResponse(address, and_mask, or_mask)
-            case files.WriteFileRecord(records):
-                for record in records:
-                    _call(self.write_file, *record)
-                return files.WriteFileRecordResponse(records)
-        raise ModbusException(ILLEGAL_FUNCTION)
+    # One method for each kind of request, in the order of `_ANSWERS`
+
+    def _read_coils(self, request: coils.ReadCoils) -> Response:
+        return coils.ReadCoilsResponse(_row(self.read_coils, request.address, request.quantity))
+
+    def _read_discrete_inputs(self, request: coils.ReadDiscreteInputs) -> Response:
+        return coils.ReadDiscreteInputsResponse(_row(self.read_discrete_inputs, request.address, request.quantity))
+
+    def _write_single_coil(self, request: coils.WriteSingleCoil) -> Response:
+        _call(self.write_coils, request.address, (request.value,))
+        return coils.WriteSingleCoilResponse(request.address, request.value)
+
+    def _write_multiple_coils(self, request: coils.WriteMultipleCoils) -> Response:
+        _call(self.write_coils, request.address, request.bits)
+        return coils.WriteMultipleCoilsResponse(request.address, request.quantity)
+
+    def _read_holding_registers(self, request: registers.ReadHoldingRegisters) -> Response:
+        row = _row(self.read_holding_registers, request.address, request.quantity)
+        return registers.ReadHoldingRegistersResponse(row)
+
+    def _read_input_registers(self, request: registers.ReadInputRegisters) -> Response:
+        row = _row(self.read_input_registers, request.address, request.quantity)
+        return registers.ReadInputRegistersResponse(row)
+
+    def _write_single_register(self, request: registers.WriteSingleRegister) -> Response:
+        _call(self.write_registers, request.address, (request.value,))
+        return registers.WriteSingleRegisterResponse(request.address, request.value)
+
+    def _write_multiple_registers(self, request: registers.WriteMultipleRegisters) -> Response:
+        _call(self.write_registers, request.address, request.registers)
+        return registers.WriteMultipleRegistersResponse(request.address, request.quantity)
+
+    def _mask_write_register(self, request: combined.MaskWriteRegister) -> Response:
+        address, and_mask, or_mask = request.address, request.and_mask, request.or_mask
+        (old,) = _row(self.read_holding_registers, address, 1)
+        _call(self.write_registers, address, (combined.masked(old, and_mask, or_mask),))
+        return combined.MaskWriteRegisterResponse(address, and_mask, or_mask)
+
+    def _read_write_multiple_registers(self, request: combined.ReadWriteMultipleRegisters) -> Response:
+        _call(self.write_registers, request.write_address, request.registers)
+        row = _row(self.read_holding_registers, request.read_address, request.read_quantity)
+        return combined.ReadWriteMultipleRegistersResponse(row)
+
+    def _read_file_record(self, request: files.ReadFileRecord) -> Response:
+        groups = [_exactly(place[2], _call(self.read_file, *place)) for place in request.places]
+        return files.ReadFileRecordResponse(tuple(groups))
+
+    def _write_file_record(self, request: files.WriteFileRecord) -> Response:
+        for record in request.records:
+            _call(self.write_file, *record)
+        return files.WriteFileRecordResponse(request.records)
+
+    def _read_fifo_queue(self, request: ReadFifoQueue) -> Response:
+        return ReadFifoQueueResponse(tuple(_call(self.read_queue, request.address)))
+
+    def _read_exception_status(self, request: ReadExceptionStatus) -> Response:
+        return ReadExceptionStatusResponse(_call(self.read_exception_status))
+
+    def _report_server_id(self, request: ReportServerId) -> Response:
+        return ReportServerIdResponse(_call(self.report_server_id))
+
+    def _read_device_identification(self, request: ReadDeviceIdentification) -> Response:
+        assert self.identity is not None, "`supports` was checked before"
+        return self.identity.answer(request)
+
+
+class _Answer(NamedTuple):
+    """What answers one class of requests: the fields of `Functions` that it needs, and the method."""
+
+    needs: tuple[str, ...]
+    answer: Callable[[Functions, Any], Response]
+
+
+_BOTH = ("read_holding_registers", "write_registers")
+_ANSWERS: dict[type[Request[Any]], _Answer] = {
+    coils.ReadCoils: _Answer(("read_coils",), Functions._read_coils),
+    coils.ReadDiscreteInputs: _Answer(("read_discrete_inputs",), Functions._read_discrete_inputs),
+    coils.WriteSingleCoil: _Answer(("write_coils",), Functions._write_single_coil),
+    coils.WriteMultipleCoils: _Answer(("write_coils",), Functions._write_multiple_coils),
+    registers.ReadHoldingRegisters: _Answer(("read_holding_registers",), Functions._read_holding_registers),
+    registers.ReadInputRegisters: _Answer(("read_input_registers",), Functions._read_input_registers),
+    registers.WriteSingleRegister: _Answer(("write_registers",), Functions._write_single_register),
+    registers.WriteMultipleRegisters: _Answer(("write_registers",), Functions._write_multiple_registers),
+    combined.MaskWriteRegister: _Answer(_BOTH, Functions._mask_write_register),
+    combined.ReadWriteMultipleRegisters: _Answer(_BOTH, Functions._read_write_multiple_registers),
+    files.ReadFileRecord: _Answer(("read_file",), Functions._read_file_record),
+    files.WriteFileRecord: _Answer(("write_file",), Functions._write_file_record),
+    ReadFifoQueue: _Answer(("read_queue",), Functions._read_fifo_queue),
+    ReadExceptionStatus: _Answer(("read_exception_status",), Functions._read_exception_status),
+    ReportServerId: _Answer(("report_server_id",), Functions._report_server_id),
+    ReadDeviceIdentification: _Answer(("identity",), Functions._read_device_identification),
+}
 
 
 def _call(function: Callable[..., Any] | None, *values: Any) -> Any:
-    assert function is not None, "supports() was asked before"
+    assert function is not None, "`supports` was checked before"
     return function(*values)
 
 
@@ -144,7 +176,7 @@ def _row(function: Callable[[int, int], Sequence[Any]] | None, address: int, qua
 
 
 def _exactly(quantity: int, row: Sequence[Any]) -> tuple[Any, ...]:
-    """The row, if it is as long as it was asked for."""
+    """The row; EncodeError unless it has as many values as were asked for."""
     if len(row) != quantity:
         raise EncodeError(f"a function returned {len(row)} values where {quantity} were asked", "quantity")
     return tuple(row)

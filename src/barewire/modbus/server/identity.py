@@ -1,8 +1,8 @@
-"""What a server says about itself: the objects of 2B/0E, all three levels, in as many answers as they need.
+"""The identification objects of a server (2B/0E): all three levels, in as many responses as they need.   [MB-APP 6.21]
 
-basic      00 VendorName, 01 ProductCode, 02 MajorMinorRevision       every device has these
-regular    03 VendorUrl ... 06 UserApplicationName                    and the basic ones
-extended   80 ... FF, the device's own                                and all others           [MB-APP 6.21]
+basic      00 VendorName, 01 ProductCode, 02 MajorMinorRevision       mandatory
+regular    03 VendorUrl ... 06 UserApplicationName                    includes the basic ones
+extended   80 ... FF, device-specific                                 includes all others
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from barewire.modbus.messages.identification import (
 )
 
 _LAST = {BASIC: 0x02, REGULAR: 0x06, EXTENDED: 0xFF}
-_ROOM = PDU_LIMIT - 7  # behind the header of an answer
+_ROOM = PDU_LIMIT - 7  # bytes for objects in a response
 
 
 class Identity:
@@ -34,8 +34,8 @@ class Identity:
     >>> identity.answer(ReadDeviceIdentification(4, 0x80)).objects
     ((128, b'serial 42'),)
 
-    Raises EncodeError for a number that the standard reserves, a basic object that is missing, and a value longer than
-    244 bytes: that one could never be sent, so it is refused here and not when somebody asks.
+    Raises EncodeError for a reserved number, a missing basic object, and a value longer than 244 bytes: it could never
+    be sent, so it is refused here and not when a client reads it.
     """
 
     def __init__(self, objects: Mapping[int, str | bytes]) -> None:
@@ -57,15 +57,15 @@ class Identity:
 
     @property
     def conformity(self) -> int:
-        """The highest level of which there is an object, and that single ones are given too."""
+        """The conformity level: the highest level with an object, and that individual access is supported."""
         highest = max(self.objects)
         return min(level for level, last in _LAST.items() if highest <= last) | SINGLE_ACCESS
 
     def answer(self, request: ReadDeviceIdentification) -> ReadDeviceIdentificationResponse:
-        """One object, or as many as fit from the one asked for on.
+        """One object, or as many as fit, beginning with the requested one.
 
-        A stream from an object that is not there begins again at 0; a single one that is not there is exception 02.
-        A level that the device does not reach is answered with what it has.
+        A stream that starts at an unknown object begins at 0; an unknown individual object is exception 02. A level
+        above that of the device returns the objects there are.                                    [MB-APP 6.21]
         """
         code, first = request.read_code, request.object_id
         if code == INDIVIDUAL:

@@ -1,20 +1,22 @@
-"""What a unit on a serial line remembers of the line: the counters, the event log, and whether it may speak.
+"""The counters and the event log of a unit on a serial line, and its listen only mode.
 
     seen on the line          counted in                                                        [MB-SERIAL, appendix A]
     ----------------          ----------
     no frame (CRC, LRC)       bus errors                                                         08/0C
     a good frame              bus messages                                                       08/0B
-    one for me, or for all    server messages                                                    08/0E
-    I answered nothing        no responses                                                       08/0F
-    I declined                exceptions; NAK if with 07, busy if with 05 or 06                  08/0D, 10, 11
-    it was carried out        the event counter                                                  0B, 0C
+    for this unit, or all     server messages                                                    08/0E
+    no response sent          no responses                                                       08/0F
+    exception sent            exceptions; NAK for 07, busy for 05 or 06                          08/0D, 10, 11
+    request carried out       the event counter                                                  0B, 0C
 
-Pure: it is told what happened and answers functions 08, 0B and 0C out of it. All counters have 16 bits; **they wrap**,
-65535 is followed by 0, which the standard leaves open. The event counter leaves out exceptions, function 0B itself, and
-the two requests that set it to zero.
+The server reports each of these by a method; functions 08, 0B and 0C are answered from the counters. All counters have
+16 bits and **wrap**: 65535 is followed by 0, which the standard leaves open. The event counter does not count
+exceptions, function 0B itself, and the two requests that set it to zero.
 
-**Listen only mode** (08/04): the unit counts and stays silent, and carries nothing out. The one way back is Restart
-Communications (08/01), which is not answered then.
+**Listen only mode** (08/04): the unit counts, stays silent and carries nothing out. Only Restart Communications (08/01)
+ends it, which is not answered then.
+
+Depends on: messages (diagnostics, comm_events). Used by: server.
 """
 
 from __future__ import annotations
@@ -51,7 +53,7 @@ from barewire.modbus.messages.diagnostics import (
 )
 
 ANSWERED = (Diagnostics, GetCommEventCounter, GetCommEventLog)
-"""The requests that are about the line and not about the device."""
+"""The requests about the line, not about the device: `SerialCounters.answer` answers these."""
 
 _COUNTS = {
     0x0B: "bus_messages",
@@ -69,7 +71,7 @@ _EXCEPTION_BITS = {1: 0x01, 2: 0x01, 3: 0x01, 4: 0x02, 5: 0x04, 6: 0x04, 7: 0x08
 
 
 class SerialCounters:
-    """The memory of one unit. Whoever owns it may set `diagnostic_register` and `is_busy` (the status word of 0B).
+    """The counters of one unit. Its owner may set `diagnostic_register` and `is_busy` (the status word of 0B).
 
     >>> seen = SerialCounters()
     >>> seen.frame(), seen.received()
@@ -81,7 +83,7 @@ class SerialCounters:
     def __init__(self, *, has_delimiter: bool = False) -> None:
         self.listens_only = False
         self.has_delimiter = has_delimiter
-        """Whether the line is one of ASCII: elsewhere there is no delimiter that 08/03 could change."""
+        """Whether the line is ASCII: only there 08/03 can change the delimiter."""
         self.diagnostic_register = 0
         self.is_busy = False
         self.events: deque[int] = deque(maxlen=EVENT_LIMIT)
@@ -98,14 +100,14 @@ class SerialCounters:
     def _log(self, event: int) -> None:
         self.events.appendleft(event | (_LISTENING if self.listens_only else 0))
 
-    # What is told
+    # Reports of the server
 
     def frame(self) -> None:
-        """A good frame was on the line, whoever it was for."""
+        """A good frame, for any unit, was on the line."""
         self._count("bus_messages")
 
     def damaged(self) -> None:
-        """Something was on the line that is no frame."""
+        """Bytes that are no frame were on the line."""
         self._count("bus_errors")
         self._log(RECEIVED | _DAMAGED)
 
@@ -115,18 +117,18 @@ class SerialCounters:
         self._log(RECEIVED | _OVERRUN)
 
     def received(self, *, broadcast: bool = False) -> None:
-        """A request for this unit, or for all; it is not yet carried out."""
+        """A request for this unit, or a broadcast, arrived; it is not carried out yet."""
         self._count("server_messages")
         self._log(RECEIVED | (_BROADCAST if broadcast else 0))
 
     def ignored(self) -> None:
-        """The request is not carried out and not answered: the unit listens only, or nobody waits any more."""
+        """The request is neither carried out nor answered: the unit listens only, or the request is stale."""
         self._count("no_responses")
 
     def finished(self, request: Any, exception: int | None, *, answered: bool) -> None:
-        """The request is dealt with: carried out, or declined with an exception, and answered or not.
+        """The request was carried out, or declined with `exception`; and a response was sent, or not.
 
-        `request` is None if it could not be read.
+        `request` is None if it could not be decoded.
         """
         if not answered:
             self._count("no_responses")
@@ -143,18 +145,18 @@ class SerialCounters:
         if sub_function not in (RESTART_COMMUNICATIONS, FORCE_LISTEN_ONLY):  # these have an event of their own
             self._log(SENT | _EXCEPTION_BITS.get(exception or 0, 0))
 
-    # What is answered
+    # Responses
 
-    def hears(self, pdu: bytes) -> bool:
-        """Whether this request is carried out: in listen only mode Restart Communications is, and nothing else."""
+    def accepts(self, pdu: bytes) -> bool:
+        """Whether this request is carried out: in listen only mode only Restart Communications is."""
         return not self.listens_only or pdu in _RESTARTS
 
     def answer(self, request: Any) -> Response | None:
-        """The response to 08, 0B or 0C; None where the standard wants silence.
+        """The response to 08, 0B or 0C; None where the standard demands silence.
 
         ModbusException 01 for other requests, for reserved sub-functions, and for Change ASCII Input Delimiter (08/03)
         on a line that is not ASCII; 03 for a delimiter that would begin a message, or has more than seven bits. The
-        line itself sees it pass and obeys (`ascii.delimiter`).
+        line itself recognises 08/03 and changes its delimiter (`ascii.delimiter`).
         """
         match request:
             case GetCommEventCounter():
@@ -198,7 +200,7 @@ class SerialCounters:
             raise ModbusException(ILLEGAL_DATA_VALUE)
 
     def _restart(self, data: bytes) -> Response | None:
-        """Counters to zero, the log too if it is told so; answered only by a unit that was not silenced."""
+        """Clear the counters, with FF00 the log too. No response of a unit that was in listen only mode."""
         was_silent = self.listens_only
         self.listens_only = False
         self._clear()

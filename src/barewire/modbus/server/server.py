@@ -1,23 +1,28 @@
-"""The server, as a machine: bytes in, bytes out, and no way to make it stumble.
+"""The server, as a machine: received bytes in, bytes to send out. Malformed requests never raise out of it.
 
-    feed(bytes, now) ->  line  ->  Adu  ->  for one of my units?  ->  decode  ->  unit.handle  ->  Reply(bytes, at)
-                          '-> Noise: counted     '-> no: silence       '-> 01, 03      '-> 02, 03, 04 ...
+    feed(bytes, now) ->  line  ->  Adu  ->  for one of the units?  ->  decode  ->  unit.handle  ->  Reply(bytes, at)
+                          '-> Noise: counted     '-> no: silence        '-> 01, 03      '-> 02, 03, 04 ...
 
 The order of checks is that of the standard's figures: function (01), then quantity and lengths (03), then address
-(02), then doing it (04) [MB-APP 7, figures 11 to 27].
+(02), then the execution (04) [MB-APP 7, figures 11 to 27].
 
-**On a serial line** silence is part of the protocol. Nobody answers a broadcast (it is carried out), a frame for
-somebody else, or one that is no request because bit 7 of its function is set: that is another unit's exception. And
-nobody answers late: when other traffic came behind a request, its client has given up, and an answer would meet the
-next question on the wire. Such a *stale* request is dropped if it reads and carried out unanswered if it writes. Up
-to three bytes behind a request are a glitch of a line that changes direction: it is answered once they are known to
-be no more than that. Our own answer heard before anybody else may speak is an echo and no request; a line that echoes
-later than that is to be wrapped in an `EchoLine`. Functions 08, 0B and 0C are answered out of `counters` where the
-unit does not do it itself.
+**On a serial line** silence is part of the protocol:
 
-**On TCP** every request is answered, by its transaction number; what exceeds `transactions` in one read is answered
-with exception 06 (busy). What has bit 7 of its function set is no request there either, and there is no answer to it
-that could not be mistaken for the answer to another one: silence.
+- A broadcast is carried out and not answered. Frames for other units are ignored, and so are frames with bit 7 of the
+  function set: these are exception responses of other units.
+- A request is not answered late. If other traffic followed it, its client has given up, and a response would collide
+  with the next request. Such a *stale* request is dropped if it reads, and carried out without response if it writes.
+- Up to three bytes after a request are a glitch of a line that changes direction: the request is answered once it is
+  certain that no more follow.
+- The server's own response, received before any station may send, is an echo and no request. A line that echoes later
+  than that needs an `EchoLine`.
+- Functions 08, 0B and 0C are answered from `counters` if the unit does not answer them itself.
+
+**On TCP** every request is answered, under its transaction number; requests beyond `transactions` in one read get
+exception 06 (busy). A frame with bit 7 of the function set is no request there either. It is ignored, because any
+response to it could be mistaken for the response to another request.
+
+Depends on: framing, messages, serial_counters. Used by: the servers of io, the simulators' tests.
 """
 
 from __future__ import annotations
@@ -43,24 +48,22 @@ from barewire.modbus.messages.registry import AnyRequest, request_class
 from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
 
 TRANSACTIONS = 16
-"""NumberMaxOfServerTransaction: so many requests of one client are worked on at a time [MB-TCP 4.4.2]."""
+"""NumberMaxOfServerTransaction: the most requests of one client that are handled at a time [MB-TCP 4.4.2]."""
 
-GLITCH = 3
-"""So many bytes behind a request cannot be a frame, the shortest has four."""
-
-_new = tuple.__new__  # what Reply(...) does, without the function around it
+_GLITCH = 3
+"""The most bytes after a request that cannot be a frame: the shortest frame has four."""
 
 _SOON = 0.1
-"""Seconds: a line that needs longer to see that a glitch is one (ASCII) is not waited for."""
+"""Seconds: the longest wait for a line to decide that a glitch is no frame. ASCII lines take longer."""
 
 
 class Unit(Protocol):
-    """What answers for one unit address: a table, a simulator, a program of the user's.
+    """The behaviour of one unit address: a table, a simulator, or a user's own class.
 
-    Returns the response; None to stay silent (a device that reboots instead of answering); raises ModbusException to
-    decline. Two more members are used if a unit has them: `supports(request_class) -> bool`, so that a request of a
-    function that the unit does not have is exception 01 even if it is malformed; and `diagnostics`, False for a device
-    whose 01 to functions 08, 0B and 0C is meant.
+    `handle` returns the response, or None to stay silent (a device that reboots instead of answering), or raises
+    ModbusException to decline. Two more members are used if a unit has them: `supports(request_class) -> bool`, so that
+    a malformed request of an unsupported function is exception 01 and not 03; and `diagnostics`, False for a device
+    that declines functions 08, 0B and 0C on purpose.
     """
 
     def handle(self, request: Any, now: float) -> Response | None: ...
@@ -75,7 +78,7 @@ class Reply(NamedTuple):
 
 @dataclass
 class ServerStatistics:
-    """Counts from 0, and the latest errors of units."""
+    """Counts from 0, and the latest errors of units. (The counters of the standard are in `serial_counters`.)"""
 
     requests: int = 0
     replies: int = 0
@@ -84,16 +87,16 @@ class ServerStatistics:
     for_others: int = 0
     noise_bytes: int = 0
     not_requests: int = 0
-    """Frames with bit 7 of the function set."""
+    """Frames with bit 7 of the function code set."""
     stale: int = 0
-    """Requests that other traffic had followed before they could be answered."""
+    """Requests followed by other traffic before they could be answered."""
     echoes: int = 0
-    """Our own answers, heard."""
+    """The server's own responses, received again."""
     failures: list[str] = field(default_factory=list)
-    """The latest errors of a unit's own code, at most ten: they were answered with exception 04."""
+    """The latest ten errors raised by units' own code: each was answered with exception 04."""
 
     def failed(self, error: Exception) -> None:
-        """One more of them. Its text is the user's code as well."""
+        """Record an error of a unit's code. Making its text is the unit's code as well, and may raise."""
         try:
             text = str(error)
         except Exception:
@@ -102,11 +105,12 @@ class ServerStatistics:
 
 
 class Server:
-    """Several units behind one line. `serial` lines have broadcasts and other units; TCP connections have neither.
+    """Several units behind one line. `serial` lines have broadcasts and other servers; TCP connections have neither.
 
-    On TCP a unit that is not in `units` is answered by `units[255]` or `units[0]` if there is such a one, and by
-    exception 0B otherwise; on a serial line it is somebody else, so there is silence. `permits(unit, request)` says
-    whether a request may be carried out: exception 01 if not. `counters` are shared by connections to the same units.
+    On TCP a request for a unit that is not in `units` goes to `units[255]` or `units[0]` if there is one, and is
+    exception 0B otherwise; on a serial line it is for another server, so there is silence. `permits(unit, request)`
+    decides whether a request may be carried out: exception 01 if not. `counters` are shared by several connections to
+    the same units.
     """
 
     def __init__(
@@ -127,16 +131,16 @@ class Server:
         """By unit, on serial lines."""
         self._transactions = transactions
         self._permits = permits
-        self._waiting: Adu | None = None  # a request that will be answered if nothing but a glitch is behind it
-        self._said: Adu | None = None  # our latest answer
+        self._waiting: Adu | None = None  # a request that is answered if nothing but a glitch follows
+        self._sent: Adu | None = None  # the latest response
 
     @property
     def deadline(self) -> float | None:
-        """When to be fed None if nothing came."""
+        """When to feed None if nothing arrived."""
         return self.line.deadline
 
     def feed(self, data: bytes | None, now: float) -> list[Reply]:
-        """Bytes that arrived; what is to be sent. Never raises."""
+        """The replies to bytes that arrived, or, with None, to the passing of time. Never raises."""
         line = self.line
         if self.serial:
             is_early = now < line.quiet_at
@@ -151,11 +155,11 @@ class Server:
             room -= 1
             if pdu is not None:
                 self.statistics.replies += 1
-                replies.append(_new(Reply, (line.response(event, pdu), 0.0)))
+                replies.append(Reply(line.response(event, pdu), 0.0))
         return replies
 
     def overrun(self) -> None:
-        """The port lost a character: told by whoever owns it."""
+        """The port lost a character; called by the owner of the port."""
         for counters in self._counters():
             counters.overrun()
 
@@ -163,17 +167,17 @@ class Server:
         return [self.counters[number] for number in self.units]
 
     def _feed_serial(self, events: list[LineEvent], now: float, is_early: bool) -> list[Reply]:
-        """`is_early`: the line was not quiet long enough after our answer for anybody else to speak."""
+        """`is_early`: after the latest response the line was not silent long enough for another station to send."""
         for event in events:
             if isinstance(event, Noise):
                 self.statistics.noise_bytes += len(event.data)
                 for counters in self._counters():
                     counters.damaged()
-                if len(event.data) > GLITCH:
+                if len(event.data) > _GLITCH:
                     self._give_up(now)
                 continue
-            if is_early and event == self._said:
-                self._said = None
+            if is_early and event == self._sent:
+                self._sent = None
                 self.statistics.echoes += 1
                 continue
             for counters in self._counters():
@@ -186,7 +190,7 @@ class Server:
         if self._waiting is None:
             return []
         held = len(self.line.held)
-        if held > GLITCH:
+        if held > _GLITCH:
             self._give_up(now)
             return []
         if held and self.line.deadline is not None and self.line.deadline <= now + _SOON:
@@ -195,32 +199,32 @@ class Server:
         return self._reply(waiting, now)
 
     def _give_up(self, now: float) -> None:
-        """Something else came behind the request that waited: nobody waits for its answer any more."""
+        """Other traffic followed the waiting request, so its client does not expect a response any more."""
         if self._waiting is None:
             return
         adu, self._waiting = self._waiting, None
         self.statistics.stale += 1
-        asked = request_class(adu.pdu)
-        if asked is not None and asked.writes:
+        found = request_class(adu.pdu)
+        if found is not None and found.writes:
             self._carry_out(adu.unit, self.units[adu.unit], adu.pdu, now, answered=False)
         else:
             self.counters[adu.unit].received()
             self.counters[adu.unit].ignored()
 
     def _reply(self, adu: Adu, now: float) -> list[Reply]:
-        """On a serial line."""
+        """The reply on a serial line."""
         pdu = self.answer(adu, now)
         if pdu is None:
             return []
         self.statistics.replies += 1
-        self._said = Adu(adu.unit, pdu)
+        self._sent = Adu(adu.unit, pdu)
         return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
 
     def _overload(self, pdu: bytes) -> bytes | None:
         return None if pdu[0] & EXCEPTION_BIT else self._exception(pdu, ModbusException(SERVER_DEVICE_BUSY))
 
     def answer(self, adu: Adu, now: float) -> bytes | None:
-        """The PDU that answers this one, or None for silence."""
+        """The PDU of the response, or None for silence."""
         number, pdu, _ = adu
         if pdu[0] & EXCEPTION_BIT:
             self.statistics.not_requests += 1
@@ -242,30 +246,30 @@ class Server:
     def _carry_out(
         self, number: int, unit: Unit, pdu: bytes, now: float, *, answered: bool = True, broadcast: bool = False
     ) -> bytes | None:
-        """One request for one unit; the answer, or None for silence. `answered` is False where nobody would hear it."""
+        """Carry out one request on one unit. Returns the response, or None for silence, as with `answered` False."""
         counters = self.counters[number] if self.serial else None
         if counters is not None:
             counters.received(broadcast=broadcast)
-            if not counters.hears(pdu):
+            if not counters.accepts(pdu):
                 counters.ignored()
                 return None
         request: AnyRequest | None = None
         code: int | None = None
         try:
             try:
-                request = read_request(pdu, unit, counters is not None)
+                request = _read_request(pdu, unit, counters is not None)
                 if self._permits is not None and not self._permits(number, request):
                     raise ModbusException(ILLEGAL_FUNCTION)
                 if counters is None:
                     response = unit.handle(request, now)
                 else:
                     response = self._handle(unit, counters, request, now)
-                # Checked here, where a response that is none is still the unit's failure and not the line's.
+                # Checked here, so that an invalid response is a failure of the unit and not of the line.
                 answer = None if response is None else checked(response.encode())
             except ModbusException as declined:
                 answer, code = self._exception(pdu, declined), declined.code
         except Exception as error:
-            # A unit's own code failed. The client gets an answer, the line goes on, and the error is kept to be seen.
+            # A unit's own code failed: the client gets exception 04, the line goes on, the error is recorded.
             self.statistics.failed(error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
@@ -275,7 +279,7 @@ class Server:
 
     @staticmethod
     def _handle(unit: Unit, counters: SerialCounters, request: AnyRequest, now: float) -> Response | None:
-        """On a serial line, where what the unit declines may be a question about the line."""
+        """On a serial line: a request that the unit declines may be one about the line."""
         try:
             return unit.handle(request, now)
         except ModbusException as declined:
@@ -294,21 +298,20 @@ class Server:
 
 
 def counters_for(line: Line) -> defaultdict[int, SerialCounters]:
-    """What the units behind such a line remember of it, by unit. Several connections to one line share it."""
+    """The counters of the units behind a line, by unit. Several connections to the same units share them."""
     return defaultdict(partial(SerialCounters, has_delimiter=getattr(line, "has_delimiter", False)))
 
 
-def read_request(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:
-    """The request, or the exception that the standard has for what is wrong with it: 01, 03, for file records 02.
+def _read_request(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:
+    """The request, or ModbusException with the standard's code for its fault: 01, 03, for file records 02.
 
-    `unit` is asked what it supports, if it can tell; with `diagnostics` functions 08, 0B and 0C are there anyway.
+    Functions that `unit` does not support are 01, if it has `supports`; with `diagnostics` 08, 0B and 0C never are.
     """
-    asked = request_class(pdu)
+    found = request_class(pdu)
     supports = getattr(unit, "supports", None)
-    is_there = asked is not None and (supports is None or supports(asked) or (diagnostics and asked in ANSWERED))
-    if asked is None or not is_there:
+    if found is None or not (supports is None or supports(found) or (diagnostics and found in ANSWERED)):
         raise ModbusException(ILLEGAL_FUNCTION, pdu[0] if pdu else None)
     try:
-        return asked.decode(pdu)
+        return found.decode(pdu)
     except DecodeError as error:
-        raise ModbusException(asked.declines(error), pdu[0]) from error
+        raise ModbusException(found.declines(error), pdu[0]) from error

@@ -1,15 +1,17 @@
-"""A ready unit: four tables in memory, and nothing behind them. What most gateways and all first experiments need.
+"""A unit of four tables in memory: enough for most gateways and first experiments.
 
-coils              read and write    01 05 0F             discrete inputs    read only    02
-holding registers  read and write    03 06 10 16 17       input registers    read only    04
-queues             read only         18                   files              read and write    14 15
-exception status   read only         07                   who it is          read only    11 2B/0E
+    coils              read and write    01 05 0F             discrete inputs    read only    02
+    holding registers  read and write    03 06 10 16 17       input registers    read only    04
+    queues             read only         18                   files              read and write    14 15
+    exception status   read only         07                   identification     read only    11 2B/0E
+
+Depends on: messages, identity. Used by: programs, and the servers of io as the default unit.
 """
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from barewire.codecs import from_registers
@@ -20,29 +22,18 @@ from barewire.modbus.exceptions import (
     ILLEGAL_FUNCTION,
     ModbusException,
 )
-from barewire.modbus.messages import coils as bits, combined, files, registers
-from barewire.modbus.messages.base import Response, check_range
+from barewire.modbus.messages import coils, combined, files, registers
+from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
 from barewire.modbus.server.identity import Identity
 
-SIZE = 0x10000
-
-_SUPPORTED = frozenset(
-    {
-        *(bits.ReadCoils, bits.ReadDiscreteInputs, bits.WriteSingleCoil, bits.WriteMultipleCoils),
-        *(registers.ReadHoldingRegisters, registers.ReadInputRegisters),
-        *(registers.WriteSingleRegister, registers.WriteMultipleRegisters),
-        *(combined.MaskWriteRegister, combined.ReadWriteMultipleRegisters),
-        *(files.ReadFileRecord, files.WriteFileRecord, ReadFifoQueue),
-        *(ReadExceptionStatus, ReportServerId, ReadDeviceIdentification),
-    }
-)
+_SIZE = 0x10000
 
 
 class Table:
-    """`size` entries of each kind, all zero, addressed from 0. Anything beyond is exception 02.
+    """`size` entries of each kind, all zero, addressed from 0. An access beyond the end is exception 02.
 
     >>> table = Table(objects={0x80: "serial 42"})
     >>> table.handle(registers.WriteSingleRegister(5, 42), now=0.0)
@@ -50,14 +41,14 @@ class Table:
     >>> table.handle(combined.ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 
-    `objects` are identification objects besides the three of every device; `files` are registers by file number.
-    What nobody could ever read is an EncodeError here, and not a surprise later.
-    `queues` (register by register, by address) and `exception_status` (eight bits) are for whoever owns the table.
+    `objects` are identification objects besides the three mandatory ones; `files` are registers by file number. Values
+    that could never be read are an EncodeError at once. `queues` (registers by address) and `exception_status` (eight
+    bits) may be set by the owner of the table.
     """
 
     def __init__(
         self,
-        size: int = SIZE,
+        size: int = _SIZE,
         *,
         vendor: str = "barewire",
         product: str = "table",
@@ -65,7 +56,7 @@ class Table:
         objects: Mapping[int, str | bytes] | None = None,
         files: Mapping[int, Sequence[int]] | None = None,
     ) -> None:
-        check_range("size", size, 0, SIZE)
+        check_range("size", size, 0, _SIZE)
         self.size = size
         self.coils = bytearray(size)
         self.discrete_inputs = bytearray(size)
@@ -78,77 +69,92 @@ class Table:
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
-        """Whether it is one of the functions of a table."""
-        return request in _SUPPORTED
+        """Whether a table answers this class of requests."""
+        return request in _ANSWERS
+
+    def handle(self, request: Any, now: float) -> Response | None:
+        """The response to one request; ModbusException 01 for an unsupported function, 02 beyond the end."""
+        for kind in type(request).__mro__:  # a subclass of a request is answered as that request
+            if kind in _ANSWERS:
+                return _ANSWERS[kind](self, request)
+        raise ModbusException(ILLEGAL_FUNCTION)
+
+    # One method for each request class, in the order of `_ANSWERS`
+
+    def _read_coils(self, request: coils.ReadCoils) -> Response:
+        row = self.coils[self._span(request.address, request.quantity)]
+        return coils.ReadCoilsResponse(tuple(map(bool, row)))
+
+    def _read_discrete_inputs(self, request: coils.ReadDiscreteInputs) -> Response:
+        row = self.discrete_inputs[self._span(request.address, request.quantity)]
+        return coils.ReadDiscreteInputsResponse(tuple(map(bool, row)))
+
+    def _write_single_coil(self, request: coils.WriteSingleCoil) -> Response:
+        self.coils[self._span(request.address, 1)] = bytes([request.value])
+        return coils.WriteSingleCoilResponse(request.address, request.value)
+
+    def _write_multiple_coils(self, request: coils.WriteMultipleCoils) -> Response:
+        self.coils[self._span(request.address, request.quantity)] = bytes(request.bits)
+        return coils.WriteMultipleCoilsResponse(request.address, request.quantity)
+
+    def _read_holding_registers(self, request: registers.ReadHoldingRegisters) -> Response:
+        return request.answer(tuple(self.holding_registers[self._span(request.address, request.quantity)]))
+
+    def _read_input_registers(self, request: registers.ReadInputRegisters) -> Response:
+        return request.answer(tuple(self.input_registers[self._span(request.address, request.quantity)]))
+
+    def _write_single_register(self, request: registers.WriteSingleRegister) -> Response:
+        self.holding_registers[self._span(request.address, 1)] = array("H", [request.value])
+        return registers.WriteSingleRegisterResponse(request.address, request.value)
+
+    def _write_multiple_registers(self, request: registers.WriteMultipleRegisters) -> Response:
+        self.holding_registers[self._span(request.address, request.quantity)] = array("H", request.registers)
+        return registers.WriteMultipleRegistersResponse(request.address, request.quantity)
+
+    def _mask_write_register(self, request: combined.MaskWriteRegister) -> Response:
+        at = self._span(request.address, 1).start
+        old = self.holding_registers[at]
+        self.holding_registers[at] = combined.masked(old, request.and_mask, request.or_mask)
+        return combined.MaskWriteRegisterResponse(request.address, request.and_mask, request.or_mask)
+
+    def _read_write_multiple_registers(self, request: combined.ReadWriteMultipleRegisters) -> Response:
+        read = self._span(request.read_address, request.read_quantity)
+        write = self._span(request.write_address, request.write_quantity)
+        self.holding_registers[write] = array("H", request.registers)
+        return combined.ReadWriteMultipleRegistersResponse(tuple(self.holding_registers[read]))
+
+    def _read_fifo_queue(self, request: ReadFifoQueue) -> Response:
+        queue = self.queues.get(request.address)
+        if queue is None:
+            raise ModbusException(ILLEGAL_DATA_ADDRESS)
+        if len(queue) > FIFO_LIMIT:
+            raise ModbusException(ILLEGAL_DATA_VALUE)
+        return ReadFifoQueueResponse(tuple(queue))
+
+    def _read_file_record(self, request: files.ReadFileRecord) -> Response:
+        spans = [(file, self._records(file, record, length)) for file, record, length in request.places]
+        return files.ReadFileRecordResponse(tuple(tuple(self.files[file][span]) for file, span in spans))
+
+    def _write_file_record(self, request: files.WriteFileRecord) -> Response:
+        # Nothing is written before all places are known to exist.
+        targets = [(file, self._records(file, record, len(row)), row) for file, record, row in request.records]
+        for file, span, row in targets:
+            self.files[file][span] = array("H", row)
+        return files.WriteFileRecordResponse(request.records)
+
+    def _read_exception_status(self, request: ReadExceptionStatus) -> Response:
+        return ReadExceptionStatusResponse(self.exception_status)
+
+    def _report_server_id(self, request: ReportServerId) -> Response:
+        return ReportServerIdResponse(b"\x01\xff" + self.identity.objects[1])
+
+    def _read_device_identification(self, request: ReadDeviceIdentification) -> Response:
+        return self.identity.answer(request)
 
     def _span(self, address: int, quantity: int) -> slice:
         if address + quantity > self.size:
             raise ModbusException(ILLEGAL_DATA_ADDRESS)
         return slice(address, address + quantity)
-
-    def handle(self, request: Any, now: float) -> Response | None:
-        """Answer one request; ModbusException 01 for what a table cannot do, 02 beyond its end."""
-        if isinstance(request, registers.ReadHoldingRegisters):
-            # What is asked most. A `match` would take as long as all of this.
-            is_input = isinstance(request, registers.ReadInputRegisters)  # which is a ReadHoldingRegisters too
-            row_of = self.input_registers if is_input else self.holding_registers
-            first, beyond = request.address, request.address + request.quantity
-            if beyond > self.size:
-                raise ModbusException(ILLEGAL_DATA_ADDRESS)
-            return request.answer(tuple(row_of[first:beyond]))
-        match request:
-            # ReadDiscreteInputs is a ReadCoils too.
-            case bits.ReadDiscreteInputs(address, quantity):
-                row = self.discrete_inputs[self._span(address, quantity)]
-                return bits.ReadDiscreteInputsResponse(tuple(map(bool, row)))
-            case bits.ReadCoils(address, quantity):
-                return bits.ReadCoilsResponse(tuple(map(bool, self.coils[self._span(address, quantity)])))
-            case bits.WriteSingleCoil(address, on):
-                self.coils[self._span(address, 1)] = bytes([on])
-                return bits.WriteSingleCoilResponse(address, on)
-            case bits.WriteMultipleCoils(address, row_of_bits):
-                self.coils[self._span(address, len(row_of_bits))] = bytes(row_of_bits)
-                return bits.WriteMultipleCoilsResponse(address, len(row_of_bits))
-            case registers.WriteSingleRegister(address, value):
-                self.holding_registers[self._span(address, 1)] = array("H", [value])
-                return registers.WriteSingleRegisterResponse(address, value)
-            case registers.WriteMultipleRegisters(address, values):
-                self.holding_registers[self._span(address, len(values))] = array("H", values)
-                return registers.WriteMultipleRegistersResponse(address, len(values))
-        return self._rarer(request)
-
-    def _rarer(self, request: Any) -> Response:
-        match request:
-            case combined.MaskWriteRegister(address, and_mask, or_mask):
-                at = self._span(address, 1).start
-                self.holding_registers[at] = combined.masked(self.holding_registers[at], and_mask, or_mask)
-                return combined.MaskWriteRegisterResponse(address, and_mask, or_mask)
-            case combined.ReadWriteMultipleRegisters(read_address, read_quantity, write_address, values):
-                read, write = self._span(read_address, read_quantity), self._span(write_address, len(values))
-                self.holding_registers[write] = array("H", values)
-                return combined.ReadWriteMultipleRegistersResponse(tuple(self.holding_registers[read]))
-            case ReadFifoQueue(address):
-                if address not in self.queues:
-                    raise ModbusException(ILLEGAL_DATA_ADDRESS)
-                if len(self.queues[address]) > FIFO_LIMIT:
-                    raise ModbusException(ILLEGAL_DATA_VALUE)
-                return ReadFifoQueueResponse(tuple(self.queues[address]))
-            case files.ReadFileRecord(places):
-                spans = [(file, self._records(file, record, length)) for file, record, length in places]
-                return files.ReadFileRecordResponse(tuple(tuple(self.files[file][span]) for file, span in spans))
-            case files.WriteFileRecord(records):
-                # Nothing is written before it is known that all of them exist.
-                targets = [(file, self._records(file, record, len(row)), row) for file, record, row in records]
-                for file, span, row in targets:
-                    self.files[file][span] = array("H", row)
-                return files.WriteFileRecordResponse(records)
-            case ReadExceptionStatus():
-                return ReadExceptionStatusResponse(self.exception_status)
-            case ReportServerId():
-                return ReportServerIdResponse(b"\x01\xff" + self.identity.objects[1])
-            case ReadDeviceIdentification():
-                return self.identity.answer(request)
-        raise ModbusException(ILLEGAL_FUNCTION)
 
     def _records(self, file: int, record: int, length: int) -> slice:
         if record + length > len(self.files.get(file, ())):
@@ -156,8 +162,29 @@ class Table:
         return slice(record, record + length)
 
 
+_ANSWERS: dict[type[Request[Any]], Callable[[Table, Any], Response]] = {
+    coils.ReadCoils: Table._read_coils,
+    coils.ReadDiscreteInputs: Table._read_discrete_inputs,
+    coils.WriteSingleCoil: Table._write_single_coil,
+    coils.WriteMultipleCoils: Table._write_multiple_coils,
+    registers.ReadHoldingRegisters: Table._read_holding_registers,
+    registers.ReadInputRegisters: Table._read_input_registers,
+    registers.WriteSingleRegister: Table._write_single_register,
+    registers.WriteMultipleRegisters: Table._write_multiple_registers,
+    combined.MaskWriteRegister: Table._mask_write_register,
+    combined.ReadWriteMultipleRegisters: Table._read_write_multiple_registers,
+    ReadFifoQueue: Table._read_fifo_queue,
+    files.ReadFileRecord: Table._read_file_record,
+    files.WriteFileRecord: Table._write_file_record,
+    ReadExceptionStatus: Table._read_exception_status,
+    ReportServerId: Table._report_server_id,
+    ReadDeviceIdentification: Table._read_device_identification,
+}
+"""The functions of a table, and the method that answers each."""
+
+
 def _file(number: int, content: Sequence[int]) -> array[int]:
-    """The registers of a file, each one checked."""
+    """The registers of a file, checked."""
     check_range("file", number, 1, 0xFFFF)
     if len(content) > files.RECORD_LIMIT + 1:
         most = files.RECORD_LIMIT + 1
