@@ -27,13 +27,13 @@ from barewire.conversation import Conversation
 from barewire.devices.block_decoder import BlockDecoder, block_decoder
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter, Reading
-from barewire.devices.plan import PlannedRead, PlannedWrite, plan_reads, plan_writes
+from barewire.devices.plan import PlannedWrite, plan_reads, plan_writes
 from barewire.devices.request_checks import (
     NameOrParameter,
     ValuesByName,
     may_not_answer,
     naming,
-    note_reading,
+    reading_note,
     to_read,
     to_write,
     writing,
@@ -62,17 +62,21 @@ class ReadPlan(NamedTuple):
     """The requests for a list of names, and how to decode the responses. The device keeps it: it is made once."""
 
     requests: list[Any]
-    blocks: list[PlannedRead]
+    notes: list[str]
+    """The note that an error of each request gets: the parameters that it reads."""
+
     decoders: list[BlockDecoder]
-    sources: list[tuple[Parameter, int]]
-    """The parameter of each name, and the number of its value among those of all blocks."""
+    parameters: list[Parameter]
+    """The parameter of each name."""
+    numbers: list[int]
+    """The number of its value among those of all responses."""
 
     def readings(self, responses: Iterable[Any]) -> list[Reading]:
         """The readings in the responses to `requests`, one for each name."""
         values: list[Value] = []
         for request, decode, response in zip(self.requests, self.decoders, responses):
             values += decode(response.bits if request.function_code <= 2 else response.registers)
-        return [Reading(parameter, values[number]) for parameter, number in self.sources]
+        return list(map(Reading, self.parameters, map(values.__getitem__, self.numbers)))
 
 
 def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
@@ -85,9 +89,10 @@ def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
         numbers = {name: number for number, name in enumerate(members)}
         plan = ReadPlan(
             [_READS[block.function](block.address, block.quantity) for block in blocks],
-            blocks,
+            [reading_note(block.parameters) for block in blocks],
             [block_decoder(block) for block in blocks],
-            [(parameter, numbers[parameter.name]) for parameter in parameters],
+            parameters,
+            [numbers[parameter.name] for parameter in parameters],
         )
         if len(device.read_plans) >= _MOST_PLANS:
             device.read_plans.clear()
@@ -108,11 +113,11 @@ def read_modbus(
 
 def _read_modbus(bus: Bus, unit: int, plan: ReadPlan, timeout: float) -> Conversation[bytes, list[Reading]]:
     responses = []
-    for request, block in zip(plan.requests, plan.blocks):
+    for request, note in zip(plan.requests, plan.notes):
         try:
             responses.append((yield from bus.ask(unit, request, timeout=timeout)))
         except BarewireError as error:
-            note_reading(error, block.parameters)
+            error.add_note(note)
             raise
     return plan.readings(responses)
 
@@ -215,7 +220,7 @@ def _read_canopen(
             try:
                 contents[key] = yield from _upload(channel, parameter, place, timeout)
             except BarewireError as error:
-                note_reading(error, [parameter])
+                error.add_note(reading_note([parameter]))
                 raise
         readings.append(Reading(parameter, parameter.from_object(contents[key])))
     return readings

@@ -68,9 +68,9 @@ def naming(parameter: Parameter, value: Value) -> Iterator[None]:
         raise EncodeError(f"{parameter.name} = {show(value)}: {error}", parameter.name) from None
 
 
-def note_reading(error: BarewireError, parameters: Iterable[Parameter]) -> None:
-    """Note in the error of one request of several which parameters it was for."""
-    error.add_note(f"while reading {_names(parameters)}")
+def reading_note(parameters: Iterable[Parameter]) -> str:
+    """The note in the error of a request that reads these parameters: one request of several has failed."""
+    return f"while reading {_names(parameters)}"
 
 
 @contextmanager

@@ -18,12 +18,12 @@ from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, random_fraction
 from barewire.io.engine.methods import AsyncRunner, Operation
 from barewire.io.modbus.async_connection import AsyncConnection
 from barewire.io.modbus.carriers import bus_options, modbus_endpoint, unit_of
-from barewire.io.modbus.methods import BusConversation, Exchange, ModbusMethods, checked_request
+from barewire.io.modbus.methods import BusConversation, Exchange, Exchanges, ModbusMethods, checked_request
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -116,6 +116,15 @@ class AsyncModbusClient(ModbusMethods, AsyncRunner):
             at = 1 if self.unit is None else self.unit
             response = await self.connection.ask(at, operation.request, self.timeout, self.timeout)
             result = operation.take(response)
+        elif isinstance(operation, Exchanges):
+            responses = []
+            for request, note in zip(operation.requests, operation.notes):
+                try:
+                    responses.append(await self.connection.ask(operation.unit, request, self.timeout, self.timeout))
+                except BarewireError as error:
+                    error.add_note(note)
+                    raise
+            result = operation.take(responses)
         else:
             assert isinstance(operation, BusConversation)
             result = await self.run_with_bus(operation.make, unit=operation.unit)

@@ -13,12 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from barewire.errors import NoAnswer, PortError
+from barewire.errors import BarewireError, NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, random_fraction
 from barewire.io.engine.methods import BlockingRunner, Operation
 from barewire.io.modbus.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
 from barewire.io.modbus.connection import Connection
-from barewire.io.modbus.methods import BusConversation, Exchange, ModbusMethods, checked_request
+from barewire.io.modbus.methods import BusConversation, Exchange, Exchanges, ModbusMethods, checked_request
 from barewire.io.ports.trace import Trace, Watch
 
 if TYPE_CHECKING:
@@ -112,6 +112,15 @@ class ModbusClient(ModbusMethods, BlockingRunner):
             at = 1 if self.unit is None else self.unit
             response = self.connection.ask(at, operation.request, self.timeout, self.timeout)
             result = operation.take(response)
+        elif isinstance(operation, Exchanges):
+            responses = []
+            for request, note in zip(operation.requests, operation.notes):
+                try:
+                    responses.append(self.connection.ask(operation.unit, request, self.timeout, self.timeout))
+                except BarewireError as error:
+                    error.add_note(note)
+                    raise
+            result = operation.take(responses)
         else:
             assert isinstance(operation, BusConversation)
             result = self.run_with_bus(operation.make, unit=operation.unit)

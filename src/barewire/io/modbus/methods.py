@@ -45,6 +45,23 @@ class Exchange(Operation[V]):
         self.take = take
 
 
+class Exchanges(Operation[V]):
+    """Requests to one unit, one after the other, and what is taken of their responses.
+
+    `notes` has a note for the error of each request.
+    """
+
+    __slots__ = ("notes", "requests", "take", "unit")
+
+    def __init__(
+        self, unit: int, requests: Sequence[Request[Any]], notes: Sequence[str], take: Callable[[list[Any]], V]
+    ) -> None:
+        self.unit = unit
+        self.requests = requests
+        self.notes = notes
+        self.take = take
+
+
 class BusConversation(Operation[V]):
     """The conversation that `make` returns for the bus it is given. It waits in the queue of `unit`."""
 
@@ -205,12 +222,14 @@ class ModbusMethods:
         return BusConversation(lambda bus: read_device_identification(bus, unit, read_code, timeout=self.timeout), unit)
 
     @method
-    def read(self, device: Device, *names: str, unit: int | None = None) -> BusConversation[list[Reading]]:
+    def read(self, device: Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
         """Read the named values of a device, with as few requests as it allows, in the order of `names`."""
-        from barewire.devices.access import read_modbus
+        plan = device.read_plans.get(names)
+        if plan is None:
+            from barewire.devices.access import read_plan
 
-        at = self.unit_for(unit, device)
-        return BusConversation(lambda bus: read_modbus(bus, at, device, names, timeout=self.timeout), at)
+            plan = read_plan(device, names)
+        return Exchanges(self.unit_for(unit, device), plan.requests, plan.notes, plan.readings)
 
     @method
     def write(
