@@ -52,7 +52,7 @@ def test_two_frames_glued_together_are_two(frame: bytes) -> None:
         (b":", "delimiter", "':' before the frame ended"),
         (b"\r\n", "delimiter", "begins with ':'"),
         (b":0107F9\r\n", "checksum", "LRC is F9, should be F8"),
-        (b":01x7F8\r\n", "character", "no hexadecimal digit"),
+        (b":01x7F8\r\n", "character", "a hexadecimal digit"),
         (b":01FF\r\n", "short", "at least 9 characters"),
         (b":" + b"0" * 512, "long", "513 characters without CR LF"),
     ],

@@ -76,7 +76,7 @@ def test_what_cannot_be_listened_to(tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     broken.write_bytes(b"\xff\xfe\x00")
     assert "neither a capture nor text" in failing("sniff", str(broken))
-    for content, why in ((b"", "the file is empty"), (b"host7\n", "no hexadecimal digit"), (b"\xff\x00", "nor text")):
+    for content, why in ((b"", "the file is empty"), (b"host7\n", "a hexadecimal digit"), (b"\xff\x00", "nor text")):
         broken.write_bytes(content)
         said = failing("sniff", str(broken))
         assert said.startswith(f"barewire: {broken}: ")

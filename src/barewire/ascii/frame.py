@@ -47,7 +47,7 @@ def decode(data: bytes) -> Adu:
     if digits.translate(None, DIGITS):  # leaves the characters that are no digits
         at = next(at for at, character in enumerate(digits, start=1) if character not in DIGITS)
         found = f"{chr(data[at])!r}" if 0x20 <= data[at] < 0x7F else f"{data[at]:02X}h"
-        raise DecodeError("character", data, at, f"{found} is no hexadecimal digit")
+        raise DecodeError("character", data, at, f"{found} is not a hexadecimal digit")
     if len(data) < SHORTEST:
         text = f"an ASCII frame has at least {SHORTEST} characters, here are {len(data)}"
         raise DecodeError("short", data, len(data), text)

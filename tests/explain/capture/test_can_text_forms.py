@@ -297,12 +297,12 @@ def test_the_screen_of_candump() -> None:
         ("(1.0) can0 123##", "flags of CAN FD"),
         ("(1.0) can0 123##1AA" + "00" * 64, "at most 64"),
         ("  can0  605   [8]  40 41", "but 2 bytes follow"),
-        ("  can0  605   [9]  40 41", "none of a CAN frame"),
+        ("  can0  605   [9]  40 41", "impossible for CAN"),
         ("  can0  605   [2]  40 4", "is not bytes"),
         ("  can0  605   [2]  40 GG", "not bytes in hexadecimal"),
-        ("  can0  [2]  40 41", "no line of candump"),
-        ("(noon) can0 605#40", "the time in brackets"),
-        ("hello", "no line of candump"),
+        ("  can0  [2]  40 41", "not a line of candump"),
+        ("(noon) can0 605#40", "the text in brackets"),
+        ("hello", "not a line of candump"),
     ],
 )
 def test_a_bad_line_is_told_and_passed_by(line: str, why: str) -> None:
@@ -321,10 +321,10 @@ def test_a_bad_line_is_told_and_passed_by(line: str, why: str) -> None:
     [
         ("   1.0 1  605  Rx   d 8 40 41", "the length is 8, but 2 bytes"),
         ("   1.0 1  905  Rx   d 1 40", "expected up to 7FF"),
-        ("   1.0 1  605  Rx   d 1 GG", "not bytes to the base 16"),
+        ("   1.0 1  605  Rx   d 1 GG", "not bytes in base 16"),
         ("   1.0 1  605  Rx   d", "expected one digit"),
         ("   1.0 CANFD 1 Rx 123  1 0 d 99 00", "at most 64"),
-        ("hello", "no line of an ASC"),
+        ("hello", "not a line of an ASC"),
     ],
 )
 def test_a_bad_line_of_asc(line: str, why: str) -> None:

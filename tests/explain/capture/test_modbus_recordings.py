@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import BarewireError, DecodeError
-from barewire.explain.capture.bytelog import STEP, Chunk, parse_log
+from barewire.explain.capture.bytelog import _STEP, Chunk, parse_log
 from barewire.explain.capture.modbus_packets import PacketBuilder, modbus_payload
 from barewire.explain.capture.modbus_replay import replay
 from barewire.explain.capture.pcapng import Packet, file_header, is_capture, packet_block, read_packets
@@ -87,7 +87,7 @@ def test_what_is_cut_off_or_none_at_all() -> None:
             read_packets(file[:cut])
     with refused(DecodeError, "neither a pcapng nor a pcap file"):
         read_packets(struct.pack("<III", 0xBAD, 12, 12))
-    with refused(DecodeError, "without the number that tells the order"):
+    with refused(DecodeError, "without its magic number"):
         read_packets(b"\x0a\x0d\x0d\x0a" + struct.pack("<II", 16, 99) + struct.pack("<I", 16))
     assert read_packets(b"") == []
 
@@ -188,7 +188,7 @@ FRAME = rtu_frame(1, READ)
         (f"12.345678 {FRAME.hex(' ')}", [Chunk(12.345678, FRAME)]),
         (f"(1.5) {FRAME.hex()}\n[2] > 0x01,0x03", [Chunk(1.5, FRAME), Chunk(2.0, b"\x01\x03")]),
         ("10:31:18.25 RX: 01 03", [Chunk(37878.25, b"\x01\x03")]),
-        ("# a remark\n\n01 03\n83 02 # and one", [Chunk(0.0, b"\x01\x03"), Chunk(STEP, b"\x83\x02")]),
+        ("# a remark\n\n01 03\n83 02 # and one", [Chunk(0.0, b"\x01\x03"), Chunk(_STEP, b"\x83\x02")]),
         ("00000000: 0103 0000 0002  ......\n00000006: c40b  ..", [Chunk(0.0, FRAME)]),
         (
             "00000000  01 03 00 00 00 02 c4 0b  01 03 04 00 17 00 07 00  |.........|\n00000010  01  |.|\n00000011",
@@ -207,7 +207,7 @@ def test_logs_and_dumps(text: str, chunks: list[Chunk] | None) -> None:
 
 
 def test_a_line_that_cannot_be_read_is_told_by_its_number() -> None:
-    with refused(DecodeError, "line 2: 'X' at 3 is no hexadecimal digit"):
+    with refused(DecodeError, "line 2: 'X' at 3 is not a hexadecimal digit"):
         parse_log("01 03\n01 X3")
     with refused(DecodeError, "neither a capture nor text"):
         replay(b"\xff\xfe\x00")

@@ -93,10 +93,10 @@ def test_what_could_be_plain_hexadecimal_is(text: str, data: str) -> None:
         ("[10, 20, 30]", "hexadecimal or decimal?"),
         ("1 3 300", "'300' at 4: a byte is a number from 0 to 255"),
         ("(12.5) 01 03", "'(' at 0"),
-        (r"b'\xg1'", "is no escape of a byte"),
+        (r"b'\xg1'", "is not an escape of a byte"),
         ("0000000 0301 0000 0a00 cdc5\n0000008", "hexdump -C"),
-        ("00000000: 0103\n*\n00000010: 0103", "line 2: '*' is no line of the dump"),
-        ("00000000: 0103\n00000010: 0103", "line 2: the dump goes on at 10h, expected 2h"),
+        ("00000000: 0103\n*\n00000010: 0103", "line 2: '*' is not a line of the dump"),
+        ("00000000: 0103\n00000010: 0103", "line 2: the dump continues at 10h, expected 2h"),
     ],
 )
 def test_what_could_be_two_things_is_asked_back_about(text: str, words: str) -> None:
@@ -143,10 +143,10 @@ def test_a_damaged_frame_of_its_own_protocol_gets_no_hint(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "reason", "at", "words"),
     [
-        ("01 04 0G", "character", 7, "'G' at 7 is no hexadecimal digit"),
+        ("01 04 0G", "character", 7, "'G' at 7 is not a hexadecimal digit"),
         ("01 04 F", "length", 6, "'F' at 6: a byte has two hexadecimal digits"),
         ("01, 0x", "length", 6, "'' at 6: a byte has two hexadecimal digits"),
-        ("01 é4", "character", 3, "'é' at 3 is no hexadecimal digit"),
+        ("01 é4", "character", 3, "'é' at 3 is not a hexadecimal digit"),
     ],
 )
 def test_a_typing_error_is_told_with_its_place(text: str, reason: str, at: int, words: str) -> None:

@@ -99,7 +99,7 @@ ASCII_REFUSED: dict[str, tuple[Callable[[bytes], Reply], str]] = {
     "a wrong LRC": (lambda good: [(0.01, wrong_lrc(good))], "LRC is"),
     "no colon": (lambda good: [(0.01, good[1:])], "an ASCII frame begins with ':'"),
     "no end": (lambda good: [(0.01, good[:-2])], "without an end"),
-    "a G": (lambda good: [(0.01, good[:3] + b"G" + good[4:])], "is no hexadecimal digit"),
+    "a G": (lambda good: [(0.01, good[:3] + b"G" + good[4:])], "is not a hexadecimal digit"),
     "an RTU frame": (lambda good: [(0.01, rtu("03 02 0012"))], "without an end"),
 }
 

@@ -17,7 +17,7 @@ from barewire.explain.can_monitor.monitor import CanMonitor
 from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture import pcapng
 from barewire.explain.capture.asc import is_asc, read_asc
-from barewire.explain.capture.blf import FILE, read_blf
+from barewire.explain.capture.blf import BLF_MAGIC, read_blf
 from barewire.explain.capture.candump import is_candump, log_line, read_candump
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread, unread
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
@@ -33,7 +33,7 @@ def is_can_recording(data: bytes) -> bool:
     >>> is_can_recording(b"(1.5) can0 705#05"), is_can_recording(b"12.5 01 03 00 00 00 02 C4 0B")
     (True, False)
     """
-    if data[:4] == FILE:
+    if data[:4] == BLF_MAGIC:
         return True
     if pcapng.is_capture(data):
         try:
@@ -62,7 +62,7 @@ def read_recording(data: bytes) -> Iterator[RecordedItem]:
     """
     if pcapng.is_capture(data):
         return _read_capture(data)
-    if data[:4] == FILE:
+    if data[:4] == BLF_MAGIC:
         return read_blf(data)
     start = _text(data[:_INSPECTED])
     if is_asc(start):

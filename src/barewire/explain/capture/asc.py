@@ -1,4 +1,4 @@
-"""Vector's ASC: CAN frames as lines of text, as CANalyzer and its friends write them.
+"""Vector ASC: CAN frames as lines of text, written by CANalyzer and other tools.
 
     date Tue Nov 14 22:13:20.000 2023
     base hex  timestamps absolute                                    or dec; or relative: since the line before
@@ -12,8 +12,8 @@
        0.399900 CANFD   1 Rx   123  Name  1 0 a 16 AA BB ...         BRS ESI code length bytes duration length flags
     End TriggerBlock
 
-The bus is the number of the channel. Times are those of the file, from the start of the measurement. Other lines of
-the format (statistics, status, other buses, remarks) are passed over.
+The bus is the number of the channel. Times count from the start of the measurement, as in the file. Other lines of
+the format (statistics, status, other buses, comments) are skipped.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, C
 from barewire.errors import DecodeError
 from barewire.explain.capture.model import FD_LENGTHS, Dropped, Recorded, RecordedItem, unread
 
-EDL = 0x1000
-"""The flag of a CAN FD line that says that it is CAN FD; without it, it is a classical frame in that form."""
+_EDL = 0x1000
+"""The flag for CAN FD in a CANFD line; without it the line has a classical frame."""
 
 _START = re.compile(r"(?i)^\s*(date\s|base\s+(hex|dec)|(no\s+)?internal events logged)")
 _BASE = re.compile(r"(?i)^\s*base\s+(hex|dec)\s+timestamps\s+(absolute|relative)")
@@ -49,7 +49,7 @@ _FD = re.compile(
 
 
 def is_asc(text: str) -> bool:
-    """Whether it begins as such a file does."""
+    """Whether the text begins like an ASC file."""
     lines = [line for line in text.splitlines()[:20] if line.strip() and not line.lstrip().startswith("//")]
     return bool(lines) and _START.match(lines[0]) is not None
 
@@ -63,8 +63,8 @@ def read_asc(text: str) -> Iterator[RecordedItem]:
     """
     base, relative, at = 16, False, 0.0
     for number, line in enumerate(text.splitlines(), start=1):
-        if told := _BASE.match(line):
-            base, relative = (16 if told[1].lower() == "hex" else 10), told[2].lower() == "relative"
+        if header := _BASE.match(line):
+            base, relative = (16 if header[1].lower() == "hex" else 10), header[2].lower() == "relative"
             continue
         if not line.strip():
             continue
@@ -73,7 +73,7 @@ def read_asc(text: str) -> Iterator[RecordedItem]:
             if overrun := _OVERRUN.match(line):
                 yield Dropped(at, overrun[2], 0)
             elif not _KNOWN.match(line):
-                yield unread(at, number, "no line of an ASC file", line)
+                yield unread(at, number, "not a line of an ASC file", line)
             continue
         stamp = float(match[1])
         at = at + stamp if relative else stamp
@@ -97,7 +97,7 @@ def _identifier(match: re.Match[str], base: int) -> tuple[int, bool]:
     try:
         number = int(match["id"], base)
     except ValueError:
-        raise _wrong(match, f"identifier {match['id']!r} is no number to the base {base}") from None
+        raise _wrong(match, f"identifier {match['id']!r} is not a number in base {base}") from None
     if number > (EXTENDED_MAX if extended else BASE_MAX):
         raise _wrong(match, f"identifier {match['id']}: expected up to 7FF, or 1FFFFFFFx")
     return number, extended
@@ -108,7 +108,7 @@ def _data(match: re.Match[str], tokens: list[str], length: int, base: int) -> by
     try:
         data = bytes(int(token, base) for token in tokens)
     except ValueError:
-        raise _wrong(match, f"{' '.join(tokens)[:24]!r} is not bytes to the base {base}") from None
+        raise _wrong(match, f"{' '.join(tokens)[:24]!r} is not bytes in base {base}") from None
     if len(data) < length:
         raise _wrong(match, f"the length is {length}, but {len(data)} bytes follow")
     return data
@@ -134,10 +134,10 @@ def _fd_frame(match: re.Match[str], base: int) -> AnyFrame:
     data = _data(match, tokens, length, base)
     behind = tokens[length:]  # duration, length in bits, flags
     try:
-        flags = int(behind[2], 16) if len(behind) > 2 else EDL
+        flags = int(behind[2], 16) if len(behind) > 2 else _EDL
     except ValueError:
-        flags = EDL
-    if not flags & EDL and length <= DATA_MAX:
+        flags = _EDL
+    if not flags & _EDL and length <= DATA_MAX:
         if flags & 0x10:
             return CanFrame(number, b"", extended, True, min(int(match["code"], 16), DATA_MAX))
         return CanFrame(number, data, extended)

@@ -1,18 +1,18 @@
-"""Vector's BLF: recordings of CAN in bytes, packed in containers; read without anybody's library.
+"""Vector BLF: binary recordings of CAN buses, objects in compressed containers.
 
     "LOGG" | header size 4 | ... 32 ... | start: year month weekday day hour minute second ms, 2 each | ...    the file
     "LOBJ" | header size 2 | version 2 | size 4 | type 4 |                                                   an object
            | flags 4 | ... 4 | time 8 |  in 10 us (flags 1) or 1 ns, since the start
-           | body ... | up to 3 bytes to the next one
+           | body ... | up to 3 padding bytes
 
-    type 10   container   packing 2 (0 none, 2 zlib) | 6 | size unpacked 4 | 4 |  objects, which may go on in the next
+    type 10   container   packing 2 (0 none, 2 zlib) | 6 | size unpacked 4 | 4 |  objects, also across containers
     1, 86     frame       channel 2 | flags 1 (80 remote) | length 1 | identifier 4 (bit 31 extended) | data 8
     100       CAN FD      ... | length in bits 4 | 1 | FD 1 (1 FD, 2 BRS, 4 ESI) | data bytes 1 | 5 | data 64
     101       CAN FD      channel 1 | code 1 | data bytes 1 | 1 | identifier 4 | 4 | flags 4 (10h remote, 1000h FD ...)
     2, 73     error frame                       125   the recorder lost something here
 
-All numbers are little-endian. Other objects (statistics, markers, other buses) are passed over. Where bytes are no
-object the reading goes on at the next "LOBJ", and what was between is told.
+All numbers are little-endian. Other objects (statistics, markers, other buses) are skipped. After bytes that are not an
+object, reading continues at the next "LOBJ", and the bytes in between are reported.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, C
 from barewire.errors import DecodeError
 from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
 
-FILE, OBJECT = b"LOGG", b"LOBJ"
-CONTAINER, LOST = 10, 125
-OBJECT_MAX = 0x80_0000
-"""The longest object that is waited for; one that says that it is longer is damaged."""
-CONTAINER_MAX = 0x400_0000
-"""How much a container may hold: those of Vector hold 128 KiB."""
-_SMALL = 1024  # no frame is longer
+BLF_MAGIC, _OBJECT = b"LOGG", b"LOBJ"
+_CONTAINER, _LOST = 10, 125
+_OBJECT_MAX = 0x80_0000
+"""The longest possible object; a longer one is damaged."""
+_CONTAINER_MAX = 0x400_0000
+"""The most bytes of a container when unpacked; those of Vector have 128 KiB."""
+_FRAME_OBJECT_MAX = 1024
 _FRAME, _FRAME_2, _ERROR, _ERROR_EXT, _FD, _FD_64 = 1, 86, 2, 73, 100, 101
 _FRAMES = (_FRAME, _FRAME_2, _ERROR, _ERROR_EXT, _FD, _FD_64)
 _START_AT, _TIMES = 40, struct.Struct("<8H")
@@ -41,40 +41,40 @@ _BARE = _HEAD.size + _STAMP.size
 _CLASSICAL, _FD_BODY = struct.Struct("<HBBL8s"), struct.Struct("<HBBLLBBB5x")
 _FD_64_BODY = struct.Struct("<BBBBLLL18xBBL")
 _EXTENDED = 0x8000_0000
-_NO_FRAME = ErrorFrame(0x80)  # an error on the bus, of which nothing more is told
+_BUS_ERROR = ErrorFrame(0x80)  # an error on the bus without details
 
 
 class _Objects:
-    """The objects in a stream of bytes that comes in pieces."""
+    """Splits a stream of bytes, which comes in pieces, into objects."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes, *, last: bool) -> Iterator[bytes | int]:
-        """Whole objects; a number stands for so many bytes that are none."""
+        """Complete objects; a number stands for so many bytes that are not an object."""
         data, at, lost = self._rest + data, 0, 0
         self._rest = b""
         while True:
-            found = data.find(OBJECT, at)
+            found = data.find(_OBJECT, at)
             if found < 0:
                 rest = data[at:]
                 if not last:
-                    self._rest = rest[-len(OBJECT) + 1 :]
+                    self._rest = rest[-len(_OBJECT) + 1 :]
                     rest = rest[: len(rest) - len(self._rest)]
                 lost += len(rest) if len(rest) > 3 or any(rest) else 0
                 break
             lost += found - at if found - at > 3 or lost else 0
             size, kind = _HEAD.unpack_from(data, found)[3:] if found + _HEAD.size <= len(data) else (0, 0)
-            whole = _HEAD.size <= size <= (_SMALL if kind in _FRAMES else OBJECT_MAX)
+            whole = _HEAD.size <= size <= (_FRAME_OBJECT_MAX if kind in _FRAMES else _OBJECT_MAX)
             if not last and (whole or not size) and found + max(size, _HEAD.size) > len(data):
                 self._rest = data[found:]
                 break
             if not whole or found + size > len(data):
-                if kind == CONTAINER and whole and data.find(OBJECT, found + 4) < 0:
-                    yield data[found:]  # the file was cut off in it; what is there can be unpacked
+                if kind == _CONTAINER and whole and data.find(_OBJECT, found + 4) < 0:
+                    yield data[found:]  # the file is cut off in it; the part that is there can be unpacked
                     lost += found + size - len(data)
                     break
-                at, lost = found + len(OBJECT), lost + len(OBJECT)
+                at, lost = found + len(_OBJECT), lost + len(_OBJECT)
                 continue
             if lost:
                 yield lost
@@ -86,7 +86,7 @@ class _Objects:
 
 
 def read_blf(data: bytes) -> Iterator[RecordedItem]:
-    """The frames of a BLF file, and what is damaged in it.
+    """The frames of a BLF file, and its damaged parts.
 
     >>> list(read_blf(b"LOGG"))[0].why
     'the BLF file is damaged: its header is cut off'
@@ -109,11 +109,11 @@ def read_blf(data: bytes) -> Iterator[RecordedItem]:
 
 
 def _pieces(data: bytes) -> Iterator[bytes | int | str]:
-    """Objects, those in containers too; a number for so many bytes that are none; words for a damaged container."""
+    """Objects, also those in containers; a number for bytes that are not an object; a text for a damaged container."""
     inner = _Objects()
     begin = max(int.from_bytes(data[4:8], "little"), _START_AT + 2 * _TIMES.size)
     for outer in _Objects().feed(data[begin:], last=True):
-        if isinstance(outer, int) or _kind(outer) != CONTAINER:
+        if isinstance(outer, int) or _kind(outer) != _CONTAINER:
             yield outer
             continue
         unpacked = _unpack(outer)
@@ -125,7 +125,7 @@ def _pieces(data: bytes) -> Iterator[bytes | int | str]:
 
 
 def _start(data: bytes) -> float:
-    """When the measurement began; 0 where nobody knows."""
+    """The start of the measurement in seconds since 1970; 0 if it is not a time."""
     year, month, _, day, hour, minute, second, millisecond = _TIMES.unpack_from(data, _START_AT)
     try:
         return datetime(year, month, day, hour, minute, second, millisecond * 1000, UTC).timestamp()
@@ -138,7 +138,7 @@ def _kind(piece: bytes) -> int:
 
 
 def _unpack(container: bytes) -> bytes | str:
-    """What is in a container, or why it cannot be had. Of one that is cut off, what is there."""
+    """The content of a container, or the reason why it cannot be unpacked. Part of it if it is cut off."""
     body = container[_HEAD.size + 16 :]
     if len(container) < _HEAD.size + 16:
         return "a container is cut off"
@@ -146,22 +146,22 @@ def _unpack(container: bytes) -> bytes | str:
     if method == 0:
         return body
     if method != 2:
-        return f"a container is packed in the way {method}, which nobody knows"
+        return f"a container is packed with the unknown method {method}"
     unpacking = zlib.decompressobj()
     try:
-        data = unpacking.decompress(body, CONTAINER_MAX)
+        data = unpacking.decompress(body, _CONTAINER_MAX)
     except zlib.error as error:
         return f"a container cannot be unpacked: {' '.join(str(error).split())}"
-    return data if not unpacking.unconsumed_tail else f"a container holds more than {CONTAINER_MAX >> 20} MiB"
+    return data if not unpacking.unconsumed_tail else f"a container holds more than {_CONTAINER_MAX >> 20} MiB"
 
 
 def _items(piece: bytes | int, start: float, at: float, number: int, buses: set[str]) -> Iterator[RecordedItem]:
-    """The item that an object is, if it is one of CAN."""
+    """The item of an object, if it is an object for CAN."""
     if isinstance(piece, int):
-        yield unread(at, number, f"the BLF file is damaged here: {piece} bytes that are no object", "")
+        yield unread(at, number, f"the BLF file is damaged here: {piece} bytes that are not an object", "")
         return
     kind = _kind(piece)
-    if kind not in _FRAMES and kind != LOST:
+    if kind not in _FRAMES and kind != _LOST:
         return
     head = int.from_bytes(piece[4:6], "little")
     if not _BARE <= head <= len(piece):
@@ -169,7 +169,7 @@ def _items(piece: bytes | int, start: float, at: float, number: int, buses: set[
         return
     flags, _, _, time = _STAMP.unpack_from(piece, _HEAD.size)
     at = start + time * (1e-5 if flags == 1 else 1e-9)
-    if kind == LOST:
+    if kind == _LOST:
         yield from (Dropped(at, bus, 0) for bus in buses)
         return
     try:
@@ -186,7 +186,7 @@ def _frame(kind: int, piece: bytes, head: int) -> tuple[int, AnyFrame]:
     """The channel, from 1, and the frame."""
     body = piece[head:]
     if kind in (_ERROR, _ERROR_EXT):
-        return struct.unpack_from("<H", body)[0], _NO_FRAME
+        return struct.unpack_from("<H", body)[0], _BUS_ERROR
     if kind in (_FRAME, _FRAME_2):
         channel, flags, length, word, data = _CLASSICAL.unpack_from(body)
         number, extended = _identifier(word, body)
@@ -200,7 +200,7 @@ def _frame(kind: int, piece: bytes, head: int) -> tuple[int, AnyFrame]:
         is_fd, speed = bool(fd & 1), fd >> 1 & 3
     else:
         channel, code, length, _, word, _, fd, _, behind, _ = _FD_64_BODY.unpack_from(body)
-        # What stands behind the data counts from the start of the object. Zeros at the end of the data may be left out.
+        # `behind` counts from the start of the object. Zeros at the end of the data may be left out.
         data = piece[head + _FD_64_BODY.size : behind or None].ljust(length, b"\0")
         remote = bool(fd & 0x10)
         is_fd, speed = bool(fd & 0x1000), fd >> 13 & 3

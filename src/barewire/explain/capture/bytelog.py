@@ -1,11 +1,11 @@
-"""What people record of a line: logs with times, and dumps without.
+"""Logs of a serial line as text: bytes with times, and dumps without.
 
     12.345678 01 03 00 00 00 02 C4 0B         seconds; also (12.345678), [12.345678] and 10:31:18.25
-    01 03 00 00 00 02 C4 0B                   no time: a line is what came in one piece
+    01 03 00 00 00 02 C4 0B                   no time: a line is one piece
     00000000: 0103 0000 0002 c40b  ......     xxd or hexdump -C: one piece, however many lines
-    # anything                                a remark, and so are empty lines
+    # anything                                a comment, like an empty line
 
-The bytes are written in any of the ways of `text.parse_hex`; behind > or < (who spoke) is fine too.
+The bytes are in any notation of `input.text.parse_hex`; a direction mark (> or <) may come before them.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import NamedTuple
 from barewire.errors import DecodeError
 from barewire.explain.input.text import parse_hex
 
-STEP = 0.1
-"""Seconds between two lines without times: silence enough to end a frame, and not too much to wait for an answer."""
+_STEP = 0.1
+"""Seconds between two lines without times: long enough to end a frame, short enough to wait for an answer."""
 
 _OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{6,8}(?:: ?|  )(?=[0-9A-Fa-f]{2})")
 _TIME = re.compile(r"[(\[]?(?:(?:(\d+):)?(\d+):)?(\d+[.,]\d+|\d+(?=[)\]]))[)\]]?:?\s+")
@@ -25,28 +25,28 @@ _MARK = re.compile(r"(?:<-|->|[<>]|[RT]X:?)\s*", re.IGNORECASE)
 
 
 class Chunk(NamedTuple):
-    """Bytes that came together, the last of them at `at`, in seconds."""
+    """Bytes received together, the last of them at `at`, in seconds."""
 
     at: float
     data: bytes
 
 
 class Log(NamedTuple):
-    """What was read; `timed` says whether the times mean anything."""
+    """The content of a log; `timed` is false if its times are made up."""
 
     chunks: list[Chunk]
     timed: bool
 
 
 def parse_log(text: str) -> Log:
-    """The log as bytes and times.
+    """Parse a log into bytes and times.
 
     >>> parse_log("12.5 01 03\\n0:13.5 83 02").chunks
     [Chunk(at=12.5, data=b'\\x01\\x03'), Chunk(at=13.5, data=b'\\x83\\x02')]
     >>> parse_log("00000000: 0103 0002\\n00000004: 8302").chunks
     [Chunk(at=0.0, data=b'\\x01\\x03\\x00\\x02\\x83\\x02')]
 
-    Raises DecodeError with the number of the line that cannot be read.
+    Raises DecodeError with the number of a line that cannot be read.
     """
     chunks: list[Chunk] = []
     dumped, timed, now = False, False, 0.0
@@ -62,7 +62,7 @@ def parse_log(text: str) -> Log:
             now = 3600 * int(hours or 0) + 60 * int(minutes or 0) + float(seconds.replace(",", "."))
             content, timed = content[time.end() :], True
         elif chunks and not timed:
-            now += STEP
+            now += _STEP
         data = _bytes(_MARK.sub("", content, count=1), number)
         if offset is not None and dumped:
             chunks[-1] = Chunk(chunks[-1].at, chunks[-1].data + data)

@@ -21,7 +21,7 @@ _ERROR = re.compile(r"[23][0-9A-Fa-f]{7}#")  # bit 29 above the identifier: an e
 
 
 def parse_any_can(text: str) -> AnyFrame:
-    """The same, and CAN FD frames and error frames where candump writes them.
+    """Parse a CAN frame, a CAN FD frame or an error frame.
 
     >>> str(parse_any_can("(1.5) can0 123##1AABB")), parse_any_can("can0 20000040 [8] 00 00 00 00 00 00 00 00").text
     ('123##1AABB', 'bus off')
@@ -36,7 +36,7 @@ def parse_any_can(text: str) -> AnyFrame:
 
 
 def parse_can(text: str) -> CanFrame:
-    """A CAN frame from a line of candump, or from the short forms that people write into their notes.
+    """Parse a classical CAN frame, from a line of candump or from a short form.
 
     >>> str(parse_can("(1234.5) can0 605#40.41.60.00"))
     '605#40416000'
@@ -50,34 +50,34 @@ def parse_can(text: str) -> CanFrame:
         if tokens and tokens[0][1] in ("RX", "TX"):  # candump -x: direction, and two flags
             tokens = tokens[3:]
     if not tokens:
-        raise unreadable("short", text, len(text), "no CAN frame: expected something like 605#4041600000000000")
+        raise unreadable("short", text, len(text), "not a CAN frame: expected something like 605#4041600000000000")
     (at, first), rest = tokens[0], tokens[1:]
     if "#" in first:
         if rest and (len(rest) > 1 or rest[0][1] not in ("R", "T")):
-            raise unreadable("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over behind the frame")
+            raise unreadable("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over after the frame")
         return _parsed(text, at, first)
     return _in_columns(text, at, first, rest)
 
 
 def _is_bus(token: str) -> bool:
-    """A name such as can0. `CA0` could be both, and is an identifier."""
+    """Whether the token is the name of a bus, such as can0. `CA0` could be both and is an identifier."""
     return _BUS.fullmatch(token) is not None and not set(token) <= HEX_DIGITS and not token.startswith("0x")
 
 
 def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> CanFrame:
-    """identifier, [length], bytes; each with its place in the text."""
+    """Parse identifier, [length], bytes; each token comes with its place in the text."""
     start = 2 if HEX_PREFIX.match(first) else 0
     identifier = first[start:].removesuffix("h")
     for place, character in enumerate(identifier, start=at + start):
         if character not in HEX_DIGITS:
-            raise unreadable("character", text, place, f"{character!r} at {place} is no hexadecimal digit")
+            raise unreadable("character", text, place, f"{character!r} at {place} is not a hexadecimal digit")
     length: int | None = None
-    if rest and (told := re.fullmatch(r"\[(\d+)\]", rest[0][1])):
-        length, rest = int(told.group(1)), rest[1:]
+    if rest and (given := re.fullmatch(r"\[(\d+)\]", rest[0][1])):
+        length, rest = int(given.group(1)), rest[1:]
     if rest and rest[0][1] in ("remote", "R", "RTR"):
         body = f"R{length or 0}"
     else:
-        # candump -a prints the characters behind the bytes, in quotes.
+        # candump -a prints the characters in quotes after the bytes.
         quoted = next((place for place, (_, token) in enumerate(rest) if token.startswith("'")), len(rest))
         data = b"".join(parse_hex_token(text, place, token) for place, token in rest[:quoted])
         if length is not None and length != len(data):
@@ -88,10 +88,10 @@ def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> 
 
 
 def _parsed(text: str, at: int, frame: str) -> CanFrame:
-    """`CanFrame.parse`, with its complaint placed in the whole text."""
+    """`CanFrame.parse`, with the place of an error in the whole text."""
     try:
         return CanFrame.parse(frame)
     except DecodeError as error:
         place = min(at + error.at, len(text))
-        words = f"{text[place : place + 1]!r} is no hexadecimal digit" if error.reason == "character" else error.text
+        words = f"{text[place : place + 1]!r} is not a hexadecimal digit" if error.reason == "character" else error.text
         raise unreadable(error.reason, text, place, f"{words}, at {place}") from None

@@ -1,18 +1,18 @@
-"""Lines of candump, in all its forms, and the line of its log written back.
+"""Lines of candump in all its forms, read; and the line of its log, written.
 
     (1700000000.000100) can0 605#4041600000000000          -L and -l: the log; 705#R1 remote, 123##1AABB CAN FD,
     (1700000000.000100) can0 20000004#0001000000000000 R      20000004#... an error frame; R or T with -x
-      can0  605   [8]  40 41 60 00 00 00 00 00             the screen; behind it '@A`.....' with -a
+      can0  605   [8]  40 41 60 00 00 00 00 00             the screen; with -a '@A`.....' after it
      (0000.000800)  can0  605   [8]  40 41 ...             -t d: since the line before; -t z: since the first
      (2026-11-21 11:52:00.000100)  can0  605   [8] ...     -t A
       can0  RX - -  605   [8]  40 41 60                    -x: direction, bit rate switch, error state
       can0  605   [8]  00`00`00`00`00`60`41`40             -S: the last byte first;   -i: 01000000 01000001 ...
       can0  123  [12]  AA BB ...                           a length of two digits: CAN FD
-      can0  20000004   [8]  00 01 ...   ERRORFRAME         behind it, with -e, lines that begin with a tab
+      can0  20000004   [8]  00 01 ...   ERRORFRAME         with -e followed by lines that begin with a tab
     DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)
 
-Times of -t d and -t z cannot be told apart by one line: `Screen` takes them for differences as soon as one is smaller
-than the one before, which those since the first never are.
+One line does not show whether its time is of -t d or -t z. Times are differences if one of them is smaller than the one
+before, which times since the first line never are.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, C
 from barewire.errors import DecodeError, Reason
 from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
 
-STEP = 0.001
+_STEP = 0.001
 """Seconds between two lines without times."""
-ERROR_FLAG = 0x2000_0000
+_ERROR_FLAG = 0x2000_0000
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _DROPS = re.compile(r"DROPCOUNT: dropped (\d+) CAN frames? on '([^']*)'")
@@ -45,20 +45,20 @@ def _wrong(reason: Reason, text: str, at: int, words: str) -> DecodeError:
 
 
 def log_line(at: float, bus: str, frame: AnyFrame) -> str:
-    """The line of the log.
+    """Format the line of the log.
 
     >>> log_line(12.5, "can0", CanFrame.parse("705#R1"))
     '(0000000012.500000) can0 705#R1'
     """
     if isinstance(frame, ErrorFrame):
-        text = f"{frame.classes | ERROR_FLAG:08X}#{frame.data.hex().upper()}"
+        text = f"{frame.classes | _ERROR_FLAG:08X}#{frame.data.hex().upper()}"
     else:
         text = str(frame)
     return f"({max(0.0, at):017.6f}) {bus} {text}"
 
 
 def parse_frame(text: str) -> AnyFrame:
-    """The part with the '#': a classical frame, a CAN FD frame or an error frame.
+    """Parse a frame in the notation with '#': classical, CAN FD or error frame.
 
     >>> parse_frame("123##1AABB"), parse_frame("20000040#0000000000000000").text
     (FdFrame(id=291, data=b'\\xaa\\xbb', extended=False, flags=1), 'bus off')
@@ -70,7 +70,7 @@ def parse_frame(text: str) -> AnyFrame:
         number, extended = _identifier(identifier, text)
         digits = body[2:].replace(".", "")
         if len(body) < 2 or body[1] not in "0123456789ABCDEFabcdef":
-            raise _wrong("short", text, len(text), "behind ## stand the flags of CAN FD, one digit")
+            raise _wrong("short", text, len(text), "## is followed by the flags of CAN FD, one digit")
         data = _data(digits, text)
         if len(data) > FD_MAX:
             raise _wrong("long", text, len(text), f"{len(data)} bytes: a CAN FD frame has at most {FD_MAX}")
@@ -80,7 +80,7 @@ def parse_frame(text: str) -> AnyFrame:
         if len(data) > DATA_MAX:
             raise _wrong("long", text, len(text), f"{len(data)} bytes: an error frame has at most {DATA_MAX}")
         return ErrorFrame(int(identifier, 16) & EXTENDED_MAX, data)
-    return CanFrame.parse(re.sub(r"_[9A-Fa-f]$", "", text))  # _9 to _F: a length code above 8, of 8 bytes all the same
+    return CanFrame.parse(re.sub(r"_[9A-Fa-f]$", "", text))  # _9 to _F: a length code above 8, which means 8 bytes
 
 
 def _is_error(identifier: str) -> bool:
@@ -88,7 +88,7 @@ def _is_error(identifier: str) -> bool:
         number = int(identifier, 16)
     except ValueError:
         return False
-    return bool(number & ERROR_FLAG) and number <= ERROR_FLAG | EXTENDED_MAX
+    return bool(number & _ERROR_FLAG) and number <= _ERROR_FLAG | EXTENDED_MAX
 
 
 def _identifier(digits: str, text: str) -> tuple[int, bool]:
@@ -110,7 +110,7 @@ def _data(digits: str, text: str) -> bytes:
 
 
 def parse_columns(text: str) -> tuple[str, AnyFrame]:
-    """Bus and frame of a line of the screen, without its time. Raises DecodeError.
+    """Parse bus and frame of a line of the screen without its time. Raises DecodeError.
 
     >>> bus, frame = parse_columns("vcan0  705   [1]  remote request")
     >>> bus, str(frame)
@@ -118,14 +118,14 @@ def parse_columns(text: str) -> tuple[str, AnyFrame]:
     """
     match = _COLUMNS.match(text)
     if match is None:
-        raise _wrong("delimiter", text, 0, "no line of candump: expected bus, identifier, [length], bytes")
+        raise _wrong("delimiter", text, 0, "not a line of candump: expected bus, identifier, [length], bytes")
     rest, digits, is_raw = match["rest"], match["id"], match["open"] == "{"
     length = int(match["length"], 16 if is_raw else 10) if match["length"].isdecimal() or is_raw else -1
     fd = len(match["length"]) == 2 and not is_raw
     if is_raw:
         length = min(length, DATA_MAX)
     if not 0 <= length <= (FD_MAX if fd else DATA_MAX) or (fd and length not in FD_LENGTHS):
-        raise _wrong("value", text, match.start("length"), f"length [{match['length']}] is none of a CAN frame")
+        raise _wrong("value", text, match.start("length"), f"length [{match['length']}] is impossible for CAN")
     if "remote request" in rest:
         number, extended = _identifier(digits, text)
         return match["bus"], CanFrame(number, b"", extended, True, length)
@@ -137,9 +137,9 @@ def parse_columns(text: str) -> tuple[str, AnyFrame]:
 
 
 def _bytes(rest: str, length: int, text: str) -> bytes:
-    """So many bytes, in one of the three ways to print them; what stands behind them is for people."""
+    """Parse `length` bytes in one of the three notations; the characters after them are ignored."""
     tokens = rest.split()
-    if tokens and "`" in tokens[0]:  # swapped: the delimiter stands between the bytes
+    if tokens and "`" in tokens[0]:  # -S: in reverse order, with a delimiter
         tokens = list(reversed(tokens[0].split("`")))
     tokens = tokens[:length]
     if len(tokens) < length:
@@ -154,23 +154,23 @@ def _bytes(rest: str, length: int, text: str) -> bytes:
 
 
 def _seconds(stamp: str) -> float:
-    """A time as a number. Raises ValueError, also for what only Python takes for one."""
+    """A time as a number. Raises ValueError, also for notations that only Python accepts."""
     if not _NUMBER.fullmatch(stamp):
         raise ValueError(stamp)
     return float(stamp)
 
 
 class _Times:
-    """What the stamps of the screen mean: absolute ones count from 1970, small ones from the first or the last line."""
+    """The times of the lines: absolute ones count from 1970, small ones from the first or the last line."""
 
     def __init__(self, differences: bool) -> None:
         self._differences = differences
         self._now = 0.0
 
-    def take(self, stamp: str | None) -> float:
-        """The time of a line. Raises ValueError for what is no time."""
+    def read(self, stamp: str | None) -> float:
+        """The time of the next line. Raises ValueError if the stamp is not a time."""
         if stamp is None:
-            self._now += STEP
+            self._now += _STEP
         elif "-" in stamp:
             self._now = datetime.fromisoformat(stamp).replace(tzinfo=UTC).timestamp()
         else:
@@ -180,7 +180,7 @@ class _Times:
 
 
 def _are_differences(lines: list[str]) -> bool:
-    """Whether the stamps are those of -t d: small, and not growing all the time."""
+    """Whether the times are those of -t d: small, and not always increasing."""
     last = -1.0
     for line in lines:
         match = _TIME.match(_ANSI.sub("", line).strip())
@@ -199,7 +199,7 @@ def _are_differences(lines: list[str]) -> bool:
 
 
 def is_candump(text: str) -> bool:
-    """Whether one of the first lines is one of candump's."""
+    """Whether one of the first lines is a line of candump."""
     for line in text.splitlines()[:50]:
         plain = _ANSI.sub("", line).strip()
         if _DROPS.match(plain) or _LOG.match(plain):
@@ -210,7 +210,7 @@ def is_candump(text: str) -> bool:
 
 
 def read_candump(text: str) -> Iterator[RecordedItem]:
-    """The frames of a log or of what was on the screen.
+    """The frames of a log or of screen output.
 
     >>> [str(item.frame) for item in read_candump("(1.5) can0 705#05\\n  can0  705   [1]  7F")]
     ['705#05', '705#7F']
@@ -221,14 +221,14 @@ def read_candump(text: str) -> Iterator[RecordedItem]:
     for number, line in enumerate(lines, start=1):
         plain = _ANSI.sub("", line)
         if not plain.strip() or plain.startswith("\t") or plain.lstrip().startswith("# "):
-            continue  # empty, the words of -e for the error frame above, a remark
+            continue  # empty, the text of -e for the error frame above, a comment
         plain = plain.strip()
         if drops := _DROPS.match(plain):
             yield Dropped(at, drops[2], int(drops[1]))
             continue
         try:
             stamp = _TIME.match(plain)
-            at = times.take(stamp[1] if stamp else None)
+            at = times.read(stamp[1] if stamp else None)
             rest = plain[stamp.end() :] if stamp else plain
             bus, _, after = rest.partition(" ")
             if "#" in after and (log := after.split()) and "#" in log[0]:
@@ -238,4 +238,4 @@ def read_candump(text: str) -> Iterator[RecordedItem]:
         except DecodeError as error:
             yield unread(at, number, error, line)
         except ValueError:
-            yield unread(at, number, "the time in brackets is none", line)
+            yield unread(at, number, "the text in brackets is not a time", line)

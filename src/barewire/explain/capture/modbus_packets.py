@@ -1,12 +1,12 @@
-"""Modbus frames as packets that Wireshark opens, and back.
+"""Modbus frames in packets that Wireshark reads: written and read.
 
     TCP        Ethernet | IPv4 | TCP, port 502 | MBAP | unit | PDU
     RTU        Ethernet | IPv4 | UDP, port 5020 | unit | PDU | CRC        dissected with -o mbrtu.udp.port:5020
 
-There is no link type for RTU that keeps the direction of a frame, so the ports say it: the server has the port of the
-server. ASCII frames, which no dissector reads, are written as the RTU frames of the same letters. Checksums are right
-and sequence numbers follow each other, so nothing is painted red. Read are IPv4 and IPv6 over Ethernet (with VLAN
-tags), raw IP, Linux's cooked form and the loopback of BSD; fragments of IP are passed over.
+No link type for RTU keeps the direction of a frame, so the ports show it: the server has the server port. ASCII frames,
+which no dissector reads, are written as RTU frames with the same PDU. Checksums and sequence numbers are correct, so
+Wireshark reports no errors. It reads IPv4 and IPv6 over Ethernet (with VLAN tags), raw IP, the cooked formats of Linux
+and the BSD loopback; IP fragments are skipped.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ _TCP, _UDP = 6, 17
 _VERSIONS = {b"\x08\x00": 4, b"\x86\xdd": 6}
 _FRAGMENT = 44
 _EXTENSIONS = frozenset({0, 43, _FRAGMENT, 60})
-"""Headers of IPv6 that may stand before the one of TCP or UDP: hop by hop, routing, fragment, destination."""
+"""IPv6 headers that may come before TCP or UDP: hop by hop, routing, fragment, destination."""
 _LINKS = {ETHERNET: 14, 0: 4, 101: 0, 228: 0, 12: 0, 113: 16, 276: 20}
 """Link type -> bytes before the IP packet."""
 
-TcpPair = tuple[bytes, int, bytes, int]
+ConnectionKey = tuple[bytes, int, bytes, int]
 
 
 class ModbusPayload(NamedTuple):
-    """Bytes of one direction of a connection. `connection` is the client's address and port, then the server's."""
+    """Modbus bytes of one packet. `connection` is the address and port of the client, then of the server."""
 
     at: float
     protocol: Protocol
     from_client: bool
     data: bytes
-    connection: TcpPair
+    connection: ConnectionKey
     sequence: int | None = None
 
 
 class PacketBuilder:
-    """Makes packets of frames; remembers the sequence numbers of its one TCP connection."""
+    """Builds packets from frames, with the sequence numbers of one TCP connection."""
 
     def __init__(self, port: int = 502) -> None:
         self._port = port
@@ -80,7 +80,7 @@ def _ip(protocol: int, payload: bytes, checksum_at: int, from_client: bool) -> b
 
 
 def _checksum(data: bytes) -> int:
-    """The one's complement of the one's complement sum, as IP, UDP and TCP have it."""
+    """The checksum of IP, UDP and TCP: the one's complement of the one's complement sum."""
     total: int = sum(struct.unpack(f">{(len(data) + 1) // 2}H", data + bytes(len(data) % 2)))
     while total > 0xFFFF:
         total = (total & 0xFFFF) + (total >> 16)
@@ -88,7 +88,7 @@ def _checksum(data: bytes) -> int:
 
 
 def modbus_payload(packet: Packet, ports: Container[int] = MODBUS_PORTS) -> ModbusPayload | None:
-    """What the packet carries of Modbus: to or from one of `ports` on TCP, or 5020 on UDP. None for all others."""
+    """The Modbus bytes of a packet to or from one of `ports` on TCP, or 5020 on UDP. None for other packets."""
     data, version = packet.data, 0
     skip = _LINKS.get(packet.link)
     if skip is None:
@@ -97,7 +97,7 @@ def modbus_payload(packet: Packet, ports: Container[int] = MODBUS_PORTS) -> Modb
         while data[skip - 2 : skip] in (b"\x81\x00", b"\x88\xa8"):
             skip += 4
         version = _VERSIONS.get(data[skip - 2 : skip], -1)
-    opened = _open_ip(data[skip:])
+    opened = _ip_payload(data[skip:])
     if opened is None or version not in (0, data[skip] >> 4):
         return None
     kind, ends, inner = opened
@@ -116,22 +116,22 @@ _Ends = tuple[bytes, bytes]
 """Source and destination address: 4 bytes each, or 16."""
 
 
-def _open_ip(ip: bytes) -> tuple[int, _Ends, bytes] | None:
-    """What is inside a packet of either version: its kind, whose it is, the bytes. None for a fragment, or no IP."""
+def _ip_payload(ip: bytes) -> tuple[int, _Ends, bytes] | None:
+    """Protocol, addresses and payload of an IP packet of either version. None for a fragment, or if it is not IP."""
     version = ip[0] >> 4 if ip else 0
     if version == 6:
-        return _open_ipv6(ip)
+        return _ipv6_payload(ip)
     if version != 4 or len(ip) < 20:
         return None
     head, size = 4 * (ip[0] & 0x0F), int.from_bytes(ip[2:4], "big")
     if int.from_bytes(ip[6:8], "big") & 0x3FFF or head < 20:
         return None
-    # A size of 0: the network card was to fill it in.
+    # A size of 0 is left to the network card.
     return ip[9], (bytes(ip[12:16]), bytes(ip[16:20])), ip[head : size or None]
 
 
-def _open_ipv6(ip: bytes) -> tuple[int, _Ends, bytes] | None:
-    """Forty bytes, then headers that each name the next one."""
+def _ipv6_payload(ip: bytes) -> tuple[int, _Ends, bytes] | None:
+    """A header of 40 bytes, then extension headers that each name the next one."""
     if len(ip) < 40:
         return None
     size, kind = int.from_bytes(ip[4:6], "big"), ip[6]

@@ -1,8 +1,8 @@
-"""What a recording of a CAN bus consists of, whatever file it comes from.
+"""The items of a recording of CAN buses, the same for all file formats.
 
         Recorded(at, bus, frame)      a frame, classical, CAN FD or error, on the bus of that name, at that time
-        Dropped(at, bus, frames)       the recorder itself says that it lost so many frames (0: some)
-        Unread(at, line, why, text)   a line or record that cannot be read; the reader goes on behind it
+        Dropped(at, bus, frames)      the recorder reports that it lost so many frames (0: unknown number)
+        Unread(at, line, why, text)   a line or record that cannot be read; reading goes on after it
 
 `line` counts from 1: lines of a text, packets of a capture.
 """
@@ -15,12 +15,12 @@ from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
-"""How many bytes the 16 data length codes of CAN FD mean."""
+"""The lengths in bytes of the 16 data length codes of CAN FD."""
 FD_MAX = 64
 
 
 class Unread(NamedTuple):
-    """What cannot be read and was passed by."""
+    """A line or record that cannot be read and was skipped."""
 
     at: float
     line: int
@@ -38,7 +38,7 @@ class Recorded(NamedTuple):
 
 
 class Dropped(NamedTuple):
-    """The recorder could not keep up, or its controller could not."""
+    """The recorder or its controller lost frames."""
 
     at: float
     bus: str
@@ -47,11 +47,11 @@ class Dropped(NamedTuple):
 
 RecordedItem: TypeAlias = Recorded | Dropped | Unread
 
-TEXT_SHOWN = 60
+_TEXT_SHOWN = 60
 
 
 def unread(at: float, line: int, error: DecodeError | str, text: str) -> Unread:
-    """A line that cannot be read, shown in part if it is long."""
+    """An `Unread` item; a long text is cut."""
     why = error.text if isinstance(error, DecodeError) else error
     clean = "".join(character if character.isprintable() else "." for character in text.strip())
-    return Unread(at, line, why, clean if len(clean) <= TEXT_SHOWN else f"{clean[: TEXT_SHOWN - 3]}...")
+    return Unread(at, line, why, clean if len(clean) <= _TEXT_SHOWN else f"{clean[: _TEXT_SHOWN - 3]}...")

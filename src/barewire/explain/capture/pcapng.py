@@ -1,11 +1,10 @@
-"""Capture files, in and out: pcapng as Wireshark writes it, and its forerunner pcap. Pure: bytes to packets and back.
+"""Capture files: pcapng read and written, pcap read. Bytes to packets and back, without file access.
 
-    | type 4 | length 4 | body, filled up to 4 | length 4 |       a block; which end comes first is told by the section
+    | type 4 | length 4 | body, padded to 4 | length 4 |       a block; the section header determines the byte order
     section header 0A0D0D0A     interface 1: link type, units of time     packet 6, 3, 2: interface, time, length, bytes
 
-Written is one section, little-endian, times in microseconds. Read is what is needed of the rest:
-several sections and interfaces, both byte orders, other units of time, times from another start; unknown blocks are
-passed over.
+Files are written with one section, little-endian, times in microseconds. Files may be read with several sections and
+interfaces, both byte orders, other units and offsets of time; unknown blocks are skipped.
 """
 
 from __future__ import annotations
@@ -20,38 +19,38 @@ ETHERNET = 1
 _SECTION, _INTERFACE, _OLD, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _MAGIC = 0x1A2B3C4D
 _PCAP = {0xA1B2C3D4: 1_000_000, 0xA1B23C4D: 1_000_000_000}
-"""What a pcap file begins with, and so many units of its times are a second."""
+"""Magic number of a pcap file -> units of its times per second."""
 _RESOLUTION, _NAME, _OFFSET = 9, 2, 14
-"""The options of an interface: in which units times are counted, what it is called, seconds to add to its times."""
+"""Options of an interface: unit of its times, name, seconds to add to its times."""
 _DROPPED = 4
-"""The option of a packet that says how many before it were lost."""
+"""Option of a packet: the number of packets lost before it."""
 
 
 class Packet(NamedTuple):
-    """What was captured at `at`, in seconds since 1970, and how to read its first bytes."""
+    """One packet captured at `at`, in seconds since 1970. `link` is the type of its first header."""
 
     at: float
     data: bytes
     link: int = ETHERNET
     interface: str = ""  # its name, or its number if there are several
-    dropped: int = 0  # so many before it were lost by whoever recorded
+    dropped: int = 0  # packets that the recorder lost before this one
 
 
 def file_header(link: int | None = ETHERNET) -> bytes:
-    """How a file begins: a section, and its interface (none yet with None)."""
+    """The beginning of a file: a section, and one interface unless `link` is None."""
     section = struct.pack("<IHHq", _MAGIC, 1, 0, -1)
     return _block(_SECTION, section) + (b"" if link is None else interface_block(link))
 
 
 def interface_block(link: int, name: str = "") -> bytes:
-    """One more interface of the section: number 0 is the first."""
+    """One more interface; they are numbered from 0."""
     text = name.encode()
     option = struct.pack("<HH", _NAME, len(text)) + text + bytes(-len(text) % 4) + bytes(4) if text else b""
     return _block(_INTERFACE, struct.pack("<HHI", link, 0, 0) + option)
 
 
 def packet_block(at: float, data: bytes, interface: int = 0) -> bytes:
-    """One packet: what is put behind the header, as often as there is something to put.
+    """One packet, to append to the file.
 
     >>> read_packets(file_header() + packet_block(12.5, b"abc"))[0][:3]
     (12.5, b'abc', 1)
@@ -68,17 +67,17 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def is_capture(data: bytes) -> bool:
-    """Whether the bytes begin like a file of either kind."""
+    """Whether the bytes begin like a pcapng or pcap file."""
     return data[:4] == _SECTION.to_bytes(4, "big") or _pcap_order(data) is not None
 
 
 def read_packets(data: bytes) -> list[Packet]:
-    """The packets of a pcapng or pcap file. DecodeError says where it is none, or where it is cut off."""
+    """The packets of a pcapng or pcap file. Raises DecodeError where it is cut off or damaged, or if it is neither."""
     return list(iter_packets(data))
 
 
 def iter_packets(data: bytes) -> Iterator[Packet]:
-    """The same one by one: what stands before the place where a file is cut off can be had."""
+    """The packets one by one, so that those before a damaged place can be used."""
     return _read_pcap(data) if _pcap_order(data) else _read_pcapng(data)
 
 
@@ -116,7 +115,7 @@ def _read_pcapng(data: bytes) -> Iterator[Packet]:
         if data[at : at + 4] == _SECTION.to_bytes(4, "big"):
             magic = data[at + 8 : at + 12]
             if magic not in (_MAGIC.to_bytes(4, "little"), _MAGIC.to_bytes(4, "big")):
-                raise DecodeError("value", data[at : at + 12], 8, "a section without the number that tells the order")
+                raise DecodeError("value", data[at : at + 12], 8, "a section without its magic number")
             order = "<" if magic == _MAGIC.to_bytes(4, "little") else ">"
             interfaces = []
         kind, size = struct.unpack_from(f"{order}II", data, at)
@@ -133,7 +132,7 @@ def _read_pcapng(data: bytes) -> Iterator[Packet]:
                 number, dropped = struct.unpack_from(f"{order}HH", body)
                 dropped = 0 if dropped == 0xFFFF else dropped  # not known
             if number >= len(interfaces):
-                text = f"a packet of the interface {number} at byte {at}, and there are {len(interfaces)}"
+                text = f"a packet of interface {number} at byte {at}, but the file has {len(interfaces)}"
                 raise DecodeError("value", data[at : at + 16], 8, text)
             link, unit, name, start = interfaces[number]
             yield Packet(start + ((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
@@ -159,7 +158,7 @@ def _interface(body: bytes, order: str, number: int) -> _Interface:
 
 
 def _options(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """The options behind the fixed part of a block, as far as they go."""
+    """The options after the fixed part of a block, up to a damaged one."""
     at = 0
     while at + 4 <= len(data):
         code, size = struct.unpack_from(f"{order}HH", data, at)
@@ -170,11 +169,11 @@ def _options(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _unit(options: dict[int, bytes]) -> int:
-    """How many units of the times of an interface are a second: a million where nothing is said."""
-    told = options.get(_RESOLUTION, b"")
-    if len(told) != 1:
+    """The units of time per second of an interface: a million by default."""
+    resolution = options.get(_RESOLUTION, b"")
+    if len(resolution) != 1:
         return 1_000_000
-    return int(2 ** (told[0] & 0x7F) if told[0] & 0x80 else 10 ** told[0])
+    return int(2 ** (resolution[0] & 0x7F) if resolution[0] & 0x80 else 10 ** resolution[0])
 
 
 def _cut(data: bytes, at: int) -> DecodeError:

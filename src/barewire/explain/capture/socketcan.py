@@ -1,9 +1,9 @@
-"""CAN frames in captures: link type 227, LINKTYPE_CAN_SOCKETCAN, written and read.
+"""CAN frames in captures, read and written: link type 227, LINKTYPE_CAN_SOCKETCAN.
 
         identifier 4, big-endian                    length 1   flags 1   0   0   data
         bit 31 extended, 30 remote, 29 error frame             04: CAN FD, 01: bit rate switch, 02: error passive
 
-The same frames come inside Linux's cooked forms (113, 276) when a capture is of all interfaces at once.
+A capture of all interfaces has the same frames in the cooked formats of Linux (113, 276).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from barewire.explain.capture.pcapng import Packet
 
 SOCKETCAN = 227
 _COOKED = {113: (14, 16), 276: (0, 20)}
-"""Link type -> where the kind of the packet stands, and where the packet begins."""
+"""Link type -> offset of the protocol type, offset of the frame."""
 _KINDS = {b"\x00\x0c": False, b"\x00\x0d": True}
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _FD = 0x04
@@ -25,7 +25,7 @@ _HEAD = struct.Struct(">IBBBB")
 
 
 def is_can_packet(packet: Packet) -> bool:
-    """Whether a packet is a CAN frame at all, readable or not.
+    """Whether a packet is a CAN frame, readable or not.
 
     >>> is_can_packet(Packet(0.0, to_packet(CanFrame.parse("705#05")), SOCKETCAN))
     True
@@ -48,7 +48,7 @@ def to_packet(frame: AnyFrame) -> bytes:
 
 
 def from_packet(packet: Packet) -> AnyFrame:
-    """The frame that a packet carries. Raises DecodeError for one that is cut short or says what cannot be.
+    """The frame in a packet. Raises DecodeError if it is cut short or impossible.
 
     >>> str(from_packet(Packet(0.0, bytes.fromhex("0000060508000000 4041600000000000"), SOCKETCAN)))
     '605#4041600000000000'

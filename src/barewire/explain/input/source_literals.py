@@ -1,12 +1,12 @@
-"""Bytes in the dress of a programming language: what is around them is taken off, where it can only be that.
+"""Bytes as a programming language writes them: the syntax around them is removed, string escapes are decoded.
 
     uint8_t ask[] = {0x01, 0x03};    bytes([1, 3])    bytes.fromhex("0103")    [01][03]    <01> <03>
-    b'\\x01\\x03\\n'                   a string of bytes: its escapes, and its characters as they are
-    [1, 3, 0, 0, 0, 10]    1 3 197 205    {1, 3, -59}        numbers to the base 10
+    b'\\x01\\x03\\n'                   a string of bytes: escapes and plain characters
+    [1, 3, 0, 0, 0, 10]    1 3 197 205    {1, 3, -59}        decimal numbers
 
-Digits are hexadecimal unless nobody could mean that: a number of three digits is no byte in hexadecimal, and a list of
-numbers in brackets with commas is a program's, in which hexadecimal has its 0x. `1 3 10` could be either, and is asked
-back about. Characters that are taken off become blanks, so that places in the text stay what they were.
+Digits are hexadecimal unless that is impossible: a number of three digits is not a byte in hexadecimal, and a list in
+brackets with commas is from a program, where hexadecimal has 0x. `1 3 10` could be either and raises DecodeError.
+Removed characters become blanks, so that places in the text do not change.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _BEFORE = (
         r"^\s*(?:new\s+)?(?:bytes|bytearray|byte|Uint8Array|vec)(?:\.fromhex)?(?:\[\s*\d*\s*\]|!)?(?=\s*[({\[])"
     ),
     re.compile(r"^\s*&(?=\[)"),
-    re.compile(r"^\s*b(?=(['\"])[0-9A-Fa-f\s]*\1[\s;)]*$)"),  # b'0103': what hexlify gives
+    re.compile(r"^\s*b(?=(['\"])[0-9A-Fa-f\s]*\1[\s;)]*$)"),  # b'0103', the output of hexlify
 )
 _CLOSES = {"{": "}", "[": "]", "(": ")", "<": ">"}
 _ONE_BY_ONE = re.compile(r"\s*(?:[<\[({]\s*(?:0[xX])?[0-9A-Fa-f]{2}[hH]?\s*[>\])}][\s,;]*)+")
@@ -38,7 +38,7 @@ def _wrong(text: str, at: int, words: str) -> DecodeError:
 
 
 def strip_syntax(text: str) -> tuple[str, bool]:
-    """The text without what is around its bytes, and whether they stood in a list: in brackets, with commas.
+    """The text without the syntax around its bytes, and whether it is a list: in brackets, with commas.
 
     >>> strip_syntax("{0x01, 0x03};")
     (' 0x01, 0x03  ', True)
@@ -56,7 +56,7 @@ def strip_syntax(text: str) -> tuple[str, bool]:
         first, last = text[start : start + 1], text[end - 1 : end]
         inner = text[start + 1 : end - 1]
         is_pair = end - start > 1 and (_CLOSES.get(first) == last or first == last in ("'", '"'))
-        # A pair that closes inside is no pair around all of it: [12] 01 [03]
+        # A pair that closes inside does not enclose all of the text: [12] 01 [03]
         if is_pair and last not in re.sub(r"\(.*\)|\[.*\]", "", inner):
             listed = listed or (first in "{[(" and "," in inner)
             text = text[:start] + " " + inner + " " * (len(text) - end + 1)
@@ -66,7 +66,7 @@ def strip_syntax(text: str) -> tuple[str, bool]:
 
 
 def parse_string_literal(text: str) -> bytes | None:
-    """The bytes of a string with escapes, or of b'...'; None for anything else, such as digits in quotes.
+    """The bytes of a string with escapes, or of b'...'; None for other text, such as digits in quotes.
 
     >>> parse_string_literal(r"b'\\x01\\x03\\n'"), parse_string_literal('"0103"'), parse_string_literal("b'0103'")
     (b'\\x01\\x03\\n', None, None)
@@ -76,7 +76,7 @@ def parse_string_literal(text: str) -> bytes | None:
         return None
     prefix, body = found[1], found[3]
     if "\\" not in body and (not prefix or re.fullmatch(r"[0-9A-Fa-f\s]*", body)):
-        return None  # hexadecimal digits, as hexlify gives them
+        return None  # hexadecimal digits, the output of hexlify
     data = bytearray()
     for piece in _ESCAPE.finditer(body):
         pair, octal, letter = piece.groups()
@@ -86,17 +86,17 @@ def parse_string_literal(text: str) -> bytes | None:
         elif letter:
             number = _LETTERS[letter]
         elif piece[0] == "\\":
-            raise _wrong(text, at, f"{body[piece.start() : piece.start() + 4]!r} at {at} is no escape of a byte")
+            raise _wrong(text, at, f"{body[piece.start() : piece.start() + 4]!r} at {at} is not an escape of a byte")
         else:
             number = ord(piece[0])
         if number > 255:
-            raise _wrong(text, at, f"{piece[0]!r} at {at} is no byte")
+            raise _wrong(text, at, f"{piece[0]!r} at {at} is not a byte")
         data.append(number)
     return bytes(data)
 
 
 def parse_decimal(text: str, listed: bool) -> bytes | None:
-    """The bytes of numbers to the base 10, where nothing else can be meant; None where it is hexadecimal.
+    """The bytes of decimal numbers, if the text cannot be hexadecimal; None if it is hexadecimal.
 
     >>> parse_decimal("1, 3, 0, 0, 0, 10, 197, 205", False).hex(" "), parse_decimal("01 03 10", False)
     ('01 03 00 00 00 0a c5 cd', None)
@@ -107,13 +107,13 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
         return None
     if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
         return None
-    has_long, has_short = any(len(one) == 3 for one in numbers), any(len(one) == 1 for one in numbers)
+    has_three, has_one = any(len(one) == 3 for one in numbers), any(len(one) == 1 for one in numbers)
     if any(one.startswith("-") for one in numbers) and not listed:
         return None
-    if max(map(len, numbers)) > 4 or (not has_long and not has_short and not listed):
-        return None  # 0103 0000: digits in groups; 10 20 30: hexadecimal like all that has two digits
+    if max(map(len, numbers)) > 4 or (not has_three and not has_one and not listed):
+        return None  # 0103 0000: groups of digits; 10 20 30: two digits are hexadecimal
     shown = text.strip()[:40]
-    if not (has_long or (listed and has_short) or max(map(len, numbers)) == 1):
+    if not (has_three or (listed and has_one) or max(map(len, numbers)) == 1):
         raise _wrong(text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x")
     for at, token in tokens:
         if not -128 <= int(token) <= 255:

@@ -1,11 +1,10 @@
-"""What people paste, as bytes or a frame: every way of writing hexadecimal, and the lines of candump.
+"""Bytes from text as people paste it: every usual notation of hexadecimal, source literals, and dumps.
 
     rtu, tcp   01 04 0F B1    01040fb1    0x01,0x04    01-04-0F-B1    01:04    \\x01\\x04    01h 04h
-               as a program has them (`dress`)         as xxd, hexdump -C and tshark -x print them (`dump`)
+               literals of a program (`source_literals`)    xxd, hexdump -C and tshark -x (`hexdump`)
     ascii      :01040FB1000239          with or without \\r\\n, typed or real; or the characters' codes: 3A 30 31 ...
-    can        605#4040600000000000     (1234.5) can0 605#...     605#R     605 40 40 60     can0 605 [8] 40 40 60 ...
 
-What cannot be read is one DecodeError that says which character it was, and where.
+Raises DecodeError with the character that cannot be read, and its place. For CAN frames see `capture.can_text`.
 """
 
 from __future__ import annotations
@@ -27,25 +26,25 @@ def unreadable(reason: Reason, text: str, at: int, words: str) -> DecodeError:
 
 
 def parse_hex(text: str) -> bytes:
-    """Hexadecimal digits in any usual dress.
+    """Parse hexadecimal digits in any usual notation.
 
     >>> parse_hex("0x01, 0x4, 0f-b1").hex(" ")
     '01 04 0f b1'
     >>> parse_hex("01 04 0G")
     Traceback (most recent call last):
-    barewire.errors.DecodeError: 'G' at 7 is no hexadecimal digit (character, at byte 7 of 30 31 20 30 34 20 30 47)
+    barewire.errors.DecodeError: 'G' at 7 is not a hexadecimal digit (character, at byte 7 of 30 31 20 30 34 20 30 47)
 
-    A single digit is a byte only behind 0x: in `1 4 FB1` nobody knows where a byte begins. Offsets count from 0.
+    A single digit is a byte only after 0x: in `1 4 FB1` the bytes are ambiguous. Offsets count from 0.
     """
     dumped = parse_dump(text)
     if dumped is not None:
         return dumped
     text, listed = strip_syntax(text)
-    said = parse_string_literal(text)
-    if said is None:
-        said = parse_decimal(text, listed)
-    if said is not None:
-        return said
+    literal = parse_string_literal(text)
+    if literal is None:
+        literal = parse_decimal(text, listed)
+    if literal is not None:
+        return literal
     found = bytearray()
     for token in _TOKEN.finditer(text):
         found += parse_hex_token(text, token.start(), token.group())
@@ -66,7 +65,7 @@ def parse_hex_token(text: str, at: int, token: str) -> bytes:
 def _pairs(text: str, at: int, digits: str, lone: bool) -> bytes:
     for place, character in enumerate(digits):
         if character not in HEX_DIGITS:
-            raise unreadable("character", text, at + place, f"{character!r} at {at + place} is no hexadecimal digit")
+            raise unreadable("character", text, at + place, f"{character!r} at {at + place} is not a hexadecimal digit")
     if lone and len(digits) == 1:
         digits = "0" + digits
     if len(digits) % 2 or not digits:
@@ -75,7 +74,7 @@ def _pairs(text: str, at: int, digits: str, lone: bool) -> bytes:
 
 
 def parse_ascii(text: str) -> bytes:
-    """The characters of an ASCII frame, from the frame as it is typed or from their codes.
+    """The characters of an ASCII frame, from the frame itself or from the codes of its characters.
 
     >>> parse_ascii(r":01040FB1000239\\r\\n") == parse_ascii("3A 30 31 30 34 30 46 42 31 30 30 30 32 33 39 0D 0A")
     True
@@ -95,6 +94,6 @@ def parse_ascii(text: str) -> bytes:
 
 
 def _unquoted(typed: str) -> str:
-    """The characters in quotes, as a program's source or its log has them: b':0104...'."""
+    """The characters without quotes, such as those of b':0104...' in a source or a log."""
     found = re.fullmatch(r"\s*b?(['\"])(:.*)\1[\s;]*", typed, re.DOTALL)
     return typed if found is None else found[2]
