@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from barewire import ascii as ascii_room, rtu, tcp
 from barewire.canopen import CanFrame
 from barewire.errors import DecodeError
-from barewire.explain import Explanation, Protocol, Role, explain, explain_text
+from barewire.explain import Explanation, FrameRole, ProtocolName, explain, explain_text
 from barewire.explain.modbus.frames import explain_ascii
 from barewire.modbus import decode_request, decode_response
 from barewire.modbus.messages import registry as functions
@@ -61,7 +61,7 @@ def covers(said: Explanation, size: int) -> None:
 @thorough
 @given(st.data(), st.sampled_from(["rtu", "ascii", "tcp"]), ROLES)
 def test_every_byte_of_a_modbus_frame_is_in_one_field(
-    data: st.DataObject, protocol: Protocol, role: Role | None
+    data: st.DataObject, protocol: ProtocolName, role: FrameRole | None
 ) -> None:
     frame = data.draw(FRAMES[protocol])
     cut = data.draw(st.sampled_from([frame, frame[:-1], frame[1:], frame + b"\x00\r"]))
@@ -70,7 +70,7 @@ def test_every_byte_of_a_modbus_frame_is_in_one_field(
 
 @thorough
 @given(FRAMES["ascii"], ROLES)
-def test_every_typed_character_is_in_one_field(frame: bytes, role: Role | None) -> None:
+def test_every_typed_character_is_in_one_field(frame: bytes, role: FrameRole | None) -> None:
     covers(explain_ascii(frame, role, typed=True), len(frame))
 
 
@@ -107,20 +107,20 @@ def test_valid_means_that_the_decoders_agree(pdu: bytes, unit: int) -> None:
 
 @thorough
 @given(st.sampled_from(["rtu", "ascii", "tcp", "can"]), st.text(max_size=40))
-def test_any_text_is_explained_or_refused_in_one_line(protocol: Protocol, text: str) -> None:
+def test_any_text_is_explained_or_refused_in_one_line(protocol: ProtocolName, text: str) -> None:
     with suppress(DecodeError):
         assert explain_text(protocol, text).lines()
 
 
 @thorough
 @given(st.sampled_from(["rtu", "tcp", "can"]), st.text(r"0123456789ABCDEFghx\xR#[]() ,.:can'", max_size=30))
-def test_text_that_is_nearly_right_is_explained_or_refused(protocol: Protocol, text: str) -> None:
+def test_text_that_is_nearly_right_is_explained_or_refused(protocol: ProtocolName, text: str) -> None:
     with suppress(DecodeError):
         assert explain_text(protocol, text).lines()
 
 
 @thorough
 @given(st.sampled_from(["rtu", "ascii", "tcp"]), st.text("013479abcx\\\"'{}[]<>();:=,- \n.|", max_size=40))
-def test_text_in_nearly_the_dress_of_a_program_is_explained_or_refused(protocol: Protocol, text: str) -> None:
+def test_text_in_nearly_the_dress_of_a_program_is_explained_or_refused(protocol: ProtocolName, text: str) -> None:
     with suppress(DecodeError):
         assert explain_text(protocol, text).lines()

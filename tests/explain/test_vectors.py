@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from barewire import rtu
-from barewire.explain import Explanation, Role, explain
+from barewire.explain import Explanation, FrameRole, explain
 
 VECTORS = Path(__file__).parent.parent.parent / "vectors"
 BYTES_OF = {"rtu-frame": "frame", "tcp-frame": "frame", "ascii-frame": "text", "pdu": "pdu"}
@@ -33,7 +33,7 @@ def vectors() -> list[Any]:
 
 
 def of_vector(kind: str, case: dict[str, Any]) -> Explanation:
-    side: Role | None = case.get("side")
+    side: FrameRole | None = case.get("side")
     if kind == "ascii-frame":
         return explain("ascii", case["text"].encode("latin-1"), side)
     if kind == "pdu":

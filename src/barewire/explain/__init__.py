@@ -1,4 +1,4 @@
-"""Paste a frame, learn something: every byte of it by name, value and meaning, and a verdict.
+"""Explains frames: every byte with its name, value and meaning, and a verdict.
 
     >>> print(*explain_text("rtu", "01 04 0F B1 00 02 22 F8").lines(), sep="\\n")
     0  01     unit           1             unit 1
@@ -8,26 +8,21 @@
     6  22 F8  CRC                          CRC ok
     valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
 
-Every byte is in exactly one field, in order, however broken the frame is; and nothing that comes in can raise. Files:
+Every byte is in exactly one field, in order, however broken the frame is, and no input raises. The files in reading
+order:
 
-    protocols    the two ways in                       text    what people paste
-    dress, dump  what programs and tools put around bytes
-    explanation  the value, its lines and its dict     words   the sentences
-    pdu          the letter: request or response?      can     whose identifier is it?
-    modbus       the three envelopes around it         sdo, lss  the two services with tables of their own
+    result       the explanation: fields, verdict, lines, dict
+    input/       bytes from text: hexadecimal, source literals, hex dumps
+    modbus/      Modbus PDUs and the three frames around them; exchanges on a line as text
+    canopen/     CAN frames by service; SDO, LSS; descriptions of nodes
+    capture/     recordings: pcapng, candump, ASC, BLF, logs; Modbus and CAN in them
+    can_monitor/ a monitor for CANopen buses: transfers, states, broken rules
+    api          `explain` and `explain_text`
 
-    replay       a recording of a line, decoded        overheard  what was heard there, in words
-    pcapng, packets  captures, and Modbus in them      bytelog    logs and dumps
-
-    can_recording  a recording of a CAN bus, decoded   listen/    what was heard there: transfers, states, broken rules
-    candump, asc   its forms as text                   socketcan  its frames in captures
-    recorded       what all forms are made of
-
-I know: the shape of every message.  I never know: devices, ports, files, clocks, colours.
-Who may import me: shells, cli, bench, tests.
+Depends on: modbus, canopen, rtu, ascii, tcp, devices. No ports, files or clocks. Used by: io, cli, bench, tests.
 """
 
 from barewire.explain.api import explain, explain_text
-from barewire.explain.result import ExplainedField, Explanation, Problem, Protocol, Role
+from barewire.explain.result import ExplainedField, Explanation, FrameRole, Problem, ProtocolName
 
-__all__ = ["explain", "explain_text", "Explanation", "ExplainedField", "Problem", "Protocol", "Role"]
+__all__ = ["explain", "explain_text", "Explanation", "ExplainedField", "Problem", "ProtocolName", "FrameRole"]

@@ -14,10 +14,10 @@ from barewire.explain.canopen.frame import explain_can
 from barewire.explain.capture.can_text import parse_any_can
 from barewire.explain.input.text import parse_ascii, parse_hex
 from barewire.explain.modbus.frames import explain_ascii, explain_rtu, explain_tcp
-from barewire.explain.result import Explanation, Protocol, Role
+from barewire.explain.result import Explanation, FrameRole, ProtocolName
 
-_PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
-_ROLES: tuple[Role, ...] = get_args(Role)
+_PROTOCOLS: tuple[ProtocolName, ...] = get_args(ProtocolName)
+_ROLES: tuple[FrameRole, ...] = get_args(FrameRole)
 
 
 def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> Explanation:
@@ -62,7 +62,7 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
         raise DecodeError(error.reason, error.data, error.at, error.text + other) if other else error from None
 
 
-def _with_hint(explanation: Explanation, text: str, role: Role | None = None) -> Explanation:
+def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:
     """The explanation; if its envelope is broken and the text is a frame of another protocol, the error names that.
 
     >>> explain_text("tcp", "01 04 0F B1 00 02 22 F8").verdict.partition("; ")[2]
@@ -77,7 +77,7 @@ def _with_hint(explanation: Explanation, text: str, role: Role | None = None) ->
     return replace(explanation, error=error._replace(text=error.text + other)) if other else explanation
 
 
-def _other(protocol: str, text: str, role: Role | None) -> str:
+def _other(protocol: str, text: str, role: FrameRole | None) -> str:
     """The text read in another protocol: '; as tcp it is ...'; empty if it fits none."""
     for name in ("tcp", "rtu", "ascii", "can"):
         try:
@@ -98,7 +98,7 @@ def _other(protocol: str, text: str, role: Role | None) -> str:
     return ""
 
 
-def _checked(protocol: str, role: str | None) -> Role | None:
+def _checked(protocol: str, role: str | None) -> FrameRole | None:
     """Check protocol and role: both come from a command line as plain text."""
     if protocol not in _PROTOCOLS:
         raise EncodeError(f"protocol {protocol!r}: expected {', '.join(_PROTOCOLS)}", "protocol")

@@ -22,8 +22,8 @@ from typing import Literal, NamedTuple
 from barewire.codecs import Field
 from barewire.errors import DecodeError, Reason
 
-Protocol = Literal["rtu", "ascii", "tcp", "can"]
-Role = Literal["request", "response"]
+ProtocolName = Literal["rtu", "ascii", "tcp", "can"]
+FrameRole = Literal["request", "response"]
 
 LEFT_OVER = "left over"
 _HEX_SHOWN = 8
@@ -81,8 +81,8 @@ class Explanation:
     `summary` is the message in one line; the verdict shows it only if the frame is valid.
     """
 
-    protocol: Protocol
-    role: Role | None
+    protocol: ProtocolName
+    role: FrameRole | None
     fields: tuple[ExplainedField, ...]
     error: Problem | None
     summary: str
@@ -151,6 +151,11 @@ def fill_gaps(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
 def counted(number: int, noun: str = "byte") -> str:
     """A number of things: '1 byte', '2 bytes'."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def text_error(reason: Reason, text: str, at: int, message: str) -> DecodeError:
+    """The error for a text that cannot be read at character `at`."""
+    return DecodeError(reason, text.encode("latin-1", "replace"), at, message)
 
 
 def shifted(fields: Iterable[Field], by: int) -> list[Field]:

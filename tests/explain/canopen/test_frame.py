@@ -7,7 +7,7 @@ import pytest
 from barewire.canopen import CanFrame
 from barewire.canopen.lss.messages import LSS_ANSWERS, LSS_REQUESTS
 from barewire.errors import EncodeError
-from barewire.explain import Explanation, Role, explain, explain_text
+from barewire.explain import Explanation, FrameRole, explain, explain_text
 from barewire.explain.canopen.frame import explain_segment
 
 
@@ -75,7 +75,7 @@ def test_what_is_wrong_and_where(frame: str, reason: str, at: int) -> None:
 
 
 @pytest.mark.parametrize(("frame", "role"), [("605#40", "request"), ("585#60", "response"), ("185#01", None)])
-def test_the_identifier_tells_the_role(frame: str, role: Role | None) -> None:
+def test_the_identifier_tells_the_role(frame: str, role: FrameRole | None) -> None:
     assert of(frame).role == role
 
 

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from barewire import rtu, tcp
-from barewire.explain import ExplainedField, Explanation, Role, explain
+from barewire.explain import ExplainedField, Explanation, FrameRole, explain
 from barewire.explain.modbus.frames import explain_ascii
 from barewire.modbus.messages import registry as functions
 
 
-def of_rtu(pdu: str, role: Role | None = None, unit: int = 1) -> Explanation:
+def of_rtu(pdu: str, role: FrameRole | None = None, unit: int = 1) -> Explanation:
     return explain("rtu", rtu.encode(unit, bytes.fromhex(pdu)), role)
 
 
@@ -89,7 +89,7 @@ def test_the_dict_has_these_keys_and_is_json() -> None:
         ("41 01 02", None),
     ],
 )
-def test_the_shape_tells_who_speaks(pdu: str, role: Role | None) -> None:
+def test_the_shape_tells_who_speaks(pdu: str, role: FrameRole | None) -> None:
     said = of_rtu(pdu)
     assert (said.role, said.valid) == (role, True)
 
@@ -105,7 +105,7 @@ def test_what_could_be_both_is_called_a_request_and_says_so(pdu: str) -> None:
 @pytest.mark.parametrize(
     ("pdu", "role"), [("04 0FB1 0000", "request"), ("04 04 0000 0110 22", "response"), ("03 02 01", "response")]
 )
-def test_a_damaged_message_is_who_it_is_nearer_to(pdu: str, role: Role) -> None:
+def test_a_damaged_message_is_who_it_is_nearer_to(pdu: str, role: FrameRole) -> None:
     said = of_rtu(pdu)
     assert (said.role, said.valid) == (role, False)
 
@@ -211,7 +211,7 @@ def test_a_cut_field_keeps_its_name() -> None:
         ("01 03 02 0001", "response", "79 84"),
     ],
 )
-def test_a_frame_without_its_crc_is_taught_and_not_valid(frame: str, role: Role, crc: str) -> None:
+def test_a_frame_without_its_crc_is_taught_and_not_valid(frame: str, role: FrameRole, crc: str) -> None:
     said = explain("rtu", bytes.fromhex(frame))
     whole = explain("rtu", bytes.fromhex(frame + crc))
     assert (said.role, whole.role, said.valid, whole.valid) == (role, role, False, True)

@@ -29,8 +29,8 @@ from barewire.explain.canopen.sdo import explain_sdo, with_object_names
 from barewire.explain.result import (
     ExplainedField,
     Explanation,
+    FrameRole,
     Problem,
-    Role,
     as_problem,
     counted,
     explained_fields,
@@ -53,7 +53,7 @@ _LENGTHS: dict[str, tuple[int, ...]] = {
     "LSS request": (8,),
     "LSS answer": (8,),
 }
-_ROLES: dict[str, Role] = {
+_ROLES: dict[str, FrameRole] = {
     "SDO request": "request",
     "SDO answer": "response",
     "LSS request": "request",

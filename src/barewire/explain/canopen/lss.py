@@ -22,7 +22,7 @@ from barewire.canopen.lss.messages import (
 )
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.explain.result import Role, fill_gaps
+from barewire.explain.result import FrameRole, fill_gaps
 
 _PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
 """The four numbers of an LSS address: field of `LssAddress` -> name in the standard."""
@@ -74,7 +74,7 @@ _ANSWERED: dict[LssService, Layout] = {
 }
 
 
-def explain_lss(data: bytes, role: Role) -> tuple[list[Field], DecodeError | None, str]:
+def explain_lss(data: bytes, role: FrameRole) -> tuple[list[Field], DecodeError | None, str]:
     """Fields, error and summary of an LSS frame. Never raises.
 
     >>> explain_lss(bytes.fromhex("1105000000000000"), "request")[2]

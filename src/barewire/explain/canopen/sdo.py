@@ -18,7 +18,7 @@ from barewire.canopen.sdo.messages.initiate import Abort, InitiateUpload, has_re
 from barewire.codecs import BitPattern, Field, codec
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError
-from barewire.explain.result import Role, counted, fill_gaps
+from barewire.explain.result import FrameRole, counted, fill_gaps
 
 if TYPE_CHECKING:
     from barewire.explain.canopen.known_node import KnownObject
@@ -159,7 +159,7 @@ _RESPONSES = (
 )
 
 
-def explain_sdo(data: bytes, role: Role) -> ExplainedSdo:
+def explain_sdo(data: bytes, role: FrameRole) -> ExplainedSdo:
     """Explain the data of an SDO frame. Never raises; `error` holds the fault.
 
     >>> frame = explain_sdo(bytes.fromhex("4B41600037060000"), "response")
@@ -195,13 +195,13 @@ def with_object_names(
         return fields, summary
     place = f"{index:04X}h:{sub:02X}"
     summary = summary.replace(place, f"{place} {known.name}", 1)
-    words = {"index": known.name}
+    meanings = {"index": known.name}
     if (value := held.get("data")) is not None:
         read = known.read(data[value.offset : value.offset + value.length])
         if read:
-            words["data"] = read
+            meanings["data"] = read
             summary += f", {read}"
-    return [field._replace(meaning=words.get(field.name, field.meaning)) for field in fields], summary
+    return [field._replace(meaning=meanings.get(field.name, field.meaning)) for field in fields], summary
 
 
 def numeric_readings(data: bytes) -> str:
@@ -228,7 +228,7 @@ def _text(data: bytes) -> str:
     return repr(data.decode("ascii")) if data and all(32 <= byte < 127 for byte in data) else ""
 
 
-def _command_text(name: str, row: CommandRow, command: int, role: Role, bits: dict[str, int]) -> str:
+def _command_text(name: str, row: CommandRow, command: int, role: FrameRole, bits: dict[str, int]) -> str:
     """The name, the meaning of the bits, and the bits."""
     details = []
     if "e" in bits:
@@ -244,10 +244,10 @@ def _command_text(name: str, row: CommandRow, command: int, role: Role, bits: di
         details.append(f"{counted(7 - bits['n'])} in the last segment")
     specifier = "cs" if name == "abort" else "ccs" if role == "request" else "scs"
     drawn = ", ".join([f"{specifier} {command >> 5}", *(f"{letter} {bit}" for letter, bit in bits.items())])
-    words = f"{name}{': ' + ', '.join(details) if details else ''} ({drawn})"
+    text = f"{name}{': ' + ', '.join(details) if details else ''} ({drawn})"
     if has_reserved_bits(row.pattern, command):
-        words += "; " + _dialect(row, command)
-    return words
+        text += "; " + _dialect(row, command)
+    return text
 
 
 def _dialect(row: CommandRow, command: int) -> str:

@@ -1,1 +1,13 @@
-"""."""
+"""Recordings of lines and buses, read and written. Bytes and text in, items out; no file access.
+
+    model                     the items of a CAN recording
+    candump, asc, blf         file formats for CAN
+    pcapng                    packets of capture files
+    socketcan                 CAN frames in packets
+    can_text                  one CAN frame, pasted
+    modbus_packets            Modbus frames in packets
+    bytelog                   logs of serial lines
+    modbus_replay             any recording of Modbus, decoded by the sniffer
+
+Depends on: canopen, modbus.sniffer, rtu, ascii, tcp, explain.input. Used by: explain.can_monitor, explain.api, io, cli.
+"""

@@ -13,8 +13,8 @@ from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.errors import DecodeError
 from barewire.explain.capture.candump import parse_frame, read_candump
 from barewire.explain.capture.model import Recorded
-from barewire.explain.input.text import HEX_DIGITS, HEX_PREFIX, parse_hex_token, unreadable
-from barewire.explain.result import counted
+from barewire.explain.input.text import HEX_DIGITS, HEX_PREFIX, parse_hex_token
+from barewire.explain.result import counted, text_error
 
 _BUS = re.compile(r"(?i)[vsx]?l?can\d*|[a-z]+\d+")
 _ERROR = re.compile(r"[23][0-9A-Fa-f]{7}#")  # bit 29 above the identifier: an error frame
@@ -50,11 +50,11 @@ def parse_can(text: str) -> CanFrame:
         if tokens and tokens[0][1] in ("RX", "TX"):  # candump -x: direction, and two flags
             tokens = tokens[3:]
     if not tokens:
-        raise unreadable("short", text, len(text), "not a CAN frame: expected something like 605#4041600000000000")
+        raise text_error("short", text, len(text), "not a CAN frame: expected something like 605#4041600000000000")
     (at, first), rest = tokens[0], tokens[1:]
     if "#" in first:
         if rest and (len(rest) > 1 or rest[0][1] not in ("R", "T")):
-            raise unreadable("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over after the frame")
+            raise text_error("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over after the frame")
         return _parsed(text, at, first)
     return _in_columns(text, at, first, rest)
 
@@ -70,7 +70,7 @@ def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> 
     identifier = first[start:].removesuffix("h")
     for place, character in enumerate(identifier, start=at + start):
         if character not in HEX_DIGITS:
-            raise unreadable("character", text, place, f"{character!r} at {place} is not a hexadecimal digit")
+            raise text_error("character", text, place, f"{character!r} at {place} is not a hexadecimal digit")
     length: int | None = None
     if rest and (given := re.fullmatch(r"\[(\d+)\]", rest[0][1])):
         length, rest = int(given.group(1)), rest[1:]
@@ -82,7 +82,7 @@ def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> 
         data = b"".join(parse_hex_token(text, place, token) for place, token in rest[:quoted])
         if length is not None and length != len(data):
             words = f"the length is [{length}], but {counted(len(data))} of data follow"
-            raise unreadable("length", text, rest[0][0] if rest else len(text), words)
+            raise text_error("length", text, rest[0][0] if rest else len(text), words)
         body = data.hex()
     return _parsed(text, at, f"{identifier.rjust(3, '0')}#{body}")
 
@@ -94,4 +94,4 @@ def _parsed(text: str, at: int, frame: str) -> CanFrame:
     except DecodeError as error:
         place = min(at + error.at, len(text))
         words = f"{text[place : place + 1]!r} is not a hexadecimal digit" if error.reason == "character" else error.text
-        raise unreadable(error.reason, text, place, f"{words}, at {place}") from None
+        raise text_error(error.reason, text, place, f"{words}, at {place}") from None

@@ -22,8 +22,9 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
-from barewire.errors import DecodeError, Reason
+from barewire.errors import DecodeError
 from barewire.explain.capture.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
+from barewire.explain.result import text_error
 
 _STEP = 0.001
 """Seconds between two lines without times."""
@@ -38,10 +39,6 @@ _COLUMNS = re.compile(
     r"(?P<bus>\S+)\s+(?:(?:RX|TX)\s+[-B]\s+[-E]\s+)?(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+"
     r"(?P<open>[\[{])(?P<length>[0-9A-Fa-f]{1,2})[\]}](?P<rest>.*)$"
 )
-
-
-def _wrong(reason: Reason, text: str, at: int, words: str) -> DecodeError:
-    return DecodeError(reason, text.encode("latin-1", "replace"), at, words)
 
 
 def log_line(at: float, bus: str, frame: AnyFrame) -> str:
@@ -70,15 +67,15 @@ def parse_frame(text: str) -> AnyFrame:
         number, extended = _identifier(identifier, text)
         digits = body[2:].replace(".", "")
         if len(body) < 2 or body[1] not in "0123456789ABCDEFabcdef":
-            raise _wrong("short", text, len(text), "## is followed by the flags of CAN FD, one digit")
+            raise text_error("short", text, len(text), "## is followed by the flags of CAN FD, one digit")
         data = _data(digits, text)
         if len(data) > FD_MAX:
-            raise _wrong("long", text, len(text), f"{len(data)} bytes: a CAN FD frame has at most {FD_MAX}")
+            raise text_error("long", text, len(text), f"{len(data)} bytes: a CAN FD frame has at most {FD_MAX}")
         return FdFrame(number, data, extended, int(body[1], 16) & 3)
     if len(identifier) == 8 and _is_error(identifier):
         data = _data(body.replace(".", ""), text)
         if len(data) > DATA_MAX:
-            raise _wrong("long", text, len(text), f"{len(data)} bytes: an error frame has at most {DATA_MAX}")
+            raise text_error("long", text, len(text), f"{len(data)} bytes: an error frame has at most {DATA_MAX}")
         return ErrorFrame(int(identifier, 16) & EXTENDED_MAX, data)
     return CanFrame.parse(re.sub(r"_[9A-Fa-f]$", "", text))  # _9 to _F: a length code above 8, which means 8 bytes
 
@@ -95,10 +92,12 @@ def _identifier(digits: str, text: str) -> tuple[int, bool]:
     try:
         number = int(digits, 16)
     except ValueError:
-        raise _wrong("character", text, 0, f"identifier {digits!r} is not hexadecimal") from None
+        raise text_error("character", text, 0, f"identifier {digits!r} is not hexadecimal") from None
     extended = len(digits) == 8
     if len(digits) not in (3, 8) or number > (EXTENDED_MAX if extended else BASE_MAX):
-        raise _wrong("value", text, 0, f"identifier {digits!r}: expected 3 hex digits up to 7FF, or 8 up to 1FFFFFFF")
+        raise text_error(
+            "value", text, 0, f"identifier {digits!r}: expected 3 hex digits up to 7FF, or 8 up to 1FFFFFFF"
+        )
     return number, extended
 
 
@@ -106,7 +105,7 @@ def _data(digits: str, text: str) -> bytes:
     try:
         return bytes.fromhex(digits)
     except ValueError:
-        raise _wrong("character", text, 0, f"{digits[:24]!r} is not bytes in hexadecimal") from None
+        raise text_error("character", text, 0, f"{digits[:24]!r} is not bytes in hexadecimal") from None
 
 
 def parse_columns(text: str) -> tuple[str, AnyFrame]:
@@ -118,14 +117,14 @@ def parse_columns(text: str) -> tuple[str, AnyFrame]:
     """
     match = _COLUMNS.match(text)
     if match is None:
-        raise _wrong("delimiter", text, 0, "not a line of candump: expected bus, identifier, [length], bytes")
+        raise text_error("delimiter", text, 0, "not a line of candump: expected bus, identifier, [length], bytes")
     rest, digits, is_raw = match["rest"], match["id"], match["open"] == "{"
     length = int(match["length"], 16 if is_raw else 10) if match["length"].isdecimal() or is_raw else -1
     fd = len(match["length"]) == 2 and not is_raw
     if is_raw:
         length = min(length, DATA_MAX)
     if not 0 <= length <= (FD_MAX if fd else DATA_MAX) or (fd and length not in FD_LENGTHS):
-        raise _wrong("value", text, match.start("length"), f"length [{match['length']}] is impossible for CAN")
+        raise text_error("value", text, match.start("length"), f"length [{match['length']}] is impossible for CAN")
     if "remote request" in rest:
         number, extended = _identifier(digits, text)
         return match["bus"], CanFrame(number, b"", extended, True, length)
@@ -143,14 +142,14 @@ def _bytes(rest: str, length: int, text: str) -> bytes:
         tokens = list(reversed(tokens[0].split("`")))
     tokens = tokens[:length]
     if len(tokens) < length:
-        raise _wrong("short", text, len(text), f"the length is [{length}], but {len(tokens)} bytes follow")
+        raise text_error("short", text, len(text), f"the length is [{length}], but {len(tokens)} bytes follow")
     base = 2 if tokens and all(len(token) == 8 and not token.strip("01") for token in tokens) else 16
     if base == 16 and any(len(token) != 2 for token in tokens):
-        raise _wrong("character", text, 0, f"{' '.join(tokens)[:24]!r} is not bytes")
+        raise text_error("character", text, 0, f"{' '.join(tokens)[:24]!r} is not bytes")
     try:
         return bytes(int(token, base) for token in tokens)
     except ValueError:
-        raise _wrong("character", text, 0, f"{' '.join(tokens)[:24]!r} is not bytes in hexadecimal") from None
+        raise text_error("character", text, 0, f"{' '.join(tokens)[:24]!r} is not bytes in hexadecimal") from None
 
 
 def _seconds(stamp: str) -> float:

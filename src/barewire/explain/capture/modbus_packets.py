@@ -16,7 +16,7 @@ from collections.abc import Container
 from typing import NamedTuple
 
 from barewire.explain.capture.pcapng import ETHERNET, Packet
-from barewire.explain.result import Protocol
+from barewire.explain.result import ProtocolName
 
 MODBUS_PORTS = frozenset({502})
 RTU_PORT = 5020
@@ -37,7 +37,7 @@ class ModbusPayload(NamedTuple):
     """Modbus bytes of one packet. `connection` is the address and port of the client, then of the server."""
 
     at: float
-    protocol: Protocol
+    protocol: ProtocolName
     from_client: bool
     data: bytes
     connection: ConnectionKey
@@ -149,7 +149,7 @@ def _ipv6_payload(ip: bytes) -> tuple[int, _Ends, bytes] | None:
 
 
 def _carried(
-    at: float, protocol: Protocol, from_client: bool, data: bytes, ends: _Ends, ports: tuple[int, int]
+    at: float, protocol: ProtocolName, from_client: bool, data: bytes, ends: _Ends, ports: tuple[int, int]
 ) -> ModbusPayload:
     both = [(ends[0], ports[0]), (ends[1], ports[1])]
     client, server = both if from_client else reversed(both)

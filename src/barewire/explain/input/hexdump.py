@@ -15,6 +15,7 @@ import re
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
+from barewire.explain.result import text_error
 
 _PAIRS = r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2})*"
 _GROUPS = r"(?:[0-9A-Fa-f]{2})+(?: (?:[0-9A-Fa-f]{2})+)*"
@@ -90,5 +91,5 @@ def _is_alone(found: DumpLine, line: str) -> bool:
     return found.offset == 0 or line.rstrip().endswith(characters)
 
 
-def _wrong(text: str, number: int, words: str) -> DecodeError:
-    return DecodeError("value", text.encode("latin-1", "replace"), 0, f"line {number}: {words}")
+def _wrong(text: str, number: int, message: str) -> DecodeError:
+    return text_error("value", text, 0, f"line {number}: {message}")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 
-from barewire.errors import DecodeError
+from barewire.explain.result import text_error
 
 _BEFORE = (
     re.compile(
@@ -31,10 +31,6 @@ _QUOTED = re.compile(r"\s*(b?)(['\"])(.*)\2[\s;]*", re.DOTALL)
 _ESCAPE = re.compile(r"\\(?:x([0-9A-Fa-f]{2})|([0-7]{1,3})|([abefnrtv\\'\"]))|\\|[^\\]", re.DOTALL)
 _LETTERS = {"a": 7, "b": 8, "e": 27, "f": 12, "n": 10, "r": 13, "t": 9, "v": 11, "\\": 92, "'": 39, '"': 34}
 _NUMBER = re.compile(r"-?\d+")
-
-
-def _wrong(text: str, at: int, words: str) -> DecodeError:
-    return DecodeError("value", text.encode("latin-1", "replace"), at, words)
 
 
 def strip_syntax(text: str) -> tuple[str, bool]:
@@ -86,11 +82,13 @@ def parse_string_literal(text: str) -> bytes | None:
         elif letter:
             number = _LETTERS[letter]
         elif piece[0] == "\\":
-            raise _wrong(text, at, f"{body[piece.start() : piece.start() + 4]!r} at {at} is not an escape of a byte")
+            raise text_error(
+                "value", text, at, f"{body[piece.start() : piece.start() + 4]!r} at {at} is not an escape of a byte"
+            )
         else:
             number = ord(piece[0])
         if number > 255:
-            raise _wrong(text, at, f"{piece[0]!r} at {at} is not a byte")
+            raise text_error("value", text, at, f"{piece[0]!r} at {at} is not a byte")
         data.append(number)
     return bytes(data)
 
@@ -114,8 +112,10 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
         return None  # 0103 0000: groups of digits; 10 20 30: two digits are hexadecimal
     shown = text.strip()[:40]
     if not (has_three or (listed and has_one) or max(map(len, numbers)) == 1):
-        raise _wrong(text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x")
+        raise text_error(
+            "value", text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x"
+        )
     for at, token in tokens:
         if not -128 <= int(token) <= 255:
-            raise _wrong(text, at, f"{token!r} at {at}: a byte is a number from 0 to 255")
+            raise text_error("value", text, at, f"{token!r} at {at}: a byte is a number from 0 to 255")
     return bytes(int(token) & 0xFF for token in numbers)

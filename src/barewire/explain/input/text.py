@@ -11,18 +11,15 @@ from __future__ import annotations
 
 import re
 
-from barewire.errors import DecodeError, Reason
+from barewire.errors import DecodeError
 from barewire.explain.input.hexdump import parse_dump
 from barewire.explain.input.source_literals import parse_decimal, parse_string_literal, strip_syntax
+from barewire.explain.result import text_error
 
 _TOKEN = re.compile(r"[^\s,;:|\-_.]+")
 HEX_PREFIX = re.compile(r"0[xX]|\\x")
 HEX_DIGITS = frozenset("0123456789abcdefABCDEF")
 _LINE_ENDS = {r"\r": "\r", r"\n": "\n", "<CR>": "\r", "<LF>": "\n"}
-
-
-def unreadable(reason: Reason, text: str, at: int, words: str) -> DecodeError:
-    return DecodeError(reason, text.encode("latin-1", "replace"), at, words)
 
 
 def parse_hex(text: str) -> bytes:
@@ -65,11 +62,11 @@ def parse_hex_token(text: str, at: int, token: str) -> bytes:
 def _pairs(text: str, at: int, digits: str, lone: bool) -> bytes:
     for place, character in enumerate(digits):
         if character not in HEX_DIGITS:
-            raise unreadable("character", text, at + place, f"{character!r} at {at + place} is not a hexadecimal digit")
+            raise text_error("character", text, at + place, f"{character!r} at {at + place} is not a hexadecimal digit")
     if lone and len(digits) == 1:
         digits = "0" + digits
     if len(digits) % 2 or not digits:
-        raise unreadable("length", text, at, f"{digits!r} at {at}: a byte has two hexadecimal digits")
+        raise text_error("length", text, at, f"{digits!r} at {at}: a byte has two hexadecimal digits")
     return bytes.fromhex(digits)
 
 

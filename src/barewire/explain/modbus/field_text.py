@@ -7,7 +7,7 @@ from 0, special units, function codes that are user-defined or reserved.
 from __future__ import annotations
 
 from barewire.codecs import Field
-from barewire.explain.result import Role
+from barewire.explain.result import FrameRole
 from barewire.modbus.exceptions import EXCEPTIONS, exception_name
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
@@ -81,7 +81,7 @@ def code_title(code: int) -> str:
     return f"{code:02X} {name or unnamed_code_text(code)}"
 
 
-def with_meanings(fields: list[Field], pdu: bytes, role: Role | None) -> list[Field]:
+def with_meanings(fields: list[Field], pdu: bytes, role: FrameRole | None) -> list[Field]:
     """The fields of a PDU, each with its meaning; meanings that a message class gives are kept."""
     held = {field.name: field.value for field in fields}
     start = held.get("address") if role == "request" else None

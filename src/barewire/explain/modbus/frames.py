@@ -20,8 +20,8 @@ from barewire.explain.modbus.field_text import unit_text
 from barewire.explain.modbus.pdu import ParsedPdu, explain_pdu, left_over_field
 from barewire.explain.result import (
     Explanation,
+    FrameRole,
     Problem,
-    Role,
     as_problem,
     counted,
     explained_field,
@@ -54,7 +54,7 @@ def _summary(parsed: ParsedPdu, unit: int, ending: str = "") -> str:
     return f"{direction} unit {unit}, {parsed.summary}{ending and '; '}{ending}{note}"
 
 
-def _is_bare(body: bytes, checked: int, role: Role | None) -> bool:
+def _is_bare(body: bytes, checked: int, role: FrameRole | None) -> bool:
     """Whether a unit and a PDU fit a message as they are, and do not without the last `checked` bytes.
 
     The checksum is often left out when a frame is written down. Only a known function shows that.
@@ -66,7 +66,7 @@ def _is_bare(body: bytes, checked: int, role: Role | None) -> bool:
 # RTU ---------------------------------------------------------------------------------------------------------------
 
 
-def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
+def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
     """Explain one RTU frame.
 
     >>> print(*explain_rtu(bytes.fromhex("010404000001103BC3"), "response").lines(), sep="\\n")
@@ -98,8 +98,8 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     fields += shifted(parsed.fields, 1)
     if len(body) < len(frame):
         right = crc16(body).to_bytes(2, "little")
-        words = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
-        fields.append(Field(len(body), 2, "CRC", int.from_bytes(frame[-2:], "little"), words))
+        meaning = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
+        fields.append(Field(len(body), 2, "CRC", int.from_bytes(frame[-2:], "little"), meaning))
     fields += left_over_field(len(frame), len(data), behind)
     summary = _summary(parsed, data[0], "CRC ok") if data else ""
     return Explanation(
@@ -107,7 +107,7 @@ def explain_rtu(data: bytes, role: Role | None = None) -> Explanation:
     )
 
 
-def _without_crc(data: bytes, role: Role | None) -> Explanation:
+def _without_crc(data: bytes, role: FrameRole | None) -> Explanation:
     """Explain a frame that lacks its CRC.
 
     >>> explain_rtu(bytes.fromhex("01030000000A")).verdict
@@ -120,7 +120,7 @@ def _without_crc(data: bytes, role: Role | None) -> Explanation:
     return Explanation("rtu", parsed.role, explained_fields(fields, data), Problem("short", len(data), text), text)
 
 
-def _end_of_first(data: bytes, role: Role | None) -> int | None:
+def _end_of_first(data: bytes, role: FrameRole | None) -> int | None:
     """The end of a complete frame with a good CRC, if more bytes follow: two frames pasted as one."""
     measures = {"request": (measure_request,), "response": (measure_response,)}
     for measure in measures.get(role or "", (measure_request, measure_response)):
@@ -133,7 +133,7 @@ def _end_of_first(data: bytes, role: Role | None) -> int | None:
 # ASCII -------------------------------------------------------------------------------------------------------------
 
 
-def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False) -> Explanation:
+def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = False) -> Explanation:
     """Explain one ASCII frame. With `typed` the CR LF may be missing, as in a line copied from a screen.
 
     >>> explain_ascii(b":01040FB1000239\\r\\n").verdict
@@ -169,8 +169,8 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
     inner += shifted(parsed.fields, 1)
     if has_lrc:
         right = lrc(body)
-        words = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
-        inner.append(Field(len(body), 1, "LRC", adu[-1], words))
+        meaning = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
+        inner.append(Field(len(body), 1, "LRC", adu[-1], meaning))
     elif is_bare:
         inner.append(Field(len(body), 0, "LRC", None, f"is missing; it would be {lrc(body):02X}"))
         text = f"no LRC; with {lrc(body):02X} it is {_summary(parsed, adu[0])}"
@@ -180,8 +180,8 @@ def explain_ascii(data: bytes, role: Role | None = None, *, typed: bool = False)
     if has_end:
         fields.append(Field(end, 2, "end", "CR LF", "ends a frame"))
     elif typed:
-        words = "CR LF is missing here; on a line every frame ends with it"
-        fields = [*fill_gaps(fields, end), Field(end, len(data) - end, "end", None, words)]
+        meaning = "CR LF is missing here; on a line every frame ends with it"
+        fields = [*fill_gaps(fields, end), Field(end, len(data) - end, "end", None, meaning)]
     inside = as_problem(parsed.error)
     if inside is not None:
         inside = Problem(inside.reason, start + 2 * (1 + inside.at), inside.text)
@@ -203,7 +203,7 @@ def _characters(field: Field, data: bytes) -> str:
 # TCP ---------------------------------------------------------------------------------------------------------------
 
 
-def explain_tcp(data: bytes, role: Role | None = None) -> Explanation:
+def explain_tcp(data: bytes, role: FrameRole | None = None) -> Explanation:
     """Explain one Modbus TCP frame.
 
     >>> print(*explain_tcp(bytes.fromhex("000700000006010300000001")).lines(), sep="\\n")

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from barewire.codecs import Field
 from barewire.errors import DecodeError
 from barewire.explain.modbus.field_text import code_title, function_title, with_meanings
-from barewire.explain.result import LEFT_OVER, Role, counted, fill_gaps
+from barewire.explain.result import LEFT_OVER, FrameRole, counted, fill_gaps
 from barewire.modbus.exceptions import exception_name
 from barewire.modbus.messages.base import EXCEPTION_BIT, Message
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
@@ -28,14 +28,14 @@ _UNKNOWN_SHAPE = "data"
 class ParsedPdu(NamedTuple):
     """One PDU explained; offsets count from its start. `note` names what could not be decided."""
 
-    role: Role | None
+    role: FrameRole | None
     fields: list[Field]
     error: DecodeError | None
     summary: str
     note: str = ""
 
 
-def explain_pdu(pdu: bytes, role: Role | None = None) -> ParsedPdu:
+def explain_pdu(pdu: bytes, role: FrameRole | None = None) -> ParsedPdu:
     """Explain a PDU. Never raises; `error` holds the fault.
 
     >>> explain_pdu(bytes.fromhex("8302")).summary
@@ -51,7 +51,7 @@ def explain_pdu(pdu: bytes, role: Role | None = None) -> ParsedPdu:
     return ParsedPdu(role, fields, _error(message, pdu, role), _summary(fields, pdu), note)
 
 
-def guess_role(pdu: bytes) -> tuple[Role | None, str]:
+def guess_role(pdu: bytes) -> tuple[FrameRole | None, str]:
     """The direction by the shape, and a note if the other one fits as well. None for an unknown function.
 
     >>> guess_role(bytes.fromhex("0600010003"))
@@ -76,7 +76,7 @@ def _missed(message: type[Message], pdu: bytes) -> int:
     return abs(size - len(pdu)) if size is not None else len(pdu)
 
 
-def _shape(pdu: bytes, role: Role | None) -> type[Message] | None:
+def _shape(pdu: bytes, role: FrameRole | None) -> type[Message] | None:
     """The message class of these bytes. Bit 7 marks an exception response, whatever role the caller gives."""
     if role == "response" or pdu[0] & EXCEPTION_BIT:
         return response_class(pdu)
@@ -91,7 +91,7 @@ def _decode_error(message: type[Message], pdu: bytes) -> DecodeError | None:
     return None
 
 
-def _error(message: type[Message] | None, pdu: bytes, role: Role | None) -> DecodeError | None:
+def _error(message: type[Message] | None, pdu: bytes, role: FrameRole | None) -> DecodeError | None:
     if pdu[0] & ~EXCEPTION_BIT == 0:
         return DecodeError("function", pdu, 0, f"function code {pdu[0]:02X}: there is no function 00")
     if role == "request" and pdu[0] & EXCEPTION_BIT:
