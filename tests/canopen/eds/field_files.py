@@ -1,7 +1,7 @@
-"""Oddities that files in the field have: of those in `eds_oddities` where each was seen, and some more.
+"""Oddities seen in files of the field: sources for the cases of `oddities`, and further cases.
 
-A note names a public file (project: file), an issue where somebody met it (project#number), or the text of CiA 306 that
-allows what tools refuse. The cases are our own. `LINTED` are those that only `lint` finds.
+A source is a public file (project: file), an issue that reports it (project#number), or the clause of CiA 306 that
+allows what tools refuse. The files of the cases are written for these tests. `LINTED` are cases that only `lint` finds.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ SEEN = {
 """Where cases of `MADE` were seen, by their name."""
 
 
-def field(name: str, file: str | bytes, says: str, seen: str, value: Any = 5) -> Oddity:
-    """A case with one value, that of the object."""
-    return Oddity(name, file, tuple(word.strip() for word in says.split(",") if word.strip()), {SPEED: value}, seen)
+def field(name: str, file: str | bytes, rules: str, seen: str, value: Any = 5) -> Oddity:
+    """A case with the value of the object."""
+    return Oddity(name, file, tuple(word.strip() for word in rules.split(",") if word.strip()), {SPEED: value}, seen)
 
 
 MERGED = changed("=5\n", "=5\n<<<<<<< HEAD\nDenotation=a\n=======\nDenotation=b\n>>>>>>> 3f2a91c\n")
@@ -159,9 +159,9 @@ FIELD = [
 ]  # fmt: skip
 
 
-def linted(name: str, file: str, says: str, seen: str, at: tuple[int, int] = SPEED, value: Any = 5) -> Oddity:
+def linted(name: str, file: str, rules: str, seen: str, at: tuple[int, int] = SPEED, value: Any = 5) -> Oddity:
     """A case that is read without doubt, and has something to say against it: the line and rule of lint."""
-    return Oddity(name, file, tuple(word.strip() for word in says.split(",")), {at: value}, seen)
+    return Oddity(name, file, tuple(word.strip() for word in rules.split(",")), {at: value}, seen)
 
 
 def information(key: str, value: str) -> str:

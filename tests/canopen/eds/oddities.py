@@ -1,6 +1,6 @@
-"""Oddities of files in the wild, one small file each: what is reported, in which line, and what is read all the same.
+"""Oddities of EDS files, one small file each: the reported rules with their lines, and the values read.
 
-`OBJECT` is an object that nothing can be said against; a case changes a line of it, or puts something beside it.
+`OBJECT` is a correct object; a case changes a line of it, or adds something.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ RECORD = LIST + (
 
 
 class Oddity(NamedTuple):
-    """A file, what is reported as "line rule", the values at places of the dictionary of node 5, and where seen."""
+    """A file, its diagnostics as "line rule", values in the dictionary of node 5, and the source of the case."""
 
     name: str
     file: str | bytes
-    says: tuple[str, ...]
+    rules: tuple[str, ...]
     values: dict[tuple[int, int], Any]
     seen: str = ""
 
@@ -33,7 +33,7 @@ def changed(old: str, new: str, file: str = GOOD) -> str:
 
 
 def typed(code: str, default: str, *more: str) -> str:
-    """The object with another data type and default; what is more stands behind the default."""
+    """The object with another data type and default; further lines follow the default."""
     lines = "".join(f"{line}\n" for line in more)
     return changed("DataType=3", f"DataType={code}", changed("DefaultValue=5\n", f"DefaultValue={default}\n{lines}"))
 
@@ -42,13 +42,13 @@ DEFAULT = 9  # the line of DefaultValue in GOOD
 SPEED = (0x2000, 0)
 
 
-def one(name: str, file: str | bytes, says: str, value: Any = 5) -> Oddity:
-    """A case with one value, that of the object."""
-    return Oddity(name, file, tuple(word.strip() for word in says.split(",") if word.strip()), {SPEED: value})
+def one(name: str, file: str | bytes, rules: str, value: Any = 5) -> Oddity:
+    """A case with the value of the object."""
+    return Oddity(name, file, tuple(word.strip() for word in rules.split(",") if word.strip()), {SPEED: value})
 
 
 def default(name: str, code: str, text: str, rules: str, value: Any) -> Oddity:
-    """A case about how a default is written."""
+    """A case of a spelling of the default."""
     return one(name, typed(code, text), ",".join(f"{DEFAULT} {rule}" for rule in rules.split()), value)
 
 

@@ -1,6 +1,6 @@
-"""The tables of rules in docs/eds.md, with an example line each out of the cases of the tests.
+"""The tables of rules in docs/eds.md, with an example line for each from the cases of the tests.
 
-`python -m tests.canopen.eds.table` writes them anew; `test_eds.py` holds the page against them.
+`python -m tests.canopen.eds.table` writes them; `test_reading.py` compares the page with them.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _UNSEEN = {
 
 
 _BEST = ("DefaultValue=1Fh", "DefaultValue=010", "to be done", "[MyTool]", "DefaultValue=0x200+$NODEID", "[2000Sub1]")
-"""Of the lines of a rule, those that show it best."""
+"""Preferred examples."""
 
 
 def examples() -> dict[str, str]:
-    """A line of some case for each rule; none where something is missing in the file as a whole."""
+    """An example line for each rule; none if something is missing in the file as a whole."""
     found: dict[str, list[str]] = {}
     for file in files():
         document = eds.parse(file)
@@ -41,7 +41,7 @@ def examples() -> dict[str, str]:
 
 
 def files() -> Iterator[bytes]:
-    """Small files first: each has the line that matters."""
+    """The files of all cases, small ones first."""
     for oddity in [*FIELD, *MADE, *LINTED]:
         yield oddity.file if isinstance(oddity.file, bytes) else oddity.file.encode()
     for old, new, _, _ in FAULTS:
@@ -59,7 +59,7 @@ def table(rules: dict[str, str]) -> str:
 
 
 def page(text: str) -> str:
-    """The page with both tables as they should be."""
+    """The page with both tables up to date."""
     for heading, rules in (("## Rules of reading", PARSE_RULES), ("## Rules of lint", LINT_RULES)):
         pattern = re.compile(rf"({re.escape(heading)}\n.*?\n)\| rule \|.*?(?=\n\n)", re.DOTALL)
         text = pattern.sub(lambda match, rules=rules: match[1] + table(rules), text, count=1)  # type: ignore[misc]

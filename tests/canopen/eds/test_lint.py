@@ -208,12 +208,12 @@ FAULTS = [
 ]
 
 
-def test_nothing_is_said_against_a_file_without_fault() -> None:
+def test_a_file_without_fault_has_no_findings() -> None:
     assert eds.lint(eds.parse(FINE.encode())) == ()
 
 
 @pytest.mark.parametrize(("old", "new", "at", "rule"), FAULTS)
-def test_one_fault(old: str, new: str, at: str | int, rule: str) -> None:
+def test_one_fault_is_found_at_its_line(old: str, new: str, at: str | int, rule: str) -> None:
     assert old in FINE
     text = FINE.replace(old, new, 1)
     line = at if isinstance(at, int) else max(number for number, one in enumerate(text.splitlines(), 1) if one == at)
@@ -229,7 +229,7 @@ def test_every_rule_has_a_fault() -> None:
     ("old", "new"),
     [
         ("DefaultValue=0x201", "DefaultValue=$NODEID+0x200"),
-        ("DefaultValue=0x201", "DefaultValue=0x80000601"),  # switched off
+        ("DefaultValue=0x201", "DefaultValue=0x80000601"),  # not in use
         ("DefaultValue=0x201", "DefaultValue=0x20000601"),  # 29 bits
         ("VendorNumber=0x51", "VendorNumber=81"),
         ("NrOfRXPDO", "NrOfRxPDO"),  # the standard writes it both ways
@@ -238,17 +238,17 @@ def test_every_rule_has_a_fault() -> None:
         ("ParameterName=Speed\nObjectType=0x7\n", "ParameterName=Speed\n"),  # then it is 7 [CiA 306 4.6.3.2]
         ("EDSVersion=4.0\n", ""),  # then it is 3.0 [CiA 306 4.4]
         (
-            "[1018sub1]",  # FFh tells of the type, and is not counted
+            "[1018sub1]",  # FFh describes the type, and is not counted
             "[1018subFF]\nParameterName=t\nObjectType=7\nDataType=7\nAccessType=ro\n[1018sub1]",
         ),
-        ("VendorNumber=0x51", "VendorNumber=0"),  # not told
+        ("VendorNumber=0x51", "VendorNumber=0"),  # unknown
         ("Line1=hello", "Line1=hello ; you"),
         ("HighLimit=100", "HighLimit=$NODEID+1"),
         ("[DummyUsage]", "[SupportedModules]\nNrOfEntries=0\n[M1ModuleInfo]\nProductName=x\n[DummyUsage]"),
         ("[DummyUsage]", "[1000ObjectLinks]\nObjectLinks=1\n1=0x2000\n[DummyUsage]"),
     ],
 )
-def test_what_is_no_fault(old: str, new: str) -> None:
+def test_correct_variants_have_no_findings(old: str, new: str) -> None:
     assert old in FINE
     assert eds.lint(eds.parse(FINE.replace(old, new, 1).encode())) == ()
 
@@ -256,13 +256,13 @@ def test_what_is_no_fault(old: str, new: str) -> None:
 @pytest.mark.parametrize(
     ("new", "says"), [("SubNumber=3", "[1018] SubNumber=3, there are 2"), ("", "[1018] no SubNumber, there are 2")]
 )
-def test_a_count_is_said_beside_the_true_one(new: str, says: str) -> None:
-    """Made for a reader: 528 public files had 804 of these, and most said "None"."""
+def test_a_wrong_count_is_reported_with_the_right_one(new: str, says: str) -> None:
+    """The count in the message helps the reader: 528 public files had 804 of these findings."""
     found = eds.lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
     assert [str(one).split(": ")[1:3] for one in found] == [["sub-number", says]]
 
 
-def test_lint_has_the_oddities_too_in_the_order_of_lines() -> None:
+def test_lint_includes_the_diagnostics_in_the_order_of_lines() -> None:
     found = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
     assert [one.rule for one in found] == ["time-form", "number-form"]
     assert str(found[0]) == "7: time-form: CreationTime=0930: expected hh:mm with AM or PM"

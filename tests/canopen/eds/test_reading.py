@@ -1,4 +1,4 @@
-"""EDS files as they are: nothing is lost, nothing raises, every oddity has its line, and something sensible is read."""
+"""Reading EDS files: without loss, without exceptions, with a diagnostic and a defined value for every oddity."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def present(objects: ObjectDictionary, index: int, sub: int) -> Any:
 
 
 @pytest.mark.parametrize("oddity", ODDITIES, ids=[oddity.name for oddity in ODDITIES])
-def test_an_oddity(oddity: Oddity) -> None:
+def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
-    assert [f"{one.line} {one.rule}" for one in document.diagnostics] == list(oddity.says)
+    assert [f"{one.line} {one.rule}" for one in document.diagnostics] == list(oddity.rules)
     assert document.encode() == data_of(oddity)
     objects = document.dictionary(5)
     for place, value in oddity.values.items():
         assert present(objects, *place) == value, f"{place[0]:04X}h:{place[1]:02X}"
-    if oddity.says:
-        with pytest.raises(eds.EdsError, match=oddity.says[0].split()[1]) as caught:
+    if oddity.rules:
+        with pytest.raises(eds.EdsError, match=oddity.rules[0].split()[1]) as caught:
             eds.parse(data_of(oddity), strict=True)
         assert caught.value.diagnostics == document.diagnostics
     else:
@@ -43,27 +43,27 @@ def test_an_oddity(oddity: Oddity) -> None:
 
 
 @pytest.mark.parametrize("oddity", LINTED, ids=[oddity.name for oddity in LINTED])
-def test_an_oddity_for_lint(oddity: Oddity) -> None:
+def test_an_oddity_is_reported_by_lint_only(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
     found = [f"{one.line} {one.rule}" for one in eds.lint(document)]
-    assert set(oddity.says) <= set(found)
-    assert not {one.split()[1] for one in oddity.says} & {one.rule for one in document.diagnostics}
+    assert set(oddity.rules) <= set(found)
+    assert not {one.split()[1] for one in oddity.rules} & {one.rule for one in document.diagnostics}
     assert document.encode() == data_of(oddity)
     for place, value in oddity.values.items():
         assert present(document.dictionary(5), *place) == value
 
 
-def test_there_are_enough_and_every_rule_has_one() -> None:
+def test_every_rule_has_a_case() -> None:
     assert len({oddity.name for oddity in ODDITIES}) == len(ODDITIES)
     assert SEEN.keys() <= {oddity.name for oddity in MADE}
     assert all(oddity.seen for oddity in [*FIELD, *LINTED])
-    assert sum(1 for oddity in [*ODDITIES, *LINTED] if oddity.seen and oddity.says) >= 100
-    seen = {line.split()[1] for oddity in ODDITIES for line in oddity.says}
+    assert sum(1 for oddity in [*ODDITIES, *LINTED] if oddity.seen and oddity.rules) >= 100
+    seen = {line.split()[1] for oddity in ODDITIES for line in oddity.rules}
     assert seen == set(PARSE_RULES)
     assert not set(PARSE_RULES) & set(LINT_RULES)
 
 
-def test_the_page_has_every_rule() -> None:
+def test_the_page_lists_every_rule() -> None:
     text = eds_table.PAGE.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z0-9-]+)` \| (.*) \| (.*) \|$", text, re.MULTILINE)
     assert {rule: says for rule, says, _ in rows} == PARSE_RULES | LINT_RULES
@@ -71,20 +71,20 @@ def test_the_page_has_every_rule() -> None:
     assert eds_table.page(text) == text, "python -m tests.canopen.eds.table"
 
 
-def test_text_that_no_visible_string_has() -> None:
+def test_text_beyond_visible_string_is_read_as_its_bytes() -> None:
     file = GOOD.replace("DataType=3", "DataType=9").replace("=5\n", "=€\n").encode()
     document = eds.parse(file)
     assert [one.rule for one in document.diagnostics] == ["bad-text", "not-ascii"]
     entry = document.dictionary().entry(0x2000)
-    assert entry.codec.encode(entry.default) == "€".encode()  # what a device that was made of this file says
+    assert entry.codec.encode(entry.default) == "€".encode()  # what a device with this dictionary sends
 
 
-def test_the_error_says_how_many_more() -> None:
+def test_the_error_counts_the_other_diagnostics() -> None:
     with pytest.raises(eds.EdsError, match=r"^line 1: byte-order-mark: .* \(and 1 more\)$"):
         eds.parse(b"\xef\xbb\xbf" + GOOD.replace("=5", "=+5").encode(), strict=True)
 
 
-def test_what_is_read() -> None:
+def test_objects_and_items_of_a_record() -> None:
     document = eds.parse(RECORD.encode())
     ramps = document.objects[0x2000]
     assert (ramps.name, ramps.is_record, ramps.line) == ("Ramps", True, 4)
@@ -107,13 +107,13 @@ def test_what_is_read() -> None:
         ("rw", 0, (), "rw"),
     ],
 )
-def test_access(access: str, pdo: int, mappable: tuple[str, ...], right: str) -> None:
+def test_access_types_and_mapping(access: str, pdo: int, mappable: tuple[str, ...], right: str) -> None:
     file = GOOD.replace("=rw", f"={access}").replace("PDOMapping=1", f"PDOMapping={pdo}")
     entry = eds.parse(file.encode()).dictionary().entry(0x2000)
     assert (entry.access, entry.mappable) == (right, mappable)
 
 
-def test_limits_come_along() -> None:
+def test_limits_are_read() -> None:
     file = GOOD.replace("=5\n", "=5\nLowLimit=0x8000\nHighLimit=$NODEID+10\n")
     entry = eds.parse(file.encode()).dictionary(3).entry(0x2000)
     assert (entry.minimum, entry.maximum) == (-32768, 13)
@@ -136,23 +136,23 @@ def test_names_and_denotations_of_compact_storage() -> None:
     assert [(item.name, item.denotation) for item in items] == [("NrOfObjects", ""), ("a", ""), ("Speed2", "left")]
 
 
-def test_dummies() -> None:
+def test_dummy_usage() -> None:
     document = eds.parse(b"[DummyUsage]\nDummy0002=1\nDummy0005=1\nDummy0006=0\nDummyFace=1\nother=1\n")
     assert document.dummies == {2, 5}
     assert eds.parse(b"").dummies == frozenset()
 
 
-def test_a_device_is_served_out_of_a_file() -> None:
+def test_a_node_serves_the_dictionary_of_a_file() -> None:
     device = LocalNode(5, eds.parse(GOOD.encode()).dictionary(5), [PdoConfig("TPDO", 1, (0x20000010,))])
     device.start(0.0)
     answers = device.feed(CanFrame.parse("605#4000200000000000"), 0.1)
     assert [str(frame) for frame in answers] == ["585#4B00200005000000"]
     unmapped = eds.parse(GOOD.replace("PDOMapping=1", "PDOMapping=0").encode())
-    with pytest.raises(EncodeError, match="not meant for an TPDO"):
+    with pytest.raises(EncodeError, match="cannot be mapped to an? TPDO"):
         LocalNode(5, unmapped.dictionary(5), [PdoConfig("TPDO", 1, (0x20000010,))])
 
 
-# Whatever comes
+# Arbitrary bytes and text
 
 PIECES = st.sampled_from(
     [
@@ -173,7 +173,7 @@ PIECES = st.sampled_from(
 )
 
 
-def nothing_raises(data: bytes) -> None:
+def check_that_nothing_raises(data: bytes) -> None:
     document = eds.parse(data)
     assert document.encode() == data
     assert document.copy().encode() == data
@@ -188,11 +188,11 @@ def nothing_raises(data: bytes) -> None:
 @given(st.binary(max_size=200))
 @example(b"\xff\xfe[\x002")
 @example(b"\xef\xbb\xbf\xff")
-def test_any_bytes(data: bytes) -> None:
-    nothing_raises(data)
+def test_any_bytes_parse_without_exception(data: bytes) -> None:
+    check_that_nothing_raises(data)
 
 
 @modest
 @given(st.lists(PIECES | st.text(max_size=5), max_size=30), st.sampled_from(["", "\n", "\r\n"]))
-def test_any_text(pieces: list[str], between: str) -> None:
-    nothing_raises(between.join(pieces).encode("utf-8", "surrogatepass"))
+def test_any_text_parses_without_exception(pieces: list[str], between: str) -> None:
+    check_that_nothing_raises(between.join(pieces).encode("utf-8", "surrogatepass"))

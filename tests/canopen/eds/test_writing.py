@@ -1,4 +1,4 @@
-"""Changing and making EDS files: a change touches the lines that it means, and is read back as it was meant."""
+"""Changing and composing EDS files: a change affects only its lines, and is read back."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def lines_that_differ(before: bytes, after: bytes) -> list[tuple[bytes, bytes]]:
     return [(one, other) for one, other in zip(old, new) if one != other]
 
 
-def test_one_line_changes_and_keeps_its_dress() -> None:
+def test_a_change_affects_one_line_and_keeps_its_form() -> None:
     file = GOOD.replace("DefaultValue=5", "  defaultvalue =\t0x0005   ; rpm").encode()
     document = eds.parse(file)
     document.set(0x2000, 0, "DefaultValue", -2)
@@ -52,7 +52,7 @@ def test_one_line_changes_and_keeps_its_dress() -> None:
         ("7", "0x200", "$NODEID+1", "$NODEID+1"),
     ],
 )
-def test_values_in_the_form_of_the_old_one(code: str, old: str, value: Any, written: str) -> None:
+def test_values_are_written_in_the_form_of_the_old_one(code: str, old: str, value: Any, written: str) -> None:
     document = eds.parse(typed(code, old).encode())
     document.set(0x2000, 0, "DefaultValue", value)
     assert document.get("2000", "DefaultValue") == written
@@ -75,14 +75,14 @@ def test_values_in_the_form_of_the_old_one(code: str, old: str, value: Any, writ
         ("Bad=Key", "x", "would not be read back"),
     ],
 )
-def test_what_cannot_be_written_leaves_the_file(key: str, value: Any, says: str) -> None:
+def test_a_refused_value_leaves_the_file_unchanged(key: str, value: Any, says: str) -> None:
     document = eds.parse(GOOD.encode())
     with pytest.raises(EncodeError, match=says):
         document.set(0x2000, 0, key, value)
     assert document.encode() == GOOD.encode()
 
 
-def test_quotes_around_a_text_would_be_lost() -> None:
+def test_a_text_in_quotes_is_refused() -> None:
     document = eds.parse(typed("9", '"old"').encode())
     assert document.dictionary().get(0x2000) == "old"
     with pytest.raises(EncodeError, match="would be read back without its quotes"):
@@ -91,7 +91,7 @@ def test_quotes_around_a_text_would_be_lost() -> None:
     assert document.dictionary().get(0x2000) == "new"
 
 
-def test_places_that_are_not_there() -> None:
+def test_unknown_objects_are_refused() -> None:
     document = eds.parse(GOOD.encode())
     with pytest.raises(EncodeError, match="no object 3000h"):
         document.set(0x3000, 0, "DefaultValue", 1)
@@ -113,14 +113,14 @@ def test_new_keys_and_sections_use_the_line_end_of_the_file() -> None:
     assert empty.encode() == b"[FileInfo]\r\nFileName=a.eds\r\n"
 
 
-def test_a_new_key_stands_behind_the_last_one_of_its_section() -> None:
+def test_a_new_key_follows_the_last_one_of_its_section() -> None:
     document = eds.parse(b"[FileInfo]\nFileName=a\n; end of it\n\n[DeviceInfo]\n")
     document.put("FileInfo", "FileVersion", "1")
     document.put("DeviceInfo", "VendorName", "me")
     assert document.encode() == b"[FileInfo]\nFileName=a\nFileVersion=1\n; end of it\n\n[DeviceInfo]\nVendorName=me\n"
 
 
-def test_none_takes_every_such_line_away() -> None:
+def test_none_removes_every_line_of_a_key() -> None:
     document = eds.parse(GOOD.replace("=5\n", "=5\ndefaultvalue=6\n").encode())
     document.set(0x2000, 0, "DefaultValue", None)
     document.set(0x2000, 0, "Denotation", None)
@@ -128,14 +128,14 @@ def test_none_takes_every_such_line_away() -> None:
     assert document.encode() == GOOD.replace("DefaultValue=5\n", "").encode()
 
 
-def test_a_value_in_place_of_nothing_but_a_comment() -> None:
+def test_a_value_before_a_comment() -> None:
     document = eds.parse(GOOD.replace("=5", "=;none").encode())
     document.set(0x2000, 0, "DefaultValue", 7)
     assert document.get("2000", "DefaultValue") == "7"
     assert b"DefaultValue=7 ;none\n" in document.encode()
 
 
-def test_compact_storage_keeps_values_in_a_section_of_their_own() -> None:
+def test_compact_storage_writes_values_to_their_own_section() -> None:
     document = eds.parse(COMPACT.encode())
     document.set(0x2000, 2, "ParameterValue", 9)
     document.set(0x2000, 1, "ParameterValue", 8)
@@ -170,8 +170,8 @@ EDITABLE = [oddity for oddity in ODDITIES if isinstance(oddity.file, str) and "5
 
 @modest
 @given(st.sampled_from(EDITABLE), st.integers(0, 100), st.data())
-def test_set_then_parse(oddity: Any, value: int, data: st.DataObject) -> None:
-    """Whatever is odd about a file: what was written is read, and no other line has changed."""
+def test_a_written_value_is_read_back(oddity: Any, value: int, data: st.DataObject) -> None:
+    """In every odd file, a written value is read back, and no other line changes."""
     before = oddity.file.encode("ascii")
     document = eds.parse(before)
     places = [(index, item) for index, one in document.objects.items() for item in one.items if one.line]
@@ -199,7 +199,7 @@ def test_set_then_parse(oddity: Any, value: int, data: st.DataObject) -> None:
 # From scratch
 
 
-def test_a_file_of_our_own_is_without_fault() -> None:
+def test_a_composed_file_has_no_findings() -> None:
     ramps = eds.EdsObject(
         0x2000,
         "Ramps",
@@ -235,7 +235,7 @@ def test_a_file_of_our_own_is_without_fault() -> None:
     assert eds.parse(again.encode()).encode() == again.encode()
 
 
-def test_names_that_a_file_cannot_have() -> None:
+def test_names_that_cannot_be_written_are_refused() -> None:
     bad = eds.EdsObject(0x2000, "x", 7, (eds.EdsItem(0, "a ; b", "u8"),))
     with pytest.raises(EncodeError, match="would not be read back"):
         eds.compose([bad])
@@ -247,7 +247,7 @@ def test_names_that_a_file_cannot_have() -> None:
 # DCF
 
 
-def test_an_eds_becomes_a_dcf() -> None:
+def test_a_dcf_is_made_of_an_eds() -> None:
     before = ("[FileInfo]\nFileName=a.eds\n" + RECORD).encode()
     document = eds.parse(before)
     made = eds.to_dcf(document, 5, {(0x2000, 1): 9}, name="left wheel", bitrate=500_000)
@@ -274,7 +274,7 @@ def test_an_eds_becomes_a_dcf() -> None:
         ({(0x2000, 0): "text"}, None),
     ],
 )
-def test_a_dcf_has_values_within_their_limits(values: Any, says: str | None) -> None:
+def test_a_dcf_refuses_values_outside_of_their_limits(values: Any, says: str | None) -> None:
     document = eds.parse(GOOD.replace("=5\n", "=5\nLowLimit=-10\nHighLimit=10\n").encode())
     if says is None:
         assert [one.rule for one in eds.to_dcf(document, 5, values).diagnostics] == ["bad-number"]

@@ -40,7 +40,7 @@ OBJECT = [
     *("ParamRefd", "SRDOMapping", "InvertedSRAD"),
 ]
 
-HEADS: dict[str, list[str]] = {
+_HEADS: dict[str, list[str]] = {
     "FileInfo": [*FILE_INFO, "LastEDS"],
     "DeviceInfo": [*DEVICE_INFO, "CompactPDO", *_OBSOLETE_KEYS],
     "DeviceComissioning": [*COMMISSIONING, "NodeRefd", "NetRefd"],
@@ -68,7 +68,7 @@ _OBJECT = re.compile(
 _MODULE = re.compile(r"m[0-9]+(moduleinfo|comments|fixed|subext).*|tool[0-9]+", re.I)
 _NUMBERED = re.compile(r"([a-z]*)0*([0-9]{1,5})", re.I)
 _FREE_HEADS = ("DynamicChannels", "Tools")
-_HEAD_OF = {name.casefold(): name for name in HEADS} | {"devicecommissioning": "DeviceComissioning"}
+_HEAD_OF = {name.casefold(): name for name in _HEADS} | {"devicecommissioning": "DeviceComissioning"}
 _LIST_OF = {name.casefold(): name for name in LISTS}
 _OWN_SPELLINGS = {"nrofrxpdo": "NrOfRxPDO", "nroftxpdo": "NrOfTxPDO", "edsversion": "EdsVersion"}
 
@@ -179,7 +179,7 @@ def entry_number(key: str) -> int | None:
 
 
 _OBJECT_KEYS = {key.casefold(): key for key in OBJECT}
-_HEAD_KEYS = {name: {key.casefold(): key for key in keys} for name, keys in HEADS.items()}
+_HEAD_KEYS = {name: {key.casefold(): key for key in keys} for name, keys in _HEADS.items()}
 _LIST_KEYS = {"supportedobjects": "SupportedObjects"}
 _COMPACT_KEYS = {"nrofentries": "NrOfEntries"}
 _LINK_KEYS = {"objectlinks": "ObjectLinks"}

@@ -53,7 +53,7 @@ _SDO_TIMEOUT = 0.5  # seconds, until `set sdo_timeout`
 MAX_LINE = 65_536
 """Bytes of the longest line: room for a domain of some 48 KiB."""
 
-HELP = """\
+_HELP = """\
 [seq] [[net] node] r[ead] index sub [type]            SDO upload
 [seq] [[net] node] w[rite] index sub type value       SDO download
 [seq] [[net] node] start | stop | preop[erational] | reset node | reset comm[unication]
@@ -153,7 +153,7 @@ class GatewaySession:
     def _execute(self, line: CommandLine) -> Conversation[CanFrame, str]:
         command = line.command
         if isinstance(command, ShowInfo):
-            return HELP if command.topic == "help" else self._version or "barewire"
+            return _HELP if command.topic == "help" else self._version or "barewire"
         if not (isinstance(command, SetOption) and command.name == "network"):
             self._check_net(line.net)
         if isinstance(command, SetOption):

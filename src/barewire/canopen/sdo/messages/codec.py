@@ -55,7 +55,7 @@ BlockUploadResponse: TypeAlias = BlockUploadInitiated | ExpeditedUpload | Upload
 SdoResponse: TypeAlias = BlockUploadResponse | DownloadInitiated | BlockDownloadInitiated | Abort
 ReceiverMessage: TypeAlias = BlockAck | BlockEnded
 
-INITIATE_REQUESTS: tuple[type[SdoRequest], ...] = (
+_INITIATE_REQUESTS: tuple[type[SdoRequest], ...] = (
     InitiateUpload,
     ExpeditedDownload,
     InitiateDownload,
@@ -65,7 +65,7 @@ INITIATE_REQUESTS: tuple[type[SdoRequest], ...] = (
 )
 UPLOAD_RESPONSES: tuple[type[UploadResponse], ...] = (ExpeditedUpload, UploadInitiated)
 BLOCK_UPLOAD_RESPONSES: tuple[type[BlockUploadResponse], ...] = (BlockUploadInitiated, *UPLOAD_RESPONSES)
-INITIATE_RESPONSES: tuple[type[SdoResponse], ...] = (
+_INITIATE_RESPONSES: tuple[type[SdoResponse], ...] = (
     *BLOCK_UPLOAD_RESPONSES,
     DownloadInitiated,
     BlockDownloadInitiated,
@@ -100,7 +100,7 @@ def decode_sdo_request(data: bytes) -> SdoRequest:
 
     Raises DecodeError as `decode_one_of` does.
     """
-    return decode_one_of(data, INITIATE_REQUESTS)
+    return decode_one_of(data, _INITIATE_REQUESTS)
 
 
 def decode_sdo_response(data: bytes) -> SdoResponse:
@@ -111,7 +111,7 @@ def decode_sdo_response(data: bytes) -> SdoResponse:
 
     Raises DecodeError as `decode_one_of` does.
     """
-    return decode_one_of(data, INITIATE_RESPONSES)
+    return decode_one_of(data, _INITIATE_RESPONSES)
 
 
 def is_any_response(data: bytes) -> bool:
@@ -120,7 +120,7 @@ def is_any_response(data: bytes) -> bool:
     >>> is_any_response(BlockEnded().encode()), is_any_response(bytes.fromhex("E0 00 00 00 00 00 00 00"))
     (True, False)
     """
-    for kinds in (INITIATE_RESPONSES, _LATE):
+    for kinds in (_INITIATE_RESPONSES, _LATE):
         try:
             decode_one_of(data, kinds)
         except DecodeError:
