@@ -148,7 +148,7 @@ def test_a_node_serves_the_dictionary_of_a_file() -> None:
     answers = device.feed(CanFrame.parse("605#4000200000000000"), 0.1)
     assert [str(frame) for frame in answers] == ["585#4B00200005000000"]
     unmapped = eds.parse(GOOD.replace("PDOMapping=1", "PDOMapping=0").encode())
-    with pytest.raises(EncodeError, match="cannot be mapped to an? TPDO"):
+    with pytest.raises(EncodeError, match=r"cannot be mapped to an? TPDO"):
         LocalNode(5, unmapped.dictionary(5), [PdoConfig("TPDO", 1, (0x20000010,))])
 
 
