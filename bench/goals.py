@@ -93,4 +93,10 @@ def goals() -> list[Goal]:
             who = f"barewire blocking TCP client{more}"
             text = f"{who}, {word}: a third of pymodbus.client"
             found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 3, who, memory))
+    start = ("Start", "in a new interpreter", "once", "python, import click")
+    found.append(Goal('load("az3"): 40 where python and click take 60', *start, 40 / 60, 'load("az3")'))
+    found.append(Goal("barewire read, first line: 250 where they take 60", *start, 250 / 60, "barewire read"))
+    for count in (1, 3, 10):
+        text = f"A read of {count} by name: at most 1.3 x the raw read"
+        found.append(Goal(text, "Named read", "values of the ADXL", count, "raw read", 1.3))
     return found

@@ -20,6 +20,7 @@ SIZES = {
     "Block": "values",
     "TCP server, connections": "connections",
     "Idle connections": "connections",
+    "Named read": "values",
 }
 """What the size of a family is, for those that have several."""
 OUR_COLOURS = ("#1f77b4", "#17becf", "#08306b")

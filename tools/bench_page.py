@@ -39,6 +39,8 @@ FAMILIES = {
     "TCP server": "The same client, a blocking socket, asks everybody: one request at a time, and 16 in one send.",
     "TCP server, connections": "One question on each of so many connections, then all the answers.",
     "Import": "Time and resident memory of an import in a new interpreter. Everything is held against pymodbus.client.",
+    "Start": "Loading a device of the catalogue, and `barewire read` up to its first line, beside `import click`.",
+    "Named read": "Values of a device by name; the floor is the raw read of the same registers, with the same client.",
     "Idle connections": "To be connected, by clients in the same program; and what Python keeps for such a connection.",
 }
 

@@ -1,4 +1,4 @@
-"""MEANING: what a register or an object of a real machine is. One parameter, one name, wherever it lives.
+"""Devices: parameters of real machines by name, with unit, range and address, whatever the bus.
 
                           load("az3").find("STATUS WORD")           catalog/az3/input.toml
                                         |
@@ -7,15 +7,18 @@
     read_modbus(bus, 1, az3, ["STATUS WORD"])    read_canopen(1, az3, ["STATUS WORD"])
                      '---> Reading("STATUS WORD", 0x0637) <---'
 
-    parameter   one named value, its unit and its places     device    all of them, and what the machine says of itself
-    load        TOML -> Device                               check, lines, rows    what is wrong with it, and where
-    plan        names -> the fewest requests                 access, asked    read and write by name, over either bus
-    cia402      the states of a drive                        drive, drive_*    one code that moves any of them
-    parts       the table [drive] of a description           describe  a parameter as JSON
-    catalog/    three machines as data                       sim/      the same three, behaving
+    parameter         one named value, its unit, its range and its addresses
+    device            all parameters of a machine, and its settings on each bus
+    description/      TOML -> Device, the checks of the format, Device -> EDS;  catalog/  three machines as TOML
+    plan              parameters -> the fewest Modbus requests;  block_decoder  registers -> values
+    request_checks    what is checked before anything is sent
+    modbus_access, canopen_access     read and write by name
+    raw_address       parameters by address instead of a name;  value_text  typed text -> a value
+    sdo_dialects      SDO variants of known devices
+    drive/            one code that moves any drive of CiA 402
+    sim/              the three machines of the catalogue, simulated
 
-I know: names, units, ranges, places, states of a drive.  I never know: envelopes, ports, clocks.  Shells and cli import
-me; modbus and canopen do not.
+Depends on: codecs, modbus, canopen.  Used by: explain, io, cli.
 """
 
 from typing import TYPE_CHECKING
@@ -23,12 +26,7 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.devices.access import (
-        read_canopen as read_canopen,
-        read_modbus as read_modbus,
-        write_canopen as write_canopen,
-        write_modbus as write_modbus,
-    )
+    from barewire.devices.canopen_access import read_canopen as read_canopen, write_canopen as write_canopen
     from barewire.devices.description.load import load as load, names as names
     from barewire.devices.description.rules import DescriptionError as DescriptionError
     from barewire.devices.device import (
@@ -47,6 +45,7 @@ if TYPE_CHECKING:
     )
     from barewire.devices.drive.drive import Drive as Drive
     from barewire.devices.drive.report import DriveStuck as DriveStuck
+    from barewire.devices.modbus_access import read_modbus as read_modbus, write_modbus as write_modbus
     from barewire.devices.parameter import (
         ModbusAt as ModbusAt,
         ObjectAt as ObjectAt,
@@ -62,7 +61,8 @@ __getattr__, __all__ = lazy(
         "device": "Device ModbusSettings CanopenSettings DriveRoles DevicePdo UnknownName",
         "parameter": "Parameter ModbusAt ObjectAt Reading",
         "description.rules": "DescriptionError",
-        "access": "read_modbus write_modbus read_canopen write_canopen",
+        "modbus_access": "read_modbus write_modbus",
+        "canopen_access": "read_canopen write_canopen",
         "plan": "plan_reads plan_writes",
         "drive.cia402": "State state_of next_control_word",
         "drive.drive": "Drive",

@@ -6,7 +6,7 @@
     picked      0  1          6  7   4  5   8  9  9    each value with its most significant byte first
     struct      H             f             h     B    ">HfhB"
 
-Depends on: PlannedRead, Parameter.  Used by: `access.py`.
+Depends on: PlannedRead, Parameter.  Used by: `modbus_access.py`.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ class Device:
 
     @cached_property
     def read_plans(self) -> dict[Any, Any]:
-        """The plans of earlier reads by their names: see `access.py`."""
+        """The plans of earlier reads by their names: see `modbus_access.py`."""
         return {}
 
     def find(self, name: str) -> Parameter:

@@ -5,7 +5,7 @@
 
 All of a call is checked first, so no call is refused after a part of it was written.
 
-Depends on: Device, Parameter.  Used by: `access.py`, the drive code.
+Depends on: Device, Parameter.  Used by: `modbus_access.py`, `canopen_access.py`, the drive code.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ from barewire.ascii import AsciiLine
 from barewire.canopen import CanFrame, Channel
 from barewire.codecs import Value
 from barewire.conversation import play
-from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
+from barewire.devices.canopen_access import read_canopen, write_canopen
+from barewire.devices.modbus_access import read_modbus, write_modbus
 from barewire.devices.parameter import Parameter
 from barewire.devices.sdo_dialects import DIALECTS
 from barewire.devices.sim import MachineUnits, Simulator, simulator

@@ -5,5 +5,5 @@
     access      how a drive is read and written by name: ModbusAccess, CanopenAccess
     drive       enable, disable, quick stop, reset, move, velocity, home
 
-Depends on: reading and writing by name (`devices.access`).  Used by: `io.drive`, the command `barewire drive`.
+Depends on: `modbus_access`, `canopen_access`.  Used by: `io.drive`, the command `barewire drive`.
 """

@@ -15,9 +15,10 @@ from typing import Protocol
 
 from barewire.canopen import CanFrame, Channel
 from barewire.codecs import Value
-from barewire.conversation import Conversation, Item, Listen
-from barewire.devices.access import read_canopen, read_modbus, write_canopen, write_modbus
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Item, Listen
+from barewire.devices.canopen_access import read_canopen, write_canopen
 from barewire.devices.device import Device
+from barewire.devices.modbus_access import read_modbus, write_modbus
 from barewire.devices.parameter import Reading
 from barewire.modbus import Bus
 
@@ -38,7 +39,7 @@ class DriveAccess(Protocol[Item]):
 class ModbusAccess:
     """Access to a drive that is `unit` on a Modbus line."""
 
-    def __init__(self, bus: Bus, unit: int, device: Device, *, timeout: float = 1.0) -> None:
+    def __init__(self, bus: Bus, unit: int, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
         self.bus, self.unit, self.device, self.timeout = bus, unit, device, timeout
 
     def read(self, names: Sequence[str]) -> Conversation[bytes, list[Reading]]:
@@ -61,7 +62,7 @@ class ModbusAccess:
 class CanopenAccess:
     """Access to a drive that is the node of an SDO channel."""
 
-    def __init__(self, channel: Channel, device: Device, *, timeout: float = 1.0) -> None:
+    def __init__(self, channel: Channel, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
         self.channel, self.device, self.timeout = channel, device, timeout
 
     def read(self, names: Sequence[str]) -> Conversation[CanFrame, list[Reading]]:

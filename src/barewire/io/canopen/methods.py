@@ -154,7 +154,7 @@ class MasterVerbs(Words):
     @Verb
     def read(self, device: Device, *names: str, node: At = None) -> Talk[list[Reading]]:
         """Named values of a described device, in the order asked."""
-        from barewire.devices.access import read_canopen
+        from barewire.devices.canopen_access import read_canopen
 
         described(device, names)
         channel = self.channel(node, device)
@@ -164,7 +164,7 @@ class MasterVerbs(Words):
     def write(self, device: Device, values: Mapping[str, Value], *, node: At = None, force: bool = False) -> Talk[None]:
         """Write named values of a described device, in the order given. Ranges and access are checked before anything
         is sent."""
-        from barewire.devices.access import write_canopen
+        from barewire.devices.canopen_access import write_canopen
 
         described(device, values)
         channel = self.channel(node, device)

@@ -226,7 +226,7 @@ class ModbusMethods:
         """Read the named values of a device, with as few requests as it allows, in the order of `names`."""
         plan = device.read_plans.get(names)
         if plan is None:
-            from barewire.devices.access import read_plan
+            from barewire.devices.modbus_access import read_plan
 
             plan = read_plan(device, names)
         return Exchanges(self.unit_for(unit, device), plan.requests, plan.notes, plan.readings)
@@ -239,7 +239,7 @@ class ModbusMethods:
 
         `force` leaves both to the device; values that the wire cannot carry are still an EncodeError.
         """
-        from barewire.devices.access import write_modbus
+        from barewire.devices.modbus_access import write_modbus
 
         at = self.unit_for(unit, device)
         return BusConversation(lambda bus: write_modbus(bus, at, device, values, timeout=self.timeout, force=force), at)

@@ -1,19 +1,19 @@
-"""Reading and writing by name: conversations over either bus, planned, checked, and with values in the unit.
+"""Reading and writing by name over Modbus: conversations, planned, checked, and with values in the unit.
 
     ["STATUS WORD", "DC BUS"]      names
         | find                     one name -> one Parameter; UnknownName has the nearest names
         | access, range, address   all of the call, before anything is sent: EncodeError
-        | plan                     Modbus: the fewest requests.   CANopen: each object once
-        | ask, upload, download    the exchanges
+        | plan                     the fewest requests; the device keeps the plan of each list of names
+        | ask                      the exchanges
         v decode                   [Reading("STATUS WORD", 0x0637), Reading("DC BUS", 320.0)]   in this order
 
-A value that is less than a register or an object (a bit, half a register) is read, changed and written back. Between
-the two exchanges the device may change the rest of it; that change is lost.
+A value that is less than a register (a bit, half a register) is read, changed and written back. Between the two
+exchanges the device may change the rest of it; that change is lost.
 
 `force` leaves range and access to the device, for users who know better than its manual. A value that cannot be encoded
 is refused nevertheless.
 
-Depends on: Device, the plan, the Modbus bus, the SDO channel.  Used by: the clients of `io`, the drive code.
+Depends on: Device, the plan, the Modbus bus.  Used by: the Modbus clients of `io`, the drive code.
 """
 
 from __future__ import annotations
@@ -21,12 +21,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from barewire.canopen import STANDARD, CanFrame, Channel, SdoDialect, download, fit, upload
 from barewire.codecs import Value
-from barewire.conversation import Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.devices.block_decoder import BlockDecoder, block_decoder
 from barewire.devices.device import Device
-from barewire.devices.parameter import ObjectAt, Parameter, Reading
+from barewire.devices.parameter import Parameter, Reading
 from barewire.devices.plan import PlannedWrite, plan_reads, plan_writes
 from barewire.devices.request_checks import (
     NameOrParameter,
@@ -38,7 +37,7 @@ from barewire.devices.request_checks import (
     to_write,
     writing,
 )
-from barewire.errors import BarewireError, EncodeError
+from barewire.errors import BarewireError
 from barewire.modbus import (
     Bus,
     ReadCoils,
@@ -50,8 +49,6 @@ from barewire.modbus import (
     WriteSingleCoil,
     WriteSingleRegister,
 )
-
-# Modbus
 
 _READS: dict[int, Any] = {1: ReadCoils, 2: ReadDiscreteInputs, 3: ReadHoldingRegisters, 4: ReadInputRegisters}
 _MOST_PLANS = 256
@@ -101,7 +98,7 @@ def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
 
 
 def read_modbus(
-    bus: Bus, unit: int, device: Device, names: Iterable[NameOrParameter], *, timeout: float = 1.0
+    bus: Bus, unit: int, device: Device, names: Iterable[NameOrParameter], *, timeout: float = DEFAULT_TIMEOUT
 ) -> Conversation[bytes, list[Reading]]:
     """Read parameters of `unit`, which is a `device`: one Reading for each name, in the order of the names.
 
@@ -123,7 +120,7 @@ def _read_modbus(bus: Bus, unit: int, plan: ReadPlan, timeout: float) -> Convers
 
 
 def write_modbus(
-    bus: Bus, unit: int, device: Device, values: ValuesByName, *, timeout: float = 1.0, force: bool = False
+    bus: Bus, unit: int, device: Device, values: ValuesByName, *, timeout: float = DEFAULT_TIMEOUT, force: bool = False
 ) -> Conversation[bytes, None]:
     """Write parameters of `unit`, which is a `device`, in the order of `values`.
 
@@ -183,114 +180,3 @@ def _write_entries(
     else:
         for offset, register in enumerate(content):
             yield from bus.ask(unit, WriteSingleRegister(address + offset, register), timeout=timeout)
-
-
-# CANopen
-
-
-def read_canopen(
-    node: int | Channel,
-    device: Device,
-    names: Iterable[NameOrParameter],
-    *,
-    timeout: float = 1.0,
-    dialect: SdoDialect | None = None,
-) -> Conversation[CanFrame, list[Reading]]:
-    """Read parameters of `node`, which is a `device`: one Reading for each name, in the order of the names.
-
-    `node` is a node-ID or a channel to it; `dialect` is that of the standard if it is not given. Several bits of one
-    object are one transfer. Raises at once UnknownName, and EncodeError for a parameter that is write only or not on
-    CANopen; in the conversation the errors of `upload`, and DecodeError.
-    """
-    parameters = to_read(device, names)
-    for parameter in parameters:
-        _object(device, parameter)
-    return _read_canopen(_channel(node, dialect), device, parameters, timeout)
-
-
-def _read_canopen(
-    channel: Channel, device: Device, parameters: Sequence[Parameter], timeout: float
-) -> Conversation[CanFrame, list[Reading]]:
-    contents: dict[tuple[int, int, int], bytes] = {}
-    readings = []
-    for parameter in parameters:
-        place = _object(device, parameter)
-        key = (place.index, place.sub, parameter.object_size)
-        if key not in contents:
-            try:
-                contents[key] = yield from _upload(channel, parameter, place, timeout)
-            except BarewireError as error:
-                error.add_note(reading_note([parameter]))
-                raise
-        readings.append(Reading(parameter, parameter.from_object(contents[key])))
-    return readings
-
-
-def write_canopen(
-    node: int | Channel,
-    device: Device,
-    values: ValuesByName,
-    *,
-    timeout: float = 1.0,
-    dialect: SdoDialect | None = None,
-    force: bool = False,
-) -> Conversation[CanFrame, None]:
-    """Write parameters of `node`, which is a `device`, one after the other in the order of `values`.
-
-    Raises at once UnknownName, and EncodeError for a parameter that is read only, out of range or not on CANopen; in
-    the conversation the errors of `download`, with a note of what was written before.
-    """
-    pairs = to_write(device, values, force)
-    for parameter, value in pairs:
-        place = _object(device, parameter)
-        with naming(parameter, value):
-            parameter.to_object(value, bytes(parameter.object_size))
-        if place.bit is not None and not parameter.readable and not force:
-            raise EncodeError(f"{parameter.name} is one bit of an object that cannot be read: the rest would be lost")
-    return _write_canopen(_channel(node, dialect), device, pairs, timeout)
-
-
-def _write_canopen(
-    channel: Channel, device: Device, pairs: Sequence[tuple[Parameter, Value]], timeout: float
-) -> Conversation[CanFrame, None]:
-    done: list[str] = []
-    for parameter, value in pairs:
-        place = _object(device, parameter)
-        with writing([parameter], done):
-            old = b""
-            if place.bit is not None:
-                old = yield from _upload(channel, parameter, place, timeout)
-            data = parameter.to_object(value, old)
-            if channel.dialect.lengths == "in four":
-                data = data.ljust(4, b"\0")
-            with may_not_answer([parameter]):
-                yield from download(channel, place.index, place.sub, data, timeout=timeout)
-        done.append(parameter.name)
-
-
-def _upload(channel: Channel, parameter: Parameter, place: ObjectAt, timeout: float) -> Conversation[CanFrame, bytes]:
-    """The bytes of the object, as many as the type has."""
-    size = parameter.object_size
-    data = yield from upload(channel, place.index, place.sub, timeout=timeout, size=size)
-    # The size of an object of which only one bit is described is assumed, so nothing is cut off.
-    return data if place.bit is not None else fit(data, size)
-
-
-def _object(device: Device, parameter: Parameter) -> ObjectAt:
-    """The object of a parameter; EncodeError with its address on Modbus if it has none, or if it has no size."""
-    if parameter.object is None or device.canopen is None:
-        where = parameter.modbus
-        elsewhere = f"it is {where.table} {where.address} on Modbus (from 0)" if where else "it has no other address"
-        raise EncodeError(f"{parameter.name} is no object of CANopen: {elsewhere}", parameter.name)
-    _ = parameter.object_size  # text has no size: refused before anything is sent
-    return parameter.object
-
-
-def _channel(node: int | Channel, dialect: SdoDialect | None) -> Channel:
-    if isinstance(node, Channel):
-        if dialect is not None and dialect != node.dialect:
-            raise EncodeError(
-                f"the channel to node {node.node} has the SDO dialect {node.dialect.name}, not {dialect.name}"
-            )
-        return node
-    return Channel(node, dialect or STANDARD)

@@ -1,0 +1,140 @@
+"""Reading and writing by name over CANopen: conversations with the SDO server of a node, with values in the unit.
+
+    ["STATUS WORD", "DC BUS"]      names
+        | find, access, range      all of the call, before anything is sent: UnknownName, EncodeError
+        | upload, download         one transfer for each object
+        v decode                   [Reading("STATUS WORD", 0x0637), Reading("DC BUS", 320.0)]   in this order
+
+One bit of an object is read, changed and written back, as parts of registers are; `force` is as on Modbus.
+
+Depends on: Device, the SDO channel.  Used by: the CANopen clients of `io`, the drive code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from barewire.canopen import STANDARD, CanFrame, Channel, SdoDialect, download, fit, upload
+from barewire.codecs import Value
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
+from barewire.devices.device import Device
+from barewire.devices.parameter import ObjectAt, Parameter, Reading
+from barewire.devices.request_checks import (
+    NameOrParameter,
+    ValuesByName,
+    may_not_answer,
+    naming,
+    reading_note,
+    to_read,
+    to_write,
+    writing,
+)
+from barewire.errors import BarewireError, EncodeError
+
+
+def read_canopen(
+    node: int | Channel,
+    device: Device,
+    names: Iterable[NameOrParameter],
+    *,
+    timeout: float = DEFAULT_TIMEOUT,
+    dialect: SdoDialect | None = None,
+) -> Conversation[CanFrame, list[Reading]]:
+    """Read parameters of `node`, which is a `device`: one Reading for each name, in the order of the names.
+
+    `node` is a node-ID or a channel to it; `dialect` is that of the standard if it is not given. Several bits of one
+    object are one transfer. Raises at once UnknownName, and EncodeError for a parameter that is write only or not on
+    CANopen; in the conversation the errors of `upload`, and DecodeError.
+    """
+    parameters = to_read(device, names)
+    for parameter in parameters:
+        _object(device, parameter)
+    return _read_canopen(_channel(node, dialect), device, parameters, timeout)
+
+
+def _read_canopen(
+    channel: Channel, device: Device, parameters: Sequence[Parameter], timeout: float
+) -> Conversation[CanFrame, list[Reading]]:
+    contents: dict[tuple[int, int, int], bytes] = {}
+    readings = []
+    for parameter in parameters:
+        place = _object(device, parameter)
+        key = (place.index, place.sub, parameter.object_size)
+        if key not in contents:
+            try:
+                contents[key] = yield from _upload(channel, parameter, place, timeout)
+            except BarewireError as error:
+                error.add_note(reading_note([parameter]))
+                raise
+        readings.append(Reading(parameter, parameter.from_object(contents[key])))
+    return readings
+
+
+def write_canopen(
+    node: int | Channel,
+    device: Device,
+    values: ValuesByName,
+    *,
+    timeout: float = DEFAULT_TIMEOUT,
+    dialect: SdoDialect | None = None,
+    force: bool = False,
+) -> Conversation[CanFrame, None]:
+    """Write parameters of `node`, which is a `device`, one after the other in the order of `values`.
+
+    Raises at once UnknownName, and EncodeError for a parameter that is read only, out of range or not on CANopen; in
+    the conversation the errors of `download`, with a note of what was written before.
+    """
+    pairs = to_write(device, values, force)
+    for parameter, value in pairs:
+        place = _object(device, parameter)
+        with naming(parameter, value):
+            parameter.to_object(value, bytes(parameter.object_size))
+        if place.bit is not None and not parameter.readable and not force:
+            raise EncodeError(f"{parameter.name} is one bit of an object that cannot be read: the rest would be lost")
+    return _write_canopen(_channel(node, dialect), device, pairs, timeout)
+
+
+def _write_canopen(
+    channel: Channel, device: Device, pairs: Sequence[tuple[Parameter, Value]], timeout: float
+) -> Conversation[CanFrame, None]:
+    done: list[str] = []
+    for parameter, value in pairs:
+        place = _object(device, parameter)
+        with writing([parameter], done):
+            old = b""
+            if place.bit is not None:
+                old = yield from _upload(channel, parameter, place, timeout)
+            data = parameter.to_object(value, old)
+            if channel.dialect.lengths == "in four":
+                data = data.ljust(4, b"\0")
+            with may_not_answer([parameter]):
+                yield from download(channel, place.index, place.sub, data, timeout=timeout)
+        done.append(parameter.name)
+
+
+def _upload(channel: Channel, parameter: Parameter, place: ObjectAt, timeout: float) -> Conversation[CanFrame, bytes]:
+    """The bytes of the object, as many as the type has."""
+    size = parameter.object_size
+    data = yield from upload(channel, place.index, place.sub, timeout=timeout, size=size)
+    # The size of an object of which only one bit is described is assumed, so nothing is cut off.
+    return data if place.bit is not None else fit(data, size)
+
+
+def _object(device: Device, parameter: Parameter) -> ObjectAt:
+    """The object of a parameter; EncodeError with its address on Modbus if it has none, or if it has no size."""
+    if parameter.object is None or device.canopen is None:
+        where = parameter.modbus
+        elsewhere = f"it is {where.table} {where.address} on Modbus (from 0)" if where else "it has no other address"
+        raise EncodeError(f"{parameter.name} is no object of CANopen: {elsewhere}", parameter.name)
+    _ = parameter.object_size  # text has no size: refused before anything is sent
+    return parameter.object
+
+
+def _channel(node: int | Channel, dialect: SdoDialect | None) -> Channel:
+    if isinstance(node, Channel):
+        if dialect is not None and dialect != node.dialect:
+            raise EncodeError(
+                f"the channel to node {node.node} has the SDO dialect {node.dialect.name}, not {dialect.name}"
+            )
+        return node
+    return Channel(node, dialect or STANDARD)
