@@ -194,10 +194,10 @@ def test_bit_31_of_1012h_consumes_and_bit_30_produces() -> None:
     frame = TimeStamp.of_unix(1_700_000_000).encode()
     one.feed(frame, 1.0)
     assert one.time.unix(2.0) == pytest.approx(1_700_000_001)
-    assert one.say_time(TimeStamp.of_unix(0x60000000)) == []
+    assert one.send_time(TimeStamp.of_unix(0x60000000)) == []
     write(one, 0x1012, 4, 0x4000_0100)
     one.feed(TimeStamp.of_unix(1_800_000_000).encode(), 3.0)
     assert one.time.unix(2.0) == pytest.approx(1_700_000_001)
-    assert [frame.id for frame in one.say_time(TimeStamp.of_unix(0x60000000))] == [0x100]
+    assert [frame.id for frame in one.send_time(TimeStamp.of_unix(0x60000000))] == [0x100]
     hear(one, "000#0205")
-    assert one.say_time(TimeStamp.of_unix(0x60000000)) == []
+    assert one.send_time(TimeStamp.of_unix(0x60000000)) == []

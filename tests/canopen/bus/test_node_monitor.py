@@ -1,4 +1,4 @@
-"""What a bus knows of its nodes by listening, and waiting for what they say."""
+"""The node monitor: explanations of why a node did not answer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from barewire.conversation import play
 from barewire.errors import NoAnswer
 
 
-def heard(*lines: tuple[float, str]) -> NodeMonitor:
+def monitor_of(*lines: tuple[float, str]) -> NodeMonitor:
     monitor = NodeMonitor()
     for at, text in lines:
         assert monitor.feed(CanFrame.parse(text), at) == []
@@ -18,7 +18,7 @@ def heard(*lines: tuple[float, str]) -> NodeMonitor:
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "expected"),
     [
         ((), "node 5 was never heard, 0 frames on 585h, nothing at all on the bus meanwhile"),
         (((7.0, "705#7F"),), "node 5 last heard 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus"),
@@ -33,12 +33,12 @@ def heard(*lines: tuple[float, str]) -> NodeMonitor:
         ),
     ],
 )
-def test_why_a_node_was_silent(lines: tuple[tuple[float, str], ...], told: str) -> None:
+def test_explanation_of_silence(lines: tuple[tuple[float, str], ...], expected: str) -> None:
     mark = NodeMonitor().mark(0x585)
-    assert told in heard(*lines).explain_silence(5, 0x585, mark, 10.0, answers=0)
+    assert expected in monitor_of(*lines).explain_silence(5, 0x585, mark, 10.0, answers=0)
 
 
-def test_the_controller_s_report_is_told_while_it_is_fresh() -> None:
+def test_a_recent_report_of_the_controller_is_included() -> None:
     monitor = NodeMonitor()
     monitor.report(ErrorFrame(0x60), 10.0)
     mark = monitor.mark(0x585)
@@ -47,15 +47,15 @@ def test_the_controller_s_report_is_told_while_it_is_fresh() -> None:
     assert report[:14] not in monitor.explain_silence(5, 0x585, mark, 30.0, answers=0)
 
 
-def test_a_foreign_protocol_does_not_fill_the_memory() -> None:
+def test_another_protocol_does_not_fill_the_memory() -> None:
     monitor = NodeMonitor()
     for number in range(10_000):
         monitor.feed(CanFrame(0x18F00000 + number, b"", True), 0.0)
     assert (monitor.foreign, monitor.frames, len(monitor._extended)) == (10_000, 10_000, 0)
 
 
-def test_a_channel_explains_with_what_the_bus_knows() -> None:
-    monitor = heard((-3.0, "705#7F"))
+def test_the_time_out_of_a_channel_is_explained() -> None:
+    monitor = monitor_of((-3.0, "705#7F"))
     with pytest.raises(NoAnswer) as caught:
         play(upload(Channel(5, node_monitor=monitor), 0x6041), lambda frame, now: [])
     assert str(caught.value) == (

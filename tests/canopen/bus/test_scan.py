@@ -1,4 +1,4 @@
-"""Who is on the bus: found with a reason, and nobody who is not there."""
+"""Scanning a bus: nodes are found with their evidence, and no others."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ def add(bus: VirtualBus, node: int, *, heartbeat: int = 0, device_type: int = 0x
     return device
 
 
-def test_all_127_with_a_few_questions_at_a_time() -> None:
+def test_127_nodes_with_few_requests_at_a_time() -> None:
     bus = VirtualBus()
     for node in (1, 5, 127):
         add(bus, node)
     bus.pass_time(0.1)
     asked: list[int] = []
-    survey = bus.run(scan(outstanding=4, gap=0.002, timeout=0.05, progress=lambda node, survey: asked.append(node)))
-    assert list(survey.nodes) == [1, 5, 127]
-    assert {found.why for found in survey.nodes.values()} == {"answered"}
-    assert survey.nodes[5].device_type == 0x20192
-    assert survey.nodes[5].answered_after == pytest.approx(0.0035)
+    result = bus.run(scan(outstanding=4, gap=0.002, timeout=0.05, progress=lambda node, result: asked.append(node)))
+    assert list(result.nodes) == [1, 5, 127]
+    assert {found.why for found in result.nodes.values()} == {"answered"}
+    assert result.nodes[5].device_type == 0x20192
+    assert result.nodes[5].answered_after == pytest.approx(0.0035)
     assert asked == list(range(1, 128))
     times = [at for at, text in bus.log if text.startswith("6") or text[:2] == "67"]
     assert min(later - sooner for sooner, later in pairwise(times)) >= 0.002 - 1e-9
@@ -51,31 +51,31 @@ def test_evidence_of_every_kind() -> None:
     bus = VirtualBus()
     for text in ("701#00", "701#7F", "702#05", "702#05", "083#3081110200000000", "584#4F00200005000000"):
         bus.inject(text, 0.001)
-    survey = bus.run(scan(ask=False, listen=0.1))
-    assert {node: found.why for node, found in survey.nodes.items()} == {
+    result = bus.run(scan(ask=False, listen=0.1))
+    assert {node: found.why for node, found in result.nodes.items()} == {
         1: "boot-up, heartbeat",
         2: "heartbeat (2 times)",
         3: "emergency",
-        4: "an SDO answer to somebody else",
+        4: "SDO response to another client",
     }
-    assert survey.nodes[3].emergency is not None
-    assert survey.frames == 6
-    assert [text for _, text in bus.log if text[:1] == "6"] == []  # nothing was asked
+    assert result.nodes[3].emergency is not None
+    assert result.frames == 6
+    assert [text for _, text in bus.log if text[:1] == "6"] == []  # no request was sent
 
 
-def test_foreign_traffic_makes_no_nodes() -> None:
+def test_frames_of_other_protocols_are_no_evidence() -> None:
     bus = VirtualBus()
     for tick in range(100):
         for text in ("00000581#4300100092010200", "00000701#05", "00000081#0010010000000000", "18FEF100#FFFFFFFF",
                      "702#R1", "582#R8", "583#", "704#", "085#00", "185#1122", "123#00"):  # fmt: skip
             bus.inject(text, tick / 200)
-    survey = bus.run(scan(range(1, 10), timeout=0.02))
-    assert survey.nodes == {}
-    assert survey.extended > 10
-    assert survey.unknown > 10
+    result = bus.run(scan(range(1, 10), timeout=0.02))
+    assert result.nodes == {}
+    assert result.extended > 10
+    assert result.unknown > 10
 
 
-def test_refusals_and_longer_answers_are_answers_too() -> None:
+def test_aborts_and_segmented_responses_are_evidence_too() -> None:
     class Odd:
         deadline = None
 
@@ -85,24 +85,24 @@ def test_refusals_and_longer_answers_are_answers_too() -> None:
 
     bus = VirtualBus()
     bus.add(Odd())
-    survey = bus.run(scan([5, 6]))
-    assert survey.nodes[5].abort == 0x06020000
-    assert (survey.nodes[6].device_type, survey.nodes[6].why) == (None, "answered")
-    assert bus.log[-1][1] == "606#8000100000000008"  # the transfer that nobody wants is ended
+    result = bus.run(scan([5, 6]))
+    assert result.nodes[5].abort == 0x06020000
+    assert (result.nodes[6].device_type, result.nodes[6].why) == (None, "answered")
+    assert bus.log[-1][1] == "606#8000100000000008"  # the transfer is aborted
 
 
-def test_node_numbers_are_checked() -> None:
+def test_node_ids_are_checked() -> None:
     with pytest.raises(EncodeError):
         VirtualBus().run(scan([0]))
 
 
-def test_a_foreign_application_is_not_slowed() -> None:
-    """However busy the bus, the scan comes to an end."""
+def test_a_scan_ends_on_a_busy_bus() -> None:
+    """The scan ends however many frames arrive."""
     bus = VirtualBus()
     objects = ObjectDictionary([Entry(0x1000, 0, "device type", "u32", "const", 0)])
     device = LocalNode(9, objects)
     bus.add(device, sent=device.start(0.0))
     for tick in range(5000):
         bus.inject("185#1122334455667788", tick / 2000)
-    survey = bus.run(scan(range(1, 20), timeout=0.05))
-    assert list(survey.nodes) == [9]
+    result = bus.run(scan(range(1, 20), timeout=0.05))
+    assert list(result.nodes) == [9]

@@ -1,12 +1,12 @@
-"""Who was heard on a bus, and when: what is known of a node before anybody asks it anything.
+"""The node monitor: which nodes sent frames and when, to explain why a node does not answer.
 
-        705#7F          node 5 was heard, and is pre-operational
-        185#...         node 5 was heard
-        605#...         somebody spoke to node 5: no sign of it
+        705#7F          sent by node 5, which is pre-operational
+        185#...         sent by node 5
+        605#...         sent to node 5: no evidence of it
 
-One dictionary entry for each identifier, the last frame and how often it came. Read out only when somebody wants to
-know why nothing answered, so listening costs next to nothing. Of extended identifiers only those are kept whose number
-could be taken for one of ours; the others are counted, so a foreign protocol does not fill the memory.
+There is one dictionary entry for each identifier: the last frame and the number of frames. It is evaluated only to
+explain a time-out, so recording a frame costs next to nothing. Of extended identifiers only those up to 7FFh are kept,
+which are easily mistaken for base identifiers; all others are counted, so another protocol does not fill the memory.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import NmtState
 from barewire.errors import DecodeError
 
-SHOWN = 5
-"""How many of those that were heard are named where the one that is wanted was not."""
+_SHOWN = 5
+"""How many other nodes are listed if the wanted one was never heard."""
 _OF_DEVICES = tuple(service.base for service in SERVICES if service.from_device and not service.broadcast)
-RECENT = 10.0
-"""Seconds for which a report of the controller is worth telling."""
+_RECENT = 10.0
+"""Seconds for which a report of the controller is part of an explanation."""
 
 
 class TrafficMark(NamedTuple):
-    """A moment in what was heard, to count from."""
+    """The frame counts at one moment, to count frames from then on."""
 
     frames: int
-    extended: int  # with the number of the answer identifier
+    extended: int  # extended frames with the number of the answer identifier
 
 
 class NodeMonitor:
-    """Listens to everybody. A machine without events: it is asked.
+    """Records all frames of a bus. A machine without events; its methods evaluate the record.
 
     >>> monitor = NodeMonitor()
     >>> mark = monitor.mark(0x585)
@@ -48,7 +48,7 @@ class NodeMonitor:
 
     def __init__(self) -> None:
         self.frames = 0
-        self.foreign = 0  # extended frames whose number is none of ours
+        self.foreign = 0  # extended frames above 7FFh
         self.error: ErrorFrame | None = None
         self.error_at = 0.0
         self._base: dict[int, tuple[int, float, CanFrame]] = {}  # at most 2048
@@ -56,11 +56,11 @@ class NodeMonitor:
 
     @property
     def deadline(self) -> float | None:
-        """None: it waits for nothing."""
+        """None: nothing is timed."""
         return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[None]:
-        """One frame more."""
+        """Record a frame. Returns no events."""
         if frame is None:
             return []
         self.frames += 1
@@ -75,27 +75,27 @@ class NodeMonitor:
         return []
 
     def report(self, error: ErrorFrame, now: float) -> None:
-        """The controller said something about the bus."""
+        """Record a report of the CAN controller."""
         self.error, self.error_at = error, now
 
     def count(self, identifier: int) -> int:
-        """How many base frames with this identifier were heard."""
+        """The number of base frames with this identifier."""
         known = self._base.get(identifier)
         return 0 if known is None else known[0]
 
     def last_heard(self, node: int) -> float | None:
-        """When the node said anything on an identifier of the predefined connection set; None if it never did."""
+        """When the node last sent a frame of the predefined connection set; None if never."""
         times = [self._base[base + node][1] for base in _OF_DEVICES if base + node in self._base]
         return max(times, default=None)
 
     def nodes(self) -> list[int]:
-        """Who has said anything on an identifier of the predefined connection set."""
+        """The nodes that sent frames of the predefined connection set."""
         return [
             node for node in range(NODE_MIN, NODE_MAX + 1) if any(base + node in self._base for base in _OF_DEVICES)
         ]
 
     def state(self, node: int) -> NodeState | None:
-        """What the node said last of its own state."""
+        """The last state that the node reported."""
         known = self._base.get(0x700 + check_node(node))
         try:
             return None if known is None else NodeState.decode(known[2])
@@ -103,33 +103,32 @@ class NodeMonitor:
             return None
 
     def mark(self, answer_id: int) -> TrafficMark:
-        """The counts as they are now."""
+        """The present counts, to be given to `explain_silence` later."""
         return TrafficMark(self.frames, self._extended.get(answer_id, 0))
 
     def explain_silence(self, node: int, answer_id: int, since: TrafficMark, now: float, *, answers: int) -> str:
-        """Why a node may have been silent: everything that was heard, in one sentence. `answers` is how many frames
-        came on `answer_id` since then."""
+        """One sentence on why a node may not have answered. `answers` is the number of frames on `answer_id` since."""
         frames = self.frames - since.frames
         last, state = self.last_heard(node), self.state(node)
-        said = []
+        parts = []
         if last is None:
             others = self.nodes()
-            more = ", ..." if len(others) > SHOWN else ""
-            hint = f" (heard so far: node {', '.join(map(str, others[:SHOWN]))}{more})" if others else ""
-            said.append(f"node {node} was never heard{hint}")
+            more = ", ..." if len(others) > _SHOWN else ""
+            hint = f" (heard so far: node {', '.join(map(str, others[:_SHOWN]))}{more})" if others else ""
+            parts.append(f"node {node} was never heard{hint}")
         else:
-            said.append(f"node {node} last heard {_seconds(now - last)} ago")
+            parts.append(f"node {node} last heard {_seconds(now - last)} ago")
         if state is not None:
             stopped = ", and a stopped node answers no SDO" if state.state == NmtState.STOPPED else ""
-            said.append(("booting" if state.is_boot_up else state.name) + stopped)
-        said.append(f"{_frames(answers)} on {answer_id:03X}h")
+            parts.append(("booting" if state.is_boot_up else state.name) + stopped)
+        parts.append(f"{_frames(answers)} on {answer_id:03X}h")
         extended = self._extended.get(answer_id, 0) - since.extended
         if extended:
-            said.append(f"{_frames(extended)} on extended {answer_id:08X}h, which is another identifier")
-        said.append(f"{_frames(frames) if frames else 'nothing at all'} on the bus meanwhile")
-        if self.error is not None and now - self.error_at < RECENT:
-            said.append(f"the controller reported {self.error.text} {_seconds(now - self.error_at)} ago")
-        return ", ".join(said)
+            parts.append(f"{_frames(extended)} on extended {answer_id:08X}h, which is another identifier")
+        parts.append(f"{_frames(frames) if frames else 'nothing at all'} on the bus meanwhile")
+        if self.error is not None and now - self.error_at < _RECENT:
+            parts.append(f"the controller reported {self.error.text} {_seconds(now - self.error_at)} ago")
+        return ", ".join(parts)
 
 
 def _frames(number: int) -> str:

@@ -1,16 +1,16 @@
-"""Who is on the bus? Every node with the reason why we believe in it.   [CiA 301, predefined connection set]
+"""Scan a bus: find its nodes, each with the evidence for it.   [CiA 301, predefined connection set]
 
-        600h+n | 40 00 10 00 ...   ->             1000h exists in every device, so everybody has an answer
-                               <-  580h+n         the device type, or an abort: somebody is there either way
+        600h+n | 40 00 10 00 ...   ->             read 1000h, which every device has
+                               <-  580h+n         the device type, or an abort: the node exists either way
 
-        heard on the way      700h+n heartbeat, boot-up      080h+n emergency      580h+n an answer to somebody else
+        received meanwhile    700h+n heartbeat, boot-up      080h+n emergency      580h+n response to another client
 
-Not 127 questions in one burst, which overruns the buffers of adapters and devices: at most `outstanding` unanswered
-at a time, and `gap` seconds between two. Nodes that do not speak SDO now (STOPPED) are found by what they say of
-themselves, if one listens for as long as their heartbeat takes.
+127 requests in one burst would overrun the buffers of adapters and devices: at most `outstanding` requests are
+unanswered at a time, and two are at least `gap` seconds apart. A node that cannot use SDO now (STOPPED) is found by its
+heartbeat, if the scan listens for one heartbeat period.
 
-A foreign protocol on the same cable cannot make nodes: an extended frame is never evidence, whatever its number, nor
-is a remote frame, nor an answer that is no SDO.
+Another protocol on the same cable cannot appear as a node: an extended frame is never evidence, nor is a remote frame,
+nor a frame on 580h+n that is no SDO response.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError
 
-DEVICE_TYPE = 0x1000
+_DEVICE_TYPE = 0x1000
 
 
 @dataclass(slots=True)
 class ScannedNode:
-    """A node, and why.
+    """A node that was found, and the evidence for it.
 
-    `device_type` is 1000h if it was told, `abort` the code of a node that refused to tell, `answered_after` how many
-    seconds its answer took. `state` is what it said of itself last. `evidence` counts each kind of sign.
+    `device_type` is the value of 1000h, `abort` the abort code instead of it, `answered_after` the response time in
+    seconds. `state` is the last state that the node reported. `evidence` counts each kind of evidence.
     """
 
     node: int
@@ -45,9 +45,9 @@ class ScannedNode:
     emergency: Emergency | None = None
     evidence: dict[str, int] = field(default_factory=dict)
 
-    def note(self, why: str) -> None:
-        """One more sign of that kind."""
-        self.evidence[why] = self.evidence.get(why, 0) + 1
+    def add_evidence(self, kind: str) -> None:
+        """Count one more evidence of a kind."""
+        self.evidence[kind] = self.evidence.get(kind, 0) + 1
 
     @property
     def why(self) -> str:
@@ -61,12 +61,12 @@ class ScannedNode:
 
 @dataclass(slots=True)
 class ScanResult:
-    """The result: the nodes by number, and what was heard beside them."""
+    """The result: the nodes by node-ID, and the number of frames received."""
 
     nodes: dict[int, ScannedNode] = field(default_factory=dict)
     frames: int = 0
-    extended: int = 0  # of another protocol
-    unknown: int = 0  # base frames that are nobody's sign of life
+    extended: int = 0  # frames of another protocol
+    unknown: int = 0  # base frames that are no evidence of a node
 
 
 def scan(
@@ -79,95 +79,98 @@ def scan(
     ask: bool = True,
     progress: Callable[[int, ScanResult], None] | None = None,
 ) -> Conversation[CanFrame, ScanResult]:
-    """Ask the nodes for their device type and listen to everybody meanwhile.
+    """Read the device type of `nodes`, and collect evidence of all nodes meanwhile.
 
-    `listen` so many seconds before the first question: with a little more than the longest heartbeat time, stopped
-    nodes are found as well. Without `ask` nothing is sent. `progress(node, survey)` is called for each node asked.
+    The scan listens for `listen` seconds before the first request: with a little more than the longest heartbeat time,
+    stopped nodes are found too. `timeout` is the time in seconds for one response. Without `ask` nothing is sent.
+    `progress(node, result)` is called before each request.
 
     >>> from barewire.conversation import play
     >>> def bus(frame, now):
     ...     return [(now + 0.001, CanFrame.parse("585#4300100092010200"))] if frame.id == 0x605 else []
-    >>> survey, seconds = play(scan(range(1, 11)), bus)
-    >>> [(found.node, f"{found.device_type:08X}h", found.why) for found in survey.nodes.values()]
+    >>> result, seconds = play(scan(range(1, 11)), bus)
+    >>> [(found.node, f"{found.device_type:08X}h", found.why) for found in result.nodes.values()]
     [(5, '00020192h', 'answered')]
     """
-    survey = ScanResult()
-    asked: dict[int, float] = {}  # node -> when
+    result = ScanResult()
+    asked: dict[int, float] = {}  # node -> time of the request
     left = [check_node(node) for node in nodes] if ask else []
     left.reverse()
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     quiet_until = heard.now + listen
-    ready = quiet_until  # when the next question may go out
+    ready = quiet_until  # when the next request may be sent
     while True:
         if heard.item is not None:
-            refused = _note(survey, heard.item, asked, heard.now)
-            if refused is not None:
-                yield Send(refused)
+            abort = _evaluate(result, heard.item, asked, heard.now)
+            if abort is not None:
+                yield Send(abort)
         asked = {node: when for node, when in asked.items() if heard.now < when + timeout}
         if left and heard.now >= ready and len(asked) < outstanding:
             node = left.pop()
             if progress is not None:
-                progress(node, survey)
-            sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _QUESTION))
+                progress(node, result)
+            sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _REQUEST))
             asked[node] = sent.now
             ready = sent.now + gap
         if not left and not asked and heard.now >= quiet_until:
             break
-        first_over = min((when + timeout for when in asked.values()), default=quiet_until)
-        heard = yield Listen(ready if left and len(asked) < outstanding else max(first_over, heard.now))
-    survey.nodes = dict(sorted(survey.nodes.items()))
-    return survey
+        first_timeout = min((when + timeout for when in asked.values()), default=quiet_until)
+        heard = yield Listen(ready if left and len(asked) < outstanding else max(first_timeout, heard.now))
+    result.nodes = dict(sorted(result.nodes.items()))
+    return result
 
 
-_QUESTION = InitiateUpload(DEVICE_TYPE, 0).encode()
+_REQUEST = InitiateUpload(_DEVICE_TYPE, 0).encode()
 
 
-def _note(survey: ScanResult, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
-    """What the frame is evidence of. Returned is what must be said to it: the end of a transfer that nobody wants."""
-    survey.frames += 1
-    survey.extended += frame.extended
+def _evaluate(result: ScanResult, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
+    """Add the evidence of a frame. Returns the abort to send, if the frame starts a transfer that is not wanted."""
+    result.frames += 1
+    result.extended += frame.extended
     owner = classify(frame)
     if owner is None or frame.remote:
-        survey.unknown += not frame.extended
+        result.unknown += not frame.extended
         return None
     service, node = owner
     try:
         if service.name == "error control":
-            told = NodeState.decode(frame)
-            _at(survey, node).state = told
-            _at(survey, node).note("boot-up" if told.is_boot_up else "heartbeat")
+            state = NodeState.decode(frame)
+            found = _entry(result, node)
+            found.state = state
+            found.add_evidence("boot-up" if state.is_boot_up else "heartbeat")
         elif service.name == "EMCY":
             emergency = Emergency.decode(frame)
-            _at(survey, node).emergency = emergency
-            _at(survey, node).note("emergency")
+            found = _entry(result, node)
+            found.emergency = emergency
+            found.add_evidence("emergency")
         elif service.name == "SDO answer":
-            return _note_answer(survey, node, frame, asked, now)
+            return _evaluate_response(result, node, frame, asked, now)
         else:
-            survey.unknown += 1
+            result.unknown += 1
     except DecodeError:
-        survey.unknown += 1
+        result.unknown += 1
     return None
 
 
-def _note_answer(
-    survey: ScanResult, node: int, frame: CanFrame, asked: dict[int, float], now: float
+def _evaluate_response(
+    result: ScanResult, node: int, frame: CanFrame, asked: dict[int, float], now: float
 ) -> CanFrame | None:
-    answer = decode_sdo_response(frame.data)
-    found = _at(survey, node)
-    ours = node in asked and (getattr(answer, "index", None), getattr(answer, "sub", None)) == (DEVICE_TYPE, 0)
-    if not ours:
-        found.note("an SDO answer to somebody else")
+    response = decode_sdo_response(frame.data)
+    found = _entry(result, node)
+    address = (getattr(response, "index", None), getattr(response, "sub", None))
+    if node not in asked or address != (_DEVICE_TYPE, 0):
+        found.add_evidence("SDO response to another client")
         return None
     found.answered_after = now - asked.pop(node)
-    found.note("answered")
-    if isinstance(answer, Abort):
-        found.abort = answer.code
-    elif isinstance(answer, ExpeditedUpload):
-        found.device_type = int.from_bytes(answer.data, "little")
+    found.add_evidence("answered")
+    if isinstance(response, Abort):
+        found.abort = response.code
+    elif isinstance(response, ExpeditedUpload):
+        found.device_type = int.from_bytes(response.data, "little")
     else:
-        return CanFrame(cob_id("SDO request", node), Abort(DEVICE_TYPE, 0, 0x0800_0000).encode())
+        return CanFrame(cob_id("SDO request", node), Abort(_DEVICE_TYPE, 0, 0x0800_0000).encode())
     return None
 
 
-def _at(survey: ScanResult, node: int) -> ScannedNode:
-    return survey.nodes.setdefault(node, ScannedNode(node))
+def _entry(result: ScanResult, node: int) -> ScannedNode:
+    return result.nodes.setdefault(node, ScannedNode(node))

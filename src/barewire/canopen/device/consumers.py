@@ -1,9 +1,9 @@
-"""What one device hears of the others by its objects: what time it is, what is wrong with them.   [CiA 301, TIME, EMCY]
+"""The TIME and EMCY consumers of a device, as its objects configure them.   [CiA 301, TIME, EMCY]
 
-        1012h     COB-ID TIME   31 | 30 | 29 | 28 ... 0     31: hears TIME     30: produces it     29: 29 bits
-        1028h:n   COB-ID under which the emergencies of node n are awaited; 31: they are not
+        1012h     COB-ID TIME   31 | 30 | 29 | 28 ... 0     31: consumes TIME  30: produces it     29: 29 bits
+        1028h:n   COB-ID of the emergencies of node n; 31: not consumed
 
-While TIME is heard or produced, its identifier stays as it is: 0609 0030h.
+While TIME is consumed or produced, its identifier cannot be changed: 0609 0030h.
 """
 
 from __future__ import annotations
@@ -15,41 +15,41 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 
-TIME, EMERGENCIES = 0x1012, 0x1028
-TIME_HEARD = 0x8000_0100
-"""What stands for 1012h where a device has none: TIME is heard."""
-HISTORY = 16
+_TIME, _EMERGENCIES = 0x1012, 0x1028
+_DEFAULT_TIME = 0x8000_0100
+"""The value of 1012h if the object is missing: TIME is consumed."""
+_HISTORY = 16
 
 
 class DeviceConsumers:
-    """TIME and the emergencies of others, as a device hears them. `follow` obeys the objects. A machine."""
+    """The TIME consumer and the EMCY consumer of a device. `follow` reads the objects."""
 
     __slots__ = ("emergencies", "objects", "time")
 
     def __init__(self, objects: ObjectDictionary) -> None:
         self.objects = objects
         self.time = TimeConsumer()
-        self.emergencies = EmcyConsumer(listed_only=True, history=HISTORY)
-        validate_cob_id_writes(objects, TIME, lambda entry: entry.bit30 or entry.bit31)
+        self.emergencies = EmcyConsumer(listed_only=True, history=_HISTORY)
+        validate_cob_id_writes(objects, _TIME, lambda entry: entry.bit30 or entry.bit31)
 
     def follow(self) -> None:
-        """What the objects say now."""
-        entry = CobEntry.unpack(integer_value(self.objects, TIME, default=TIME_HEARD))
+        """Take over the present values of the objects."""
+        entry = CobEntry.unpack(integer_value(self.objects, _TIME, default=_DEFAULT_TIME))
         self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
         listed = {
-            sub: CobEntry.unpack(integer_value(self.objects, EMERGENCIES, sub))
-            for sub in self.objects.subs(EMERGENCIES)
+            sub: CobEntry.unpack(integer_value(self.objects, _EMERGENCIES, sub))
+            for sub in self.objects.subs(_EMERGENCIES)
         }
         self.emergencies.cob_ids = {
             (entry.identifier, entry.extended): node for node, entry in listed.items() if node and not entry.bit31
         }
 
     def feed(self, frame: CanFrame | None, now: float) -> None:
-        """One frame more; it is kept, and nothing is said to it."""
+        """Feed both consumers; their state is read from `time` and `emergencies`."""
         self.time.feed(frame, now)
         self.emergencies.feed(frame, now)
 
-    def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
-        """The TIME message, if 1012h lets this device produce it."""
-        entry = CobEntry.unpack(integer_value(self.objects, TIME))
+    def time_message(self, stamp: TimeStamp) -> list[CanFrame]:
+        """The TIME message, if 1012h makes this device a producer."""
+        entry = CobEntry.unpack(integer_value(self.objects, _TIME))
         return [stamp.encode((entry.identifier, entry.extended))] if entry.bit30 else []

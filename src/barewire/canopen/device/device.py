@@ -1,15 +1,15 @@
-"""A whole CANopen device: the services of one node, each in the states where it may work.   [CiA 301]
+"""A local node: a whole CANopen device, each service in the NMT states that allow it.   [CiA 301]
 
                                   +------------ objects (the dictionary) ------------+
-        000h    NMT command  ---> |  nmt        which state, and so who may speak    |
-        600h+n  SDO request  ---> |  sdo        answers out of the dictionary        | ---> 580h+n
-        1201h   SDO request  ---> |  channels   the same on further channels         | ---> 1201h
-        080h    SYNC         ---> |  sync       heard, or produced                   | ---> 080h
-        200h+n  RPDO ...     ---> |  pdo        process data out of and into it      | ---> 180h+n ...
-        100h    TIME         ---> |  time       what time it is                      |
-        700h+m  heartbeats   ---> |  control    who is alive; that I am              | ---> 700h+n
-        7E5h    LSS          ---> |  lss        which node-ID I have                 | ---> 7E4h
-                                  |  errors     what is wrong here                   | ---> 080h+n
+        000h    NMT command  ---> |  nmt        the NMT state                        |
+        600h+n  SDO request  ---> |  sdo        reads and writes the dictionary      | ---> 580h+n
+        1201h   SDO request  ---> |  channels   the same on additional channels      | ---> 1201h
+        080h    SYNC         ---> |  sync       consumed, or produced                | ---> 080h
+        200h+n  RPDO ...     ---> |  pdo        process data                         | ---> 180h+n ...
+        100h    TIME         ---> |  time       time of day                          | ---> 100h
+        700h+m  heartbeats   ---> |  control    heartbeat, node and life guarding    | ---> 700h+n
+        7E5h    LSS          ---> |  lss        node-ID and bit rate                 | ---> 7E4h
+        080h+m  emergencies  ---> |  errors, emergencies    own, and of other nodes  | ---> 080h+n
                                   +--------------------------------------------------+
 
                             INITIALISING   PRE-OPERATIONAL   OPERATIONAL   STOPPED
@@ -19,11 +19,11 @@
         NMT, error control                        x               x           x
         LSS                      x                x               x           x
 
-Reset communication brings the defaults (or what 1010h stored) of 1000h to 1FFFh back, reset node those of 2000h to
-9FFFh as well; both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID hears nothing but LSS and
-says nothing else. A simulated drive is this machine with a dictionary whose values somebody moves.
+Reset communication restores the defaults (or the values stored by 1010h) of 1000h to 1FFFh, reset node those of 2000h
+to 9FFFh as well; both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID receives and sends LSS
+only. A simulated drive is this machine with a dictionary whose values the simulation computes.
 
-I know: one node and its dictionary.  I never know: what the values mean, buses, clocks.
+Depends on: all services of `barewire.canopen`. Used by: simulators, node runners of `barewire.io`, tests.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 
-RECOVERED = 0x8140
-FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x1019, 0x1028, *range(0x1201, 0x1280)}
-"""The objects that say how the services go."""
+_RECOVERED = 0x8140
+_FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x1019, 0x1028, *range(0x1201, 0x1280)}
+"""The objects that configure the services."""
 _PAST, _NEVER = float("-inf"), -1
 
 
 class LocalNode:
-    """One node. A machine: frames and time in, frames out.
+    """One node of its own. A machine: frames and time in, frames out.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
@@ -65,14 +65,14 @@ class LocalNode:
     >>> [str(frame) for frame in device.feed(CanFrame.parse("605#4017100000000000"), 0.5)]
     ['585#4B171000E8030000']
 
-    `on_reset` is called when a reset command came, after the defaults are back: the place where a simulated machine
-    puts itself back as well. With `lss` the device can be given its node-ID over the bus; `node` None means that it
-    has none yet.
+    `pdos` are the factory settings of its PDOs. `on_reset` is called at a reset command, after the defaults are
+    restored, for the application to reset itself. With `lss` the device can be given its node-ID over the bus; `node`
+    None means that it has none yet.
     """
 
     __slots__ = (
         *("__weakref__", "_computed", "_due", "_on", "_pdos", "_seen", "_silent_until"),
-        *("channels", "control", "dialect", "ears", "errors", "lss", "nmt", "node", "objects", "on_reset"),
+        *("channels", "consumers", "control", "dialect", "errors", "lss", "nmt", "node", "objects", "on_reset"),
         *("pdo", "sdo", "stored", "sync"),
     )
 
@@ -95,7 +95,7 @@ class LocalNode:
             lss.silence = self._be_silent
         self.stored = StoredParameters(objects)
         self.sync = DeviceSync(objects)
-        self.ears = DeviceConsumers(objects)
+        self.consumers = DeviceConsumers(objects)
         validate_sync_writes(objects)
         validate_consumer_writes(objects)
         validate_channel_writes(objects)
@@ -106,23 +106,23 @@ class LocalNode:
         self._computed = True
         self.errors = EmcyProducer(node or NODE_MAX, objects)
         self.errors.allowed = False
-        self._settle(node)
+        self._make_services(node)
 
-    def _settle(self, node: int | None) -> None:
-        """The services of this node-ID. A device that has none keeps them ready, and does not feed them."""
+    def _make_services(self, node: int | None) -> None:
+        """Make the services of a node-ID. Without node-ID they exist but are not fed."""
         self.node = node
-        place = check_node(NODE_MAX if node is None else node)
-        self.errors.renumber(place)
-        self.nmt = NmtSlave(place)
-        self.sdo = SdoServer(place, self.objects, self.dialect)
-        self.channels = AdditionalServers(place, self.objects, self.dialect)
-        self.pdo = PdoEngine(place, self.objects, self._pdos, self.errors)
-        self.control = ErrorControl(place, self.objects)
-        self.stored.put_back()
+        number = check_node(NODE_MAX if node is None else node)
+        self.errors.renumber(number)
+        self.nmt = NmtSlave(number)
+        self.sdo = SdoServer(number, self.objects, self.dialect)
+        self.channels = AdditionalServers(number, self.objects, self.dialect)
+        self.pdo = PdoEngine(number, self.objects, self._pdos, self.errors)
+        self.control = ErrorControl(number, self.objects)
+        self.stored.apply()
 
     def renumber(self, node: int | None) -> None:
-        """Another node-ID, or none, that does not come from LSS. To be called before `start` or in `on_reset`."""
-        self._settle(node)
+        """Change or remove the node-ID without LSS. To be called before `start` or in `on_reset`."""
+        self._make_services(node)
 
     @property
     def state(self) -> NmtState:
@@ -131,38 +131,38 @@ class LocalNode:
 
     @property
     def heartbeat(self) -> HeartbeatProducer:
-        """What says that this device is alive."""
+        """The heartbeat producer."""
         return self.control.heartbeat
 
     @property
     def time(self) -> TimeConsumer:
-        """What time it is, if 1012h lets this device hear it."""
-        return self.ears.time
+        """The TIME consumer, in use if 1012h configures it."""
+        return self.consumers.time
 
     @property
     def emergencies(self) -> EmcyConsumer:
-        """What is wrong with the nodes that 1028h lists."""
-        return self.ears.emergencies
+        """The active errors of the nodes that 1028h lists."""
+        return self.consumers.emergencies
 
     @property
     def deadline(self) -> float | None:
-        """When the device has something to say by itself."""
+        """When the device has something to send by itself."""
         if not self._on or self.node is None:
             return None
         dues = [self.control.deadline]
-        if self._may_speak:
+        if self._may_communicate:
             dues += [self.sdo.deadline, self.channels.deadline, self.pdo.deadline]
             dues += [self.errors.deadline, self.sync.deadline]
         first = min((due for due in dues if due is not None), default=None)
         return None if first is None else max(first, self._silent_until)
 
     @property
-    def _may_speak(self) -> bool:
-        """SDO, EMCY, SYNC and TIME are allowed in the same states."""
+    def _may_communicate(self) -> bool:
+        """Whether the NMT state allows SDO, EMCY, SYNC and TIME."""
         return self.nmt.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
 
     def start(self, now: float) -> list[CanFrame]:
-        """Power on: initialise, say the boot-up message, be PRE-OPERATIONAL. Without a node-ID: wait for LSS."""
+        """Power on: initialise, return the boot-up message, be PRE-OPERATIONAL. Without a node-ID: wait for LSS."""
         self._on = True
         self.nmt.state = NmtState.INITIALISING
         self.pdo.stop()
@@ -173,96 +173,94 @@ class LocalNode:
             return []
         boot_up = self.control.boot(now)
         self.nmt.booted()
-        self._be(self.nmt.state, now)
+        self._enter(self.nmt.state)
         self._follow(now)
         return [boot_up]
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """What the frame and the time make the device say. Before `start` it says nothing."""
+        """The frames to send after a frame, and after time passing. None before `start`."""
         if not self._on or now < self._silent_until:
             return []
         if now < self._due and self._seen == self.objects.changes and frame is not None and self.sdo.accept(frame, now):
-            return []  # inside a block, and nothing else is due: the way of nearly every frame of a long download
-        said = [] if self.lss is None else self.lss.feed(frame, now)
+            return []  # fast path: a segment inside a block download, and nothing else is due
+        frames = [] if self.lss is None else self.lss.feed(frame, now)
         if self.lss is not None and self.lss.wants_to_boot:
-            self._settle(self.lss.take_over())
-            return said + self.start(now)
+            self._make_services(self.lss.take_over())
+            return frames + self.start(now)
         if self.node is None:
-            return said
+            return frames
         for change in self.nmt.feed(frame, now):
             if change.after is NmtState.INITIALISING:
-                return said + self._reset(change.command, now)
+                return frames + self._reset(change.command, now)
             if change.before is not change.after:
-                self._be(change.after, now)
-        if self._may_speak:
-            said += self.sdo.feed(frame, now) + self.channels.feed(frame, now)
+                self._enter(change.after)
+        if self._may_communicate:
+            frames += self.sdo.feed(frame, now) + self.channels.feed(frame, now)
         else:
             self.sdo.forget()
             self.channels.forget()
         self._follow(now)
-        frames, missed = self.control.feed(frame, now)
-        said += frames
-        for node, gone in missed:
-            said += self._missed(node, gone, now)
-        if self._may_speak:
-            said += self._sync_and_pdo(frame, now)
-            self.ears.feed(frame, now)
-            said += self.errors.feed(None, now)
+        control_frames, events = self.control.feed(frame, now)
+        frames += control_frames
+        for node, resolved in events:
+            frames += self._error_control(node, resolved, now)
+        if self._may_communicate:
+            frames += self._sync_and_pdo(frame, now)
+            self.consumers.feed(frame, now)
+            frames += self.errors.feed(None, now)
         self._due = _PAST if self.sdo.deadline is None else self.deadline or _PAST
-        return said
+        return frames
 
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
-        """An error has come: it is in the register and the history, and said where the state allows it."""
+        """An error occurred: set register and history. Returns the emergency, if the NMT state allows one."""
         return self.errors.error(code, now, source=source, info=info, register=register)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
-        """That error is gone; said with 0000h and the register that is left."""
+        """An error is cleared. Returns the emergency 0000h with the remaining register."""
         return self.errors.error_gone(code, now, source=source, info=info)
 
     def bus_off(self, now: float) -> None:
-        """The CAN controller left the bus, or somebody is missed on it: what 1029h says."""
+        """The CAN controller is bus-off, or a monitored node is lost: change the NMT state as 1029h configures it."""
         after = self.control.after_error(self.nmt.state)
         if after is not self.nmt.state:
             self.nmt.state = after
-            self._be(after, now)
+            self._enter(after)
 
     def recovered(self, now: float) -> list[CanFrame]:
-        """The CAN controller was bus-off and is back: said as 8140h, and at once as over."""
-        return self.error(RECOVERED, now) + self.error_gone(RECOVERED, now)
+        """The CAN controller recovered from bus-off: the emergency 8140h, cleared at once."""
+        return self.error(_RECOVERED, now) + self.error_gone(_RECOVERED, now)
 
-    def say_time(self, stamp: TimeStamp) -> list[CanFrame]:
-        """A TIME message, if 1012h bit 30 lets this device produce it and the state allows it."""
-        return self.ears.say_time(stamp) if self._may_speak and self.node is not None else []
+    def send_time(self, stamp: TimeStamp) -> list[CanFrame]:
+        """The TIME message, if 1012h makes this device a producer and the NMT state allows it."""
+        return self.consumers.time_message(stamp) if self._may_communicate and self.node is not None else []
 
     def _sync_and_pdo(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """SYNC moves PDOs, whoever says it."""
-        said, beat, wrong = self.sync.feed(frame, now)
-        if wrong is not None and frame is not None:
-            length = bytes([len(frame.data)])
-            said += (
-                self.errors.error(WRONG_LENGTH, now, info=length)
-                if wrong
-                else self.errors.error_gone(WRONG_LENGTH, now)
-            )
+        """SYNC and PDOs: a SYNC has the same effect whether it is received or produced."""
+        frames, sync, wrong = self.sync.feed(frame, now)
+        if wrong:
+            length = b"" if frame is None else bytes([len(frame.data)])
+            frames += self.errors.error(WRONG_LENGTH, now, info=length)
+        elif wrong is not None:
+            frames += self.errors.error_gone(WRONG_LENGTH, now)
         self.pdo.sync_key, self.pdo.window = self.sync.key, self.sync.window
-        return said + self.pdo.feed(beat if wrong is not None or beat is not None else frame, now)
+        return frames + self.pdo.feed(sync if wrong is not None or sync is not None else frame, now)
 
-    def _missed(self, node: int, gone: bool, now: float) -> list[CanFrame]:
-        """Somebody is silent who must not be, or is heard again."""
-        source, info = ("missed", node), bytes([node])
-        if gone:
+    def _error_control(self, node: int, resolved: bool, now: float) -> list[CanFrame]:
+        """A monitored node (0: the guarding master) is lost, or is back."""
+        source, info = ("error control", node), bytes([node])
+        if resolved:
             return self.errors.error_gone(HEARTBEAT_ERROR, now, source=source, info=info)
-        said = self.errors.error(HEARTBEAT_ERROR, now, source=source, info=info)
+        frames = self.errors.error(HEARTBEAT_ERROR, now, source=source, info=info)
         self.bus_off(now)
-        return said
+        return frames
 
-    def _be(self, state: NmtState, now: float) -> None:
-        """Another state: whoever has to know."""
+    def _enter(self, state: NmtState) -> None:
+        """Change the services to a new NMT state."""
         self._seen = _NEVER
-        self.control.be(state)
-        self.errors.allowed = self._may_speak
+        self.control.set_state(state)
+        self.errors.allowed = self._may_communicate
         self.pdo.stop()
         if state is NmtState.OPERATIONAL:
             self.pdo.start()
@@ -276,22 +274,22 @@ class LocalNode:
         if self.on_reset is not None:
             self.on_reset(command)
         if self.lss is not None and self.lss.take_over() != self.node:
-            self._settle(self.lss.node)
+            self._make_services(self.lss.node)
         return self.start(now)
 
     def _follow(self, now: float) -> None:
-        """What the communication objects say now; not asked again while nothing can have changed."""
+        """Take over the communication objects, if any may have changed."""
         objects = self.objects
         if self._seen == objects.changes and not self._computed:
             return
         self._seen = objects.changes
-        self._computed = not FOLLOWED.isdisjoint(objects.computed)
+        self._computed = not _FOLLOWED.isdisjoint(objects.computed)
         self.control.follow(now)
         self.channels.follow()
-        if self._may_speak:
+        if self._may_communicate:
             self.sync.follow(now)
-        self.ears.follow()
+        self.consumers.follow()
 
     def _be_silent(self, until: float) -> None:
-        """The bit rate changes: nothing is said and nothing heard until then."""
+        """While the bit rate changes, nothing is sent and nothing received."""
         self._silent_until = until

@@ -1,18 +1,18 @@
-"""The SDO channels of one device, as its objects tell them.   [CiA 301, SDO parameter]
+"""The SDO channels of a device, as its objects configure them.   [CiA 301, SDO parameter]
 
-        1200h              the default server, which every device has       600h + node -> 580h + node
+        1200h              the default server of every device               600h + node -> 580h + node
         1201h ... 127Fh    server 2 ... 128                                 01  COB-ID client -> server
         1280h ... 12FFh    client 1 ... 128                                 02  COB-ID server -> client
                                                                             03  node-ID of the other side
         COB-ID             31 | 30 | 29 | 28 ... 0
-                           1: not in use   1: given for a while   1: 29 bits
+                           1: not in use   1: temporary   1: 29 bits
 
-A channel is in use while neither of its COB-IDs has bit 31. While one has not, its identifier stays as it is, and never
-is it one that belongs to another service: both 0609 0030h. Which node the other side is stands there for people and
-for SDO managers; a CAN frame does not say who sent it.
+A channel is in use if both of its COB-IDs have bit 31 = 0. While a COB-ID has bit 31 = 0, its identifier cannot be
+changed, and it can never be a restricted one: both 0609 0030h. The node-ID of the other side is information only; a CAN
+frame does not contain its sender.
 
-Every server has a transfer of its own, and all stand on the same dictionary. 1200h, where a dictionary lists it, shows
-what the node-ID makes of it.
+Each server has its own transfer; all use the same dictionary. 1200h, if the dictionary has it, shows the identifiers
+that follow from the node-ID.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
 from barewire.errors import EncodeError
 
-CLIENT_1 = 0x1280
-CLIENTS_MAX = 128
-ASKED, ANSWERED, NODE = 1, 2, 3
-"""The sub-indices."""
+_CLIENT_1 = 0x1280
+_CLIENTS_MAX = 128
+_REQUEST, _RESPONSE, _NODE = 1, 2, 3
+"""Sub-indices."""
 
-Pair = tuple[CobEntry, CobEntry]
+_CobIds = tuple[CobEntry, CobEntry]
 
 
 def validate_channel_writes(objects: ObjectDictionary) -> None:
-    """The rules for writing 1201h to 12FFh, wherever the dictionary has them."""
-    for index in range(SERVER_1 + 1, CLIENT_1 + CLIENTS_MAX):
-        for sub in (ASKED, ANSWERED):
+    """Validate writes to the objects 1201h to 12FFh that the dictionary has."""
+    for index in range(SERVER_1 + 1, _CLIENT_1 + _CLIENTS_MAX):
+        for sub in (_REQUEST, _RESPONSE):
             validate_cob_id_writes(objects, index, lambda entry: not entry.bit31, sub)
 
         def node(value: int, index: int = index) -> None:
             if value > NODE_MAX:
-                raise SdoAbort(AbortCode.INVALID_VALUE, index, NODE)
+                raise SdoAbort(AbortCode.INVALID_VALUE, index, _NODE)
 
-        validate_writes(objects, index, NODE, node)
+        validate_writes(objects, index, _NODE, node)
 
 
-def _pair(objects: ObjectDictionary, index: int) -> Pair | None:
+def _cob_ids(objects: ObjectDictionary, index: int) -> _CobIds | None:
     """The two COB-IDs of a channel, None while it is not in use."""
-    words = [integer_value(objects, index, sub, default=-1) for sub in (ASKED, ANSWERED)]
+    words = [integer_value(objects, index, sub, default=-1) for sub in (_REQUEST, _RESPONSE)]
     if -1 in words:
         return None
-    asked, answered = map(CobEntry.unpack, words)
-    return None if asked.bit31 or answered.bit31 else (asked, answered)
+    request, response = map(CobEntry.unpack, words)
+    return None if request.bit31 or response.bit31 else (request, response)
 
 
 def client_channel(
@@ -68,7 +68,7 @@ def client_channel(
     *,
     node_monitor: NodeMonitor | None = None,
 ) -> Channel:
-    """The channel of SDO client number `client` of a dictionary: for a device that asks others.
+    """The channel of SDO client number `client` of a dictionary: for a device that is an SDO client itself.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> words = {1: 0x6A0, 2: 0x5A0 + 0x140, 3: 7}
@@ -79,19 +79,19 @@ def client_channel(
 
     EncodeError if there is no such client, or its channel is not in use.
     """
-    if not 1 <= client <= CLIENTS_MAX:
-        raise EncodeError(f"SDO client {client}: expected 1..{CLIENTS_MAX}")
-    index = CLIENT_1 + client - 1
-    pair = _pair(objects, index)
-    if pair is None:
+    if not 1 <= client <= _CLIENTS_MAX:
+        raise EncodeError(f"SDO client {client}: expected 1..{_CLIENTS_MAX}")
+    index = _CLIENT_1 + client - 1
+    cob_ids = _cob_ids(objects, index)
+    if cob_ids is None:
         raise EncodeError(f"SDO client {client} is not in use: {index:04X}h is missing or has bit 31 set")
-    return Channel(integer_value(objects, index, NODE), dialect, cob_ids=pair, node_monitor=node_monitor)
+    return Channel(integer_value(objects, index, _NODE), dialect, cob_ids=cob_ids, node_monitor=node_monitor)
 
 
 class AdditionalServers:
-    """The SDO servers beyond the first of one device. `follow` obeys the objects. A machine.
+    """The SDO servers of a device beyond the first. `follow` reads the objects. A machine.
 
-    `servers` are those in use now, by number: 2 to 128.
+    `servers` are the servers in use, by number: 2 to 128.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> words = {1: 0x6A0, 2: 0x6A1}
@@ -102,7 +102,7 @@ class AdditionalServers:
     ['6A1#43011201A0060000']
     """
 
-    __slots__ = ("_indices", "_keys", "_told", "dialect", "node", "objects", "servers")
+    __slots__ = ("_in_use", "_indices", "_keys", "dialect", "node", "objects", "servers")
 
     def __init__(self, node: int, objects: ObjectDictionary, dialect: SdoDialect = STANDARD) -> None:
         self.node = node
@@ -110,10 +110,10 @@ class AdditionalServers:
         self.dialect = dialect
         self.servers: dict[int, SdoServer] = {}
         self._indices = [at for at in range(SERVER_1 + 1, SERVER_1 + SERVERS_MAX) if objects.subs(at)]
-        self._told: list[Pair | None] = []
+        self._in_use: list[_CobIds | None] = []
         self._keys: dict[tuple[int, bool], SdoServer] = {}
-        self._show(ASKED, cob_id("SDO request", node))
-        self._show(ANSWERED, cob_id("SDO answer", node))
+        self._show(_REQUEST, cob_id("SDO request", node))
+        self._show(_RESPONSE, cob_id("SDO answer", node))
 
     def _show(self, sub: int, word: int) -> None:
         if (SERVER_1, sub) in self.objects:
@@ -122,42 +122,42 @@ class AdditionalServers:
 
     @property
     def deadline(self) -> float | None:
-        """The first of the servers' deadlines."""
+        """The earliest deadline of the servers."""
         return min((due for server in self.servers.values() if (due := server.deadline) is not None), default=None)
 
     def follow(self) -> None:
-        """What the objects say now. A server whose channel is another one begins anew; the others go on."""
+        """Take over the present values of the objects. Only a server whose channel changed is made anew."""
         if not self._indices:
             return
-        told = [_pair(self.objects, index) for index in self._indices]
-        if told == self._told:
+        channels = [_cob_ids(self.objects, index) for index in self._indices]
+        if channels == self._in_use:
             return
-        before = dict(zip(self._indices, self._told))
-        for index, pair in zip(self._indices, told):
-            place = index - SERVER_1 + 1
-            if pair is None:
-                self.servers.pop(place, None)
-            elif before.get(index) != pair:
-                self.servers[place] = SdoServer(self.node, self.objects, self.dialect, cob_ids=pair)
-        self._told = told
+        before = dict(zip(self._indices, self._in_use))
+        for index, cob_ids in zip(self._indices, channels):
+            number = index - SERVER_1 + 1
+            if cob_ids is None:
+                self.servers.pop(number, None)
+            elif before.get(index) != cob_ids:
+                self.servers[number] = SdoServer(self.node, self.objects, self.dialect, cob_ids=cob_ids)
+        self._in_use = channels
         self._keys = {(s.request_id, s.request_extended): s for s in reversed(self.servers.values())}
 
     def forget(self) -> None:
-        """End all transfers without a word: the node may not speak any more."""
+        """End all transfers without an abort: the NMT state does not allow SDO any more."""
         for server in self.servers.values():
             server.forget()
 
     def reset(self) -> None:
-        """A boot: no transfer, and the objects are read anew."""
+        """A boot: end all transfers, and read the objects again."""
         self.servers.clear()
         self._keys.clear()
-        self._told = []
+        self._in_use = []
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """What the servers say to a frame, and to time passing."""
-        said: list[CanFrame] = []
-        asked = None if frame is None else self._keys.get((frame.id, frame.extended))
+        """The responses of the servers to a frame, and after time passing."""
+        frames: list[CanFrame] = []
+        addressed = None if frame is None else self._keys.get((frame.id, frame.extended))
         for server in self.servers.values():
-            if server is asked or server.deadline is not None:
-                said += server.feed(frame if server is asked else None, now)
-        return said
+            if server is addressed or server.deadline is not None:
+                frames += server.feed(frame if server is addressed else None, now)
+        return frames

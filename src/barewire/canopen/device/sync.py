@@ -1,12 +1,12 @@
-"""SYNC of one device: its objects 1005h, 1006h, 1007h and 1019h, obeyed.   [CiA 301, SYNC]
+"""The SYNC of a device, as its objects 1005h, 1006h, 1007h and 1019h configure it.   [CiA 301, SYNC]
 
         1005h  bit 30: this device produces SYNC             1007h  window in us: a synchronous RPDO that comes later
         1006h  period in us                                         than that after a SYNC is not used
-        1019h  0: no counter, else where it begins again
+        1019h  0: no counter, else its greatest value
 
-        a SYNC of the wrong length (1019h says which it must be)   ->  emergency 8240h, and it is no SYNC
+        a SYNC of the wrong length (with or without counter, by 1019h)   ->  emergency 8240h, and the SYNC is ignored
 
-The counter is 1 in the first SYNC after the boot-up and after STOPPED. The first SYNC comes one period after bit 30
+The counter is 1 in the first SYNC after the boot-up and after STOPPED. The first SYNC is sent one period after bit 30
 was set.
 """
 
@@ -19,31 +19,27 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sync import COUNTER_MAX, SyncProducer
 
-COB_ID, PERIOD, WINDOW, OVERFLOW = 0x1005, 0x1006, 0x1007, 0x1019
+_COB_ID, _PERIOD, _WINDOW, _OVERFLOW = 0x1005, 0x1006, 0x1007, 0x1019
 WRONG_LENGTH = 0x8240
 
 
 def validate_sync_writes(objects: ObjectDictionary) -> None:
-    """1019h may change only while there is no period, and a counter ends at 2 to 240."""
+    """Validate writes: 1019h can be changed only while the period is 0, and is 0 or 2 to 240."""
 
     def overflow(value: int) -> None:
-        if integer_value(objects, PERIOD):
-            raise SdoAbort(AbortCode.DEVICE_STATE, OVERFLOW, 0)
+        if integer_value(objects, _PERIOD):
+            raise SdoAbort(AbortCode.DEVICE_STATE, _OVERFLOW, 0)
         if value == 1 or value > COUNTER_MAX:
-            raise SdoAbort(AbortCode.INVALID_VALUE, OVERFLOW, 0)
+            raise SdoAbort(AbortCode.INVALID_VALUE, _OVERFLOW, 0)
 
-    validate_writes(objects, OVERFLOW, 0, overflow)
-    validate_cob_id_writes(objects, COB_ID, lambda entry: entry.bit30, always_received=True)
+    validate_writes(objects, _OVERFLOW, 0, overflow)
+    validate_cob_id_writes(objects, _COB_ID, lambda entry: entry.bit30, always_received=True)
 
 
 class DeviceSync:
-    """The SYNC of a device, produced or heard. A machine.
+    """The SYNC of a device, produced or consumed. `follow` reads the objects."""
 
-    `feed` returns (what to say, the SYNC that takes place now or None, whether one had the wrong length or None if
-    none came).
-    """
-
-    __slots__ = ("_counts", "_set", "key", "objects", "producer", "window")
+    __slots__ = ("_counts", "_values", "key", "objects", "producer", "window")
 
     def __init__(self, objects: ObjectDictionary) -> None:
         self.objects = objects
@@ -51,37 +47,37 @@ class DeviceSync:
         self.window = 0.0
         self.producer: SyncProducer | None = None
         self._counts: int | None = None
-        self._set: tuple[int, int, int, int] | None = None
+        self._values: tuple[int, int, int, int] | None = None
 
     @property
     def deadline(self) -> float | None:
-        """When this device says SYNC next."""
+        """When this device sends the next SYNC."""
         return None if self.producer is None else self.producer.deadline
 
     def stop(self) -> None:
-        """A boot, or STOPPED: when SYNC is allowed again, the counter begins with 1."""
+        """A boot, or STOPPED: when SYNC is allowed again, the counter starts with 1."""
         self.producer = None
-        self._set = None
+        self._values = None
 
     def follow(self, now: float) -> None:
-        """What the objects say now."""
+        """Take over the present values of the objects."""
         objects = self.objects
-        told = (
-            integer_value(objects, COB_ID, default=SYNC_KEY[0]),
-            integer_value(objects, PERIOD),
-            integer_value(objects, WINDOW),
-            integer_value(objects, OVERFLOW, default=-1),
+        values = (
+            integer_value(objects, _COB_ID, default=SYNC_KEY[0]),
+            integer_value(objects, _PERIOD),
+            integer_value(objects, _WINDOW),
+            integer_value(objects, _OVERFLOW, default=-1),
         )
-        if told == self._set:
+        if values == self._values:
             return
-        before, self._set = self._set, told
-        word, period, window, overflow = told
+        before, self._values = self._values, values
+        word, period, window, overflow = values
         entry = CobEntry.unpack(word)
         self.key = (entry.identifier, entry.extended)
         self.window = window / 1_000_000
         self._counts = None if overflow < 0 else overflow
         if before is not None and (before[0], before[1], before[3]) == (word, period, overflow):
-            return  # another window moves no beat
+            return  # a new window does not restart the producer
         self.producer = None
         if entry.bit30 and period:
             counts = overflow if 1 < overflow <= COUNTER_MAX else 0
@@ -89,10 +85,11 @@ class DeviceSync:
             self.producer.start(now)
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], CanFrame | None, bool | None]:
-        """What the frame and the time bring about."""
+        """Returns (frames to send; the SYNC that takes effect now, or None; whether the received SYNC had the wrong
+        length, or None if the frame was no SYNC)."""
         if frame is not None and frame.key == self.key and not frame.remote:
             if self._counts is not None and len(frame.data) != (self._counts > 0):
                 return [], None, True
             return [], frame, False
-        said = [] if self.producer is None else self.producer.feed(None, now)
-        return said, said[0] if said else None, None
+        frames = [] if self.producer is None else self.producer.feed(None, now)
+        return frames, frames[0] if frames else None, None
