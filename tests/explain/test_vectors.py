@@ -1,4 +1,4 @@
-"""The same judgement as everybody else's: every frame and PDU of the vectors, explained."""
+"""Every frame and PDU of the vectors, explained: the verdict is that of the vectors."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ VECTORS = Path(__file__).parent.parent.parent / "vectors"
 BYTES_OF = {"rtu-frame": "frame", "tcp-frame": "frame", "ascii-frame": "text", "pdu": "pdu"}
 
 
-def tells_about_bytes(case: dict[str, Any], key: str) -> bool:
-    """Not what cannot be said or carried, and not what a decoder refuses but a wire may carry: unknown functions."""
+def has_bytes_to_judge(case: dict[str, Any], key: str) -> bool:
+    """False for cases without bytes, and for unknown functions, which `decode` refuses and `explain` accepts."""
     refused = case["result"] == "invalid" and (case.get("fails") != "decode" or case.get("reason") == "function")
     return key in case and not refused and (key != "pdu" or 1 <= len(bytes.fromhex(case[key])) <= 253)
 
@@ -27,7 +27,7 @@ def vectors() -> list[Any]:
         for file in sorted((VECTORS / room).glob("*.json")):
             content = json.loads(file.read_text(encoding="utf-8"))
             kind = content["kind"]
-            cases = [case for case in content["cases"] if kind in BYTES_OF and tells_about_bytes(case, BYTES_OF[kind])]
+            cases = [case for case in content["cases"] if kind in BYTES_OF and has_bytes_to_judge(case, BYTES_OF[kind])]
             found += [pytest.param(kind, case, id=case["id"]) for case in cases]
     return found
 
@@ -42,6 +42,6 @@ def of_vector(kind: str, case: dict[str, Any]) -> Explanation:
 
 
 @pytest.mark.parametrize(("kind", "case"), vectors())
-def test_it_judges_as_the_vectors_do(kind: str, case: dict[str, Any]) -> None:
-    said = of_vector(kind, case)
-    assert said.valid == (case["result"] != "invalid"), said.verdict
+def test_the_verdict_is_that_of_the_vectors(kind: str, case: dict[str, Any]) -> None:
+    explanation = of_vector(kind, case)
+    assert explanation.valid == (case["result"] != "invalid"), explanation.verdict

@@ -1,15 +1,17 @@
-"""Whatever is on the bus: no exception, nothing that grows without a bound, and every event can be said and written."""
+"""Any frames: no exception, bounded memory, and every event as a printable line and as JSON."""
 
 from __future__ import annotations
 
 import json
 from binascii import crc_hqx
 
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
+from barewire.errors import DecodeError
 from barewire.explain.can_monitor import BUS_RULES, CanMonitor, event_as_dict, event_line, of_device
 from barewire.explain.can_monitor.events import MonitorEvent, SdoTransferReport, Violation
 from barewire.explain.can_monitor.recording import is_can_recording, read_recording, replay_can
@@ -46,7 +48,7 @@ ITEMS: st.SearchStrategy[AnyFrame | Dropped | None] = st.one_of(SDO, SDO, SMALL,
 STEPS = st.sampled_from([0.0, 0.0001, 0.01, 0.5, 1.0, 4.0, -0.5, -20.0])
 
 
-def proper(events: list[MonitorEvent]) -> None:
+def check_events(events: list[MonitorEvent]) -> None:
     for event in events:
         line = event_line(event)
         assert line.isprintable(), line
@@ -64,88 +66,88 @@ def proper(events: list[MonitorEvent]) -> None:
 
 @many
 @given(st.lists(st.tuples(ITEMS, STEPS), max_size=60))
-def test_any_frames_at_all(frames: list[tuple[AnyFrame | Dropped | None, float]]) -> None:
-    listener, now = CanMonitor(KNOWN), 100.0
+def test_any_frames_give_printable_events(frames: list[tuple[AnyFrame | Dropped | None, float]]) -> None:
+    monitor, now = CanMonitor(KNOWN), 100.0
     for item, step in frames:
         now += step
-        proper(listener.feed(item, now))
+        check_events(monitor.feed(item, now))
         if isinstance(item, CanFrame):
-            listener.takes_segment(item)
+            monitor.takes_segment(item)
         if step >= 0:
-            assert listener.deadline is None or listener.deadline > now - 21
-    proper(listener.end(now))
-    assert listener.held.used == 0
+            assert monitor.deadline is None or monitor.deadline > now - 21
+    check_events(monitor.end(now))
+    assert monitor.held.used == 0
 
 
 @many
 @given(st.lists(st.integers(0, 2**32 - 1), max_size=40), st.booleans())
-def test_deadlines_come_to_an_end(words: list[int], far: bool) -> None:
-    """Who feeds None at each deadline is not asked for ever."""
-    listener = CanMonitor(KNOWN)
+def test_passing_time_ends_all_deadlines(words: list[int], far: bool) -> None:
+    """Feeding None at each deadline ends after finitely many deadlines."""
+    monitor = CanMonitor(KNOWN)
     for place, word in enumerate(words):
         data = word.to_bytes(4, "little") * 2
-        listener.feed(CanFrame(SERVICES[word % len(SERVICES)], data[: word % 9]), place * (1.0 if far else 0.001))
+        monitor.feed(CanFrame(SERVICES[word % len(SERVICES)], data[: word % 9]), place * (1.0 if far else 0.001))
     for _ in range(400):
-        due = listener.deadline
+        due = monitor.deadline
         if due is None:
             return
-        proper(listener.feed(None, due))
-    raise AssertionError("there is always something due")
+        check_events(monitor.feed(None, due))
+    raise AssertionError("the deadlines do not end")
 
 
 def test_nothing_grows_without_a_bound() -> None:
-    """All identifiers, all nodes, all objects of the mapping: what is held stays small, and says so."""
-    listener = CanMonitor(held=100_000)
+    """All identifiers, all nodes, all objects of the mapping: memory stays bounded, and refused bytes are counted."""
+    monitor = CanMonitor(held=100_000)
     for number in range(0x800):
-        listener.feed(CanFrame(number, bytes([number & 0xFF] * 8)), number / 1000)
+        monitor.feed(CanFrame(number, bytes([number & 0xFF] * 8)), number / 1000)
     for place in range(3000):
         index = 0x1A00 + place % 512
         node = 1 + place % 127
-        listener.feed(CanFrame(0x600 + node, b"\x23" + index.to_bytes(2, "little") + b"\x01\x10\0\x41\x60"), 3.0)
-        listener.feed(CanFrame(0x580 + node, b"\x60" + index.to_bytes(2, "little") + b"\x01" + bytes(4)), 3.0)
+        monitor.feed(CanFrame(0x600 + node, b"\x23" + index.to_bytes(2, "little") + b"\x01\x10\0\x41\x60"), 3.0)
+        monitor.feed(CanFrame(0x580 + node, b"\x60" + index.to_bytes(2, "little") + b"\x01" + bytes(4)), 3.0)
     for number in range(20_000):
-        listener.feed(CanFrame(0x10000 + number, b"", True), 4.0)
-    assert len(listener.pdos._records) <= 1024
-    assert len(listener.pdos._last) <= 512
-    assert len(listener.nodes.nodes) <= 127
-    assert len(listener.channels._channels) <= 512
-    assert len(listener._broken) <= 4096
-    # A value that never ends, and many that are long.
+        monitor.feed(CanFrame(0x10000 + number, b"", True), 4.0)
+    assert len(monitor.pdos._records) <= 1024
+    assert len(monitor.pdos._last) <= 512
+    assert len(monitor.nodes.nodes) <= 127
+    assert len(monitor.channels._channels) <= 512
+    assert len(monitor._broken) <= 4096
+    # Many long values at once.
     for node in range(1, 61):
-        listener.feed(CanFrame(0x600 + node, b"\x21\0\x21\0" + bytes(4)), 5.0)
-        listener.feed(CanFrame(0x580 + node, b"\x60\0\x21\0" + bytes(4)), 5.0)
+        monitor.feed(CanFrame(0x600 + node, b"\x21\0\x21\0" + bytes(4)), 5.0)
+        monitor.feed(CanFrame(0x580 + node, b"\x60\0\x21\0" + bytes(4)), 5.0)
         for segment in range(300):
-            listener.feed(CanFrame(0x600 + node, bytes([segment % 2 * 16]) + b"longone"), 5.0)
-            listener.feed(CanFrame(0x580 + node, bytes([0x20 | segment % 2 * 16]) + bytes(7)), 5.0)
-    assert listener.held.used <= 100_000
-    assert listener.held.refused > 0
-    *events, summary = listener.end(6.0)
-    assert event_as_dict(summary)["counts"]["bytes not held"] == listener.held.refused
+            monitor.feed(CanFrame(0x600 + node, bytes([segment % 2 * 16]) + b"longone"), 5.0)
+            monitor.feed(CanFrame(0x580 + node, bytes([0x20 | segment % 2 * 16]) + bytes(7)), 5.0)
+    assert monitor.held.used <= 100_000
+    assert monitor.held.refused > 0
+    *events, summary = monitor.end(6.0)
+    assert event_as_dict(summary)["counts"]["bytes not held"] == monitor.held.refused
     assert {event.count for event in events if isinstance(event, SdoTransferReport)} == {2100}
-    assert listener.held.used == 0
+    assert monitor.held.used == 0
     assert HELD_MAX >= VALUE_MAX
 
 
-def test_a_value_that_is_too_long_to_hold_is_counted_and_checked() -> None:
-    """The bytes are forgotten, the CRC is not."""
-    listener, events = CanMonitor(), list[MonitorEvent]()
+def test_a_value_too_long_to_hold_is_counted_and_its_crc_checked() -> None:
+    """The bytes are not held, but the CRC is computed."""
+    monitor, events = CanMonitor(), list[MonitorEvent]()
     size = VALUE_MAX + 1003
     value = (bytes(range(256)) * (size // 256 + 1))[:size]
 
-    def say(number: int, data: bytes) -> None:
-        events.extend(listener.feed(CanFrame(number, data.ljust(8, b"\0")), 0.0))
+    def send(number: int, data: bytes) -> None:
+        events.extend(monitor.feed(CanFrame(number, data.ljust(8, b"\0")), 0.0))
 
-    say(0x605, b"\xc6\0\x21\0" + size.to_bytes(4, "little"))
-    say(0x585, b"\xa4\0\x21\0\x7f")
+    send(0x605, b"\xc6\0\x21\0" + size.to_bytes(4, "little"))
+    send(0x585, b"\xa4\0\x21\0\x7f")
     for begin in range(0, size, 127 * 7):
         parts = [value[at : at + 7] for at in range(begin, min(begin + 127 * 7, size), 7)]
         for number, part in enumerate(parts, start=1):
             last = 0x80 if begin + 127 * 7 >= size and number == len(parts) else 0
-            say(0x605, bytes([number | last]) + part)
-        say(0x585, bytes([0xA2, len(parts), 127]))
+            send(0x605, bytes([number | last]) + part)
+        send(0x585, bytes([0xA2, len(parts), 127]))
     unused = -size % 7
-    say(0x605, bytes([0xC1 | unused << 2]) + crc_hqx(value, 0).to_bytes(2, "little"))
-    say(0x585, b"\xa1")
+    send(0x605, bytes([0xC1 | unused << 2]) + crc_hqx(value, 0).to_bytes(2, "little"))
+    send(0x585, b"\xa1")
     (done,) = [event for event in events if isinstance(event, SdoTransferReport)]
     assert (done.outcome, done.count, done.data, done.crc) == ("done", size, None, "ok")
     assert [event for event in events if isinstance(event, Violation)] == []
@@ -156,9 +158,11 @@ TEXT = st.text("(). 0123456789ABCDEF#RTcan[]{}`'\t\nxd", max_size=80)
 
 @many
 @given(st.one_of(TEXT, TEXT.map(lambda text: "(1.0) can0 605#40\n" + text), TEXT.map(lambda text: "base hex\n" + text)))
-def test_any_text_is_read_or_told(text: str) -> None:
+def test_any_text_is_read_or_refused(text: str) -> None:
     data = text.encode()
     if not is_can_recording(data):
+        with pytest.raises(DecodeError):
+            list(read_recording(data))
         return
     for _, event in replay_can(read_recording(data), KNOWN):
-        proper([event])
+        check_events([event])

@@ -1,4 +1,4 @@
-"""What the recording lacks and what the bus lost are two things: each frame of every transfer is taken away in turn."""
+"""Gaps in the recording against losses on the bus: each frame of every kind of transfer is removed in turn."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from barewire.explain.can_monitor.events import (
 )
 from barewire.explain.capture.model import Dropped
 from tests.canopen.virtual_bus import VirtualBus, never
-from tests.explain.can_monitor.can_run import PLAIN, plain
+from tests.explain.can_monitor.recorded_run import PLAIN, plain
 
 VALUE = bytes(range(1, 100))
 Timed = list[tuple[float, CanFrame]]
@@ -51,11 +51,11 @@ def block_up(bus: VirtualBus, channel: Channel) -> None:
     bus.run(upload(channel, 0x1008, 0, block=BlockSettings(size=2)))
 
 
-KINDS = [expedited, segments_up, segments_down, block_down, block_up]
+TRANSFERS = [expedited, segments_up, segments_down, block_down, block_up]
 
 
 def carried_out(kind: Bus, lose: Callable[[int, CanFrame], bool] = never) -> Timed:
-    """What was on the bus; afterwards one more transfer, so that everybody has gone on."""
+    """The frames on the bus: the transfer, and one more after it."""
     bus = VirtualBus(lose=lose)
     node = plain()
     bus.add(node, sent=node.start(0.0))
@@ -76,11 +76,11 @@ def whole(kind: Bus) -> tuple[tuple[float, CanFrame], ...]:
     return tuple(carried_out(kind))
 
 
-def heard(frames: Sequence[tuple[float, AnyFrame | Dropped]]) -> list[MonitorEvent]:
-    listener, events = CanMonitor(), list[MonitorEvent]()
+def events_of(frames: Sequence[tuple[float, AnyFrame | Dropped]]) -> list[MonitorEvent]:
+    monitor, events = CanMonitor(), list[MonitorEvent]()
     for at, frame in frames:
-        events += listener.feed(frame, at)
-    return events + listener.end(frames[-1][0] + 10)
+        events += monitor.feed(frame, at)
+    return events + monitor.end(frames[-1][0] + 10)
 
 
 def of(kind: type[MonitorEvent], events: list[MonitorEvent]) -> list[MonitorEvent]:
@@ -91,66 +91,68 @@ def transfers(events: list[MonitorEvent]) -> list[SdoTransferReport]:
     return [event for event in events if isinstance(event, SdoTransferReport)]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_nothing_is_missing(kind: Bus) -> None:
-    events = heard(whole(kind))
+@pytest.mark.parametrize("kind", TRANSFERS)
+def test_a_complete_recording_has_no_gap_loss_or_violation(kind: Bus) -> None:
+    events = events_of(whole(kind))
     assert of(Gap, events) + of(Loss, events) + of(Violation, events) == []
     assert {one.outcome for one in transfers(events)} == {"done"}
     assert all(one.data is not None and not (one.missing or one.again or one.lost) for one in transfers(events))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_recorder_misses_a_frame(kind: Bus) -> None:
-    """Both sides have heard it, so nobody broke a rule and nothing was lost on the bus."""
+@pytest.mark.parametrize("kind", TRANSFERS)
+def test_a_frame_missing_in_the_recording_is_no_loss_and_no_violation(kind: Bus) -> None:
+    """Both sides received the frame, so no rule was broken and nothing was lost on the bus."""
     frames = whole(kind)
-    values = {one.data for one in transfers(heard(frames))}
+    values = {one.data for one in transfers(events_of(frames))}
     for place in range(1, len(frames)):
-        events = heard([*frames[:place], *frames[place + 1 :]])
-        told = [event_line(event) for event in events]
-        assert of(Violation, events) + of(Loss, events) == [], (place, told)
+        events = events_of([*frames[:place], *frames[place + 1 :]])
+        lines = [event_line(event) for event in events]
+        assert of(Violation, events) + of(Loss, events) == [], (place, lines)
         found = transfers(events)
-        # No value is made up, and whatever is incomplete is said to be so.
-        assert {one.data for one in found if one.outcome == "done"} - {None} <= values, (place, told)
+        # No value is invented, and an incomplete transfer is marked.
+        assert {one.data for one in found if one.outcome == "done"} - {None} <= values, (place, lines)
         assert all(
             one.missing or one.outcome != "done" or one.data is not None or one.began is None for one in found
-        ), (place, told)
-        if len(found) == len(transfers(heard(frames))) and all(
+        ), (place, lines)
+        if len(found) == len(transfers(events_of(frames))) and all(
             one.outcome == "done" and one.data is not None for one in found
         ):
-            assert any(one.missing or one.began is None for one in found), (place, told)
+            assert any(one.missing or one.began is None for one in found), (place, lines)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_bus_loses_a_frame(kind: Bus) -> None:
-    """Nobody has heard it. The recording has all that there was, and nobody broke a rule."""
+@pytest.mark.parametrize("kind", TRANSFERS)
+def test_a_frame_lost_on_the_bus_is_no_gap_and_no_violation(kind: Bus) -> None:
+    """The frame reached no receiver. The recording is complete, and no rule was broken."""
     count = len(whole(kind))
-    values = {one.data for one in transfers(heard(whole(kind)))}
+    values = {one.data for one in transfers(events_of(whole(kind)))}
     for place in range(2, count + 1):
         frames = carried_out(kind, lambda number, frame, lost=place: number == lost)  # type: ignore[misc]
-        events = heard(frames)
-        told = [event_line(event) for event in events]
-        assert of(Violation, events) + of(Gap, events) == [], (place, told)
+        events = events_of(frames)
+        lines = [event_line(event) for event in events]
+        assert of(Violation, events) + of(Gap, events) == [], (place, lines)
         found = transfers(events)
-        assert {one.data for one in found if one.outcome == "done"} <= values, (place, told)
-        # Where only an acknowledgement was lost, the one that is said after a time-out is the first to be heard.
+        assert {one.data for one in found if one.outcome == "done"} <= values, (place, lines)
+        # If only an acknowledgement was lost, the one repeated after the time-out is the first one received.
         slow = [one for one in found if one.began is not None and one.at - one.began > 0.5]
         lossy = slow + [one for one in found if one.lost or one.again or one.outcome != "done" or one.late]
-        assert lossy or of(Loss, events), (place, told)
+        assert lossy or of(Loss, events), (place, lines)
 
 
-def spoken(*lines: str, step: float = 0.001) -> list[MonitorEvent]:
-    """Frames at even times, and what a listener makes of them."""
-    return heard([(place * step, CanFrame.parse(line)) for place, line in enumerate(lines)])
+def events_of_lines(*lines: str, step: float = 0.001) -> list[MonitorEvent]:
+    """The events of frames at regular times."""
+    return events_of([(place * step, CanFrame.parse(line)) for place, line in enumerate(lines)])
 
 
 BLOCK = ("609#C6002100 0A000000", "589#A4002100 04000000")
 PARTS = ("609#01 30313233343536", "609#82 37383900000000")
 
 
-def test_a_segment_that_only_the_receiver_missed() -> None:
-    """The recording has it, the acknowledgement does not: the bus, or the receiver, lost it."""
+def test_a_segment_that_is_recorded_but_not_acknowledged_is_a_loss() -> None:
+    """The segment is recorded but not acknowledged, so the bus or the receiver lost it."""
     lines = [*BLOCK, *PARTS, "589#A2010400 00000000", "609#81 37383900000000", "589#A2010400 00000000"]
-    events = spoken(*(line.replace(" ", "") for line in [*lines, "609#D1589C0000000000", "589#A100000000000000"]))
+    events = events_of_lines(
+        *(line.replace(" ", "") for line in [*lines, "609#D1589C0000000000", "589#A100000000000000"])
+    )
     (done,) = transfers(events)
     assert (done.outcome, done.data, done.crc, done.lost, done.again) == ("done", b"0123456789", "ok", 1, 1)
     assert [loss.evidence for loss in events if isinstance(loss, Loss)] == [
@@ -159,8 +161,8 @@ def test_a_segment_that_only_the_receiver_missed() -> None:
     assert of(Gap, events) + of(Violation, events) == []
 
 
-def test_an_early_acknowledgement_while_segments_go_on() -> None:
-    """Some servers acknowledge at the first gap; what the client sent meanwhile belongs to the old block."""
+def test_segments_after_an_early_acknowledgement_belong_to_the_old_block() -> None:
+    """Some servers acknowledge at the first gap; segments that the client sent meanwhile belong to the old block."""
     value = bytes(range(1, 36))
     parts = [value[at : at + 7].hex() for at in range(0, 35, 7)]
     lines = [
@@ -169,7 +171,7 @@ def test_an_early_acknowledgement_while_segments_go_on() -> None:
         *(f"609#{number:02X}{part}" for number, part in zip((1, 2, 3, 0x84), parts[1:])),
         *("589#A204050000000000", f"609#C1{_crc(value)}0000000000", "589#A100000000000000"),
     ]
-    events = spoken(*lines)
+    events = events_of_lines(*lines)
     (done,) = transfers(events)
     assert (done.data, done.crc, done.lost) == (value, "ok", 1)
     assert of(Gap, events) + of(Violation, events) == []
@@ -195,94 +197,94 @@ def without(frames: Timed, begin: float, end: float) -> Timed:
     return [(at, frame) for at, frame in frames if not begin <= at < end]
 
 
-def test_two_that_fall_silent_at_once_are_the_recorder() -> None:
+def test_two_nodes_silent_at_once_are_a_gap_in_the_recording() -> None:
     frames = without(merged(beats(5, 1.0, 30), beats(6, 0.7, 30)), 10.0, 18.0)
-    (gap,) = of(Gap, heard(frames))
+    (gap,) = of(Gap, events_of(frames))
     assert isinstance(gap, Gap)
     assert (round(gap.since or 0, 1), gap.evidence[:12]) == (9.8, "2 heartbeats")
-    assert not [one for one in heard(frames)[:-1] if isinstance(one, NodeReport) and one.kind == "missing"][:-2]
+    assert not [one for one in events_of(frames)[:-1] if isinstance(one, NodeReport) and one.kind == "missing"][:-2]
 
 
-def test_one_that_falls_silent_is_missing() -> None:
+def test_one_silent_node_is_missing() -> None:
     frames = merged(without(beats(5, 1.0, 30), 10.0, 18.0), beats(6, 0.7, 38))
-    events = heard(frames)
+    events = events_of(frames)
     assert of(Gap, events) == []
     kinds = [(one.kind, round(one.at, 3)) for one in events if isinstance(one, NodeReport) and one.node == 5]
-    told = [pair for pair in kinds if pair[0] != "beat"]
-    assert told == [("heard", 0.0), ("missing", 11.5), ("back", 18.0), ("missing", 32.5)]
+    lines = [pair for pair in kinds if pair[0] != "beat"]
+    assert lines == [("heard", 0.0), ("missing", 11.5), ("back", 18.0), ("missing", 32.5)]
 
 
-def test_live_everybody_who_is_silent_is_missing() -> None:
-    """Who feeds None was there all the time."""
-    listener, events = CanMonitor(), list[MonitorEvent]()
+def test_every_silent_node_is_missing_if_time_is_fed() -> None:
+    """A caller that feeds None has received without a break."""
+    monitor, events = CanMonitor(), list[MonitorEvent]()
     for at, frame in merged(beats(5, 1.0, 5), beats(6, 0.7, 5)):
-        events += listener.feed(frame, at)
-    while (due := listener.deadline) is not None:
-        events += listener.feed(None, due)
-    events += listener.feed(CanFrame.parse("705#05"), 30.0)
+        events += monitor.feed(frame, at)
+    while (due := monitor.deadline) is not None:
+        events += monitor.feed(None, due)
+    events += monitor.feed(CanFrame.parse("705#05"), 30.0)
     assert of(Gap, events) == []
     assert [one.node for one in events if isinstance(one, NodeReport) and one.kind == "missing"] == [6, 5]
 
 
-def test_a_transfer_is_a_witness_too() -> None:
+def test_a_silent_transfer_and_a_silent_node_are_a_gap() -> None:
     frames = without(beats(5, 1.0, 30), 10.0, 18.0)
     frames += [(9.5, CanFrame.parse("609#4008100000000000")), (9.6, CanFrame.parse("589#4108100015000000"))]
-    events = heard(merged(frames))
+    events = events_of(merged(frames))
     (gap,) = of(Gap, events)
     assert isinstance(gap, Gap)
     assert gap.evidence.startswith("1 heartbeat, 1 transfer: all silent at once")
     assert [one.outcome for one in transfers(events)] == ["cut"]
 
 
-def test_sync_counts_on_in_a_hole_and_only_there() -> None:
+def test_a_sync_counter_that_jumps_is_a_gap_or_a_violation_by_its_time() -> None:
     def sync(at: float, number: int) -> tuple[float, CanFrame]:
         return at, CanFrame(0x80, bytes([number]))
 
     frames = [sync(place / 100, place % 10 + 1) for place in range(20)]
     hole = frames[:12] + frames[15:]
-    (gap,) = of(Gap, heard(hole))
+    (gap,) = of(Gap, events_of(hole))
     assert isinstance(gap, Gap)
     assert gap.frames == 3
     jump = frames[:12] + [sync(at, frame.data[0] % 10 + 1) for at, frame in frames[12:]]
-    assert [one.rule for one in heard(jump) if isinstance(one, Violation)] == ["SYNC-COUNTER"]
-    assert of(Gap, heard(jump)) == []
-    summary = [one for one in heard(frames) if isinstance(one, SyncReport) and one.kind == "summary"]
+    assert [one.rule for one in events_of(jump) if isinstance(one, Violation)] == ["SYNC-COUNTER"]
+    assert of(Gap, events_of(jump)) == []
+    summary = [one for one in events_of(frames) if isinstance(one, SyncReport) and one.kind == "summary"]
     assert (summary[0].beats, round(summary[0].period or 0, 6)) == (20, 0.01)
 
 
-def test_what_the_recorder_says_itself() -> None:
+def test_losses_reported_by_the_recorder_are_gaps() -> None:
     ask, take = CanFrame.parse("609#4008100000000000"), CanFrame.parse("589#4B08100015000000")
     overrun = ErrorFrame(0x04, b"\0\1\0\0\0\0\0\0")
     for item, frames in ((Dropped(0.0, "can0", 7), 7), (Dropped(0.0, "can0", 0), None), (overrun, None)):
-        events = heard([(0.0, ask), (0.1, item), (0.2, take)])
+        events = events_of([(0.0, ask), (0.1, item), (0.2, take)])
         (gap,) = of(Gap, events)
         assert isinstance(gap, Gap)
         assert gap.frames == frames
 
 
-def test_a_clock_that_goes_back() -> None:
+def test_a_clock_that_goes_back_is_a_gap() -> None:
     frames = [*beats(5, 1.0, 10), (2.0, CanFrame.parse("705#05")), (3.0, CanFrame.parse("705#05"))]
-    events = heard(frames)
+    events = events_of(frames)
     (gap,) = of(Gap, events)
     assert isinstance(gap, Gap)
     assert gap.evidence == "the clock goes back by 8.000 s"
     assert all(one.kind != "missing" for one in events if isinstance(one, NodeReport) and one.at <= 3.0)
-    mixed = heard([*beats(5, 1.0, 10), (9.9, CanFrame.parse("080#"))])
+    mixed = events_of([*beats(5, 1.0, 10), (9.9, CanFrame.parse("080#"))])
     assert of(Gap, mixed) == []
 
 
-def test_a_polling_client_and_an_answer_that_was_not_recorded() -> None:
-    """The same question again may be a poll: nothing is claimed but that there is no answer."""
-    events = spoken("605#4041600000000000", "605#4041600000000000", "585#4B41600037060000")
+def test_a_repeated_request_is_only_an_unanswered_transfer() -> None:
+    """The same request again may be a poll, so only the missing answer is reported."""
+    events = events_of_lines("605#4041600000000000", "605#4041600000000000", "585#4B41600037060000")
     assert [one.outcome for one in transfers(events)] == ["unanswered", "done"]
     assert of(Gap, events) + of(Loss, events) + of(Violation, events) == []
 
 
-def test_a_late_answer_is_told_as_one() -> None:
-    listener = CanMonitor()
-    events = listener.feed(CanFrame.parse("605#4041600000000000"), 0.0)
-    events += listener.feed(None, 3.0)
-    events += listener.feed(CanFrame.parse("585#4B41600037060000"), 3.5)
+def test_a_late_answer_is_marked() -> None:
+    monitor = CanMonitor()
+    events = monitor.feed(CanFrame.parse("605#4041600000000000"), 0.0)
+    events += monitor.feed(None, 3.0)
+    events += monitor.feed(CanFrame.parse("585#4B41600037060000"), 3.5)
     assert [(one.outcome, one.late, one.began) for one in transfers(events)] == [
         ("unanswered", False, 0.0),
         ("done", True, 0.0),
@@ -291,9 +293,9 @@ def test_a_late_answer_is_told_as_one() -> None:
 
 @pytest.mark.parametrize("start", range(1, 12))
 def test_a_recording_that_begins_within_a_block(start: int) -> None:
-    """What was heard is not taken for other messages, though the numbers of segments look like them."""
+    """Segments are not taken for other messages, although their numbers look like commands."""
     frames = list(whole(block_down))[start:]
-    events = heard(frames)
+    events = events_of(frames)
     first, *others = transfers(events)
     assert of(Violation, events) == []
     assert (first.manner, first.began, first.data) == ("block", None, None) or start == 1

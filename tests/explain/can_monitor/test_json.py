@@ -1,4 +1,4 @@
-"""What programs get: the keys of each event are those of docs/can-analysis.md, each line is JSON, values are values."""
+"""JSON output: the keys of each event are those of docs/can-analysis.md, and every value is valid JSON."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from barewire.explain.can_monitor.events import (
     SdoTransferReport,
     Violation,
 )
-from tests.explain.can_monitor.can_run import DRIVE, recorded
+from tests.explain.can_monitor.recorded_run import DRIVE, recorded
 
 PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
 ROW = re.compile(r"^\| `([a-z-]+)` \| (`at`.*) \|$", re.MULTILINE)
 
 
 def documented() -> dict[str, tuple[list[str], list[str]]]:
-    """Of each event the keys that it always has, and those that it has under a condition."""
+    """The keys that each event always has, and those that it has under a condition."""
     rows = dict(ROW.findall(PAGE.read_text(encoding="utf-8")))
     halves = {name: text.partition(";") for name, text in rows.items()}
     return {name: (re.findall(r"`(\w+)`", a), re.findall(r"`(\w+)`", b)) for name, (a, _, b) in halves.items()}
 
 
-def test_the_page_has_the_keys_of_every_event() -> None:
+def test_the_page_has_the_json_keys_of_every_event() -> None:
     table = documented()
     assert set(table) == set(EVENT_KINDS.values())
     added = {"violation": ["clause"], "emcy": ["text", "errors"]}
@@ -48,17 +48,17 @@ def test_the_page_has_the_keys_of_every_event() -> None:
         NodeReport(1.0, 5, "heard", 5), NodeReport(1.0, 5, "missing", None),
         SdoTransferReport(1.0, 5, 0x605, "upload", "expedited", 0, 0, "aborted", None, None, 0, abort=0x0602_0000),
     ):  # fmt: skip
-        told = event_as_dict(event)
-        always, sometimes = table[told["event"]]
-        assert {*always} <= set(told) <= {"event", *always, *sometimes}
+        result = event_as_dict(event)
+        always, sometimes = table[result["event"]]
+        assert {*always} <= set(result) <= {"event", *always, *sometimes}
 
 
-def test_a_whole_run_has_no_other_keys() -> None:
-    table, listener = documented(), CanMonitor([of_device(load("az3"), DRIVE)])
-    events = [event for at, frame in recorded() for event in listener.feed(frame, at)]
-    for told in map(event_as_dict, [*events, *listener.end(listener.now)]):
-        always, sometimes = table[told["event"]]
-        assert {"event", *always} <= set(told) <= {"event", *always, *sometimes}
+def test_a_recorded_run_has_only_documented_json_keys() -> None:
+    table, monitor = documented(), CanMonitor([of_device(load("az3"), DRIVE)])
+    events = [event for at, frame in recorded() for event in monitor.feed(frame, at)]
+    for result in map(event_as_dict, [*events, *monitor.end(monitor.now)]):
+        always, sometimes = table[result["event"]]
+        assert {"event", *always} <= set(result) <= {"event", *always, *sometimes}
 
 
 FILE = """\
@@ -106,15 +106,15 @@ DefaultValue=0x200000{bits:02X}
         (0x0C, "E80300000100", 86_401_000, "1984-01-02 00:00:01"),
         (0x0D, "E80300000100", 86_401_000, "1 day, 0:00:01"),
         (0x0A, "0102FF00", "0102ff00", "01 02 FF 00"),
-        (0x09, "41424300", "41424300", "41 42 43 00"),  # no PDO knows where a text ends
+        (0x09, "41424300", "41424300", "41 42 43 00"),  # a PDO does not define where a text ends
         (0x1B, "FFFFFFFFFFFFFFFF", 2**64 - 1, str(2**64 - 1)),
     ],
 )
-def test_a_value_of_any_type_is_json_and_words(code: int, data: str, value: object, text: str) -> None:
+def test_a_value_of_any_type_is_valid_json_and_text(code: int, data: str, value: object, text: str) -> None:
     document = eds.parse(FILE.format(code=code, bits=4 * len(data)).encode())
-    listener = CanMonitor([of_dictionary(document.dictionary(5), 5)])
-    listener.feed(CanFrame.parse("705#05"), 0.0)
-    (event,) = (one for one in listener.feed(CanFrame.parse(f"185#{data}"), 1.0) if isinstance(one, PdoReport))
-    told = json.loads(json.dumps(event_as_dict(event), allow_nan=False))
-    assert told["values"] == {"v": value}
+    monitor = CanMonitor([of_dictionary(document.dictionary(5), 5)])
+    monitor.feed(CanFrame.parse("705#05"), 0.0)
+    (event,) = (one for one in monitor.feed(CanFrame.parse(f"185#{data}"), 1.0) if isinstance(one, PdoReport))
+    result = json.loads(json.dumps(event_as_dict(event), allow_nan=False))
+    assert result["values"] == {"v": value}
     assert event_line(event).endswith(f"v = {text}")

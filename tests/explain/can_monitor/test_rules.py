@@ -1,4 +1,4 @@
-"""Each rule by its name: one recording that breaks it, and one, nearly the same, that does not."""
+"""Each rule with two recordings: one that breaks it, and a similar one that does not."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STOPPED, PREOP, OPERATIONAL = "705#04", "705#7F", "705#05"
 
 
 def block(crc: int, *, blksize: str = "7F", first: str = "01", ack: str = "02", size: str = "0A000000") -> list[str]:
-    """A block download of ten bytes, one thing of it perhaps wrong."""
+    """A block download of ten bytes, with at most one fault."""
     return [
         f"605#C6002100{size}",
         f"585#A4002100{blksize}000000",
@@ -107,11 +107,11 @@ CASES: dict[str, tuple[list[str], list[str]]] = {
 
 def broken(lines: list[str]) -> list[Violation]:
     known = [of_device(load("az3"), 5)]
-    listener = CanMonitor([one._replace(commands=()) for one in known])
+    monitor = CanMonitor([one._replace(commands=()) for one in known])
     events: list[MonitorEvent] = []
     for place, line in enumerate(lines):
-        events += listener.feed(CanFrame.parse(line), place / 10)
-    events += listener.end(len(lines) / 10)
+        events += monitor.feed(CanFrame.parse(line), place / 10)
+    events += monitor.end(len(lines) / 10)
     assert all(event_line(event).isprintable() for event in events)
     return [event for event in events if isinstance(event, Violation) and not event.repeated]
 
@@ -121,7 +121,7 @@ def test_every_rule_has_its_case_and_no_other() -> None:
 
 
 @pytest.mark.parametrize("rule", BUS_RULES)
-def test_it_is_found(rule: str) -> None:
+def test_a_broken_rule_is_found(rule: str) -> None:
     found = broken(CASES[rule][0])
     assert rule in [one.rule for one in found], found
     shown = next(one for one in found if one.rule == rule)
@@ -130,31 +130,31 @@ def test_it_is_found(rule: str) -> None:
 
 
 @pytest.mark.parametrize("rule", BUS_RULES)
-def test_it_is_not_found_where_it_is_kept(rule: str) -> None:
+def test_a_kept_rule_is_not_reported(rule: str) -> None:
     assert [one for one in broken(CASES[rule][1]) if one.rule == rule] == []
 
 
-def test_a_dialect_that_is_agreed_upon_breaks_no_rule() -> None:
-    listener = CanMonitor([of_device(load("az3"), 5)])
-    told = listener.feed(CanFrame.parse("605#4B41600000000000"), 0.0)
-    assert [event for event in told if isinstance(event, Violation)] == []
-    told = listener.feed(CanFrame.parse("606#4B41600000000000"), 0.0)
-    told += listener.feed(CanFrame.parse("586#4B41600037060000"), 0.1)  # so it was no segment of a block
-    assert [event.rule for event in told if isinstance(event, Violation)] == ["SDO-RESERVED"]
+def test_the_dialect_of_a_known_device_breaks_no_rule() -> None:
+    monitor = CanMonitor([of_device(load("az3"), 5)])
+    events = monitor.feed(CanFrame.parse("605#4B41600000000000"), 0.0)
+    assert [event for event in events if isinstance(event, Violation)] == []
+    events = monitor.feed(CanFrame.parse("606#4B41600000000000"), 0.0)
+    events += monitor.feed(CanFrame.parse("586#4B41600037060000"), 0.1)  # so it is not a segment of a block
+    assert [event.rule for event in events if isinstance(event, Violation)] == ["SDO-RESERVED"]
 
 
-def test_what_a_node_keeps_doing_is_told_once_and_counted() -> None:
+def test_a_repeated_violation_is_reported_once_and_counted() -> None:
     whole = "185#0102030405060708"
     assert len(broken([PREOP, *[whole] * 20])) == 1
     assert [one.rule for one in broken(["185#0102"] * 20)] == ["PDO-TOO-SHORT"]
     assert len(broken(["6E5#01", "6E5#02", "6E6#01"])) == 2
-    listener = CanMonitor()
+    monitor = CanMonitor()
     for place in range(20):
-        listener.feed(CanFrame.parse("6E5#01"), place / 10)
-    assert listener.violations == {"ID-RESERVED": 20}
+        monitor.feed(CanFrame.parse("6E5#01"), place / 10)
+    assert monitor.violations == {"ID-RESERVED": 20}
 
 
-def test_the_page_lists_them_all() -> None:
+def test_the_page_lists_all_rules() -> None:
     page = PAGE.read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([A-Z-]+)` \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
     assert [(rule, clause.strip(), text.strip()) for rule, clause, text in listed] == [

@@ -1,4 +1,4 @@
-"""CAN frames explained: whose identifier, which service, which bits."""
+"""Explained CAN frames: identifier, service, bits."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def meaning(frame: str, name: str) -> str:
         ("00000605#40", "extended identifier, which CANopen does not predefine: 1 byte"),
     ],
 )
-def test_whose_it_is_and_what_it_says(frame: str, verdict: str) -> None:
+def test_the_verdict_names_service_node_and_content(frame: str, verdict: str) -> None:
     assert of(frame).verdict == f"valid: {verdict}"
 
 
@@ -68,18 +68,18 @@ def test_whose_it_is_and_what_it_says(frame: str, verdict: str) -> None:
         ("7E5#", "short", 0),
     ],
 )
-def test_what_is_wrong_and_where(frame: str, reason: str, at: int) -> None:
-    said = of(frame)
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == (reason, at)
+def test_the_error_has_reason_and_place(frame: str, reason: str, at: int) -> None:
+    explanation = of(frame)
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == (reason, at)
 
 
 @pytest.mark.parametrize(("frame", "role"), [("605#40", "request"), ("585#60", "response"), ("185#01", None)])
-def test_the_identifier_tells_the_role(frame: str, role: FrameRole | None) -> None:
+def test_the_identifier_gives_the_role(frame: str, role: FrameRole | None) -> None:
     assert of(frame).role == role
 
 
-def test_the_identifier_is_a_field_that_covers_nothing() -> None:
+def test_the_identifier_is_a_field_of_length_0() -> None:
     first = of("605#4041600000000000").fields[0]
     assert first == (0, 0, "COB-ID", "605", 0x605, "SDO request to node 5")
 
@@ -125,7 +125,7 @@ DIALECT = "CiA 301 has 40h for every read request; the AZ3 manual uses this form
         ("585#C1", "end block upload response: 7 bytes in the last segment (scs 6, n 0)"),
     ],
 )
-def test_every_command_byte_is_told_bit_by_bit(frame: str, words: str) -> None:
+def test_every_command_byte_is_explained_bit_by_bit(frame: str, words: str) -> None:
     assert meaning(frame, "command") == words
     assert of(frame.ljust(20, "0")).valid
 
@@ -140,16 +140,16 @@ def test_every_command_byte_is_told_bit_by_bit(frame: str, words: str) -> None:
         ("605#2241600001000000", "no size is indicated; all 4 bytes: u32 1, f32 1.401298e-45"),
     ],
 )
-def test_a_value_is_read_in_every_way_its_width_allows(frame: str, reading: str) -> None:
+def test_a_value_is_shown_as_every_number_of_its_width(frame: str, reading: str) -> None:
     assert meaning(frame, "data") == reading
 
 
-def test_bytes_behind_a_short_value_are_unused() -> None:
-    said = of("605#2B4060000F00AABB")
-    assert [(one.name, one.hex) for one in said.fields[-2:]] == [("data", "0F 00"), ("unused", "AA BB")]
+def test_bytes_after_a_short_value_are_unused() -> None:
+    explanation = of("605#2B4060000F00AABB")
+    assert [(one.name, one.hex) for one in explanation.fields[-2:]] == [("data", "0F 00"), ("unused", "AA BB")]
 
 
-def test_blocks_tell_their_numbers() -> None:
+def test_the_numbers_of_block_messages_are_explained() -> None:
     assert meaning("605#A408100014150000", "protocol switch") == "ordinary upload up to this many bytes"
     assert meaning("605#A408100014000000", "protocol switch") == "no ordinary upload"
     assert [(one.name, one.value) for one in of("585#A24A7F0000000000").fields[2:4]] == [
@@ -170,7 +170,7 @@ def test_reserved_bytes_that_are_not_zero_are_mentioned() -> None:
 # The other services ----------------------------------------------------------------------------------------------
 
 
-def test_an_emergency_is_told_bit_by_bit() -> None:
+def test_an_emergency_is_explained_bit_by_bit() -> None:
     assert meaning("085#3081110200000000", "error register") == "generic, communication"
     assert meaning("085#0000000000000000", "error register") == "no error left"
 
@@ -179,7 +179,7 @@ def test_a_toggle_bit_is_an_answer_to_guarding() -> None:
     assert meaning("705#85", "state") == "operational; toggle bit 1: the answer to node guarding"
 
 
-def test_an_unknown_nmt_command_is_called_one() -> None:
+def test_an_unknown_nmt_command_is_an_error() -> None:
     assert meaning("000#0305", "command") == "not an NMT command"
 
 
@@ -197,40 +197,40 @@ def test_lss_services_have_names(frame: str, name: str, words: str) -> None:
     assert meaning(frame, name) == words
 
 
-def test_more_than_eight_bytes_are_no_can_frame() -> None:
-    said = explain("can", CanFrame(0x605, bytes(9)))
-    assert said.error == ("long", 8, "a CAN frame carries at most 8 bytes, here are 9")
+def test_more_than_eight_bytes_are_an_error() -> None:
+    explanation = explain("can", CanFrame(0x605, bytes(9)))
+    assert explanation.error == ("long", 8, "a CAN frame carries at most 8 bytes, here are 9")
 
 
-def test_bytes_are_no_frame_and_a_frame_is_no_bytes() -> None:
+def test_bytes_for_a_frame_and_a_frame_for_bytes_are_refused() -> None:
     with pytest.raises(EncodeError, match="can: expected a CanFrame"):
         explain("can", b"\x00")
     with pytest.raises(EncodeError, match="rtu: expected bytes"):
         explain("rtu", CanFrame(0))
 
 
-def test_an_abort_is_80h_and_nothing_else() -> None:
-    """81h to 9Fh are what the server takes them for: no abort, perhaps the last segment of a block that came late."""
+def test_only_80h_is_an_abort() -> None:
+    """81h to 9Fh are not an abort; they may be the last segment of a block that came late."""
     assert of("585#8041600000000206").valid
     for command in range(0x81, 0xA0):
-        said = of(f"585#{command:02X}41600000000206")
-        assert said.error is not None
-        assert said.error.reason == "function"
+        explanation = of(f"585#{command:02X}41600000000206")
+        assert explanation.error is not None
+        assert explanation.error.reason == "function"
     assert explain_segment(CanFrame.parse("585#8341600000000206")).verdict.endswith("segment 3 of a block, the last")
 
 
 @pytest.mark.parametrize("service", sorted(LSS_REQUESTS | LSS_ANSWERS))
-def test_every_service_of_lss_is_known_in_its_directions_only(service: int) -> None:
+def test_an_lss_service_is_valid_only_in_its_directions(service: int) -> None:
     for identifier, known in ((0x7E5, LSS_REQUESTS), (0x7E4, LSS_ANSWERS)):
-        said = explain("can", CanFrame(identifier, bytes([service]) + bytes(7)))
-        assert said.valid == (service in known), said.lines()
-        assert (said.fields[1].meaning == "unknown") == (service not in known)
+        explanation = explain("can", CanFrame(identifier, bytes([service]) + bytes(7)))
+        assert explanation.valid == (service in known), explanation.lines()
+        assert (explanation.fields[1].meaning == "unknown") == (service not in known)
 
 
 def test_a_day_of_more_than_24_hours() -> None:
-    said = of("100#005C26054D39")
-    assert said.error is not None
-    assert said.error.reason == "value"
+    explanation = of("100#005C26054D39")
+    assert explanation.error is not None
+    assert explanation.error.reason == "value"
     assert of("100#FF5B2605FFFF").verdict == "valid: TIME: 2163-06-06 23:59:59"
     assert of("100#FF5B26F54D39").valid  # the four void bits
 
@@ -249,7 +249,7 @@ ERROR = "error frame, a report of the controller"
         ("can0 20000004 [8] 00 02 00 00 00 00 00 00", f"{ERROR}: controller problem: transmit buffer overrun"),
     ],
 )
-def test_what_is_no_classical_frame(text: str, verdict: str) -> None:
-    said = explain_text("can", text)
-    assert said.verdict == f"valid: {verdict}"
-    assert said.lines()
+def test_fd_and_error_frames_are_explained(text: str, verdict: str) -> None:
+    explanation = explain_text("can", text)
+    assert explanation.verdict == f"valid: {verdict}"
+    assert explanation.lines()

@@ -78,13 +78,13 @@ BEAT = classical(0x705, b"\x05")
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("packing", [0, 2, None])
-def test_an_object_of_blf(piece: bytes, says: list[str], packing: int | None) -> None:
+def test_an_object_of_blf_is_read_packed_or_not(piece: bytes, says: list[str], packing: int | None) -> None:
     """Packed, not packed, and without a container at all."""
     wrapped = piece if packing is None else container(piece, packing)
     assert told(blf(wrapped)) == says
 
 
-def test_objects_go_on_in_the_next_container_and_times_have_two_units() -> None:
+def test_objects_continue_in_the_next_container_and_times_have_two_units() -> None:
     stream = b"".join(classical(0x705, bytes([place]), at=place * 1_000_000) for place in range(100))
     stream += logged(1, struct.pack("<HBBL8s", 3, 0, 1, 0x705, b"\x64"), 10_000, flags=1)
     parts = [stream[at : at + 37] for at in range(0, len(stream), 37)]
@@ -96,7 +96,7 @@ def test_objects_go_on_in_the_next_container_and_times_have_two_units() -> None:
     assert {item.bus for item in items if isinstance(item, Recorded)} == {"0", "2"}
 
 
-def test_what_is_damaged_in_a_blf_is_told_and_what_follows_is_read() -> None:
+def test_damage_in_a_blf_is_reported_and_the_rest_is_read() -> None:
     broken = bytearray(container(BEAT * 3))
     broken[40:44] = b"\xff\xff\xff\xff"
     assert told(blf(container(BEAT), bytes(broken), container(BEAT))) == ["705#05", "Unread", "705#05"]

@@ -43,7 +43,7 @@ def random_frames(count: int, seed: int) -> list[AnyFrame]:
 
 
 def shown(frame: AnyFrame) -> tuple[Any, ...]:
-    """What both sides tell of a frame; ASC of python-can does not keep the length that a remote frame asks for."""
+    """The comparable parts of a frame; the ASC of python-can does not keep the requested length of a remote frame."""
     if isinstance(frame, ErrorFrame):
         return ("error",)
     fd = isinstance(frame, FdFrame)
@@ -63,7 +63,7 @@ def theirs(one: can.Message) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("form", READERS)
-def test_we_read_what_python_can_reads(form: str, tmp_path: Path) -> None:
+def test_random_frames_are_read_as_python_can_reads_them(form: str, tmp_path: Path) -> None:
     """The same random frames, of one file, through their reader and ours: kind, identifier, data, flags, and times."""
     file = tmp_path / f"run.{form}"
     made = random_frames(600, seed=len(form))
@@ -88,7 +88,7 @@ def test_we_read_what_python_can_reads(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
-def test_names_and_remarks_in_the_letters_of_windows(encoding: str) -> None:
+def test_names_and_comments_in_windows_1252_are_read(encoding: str) -> None:
     text = "date Sam Nov 14 2023\nbase hex  timestamps absolute\n// Prüfstand für Öfen\n 0.5 1  705  Rx   d 1 05\n"
     for data in (text.encode(encoding), "# Prüfstand\n(1.5) can0 705#05\n".encode(encoding)):
         assert is_can_recording(data)
@@ -126,7 +126,7 @@ End TriggerBlock
 )
 
 
-def test_asc_of_several_versions() -> None:
+def test_asc_files_of_several_versions_are_read() -> None:
     old = [item for item in read_asc(ASC_OF_OLD) if isinstance(item, Recorded)]
     assert [(item.at, item.bus, str(item.frame)) for item in old] == [
         (0.5, "1", "705#05"), (0.75, "1", "18EBFF00#FF10"), (1.0, "2", "705#R"),
@@ -140,7 +140,7 @@ def test_asc_of_several_versions() -> None:
 
 
 @pytest.mark.parametrize("order", "<>")
-def test_a_capture_of_several_interfaces_in_both_orders(order: str) -> None:
+def test_a_capture_of_several_interfaces_in_both_byte_orders_is_read(order: str) -> None:
     def block(kind: int, body: bytes) -> bytes:
         body += bytes(-len(body) % 4)
         size = struct.pack(f"{order}I", len(body) + 12)
@@ -169,7 +169,7 @@ def test_a_capture_of_several_interfaces_in_both_orders(order: str) -> None:
 
 
 @pytest.mark.parametrize("stamp", ["inf", "nan", "1e99", "-1.5", "1_0", "9" * 400, "9" * 13])
-def test_a_time_that_is_none(stamp: str) -> None:
+def test_an_invalid_time_is_unread(stamp: str) -> None:
     text = f"(1.0) can0 705#05\n({stamp}) can0 705#7F\n ({stamp})  can0  705   [1]  7F\n(2.0) can0 705#05\n"
     items = list(read_recording(text.encode()))
     assert [type(item) for item in items] == [Recorded, Unread, Unread, Recorded]
@@ -209,8 +209,8 @@ def damaged(data: bytes, dice: random.Random) -> bytes:
 
 
 @pytest.mark.parametrize("form", list(seeds()))
-def test_a_damaged_recording_is_read_as_far_as_it_goes(form: str) -> None:
-    """Every item can be told in words, as JSON, and written down again; nothing raises, nothing runs on."""
+def test_a_damaged_recording_is_read_as_far_as_possible(form: str) -> None:
+    """Every item has a line and JSON, and can be written again; nothing raises, and reading ends."""
     dice, keeper = random.Random(form), CanRecordingWriter("a.pcapng")
     whole, read = seeds()[form], 0
     for _ in range(150):

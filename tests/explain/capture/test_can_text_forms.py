@@ -25,7 +25,7 @@ from barewire.explain.capture.candump import log_line, parse_frame, read_candump
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import Packet, file_header, interface_block, packet_block
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, to_packet
-from tests.explain.can_monitor.can_run import DRIVE, recorded
+from tests.explain.can_monitor.recorded_run import DRIVE, recorded
 from tests.helpers import refused, unhex
 
 BEGAN = 1_700_000_000.0
@@ -48,7 +48,7 @@ def frames() -> tuple[tuple[float, CanFrame], ...]:
 
 
 def events(items: Iterator[RecordedItem]) -> list[dict[str, Any]]:
-    """What was heard, in seconds since the first frame."""
+    """The events as dicts, with times since the first frame."""
     told = [event_as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
     first = told[0]["at"]
     for event in told:
@@ -174,7 +174,7 @@ TEXTS = [
 
 
 @pytest.mark.parametrize("form", TEXTS)
-def test_the_same_in_every_text(form: Any) -> None:
+def test_every_text_format_gives_the_same_events(form: Any) -> None:
     data = form().encode()
     assert is_can_recording(data)
     assert events(read_recording(data)) == expected()
@@ -183,14 +183,14 @@ def test_the_same_in_every_text(form: Any) -> None:
 
 
 @pytest.mark.parametrize("name", ["bus.pcapng", "bus.log"])
-def test_the_same_in_what_we_write(name: str) -> None:
+def test_written_recordings_give_the_same_events(name: str) -> None:
     keeper = CanRecordingWriter(name)
     data = keeper.start + b"".join(keeper.put(at, "can0", frame) for at, frame in frames())
     assert is_can_recording(data)
     assert events(read_recording(data)) == expected()
 
 
-def test_the_same_in_the_forerunner_of_pcapng() -> None:
+def test_pcap_gives_the_same_events() -> None:
     data = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, SOCKETCAN)
     for at, frame in frames():
         body = to_packet(frame)
@@ -199,7 +199,7 @@ def test_the_same_in_the_forerunner_of_pcapng() -> None:
     assert events(read_recording(data)) == expected()
 
 
-def test_the_same_in_blf(tmp_path: Path) -> None:
+def test_blf_of_python_can_gives_the_same_events(tmp_path: Path) -> None:
     file = tmp_path / "bus.blf"
     with can.BLFWriter(str(file)) as writer:
         for at, frame in frames():
@@ -209,7 +209,7 @@ def test_the_same_in_blf(tmp_path: Path) -> None:
     assert events(read_blf(data)) == expected()
 
 
-def test_the_same_in_an_asc_of_others(tmp_path: Path) -> None:
+def test_asc_of_python_can_gives_the_same_events(tmp_path: Path) -> None:
     file = tmp_path / "bus.asc"
     with can.ASCWriter(str(file)) as writer:
         for at, frame in frames():
@@ -219,7 +219,7 @@ def test_the_same_in_an_asc_of_others(tmp_path: Path) -> None:
 
 @pytest.mark.needs("candump")
 @pytest.mark.parametrize("options", [[], ["-4"], ["-n"], ["-f"], ["-r"]])
-def test_the_same_through_log2asc(options: list[str], tmp_path: Path) -> None:
+def test_asc_of_log2asc_gives_the_same_events(options: list[str], tmp_path: Path) -> None:
     """Rounded to 100 us with -4, so only the values are compared."""
     file = tmp_path / "bus.log"
     file.write_text(candump_log() + "\n")
@@ -237,7 +237,7 @@ def test_the_same_through_log2asc(options: list[str], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("frame", MIXED, ids=str)
-def test_every_kind_comes_back(frame: AnyFrame) -> None:
+def test_every_kind_of_frame_is_written_and_read(frame: AnyFrame) -> None:
     assert parse_frame(log_line(1.5, "can0", frame).split()[-1]) == frame
     for name in ("a.pcapng", "a.log"):
         keeper = CanRecordingWriter(name)
@@ -252,7 +252,7 @@ def test_every_kind_comes_back(frame: AnyFrame) -> None:
         assert item.frame == frame
 
 
-def test_every_kind_in_blf_and_asc(tmp_path: Path) -> None:
+def test_every_kind_of_frame_in_blf_and_asc(tmp_path: Path) -> None:
     for name in ("a.blf", "a.asc"):
         file = tmp_path / name
         with can.BLFWriter(str(file)) if name == "a.blf" else can.ASCWriter(str(file)) as writer:
@@ -279,7 +279,7 @@ DROPCOUNT: dropped 3 CAN frames on 'can1' socket (total drops 7)
 """
 
 
-def test_the_screen_of_candump() -> None:
+def test_the_screen_output_of_candump_is_read() -> None:
     items = list(read_candump(CANDUMP))
     assert [str(item.frame) for item in items if isinstance(item, Recorded)] == [
         *("705#05", "ErrorFrame(classes=4, data=b'\\x00\\x01\\x00\\x00\\x00\\x00\\x00\\x00')"),
@@ -305,7 +305,7 @@ def test_the_screen_of_candump() -> None:
         ("hello", "not a line of candump"),
     ],
 )
-def test_a_bad_line_is_told_and_passed_by(line: str, why: str) -> None:
+def test_a_bad_line_of_candump_is_reported_and_skipped(line: str, why: str) -> None:
     text = f"(0.5) can0 705#05\n{line}\n(2.0) can0 705#7F\n"
     items = list(read_recording(text.encode()))
     assert [None if isinstance(item, Dropped) else item.line for item in items] == [1, 2, 3]
@@ -327,7 +327,7 @@ def test_a_bad_line_is_told_and_passed_by(line: str, why: str) -> None:
         ("hello", "not a line of an ASC"),
     ],
 )
-def test_a_bad_line_of_asc(line: str, why: str) -> None:
+def test_a_bad_line_of_asc_is_reported_and_skipped(line: str, why: str) -> None:
     text = f"base hex  timestamps absolute\n   0.5 1  705  Rx   d 1 05\n{line}\n   2.0 1  705  Rx   d 1 7F\n"
     first, bad, last = read_asc(text)
     assert isinstance(bad, Unread)
@@ -335,7 +335,7 @@ def test_a_bad_line_of_asc(line: str, why: str) -> None:
     assert why in bad.why
 
 
-def test_what_the_recorder_lost_in_captures() -> None:
+def test_frames_dropped_by_the_recorder_are_reported() -> None:
     def with_drops(frame: AnyFrame, drops: int) -> bytes:
         body = to_packet(frame)
         start = struct.pack("<IIIII", 0, 0, 1_500_000, len(body), len(body)) + body + bytes(-len(body) % 4)
@@ -349,7 +349,7 @@ def test_what_the_recorder_lost_in_captures() -> None:
     assert Dropped(1.0, "1", 0) in list(read_asc(overrun))
 
 
-def test_a_capture_that_is_cut_off_tells_all_before() -> None:
+def test_a_capture_that_is_cut_off_is_read_up_to_there() -> None:
     keeper = CanRecordingWriter("a.pcapng")
     data = keeper.start + b"".join(keeper.put(place, "can0", CanFrame.parse("705#05")) for place in range(3))
     *good, bad = read_recording(data[:-5])
@@ -360,7 +360,7 @@ def test_a_capture_that_is_cut_off_tells_all_before() -> None:
     assert isinstance(short, Unread)
 
 
-def test_a_blf_that_is_damaged(tmp_path: Path) -> None:
+def test_a_blf_that_is_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
     file = tmp_path / "bus.blf"
     with can.BLFWriter(str(file)) as writer:
         for at, frame in frames()[:50]:
@@ -375,7 +375,7 @@ def test_a_blf_that_is_damaged(tmp_path: Path) -> None:
     assert "damaged" in bad.why
 
 
-def test_several_buses_do_not_mix() -> None:
+def test_several_buses_have_monitors_of_their_own() -> None:
     lines = ["(1.0) can0 605#4041600000000000", "(1.1) can1 585#4B41600037060000", "(1.2) can0 585#4B41600038060000"]
     told = list(replay_can(read_recording("\n".join(lines).encode())))
     assert {
@@ -389,7 +389,7 @@ def test_several_buses_do_not_mix() -> None:
     assert sum(isinstance(event, Unread) for _, event in replay_can(read_recording(many.encode()))) == 16
 
 
-def test_what_is_no_recording_of_can() -> None:
+def test_other_files_are_not_recordings_of_can() -> None:
     for data in (
         b"",
         b"12.5 01 03 00 00 00 02 C4 0B",

@@ -1,4 +1,4 @@
-"""Captures, logs and dumps: written and read, ours and others'; damaged ones are one clear error."""
+"""Captures, logs and dumps, written and read, also those of other programs; damaged ones raise one clear error."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def names(told: list[SnifferEvent]) -> list[str]:
 
 @modest
 @given(st.lists(st.tuples(st.integers(0, 2**50), st.binary(max_size=70)), max_size=5))
-def test_what_is_written_can_be_read(packets: list[tuple[int, bytes]]) -> None:
+def test_written_packets_are_read_back(packets: list[tuple[int, bytes]]) -> None:
     file = file_header() + b"".join(packet_block(micros / 1e6, data) for micros, data in packets)
     assert is_capture(file)
     assert [(round(one.at * 1e6), one.data) for one in read_packets(file)] == packets
 
 
 def section(order: str, link: int, resolution: int, *packets: tuple[int, bytes]) -> bytes:
-    """A file as others write it: either byte order, an option that says the unit of time, a block nobody knows."""
+    """A file of another program: either byte order, an option for the unit of time, an unknown block."""
 
     def block(kind: int, body: bytes) -> bytes:
         body += bytes(-len(body) % 4)
@@ -62,7 +62,7 @@ def section(order: str, link: int, resolution: int, *packets: tuple[int, bytes])
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_files_of_others(order: str) -> None:
+def test_pcapng_files_of_other_programs_are_read(order: str) -> None:
     for resolution, ticks in ((9, 1_500_000_000), (0x80 | 10, 1536)):
         found = read_packets(section(order, 101, resolution, (ticks, b"xyz")))
         assert found == [Packet(1.5, b"xyz", 101), Packet(0.0, b"abc", 101)]
@@ -70,7 +70,7 @@ def test_files_of_others(order: str) -> None:
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize(("magic", "fraction"), [(0xA1B2C3D4, 500_000), (0xA1B23C4D, 500_000_000)])
-def test_the_forerunner(order: str, magic: int, fraction: int) -> None:
+def test_pcap_files_are_read(order: str, magic: int, fraction: int) -> None:
     file = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 65535, 1)
     file += struct.pack(f"{order}4I", 7, fraction, 3, 3) + b"abc"
     assert is_capture(file)
@@ -80,7 +80,7 @@ def test_the_forerunner(order: str, magic: int, fraction: int) -> None:
             read_packets(file[:cut])
 
 
-def test_what_is_cut_off_or_none_at_all() -> None:
+def test_a_capture_that_is_cut_off_or_invalid_is_refused() -> None:
     file = file_header() + packet_block(1.0, b"abcdef")
     for cut in range(len(file_header()) + 1, len(file)):
         with refused(DecodeError, "is cut off or damaged"):
@@ -106,7 +106,7 @@ def test_any_bytes_are_a_capture_or_a_clear_error(data: bytes, begins: bool) -> 
 
 
 @pytest.mark.parametrize("from_client", [True, False])
-def test_frames_in_packets(from_client: bool) -> None:
+def test_modbus_frames_in_packets(from_client: bool) -> None:
     carried = modbus_payload(Packet(1.0, PacketBuilder().rtu(b"frame", from_client=from_client)))
     assert carried is not None
     assert (carried.protocol, carried.from_client, carried.data) == ("rtu", from_client, b"frame")
@@ -116,7 +116,7 @@ def test_frames_in_packets(from_client: bool) -> None:
     assert carried.connection == (unhex("7F000001"), 50000, unhex("7F000002"), 502)
 
 
-def test_other_ways_to_carry_ip() -> None:
+def test_other_link_types_carry_ip() -> None:
     whole = PacketBuilder().tcp(b"frame", from_client=True)
     ip = whole[14:]
     for link, before in ((101, b""), (0, bytes(4)), (113, bytes(16)), (276, bytes(20)), (1, whole[:12])):
@@ -126,7 +126,7 @@ def test_other_ways_to_carry_ip() -> None:
         assert carried.data == b"frame"
 
 
-def test_packets_that_carry_no_modbus() -> None:
+def test_packets_without_modbus_are_skipped() -> None:
     whole = PacketBuilder().tcp(b"frame", from_client=True)
     for data, link in (
         (whole, 147),  # a link type that nobody here knows
@@ -147,7 +147,7 @@ def capture(*frames: tuple[float, bytes]) -> bytes:
     return file_header() + b"".join(packet_block(at, data) for at, data in frames)
 
 
-def test_a_capture_of_rtu() -> None:
+def test_a_capture_of_rtu_is_decoded() -> None:
     packer = PacketBuilder()
     file = capture(
         (1.0, packer.rtu(rtu_frame(1, READ), from_client=True)),
@@ -158,7 +158,7 @@ def test_a_capture_of_rtu() -> None:
     assert names(list(replay(file))) == ["RequestSeen", "ResponseSeen", "NoiseSeen", "RequestSeen", "ResponseMissing"]
 
 
-def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
+def test_a_capture_of_tcp_with_segments_out_of_order_repeated_and_missing() -> None:
     packer = PacketBuilder()
     requests = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(4)]
     answers = [packer.tcp(tcp_frame(1, VALUES, number), from_client=False) for number in range(4)]
@@ -173,7 +173,7 @@ def test_a_capture_of_tcp_out_of_order_repeated_and_with_a_hole() -> None:
     assert names(told).count("RequestSeen") == 99
 
 
-def test_the_server_may_be_anywhere() -> None:
+def test_the_port_of_the_server_can_be_given() -> None:
     file = capture((1.0, PacketBuilder(1502).tcp(tcp_frame(1, READ, 1), from_client=True)))
     assert list(replay(file)) == []
     assert names(list(replay(file, ports={1502}))) == ["RequestSeen", "ResponseMissing"]
@@ -206,7 +206,7 @@ def test_logs_and_dumps(text: str, chunks: list[Chunk] | None) -> None:
         assert parse_log(text).chunks == chunks
 
 
-def test_a_line_that_cannot_be_read_is_told_by_its_number() -> None:
+def test_an_unreadable_line_is_reported_with_its_number() -> None:
     with refused(DecodeError, "line 2: 'X' at 3 is not a hexadecimal digit"):
         parse_log("01 03\n01 X3")
     with refused(DecodeError, "neither a capture nor text"):
@@ -221,11 +221,11 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
     assert names(list(replay(text))) == ["RequestSeen", "ResponseSeen"]
 
 
-# In words ----------------------------------------------------------------------------------------------------------
+# As text ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("log", "said"),
+    ("log", "lines"),
     [
         (["1.0 1 0300000002", "1.1 1 030400170007"],
          ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 100.0 ms"]),
@@ -250,21 +250,21 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
           "1.300000  unit 2  Read Holding Registers, 1 from 0000h -> 2, after 200.0 ms"]),
     ],
 )  # fmt: skip
-def test_a_line_for_each_exchange(log: list[str], said: list[str]) -> None:
+def test_a_line_for_each_exchange(log: list[str], lines: list[str]) -> None:
     rows = [line.split() for line in log]
     text = "\n".join(f"{at} {rtu_frame(int(unit), unhex(pdu)).hex()}" for at, unit, pdu in rows)
-    lines = [exchange_line(event) for event in replay(text.encode())]
-    assert [line for line in lines if line is not None] == said
+    found = [exchange_line(event) for event in replay(text.encode())]
+    assert [line for line in found if line is not None] == lines
 
 
-def test_noise_in_words() -> None:
+def test_noise_has_a_line() -> None:
     (event,) = replay(b"1.0 FF 00 55")
     assert exchange_line(event) == "1.030000  noise   FF 00 55 (3 bytes, then silence)"
 
 
 def test_events_for_programs() -> None:
-    said = [(1.0, 1, "03 0000 0001"), (1.5, 1, "83 02"), (3.0, 1, "06 0001 0003"), (9.0, 0, "06 0001 0003")]
-    log = "\n".join(f"{at} {rtu_frame(unit, unhex(pdu)).hex()}" for at, unit, pdu in said)
+    lines = [(1.0, 1, "03 0000 0001"), (1.5, 1, "83 02"), (3.0, 1, "06 0001 0003"), (9.0, 0, "06 0001 0003")]
+    log = "\n".join(f"{at} {rtu_frame(unit, unhex(pdu)).hex()}" for at, unit, pdu in lines)
     told = list(replay(f"{log}\n9.5 FF 00".encode()))
     assert names(told) == ["RequestSeen", "ResponseSeen", "AmbiguousFrame", "RequestSeen", "NoiseSeen"]
     dicts = [json.loads(json.dumps(exchange_as_dict(event))) for event in told]
@@ -276,7 +276,7 @@ def test_events_for_programs() -> None:
 
 @modest
 @given(st.integers(0, 255), st.binary(min_size=1, max_size=253), st.booleans())
-def test_any_frame_has_words_and_a_dict(unit: int, pdu: bytes, answered: bool) -> None:
+def test_any_exchange_has_a_line_and_a_dict(unit: int, pdu: bytes, answered: bool) -> None:
     asked = RequestSeen(unit, pdu, 1.0)
     events: list[SnifferEvent] = [
         asked,
@@ -318,7 +318,7 @@ def test_an_exchange_over_ipv6() -> None:
 
 
 @pytest.mark.parametrize("extension", [(0, bytes(6)), (60, bytes(14)), (43, bytes(6)), (44, bytes(6))])
-def test_headers_of_ipv6_before_the_one_that_counts(extension: tuple[int, bytes]) -> None:
+def test_extension_headers_of_ipv6_are_skipped(extension: tuple[int, bytes]) -> None:
     whole = over_ipv6(PacketBuilder().rtu(b"frame", from_client=False), False, extension, (0, bytes(6)))
     carried = modbus_payload(Packet(1.0, whole))
     assert carried is not None
@@ -330,7 +330,7 @@ def test_headers_of_ipv6_before_the_one_that_counts(extension: tuple[int, bytes]
         assert other.data == b"frame"
 
 
-def test_ipv6_that_is_passed_over() -> None:
+def test_ipv6_fragments_and_others_are_skipped() -> None:
     whole = PacketBuilder().tcp(b"frame", from_client=True)
     fragment = over_ipv6(whole, True, (44, unhex("0001 0000 0001")))
     for data in (fragment, over_ipv6(whole, True, version=4), over_ipv6(whole, True)[:50], over_ipv6(whole, True)[:20]):

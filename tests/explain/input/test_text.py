@@ -28,7 +28,7 @@ from barewire.explain.input.text import parse_ascii, parse_hex
         "0x01040FB1",
     ],
 )
-def test_hexadecimal_in_any_dress(text: str) -> None:
+def test_hexadecimal_in_any_notation(text: str) -> None:
     assert parse_hex(text) == bytes.fromhex("01040FB1")
 
 
@@ -82,7 +82,7 @@ def test_a_dump_of_many_lines() -> None:
         ("[10, 0A]", "10 0A"),
     ],
 )
-def test_what_could_be_plain_hexadecimal_is(text: str, data: str) -> None:
+def test_ambiguous_digits_are_plain_hexadecimal(text: str, data: str) -> None:
     assert parse_hex(text) == bytes.fromhex(data)
 
 
@@ -99,7 +99,7 @@ def test_what_could_be_plain_hexadecimal_is(text: str, data: str) -> None:
         ("00000000: 0103\n00000010: 0103", "line 2: the dump continues at 10h, expected 2h"),
     ],
 )
-def test_what_could_be_two_things_is_asked_back_about(text: str, words: str) -> None:
+def test_ambiguous_text_is_refused(text: str, words: str) -> None:
     with pytest.raises(DecodeError, match=re.escape(words)):
         parse_hex(text)
 
@@ -115,10 +115,10 @@ def test_what_could_be_two_things_is_asked_back_about(text: str, words: str) -> 
         ("ascii", "01 04 0F B1 00 02 22 F8", "; as rtu it is a request to unit 1"),
     ],
 )
-def test_a_frame_of_another_protocol_is_recognised(protocol: str, text: str, words: str) -> None:
-    said = explain_text(protocol, text)
-    assert said.error is not None
-    assert words in said.error.text
+def test_the_hint_names_another_protocol(protocol: str, text: str, words: str) -> None:
+    explanation = explain_text(protocol, text)
+    assert explanation.error is not None
+    assert words in explanation.error.text
 
 
 @pytest.mark.parametrize(
@@ -128,16 +128,16 @@ def test_a_frame_of_another_protocol_is_recognised(protocol: str, text: str, wor
         ("tcp", "605#4041600000000000", "; as can it is SDO request to node 5"),
     ],
 )
-def test_what_cannot_be_read_may_be_another_protocol_too(protocol: str, text: str, words: str) -> None:
+def test_unreadable_text_gets_a_hint_too(protocol: str, text: str, words: str) -> None:
     with pytest.raises(DecodeError, match=re.escape(words)):
         explain_text(protocol, text)
 
 
 @pytest.mark.parametrize("text", ["01 03 00 00 00 0A C5 CE", "0007 0000 0006 01 03 0000 0000"])
 def test_a_damaged_frame_of_its_own_protocol_gets_no_hint(text: str) -> None:
-    said = explain_text("rtu" if len(text) < 25 else "tcp", text)
-    assert said.error is not None
-    assert "; as " not in said.error.text
+    explanation = explain_text("rtu" if len(text) < 25 else "tcp", text)
+    assert explanation.error is not None
+    assert "; as " not in explanation.error.text
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_damaged_frame_of_its_own_protocol_gets_no_hint(text: str) -> None:
         ("01 é4", "character", 3, "'é' at 3 is not a hexadecimal digit"),
     ],
 )
-def test_a_typing_error_is_told_with_its_place(text: str, reason: str, at: int, words: str) -> None:
+def test_a_typing_error_is_reported_with_its_place(text: str, reason: str, at: int, words: str) -> None:
     with pytest.raises(DecodeError) as caught:
         explain_text("rtu", text)
     assert (caught.value.reason, caught.value.at, caught.value.text) == (reason, at, words)
@@ -165,7 +165,7 @@ def test_a_typing_error_is_told_with_its_place(text: str, reason: str, at: int, 
         "3a3031303430464231303030323339" + "0d0a",
     ],
 )
-def test_ascii_frames_typed_or_as_codes(text: str) -> None:
+def test_ascii_frames_as_text_or_as_codes(text: str) -> None:
     assert parse_ascii(text) == b":01040FB1000239\r\n"
 
 
@@ -175,9 +175,9 @@ def test_an_ascii_frame_copied_from_a_screen_is_valid() -> None:
 
 
 def test_an_ascii_frame_without_its_colon_is_explained_and_not_valid() -> None:
-    said = explain_text("ascii", "01040FB1000239")
-    assert said.error is not None
-    assert said.error.reason == "delimiter"
+    explanation = explain_text("ascii", "01040FB1000239")
+    assert explanation.error is not None
+    assert explanation.error.reason == "delimiter"
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_remote_short_and_extended_frames(text: str, frame: str) -> None:
         ("605##", "short", 5),
     ],
 )
-def test_a_line_that_is_no_frame(text: str, reason: str, at: int) -> None:
+def test_a_line_that_is_not_a_frame_is_refused(text: str, reason: str, at: int) -> None:
     with pytest.raises(DecodeError) as caught:
         explain_text("can", text)
     assert (caught.value.reason, caught.value.at) == (reason, at)
@@ -240,6 +240,6 @@ def test_a_line_that_is_no_frame(text: str, reason: str, at: int) -> None:
 
 
 @pytest.mark.parametrize(("protocol", "role"), [("profibus", None), ("rtu", "client")])
-def test_a_protocol_or_role_that_does_not_exist(protocol: Any, role: Any) -> None:
+def test_an_unknown_protocol_or_role_is_refused(protocol: Any, role: Any) -> None:
     with pytest.raises(EncodeError, match="expected"):
         explain_text(protocol, "01", role)

@@ -1,4 +1,4 @@
-"""Modbus frames explained: what is said about good ones, about broken ones, and about those that could be both."""
+"""Explained Modbus frames: valid, broken, and ambiguous ones."""
 
 from __future__ import annotations
 
@@ -26,51 +26,51 @@ def meanings(explanation: Explanation) -> dict[str, str]:
     return {one.name: one.meaning for one in explanation.fields}
 
 
-# The two examples that everybody tries first ---------------------------------------------------------------------
+# A valid and a broken frame ---------------------------------------------------------------------
 
 
 def test_a_request_is_named_field_by_field() -> None:
-    said = explain("rtu", bytes.fromhex("01040FB1000222F8"))
-    assert (said.valid, said.role, said.error) == (True, "request", None)
-    assert [(one.offset, one.length, one.name, one.hex, one.value) for one in said.fields] == [
+    explanation = explain("rtu", bytes.fromhex("01040FB1000222F8"))
+    assert (explanation.valid, explanation.role, explanation.error) == (True, "request", None)
+    assert [(one.offset, one.length, one.name, one.hex, one.value) for one in explanation.fields] == [
         (0, 1, "unit", "01", 1),
         (1, 1, "function code", "04", 4),
         (2, 2, "address", "0F B1", 0x0FB1),
         (4, 2, "quantity", "00 02", 2),
         (6, 2, "CRC", "22 F8", 0xF822),
     ]
-    assert meanings(said) == {
+    assert meanings(explanation) == {
         "unit": "unit 1",
         "function code": "04 Read Input Registers",
         "address": "0-based; number 4018 in 1-based tables",
         "quantity": "input registers",
         "CRC": "CRC ok",
     }
-    assert said.verdict == "valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok"
+    assert explanation.verdict == "valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok"
 
 
 def test_a_wrong_crc_leaves_all_fields_explained() -> None:
-    said = explain("rtu", bytes.fromhex("010404000001103BC3"), "response")
-    assert (said.valid, said.role) == (False, "response")
-    assert said.error == ("checksum", 7, "CRC is 3B C3, should be FB D8")
-    assert [one.name for one in said.fields] == [
+    explanation = explain("rtu", bytes.fromhex("010404000001103BC3"), "response")
+    assert (explanation.valid, explanation.role) == (False, "response")
+    assert explanation.error == ("checksum", 7, "CRC is 3B C3, should be FB D8")
+    assert [one.name for one in explanation.fields] == [
         *("unit", "function code", "byte count", "register 0", "register 1", "CRC"),
     ]
-    assert field(said, "CRC").meaning == "CRC wrong, should be FB D8"
-    assert said.verdict == "not valid: CRC is 3B C3, should be FB D8 (byte 7)"
+    assert field(explanation, "CRC").meaning == "CRC wrong, should be FB D8"
+    assert explanation.verdict == "not valid: CRC is 3B C3, should be FB D8 (byte 7)"
 
 
 def test_the_dict_has_these_keys_and_is_json() -> None:
-    said = explain("rtu", bytes.fromhex("018302C0F0"), "response").as_dict()
-    assert list(said) == ["protocol", "valid", "role", "fields", "error"]
-    fields: Any = said["fields"]
+    explanation = explain("rtu", bytes.fromhex("018302C0F0"), "response").as_dict()
+    assert list(explanation) == ["protocol", "valid", "role", "fields", "error"]
+    fields: Any = explanation["fields"]
     assert [list(one) for one in fields] == [["offset", "length", "name", "hex", "value", "meaning"]] * 4
-    assert json.loads(json.dumps(said)) == said
-    assert said["error"] == {"reason": "checksum", "at": 3, "text": "CRC is C0 F0, should be C0 F1"}
+    assert json.loads(json.dumps(explanation)) == explanation
+    assert explanation["error"] == {"reason": "checksum", "at": 3, "text": "CRC is C0 F0, should be C0 F1"}
     assert explain("rtu", rtu.encode(1, b"\x07")).as_dict()["error"] is None
 
 
-# Who says it -----------------------------------------------------------------------------------------------------
+# Direction -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -89,40 +89,40 @@ def test_the_dict_has_these_keys_and_is_json() -> None:
         ("41 01 02", None),
     ],
 )
-def test_the_shape_tells_who_speaks(pdu: str, role: FrameRole | None) -> None:
-    said = of_rtu(pdu)
-    assert (said.role, said.valid) == (role, True)
+def test_the_direction_is_guessed_from_the_shape(pdu: str, role: FrameRole | None) -> None:
+    explanation = of_rtu(pdu)
+    assert (explanation.role, explanation.valid) == (role, True)
 
 
 @pytest.mark.parametrize("pdu", ["05 00AC FF00", "06 0001 0003", "01 03 00 00 08"])
-def test_what_could_be_both_is_called_a_request_and_says_so(pdu: str) -> None:
-    said = of_rtu(pdu)
-    assert said.role == "request"
-    assert said.verdict.endswith("(a response can look the same)")
+def test_an_ambiguous_pdu_is_a_request_with_a_note(pdu: str) -> None:
+    explanation = of_rtu(pdu)
+    assert explanation.role == "request"
+    assert explanation.verdict.endswith("(a response can look the same)")
     assert of_rtu(pdu, "response").role == "response"
 
 
 @pytest.mark.parametrize(
     ("pdu", "role"), [("04 0FB1 0000", "request"), ("04 04 0000 0110 22", "response"), ("03 02 01", "response")]
 )
-def test_a_damaged_message_is_who_it_is_nearer_to(pdu: str, role: FrameRole) -> None:
-    said = of_rtu(pdu)
-    assert (said.role, said.valid) == (role, False)
+def test_a_damaged_pdu_has_the_direction_nearer_in_length(pdu: str, role: FrameRole) -> None:
+    explanation = of_rtu(pdu)
+    assert (explanation.role, explanation.valid) == (role, False)
 
 
-def test_a_claimed_role_is_believed() -> None:
-    said = of_rtu("04 0FB1 0002", "response")
-    assert said.role == "response"
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == ("length", 2)
-    assert field(said, "byte count").meaning == "15 bytes announced, 3 follow"
+def test_a_given_role_is_used() -> None:
+    explanation = of_rtu("04 0FB1 0002", "response")
+    assert explanation.role == "response"
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == ("length", 2)
+    assert field(explanation, "byte count").meaning == "15 bytes announced, 3 follow"
 
 
 def test_a_request_has_no_exception_bit() -> None:
-    said = of_rtu("83 02", "request")
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == ("function", 1)
-    assert field(said, "exception code").meaning.startswith("illegal data address")
+    explanation = of_rtu("83 02", "request")
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == ("function", 1)
+    assert field(explanation, "exception code").meaning.startswith("illegal data address")
 
 
 # What the fields mean --------------------------------------------------------------------------------------------
@@ -137,8 +137,8 @@ def test_units_on_a_serial_line(unit: int, meaning: str) -> None:
 
 
 def test_unit_255_on_tcp_is_the_server_itself() -> None:
-    said = explain("tcp", tcp.encode(255, b"\x07", 5))
-    assert meanings(said)["unit"] == "the server itself, no unit behind it"
+    explanation = explain("tcp", tcp.encode(255, b"\x07", 5))
+    assert meanings(explanation)["unit"] == "the server itself, no unit behind it"
 
 
 @pytest.mark.parametrize(
@@ -150,57 +150,58 @@ def test_unit_255_on_tcp_is_the_server_itself() -> None:
         ("63", "63 not a public function of the standard"),
     ],
 )
-def test_a_function_nobody_knows_is_legal_and_its_data_are_bytes(code: str, meaning: str) -> None:
-    said = of_rtu(f"{code} AA BB")
-    assert said.valid
-    assert field(said, "function code").meaning == meaning
-    assert field(said, "data").hex == "AA BB"
+def test_an_unknown_function_is_valid_and_its_data_are_bytes(code: str, meaning: str) -> None:
+    explanation = of_rtu(f"{code} AA BB")
+    assert explanation.valid
+    assert field(explanation, "function code").meaning == meaning
+    assert field(explanation, "data").hex == "AA BB"
 
 
 def test_function_00_does_not_exist() -> None:
     for pdu in ("00 01", "80 01"):
-        said = of_rtu(pdu)
-        assert said.error is not None
-        assert (said.error.reason, said.error.at) == ("function", 1)
+        explanation = of_rtu(pdu)
+        assert explanation.error is not None
+        assert (explanation.error.reason, explanation.error.at) == ("function", 1)
 
 
-def test_an_exception_is_told_with_its_hint() -> None:
-    said = of_rtu("83 02")
-    assert field(said, "function code").meaning == "bit 7: exception to 03 Read Holding Registers"
-    assert field(said, "exception code").meaning.startswith("illegal data address: ")
-    assert "exception 02 (illegal data address) to 03 Read Holding Registers" in said.verdict
+def test_an_exception_is_explained_with_its_hint() -> None:
+    explanation = of_rtu("83 02")
+    assert field(explanation, "function code").meaning == "bit 7: exception to 03 Read Holding Registers"
+    assert field(explanation, "exception code").meaning.startswith("illegal data address: ")
+    assert "exception 02 (illegal data address) to 03 Read Holding Registers" in explanation.verdict
     assert field(of_rtu("83 63"), "exception code").meaning == "undefined exception code"
 
 
 @pytest.mark.parametrize(
     ("pdu", "at"), [("03 0000 007E", 4), ("01 0000 07D1", 4), ("05 0000 1200", 4), ("10 0000 0000 00", 4)]
 )
-def test_what_the_standard_forbids_is_a_value_error_in_its_place(pdu: str, at: int) -> None:
-    said = of_rtu(pdu)
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == ("value", at)
+def test_a_forbidden_value_is_an_error_at_its_place(pdu: str, at: int) -> None:
+    explanation = of_rtu(pdu)
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == ("value", at)
 
 
-def test_registers_know_their_address_and_their_sign() -> None:
-    said = of_rtu("10 0001 0002 04 000A FFFE")
-    assert meanings(said)["register 0"] == "for address 0001h"
-    assert meanings(said)["register 1"] == "for address 0002h, -2 if signed"
+def test_registers_have_their_address_and_signed_value() -> None:
+    explanation = of_rtu("10 0001 0002 04 000A FFFE")
+    assert meanings(explanation)["register 0"] == "for address 0001h"
+    assert meanings(explanation)["register 1"] == "for address 0002h, -2 if signed"
 
 
-def test_identification_tells_its_objects() -> None:
-    said = of_rtu("2B 0E 01 01 FF 02 01 00 03 54 45 4D")
-    assert field(said, "object value").value == "TEM"
-    assert field(said, "object id").meaning == "VendorName"
-    assert field(said, "more follows").meaning == "more follows"
-    assert any("'TEM'" in line for line in said.lines())
+def test_identification_names_its_objects() -> None:
+    explanation = of_rtu("2B 0E 01 01 FF 02 01 00 03 54 45 4D")
+    assert field(explanation, "object value").value == "TEM"
+    assert field(explanation, "object id").meaning == "VendorName"
+    assert field(explanation, "more follows").meaning == "more follows"
+    assert any("'TEM'" in line for line in explanation.lines())
 
 
 # Broken frames ---------------------------------------------------------------------------------------------------
 
 
 def test_a_cut_field_keeps_its_name() -> None:
-    said = explain("tcp", tcp.encode(1, bytes.fromhex("030001007D"))[:9], "request")
-    assert (said.fields[-1].name, said.fields[-1].value, said.fields[-1].meaning) == ("address", None, "cut short")
+    explanation = explain("tcp", tcp.encode(1, bytes.fromhex("030001007D"))[:9], "request")
+    last = explanation.fields[-1]
+    assert (last.name, last.value, last.meaning) == ("address", None, "cut short")
 
 
 @pytest.mark.parametrize(
@@ -211,51 +212,53 @@ def test_a_cut_field_keeps_its_name() -> None:
         ("01 03 02 0001", "response", "79 84"),
     ],
 )
-def test_a_frame_without_its_crc_is_taught_and_not_valid(frame: str, role: FrameRole, crc: str) -> None:
-    said = explain("rtu", bytes.fromhex(frame))
+def test_a_frame_without_its_crc_is_explained_and_not_valid(frame: str, role: FrameRole, crc: str) -> None:
+    explanation = explain("rtu", bytes.fromhex(frame))
     whole = explain("rtu", bytes.fromhex(frame + crc))
-    assert (said.role, whole.role, said.valid, whole.valid) == (role, role, False, True)
-    assert said.error is not None
-    assert said.error.text.startswith(f"no CRC; with {crc} it is a {role} ")
-    assert [one[2:] for one in said.fields[:-1]] == [one[2:] for one in whole.fields[:-1]]
-    assert (said.fields[-1].length, said.fields[-1].meaning) == (0, f"is missing; it would be {crc}")
+    assert (explanation.role, whole.role, explanation.valid, whole.valid) == (role, role, False, True)
+    assert explanation.error is not None
+    assert explanation.error.text.startswith(f"no CRC; with {crc} it is a {role} ")
+    assert [one[2:] for one in explanation.fields[:-1]] == [one[2:] for one in whole.fields[:-1]]
+    assert (explanation.fields[-1].length, explanation.fields[-1].meaning) == (0, f"is missing; it would be {crc}")
 
 
-def test_an_ascii_frame_without_its_lrc_is_taught_and_not_valid() -> None:
+def test_an_ascii_frame_without_its_lrc_is_explained_and_not_valid() -> None:
     for typed in (b":01030000000A", b":01030000000A\r\n"):
-        said = explain_ascii(typed, typed=True)
-        assert said.error is not None
-        assert said.error.text == "no LRC; with F2 it is a request to unit 1, Read Holding Registers, 10 from 0000h"
-        assert field(said, "quantity").value == 10
-        assert not said.valid
+        explanation = explain_ascii(typed, typed=True)
+        assert explanation.error is not None
+        assert (
+            explanation.error.text == "no LRC; with F2 it is a request to unit 1, Read Holding Registers, 10 from 0000h"
+        )
+        assert field(explanation, "quantity").value == 10
+        assert not explanation.valid
 
 
 def test_characters_that_were_not_typed_are_not_counted() -> None:
-    said = explain_ascii(b":", typed=True)
-    assert said.error is not None
-    assert said.error.text == "an ASCII frame has at least 9 characters, here are 1 and no CR LF"
+    explanation = explain_ascii(b":", typed=True)
+    assert explanation.error is not None
+    assert explanation.error.text == "an ASCII frame has at least 9 characters, here are 1 and no CR LF"
 
 
 def test_a_crc_the_wrong_way_round_is_recognised() -> None:
-    said = explain("rtu", bytes.fromhex("01040FB10002F822"))
-    assert said.verdict == "not valid: CRC is F8 22, should be 22 F8: the low byte comes first (byte 6)"
+    explanation = explain("rtu", bytes.fromhex("01040FB10002F822"))
+    assert explanation.verdict == "not valid: CRC is F8 22, should be 22 F8: the low byte comes first (byte 6)"
 
 
-def test_a_second_frame_behind_the_first_is_left_over() -> None:
+def test_a_second_frame_after_the_first_is_left_over() -> None:
     first = bytes.fromhex("01040FB1000222F8")
-    said = explain("rtu", first + bytes.fromhex("0104040000"))
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == ("checksum", 8)
-    assert (said.fields[-1].name, said.fields[-1].offset) == ("left over", 8)
-    assert field(said, "CRC").meaning == "CRC ok"
+    explanation = explain("rtu", first + bytes.fromhex("0104040000"))
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == ("checksum", 8)
+    assert (explanation.fields[-1].name, explanation.fields[-1].offset) == ("left over", 8)
+    assert field(explanation, "CRC").meaning == "CRC ok"
 
 
-def test_a_zero_behind_a_good_frame_is_found_although_the_crc_fits_again() -> None:
+def test_a_zero_after_a_good_frame_is_found_although_the_crc_fits() -> None:
     frame = bytes.fromhex("01040FB1000222F8") + b"\x00"
     assert rtu.decode(frame).pdu == bytes.fromhex("040FB1000222")
-    said = explain("rtu", frame)
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == ("long", 8)
+    explanation = explain("rtu", frame)
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == ("long", 8)
 
 
 @pytest.mark.parametrize(
@@ -270,14 +273,14 @@ def test_a_zero_behind_a_good_frame_is_found_although_the_crc_fits_again() -> No
     ],
 )
 def test_the_header_of_tcp_is_checked(frame: str, reason: str, at: int) -> None:
-    said = explain("tcp", bytes.fromhex(frame))
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == (reason, at)
+    explanation = explain("tcp", bytes.fromhex(frame))
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == (reason, at)
 
 
 def test_ascii_counts_characters_and_shows_them() -> None:
-    said = explain("ascii", b":01040FB1000239\r\n")
-    assert [(one.offset, one.length, one.name, one.hex) for one in said.fields] == [
+    explanation = explain("ascii", b":01040FB1000239\r\n")
+    assert [(one.offset, one.length, one.name, one.hex) for one in explanation.fields] == [
         (0, 1, "start", ":"),
         (1, 2, "unit", "01"),
         (3, 2, "function code", "04"),
@@ -286,7 +289,7 @@ def test_ascii_counts_characters_and_shows_them() -> None:
         (13, 2, "LRC", "39"),
         (15, 2, "end", "CR LF"),
     ]
-    assert said.verdict == "valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; LRC ok"
+    assert explanation.verdict == "valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; LRC ok"
 
 
 @pytest.mark.parametrize(
@@ -300,22 +303,22 @@ def test_ascii_counts_characters_and_shows_them() -> None:
         (b":010400000000FB\r\n", "value", 9),
     ],
 )
-def test_broken_ascii_is_told_by_character(frame: bytes, reason: str, at: int) -> None:
-    said = explain("ascii", frame)
-    assert said.error is not None
-    assert (said.error.reason, said.error.at) == (reason, at)
-    assert said.verdict.endswith(f"(character {at})")
+def test_a_fault_in_ascii_has_the_place_of_the_character(frame: bytes, reason: str, at: int) -> None:
+    explanation = explain("ascii", frame)
+    assert explanation.error is not None
+    assert (explanation.error.reason, explanation.error.at) == (reason, at)
+    assert explanation.verdict.endswith(f"(character {at})")
 
 
 def test_a_typed_frame_may_lack_its_end() -> None:
     for typed in (b":01040FB1000239", b":01040FB1000239\n"):
-        said = explain_ascii(typed, typed=True)
-        assert said.valid
-        assert (said.fields[-1].offset, said.fields[-1].name) == (15, "end")
-        assert said.fields[-1].meaning.startswith("CR LF is missing")
+        explanation = explain_ascii(typed, typed=True)
+        assert explanation.valid
+        assert (explanation.fields[-1].offset, explanation.fields[-1].name) == (15, "end")
+        assert explanation.fields[-1].meaning.startswith("CR LF is missing")
 
 
 def test_every_known_function_has_a_name_and_no_field_without_one() -> None:
     for request in functions.known_requests():
-        said = of_rtu(bytes([request.function_code]).hex() + " 0E 01 00 01", "request")
-        assert said.fields[1].meaning[:2] == f"{request.function_code:02X}"
+        explanation = of_rtu(bytes([request.function_code]).hex() + " 0E 01 00 01", "request")
+        assert explanation.fields[1].meaning[:2] == f"{request.function_code:02X}"

@@ -1,4 +1,4 @@
-"""A bus with the simulated AZ3 and a device of ours, on which every service is used: what a recorder would hear."""
+"""A recorded run: a bus with the simulated AZ3 and another node, on which every service is used."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ NEW = LssAddress(0x11223344, 0xFFFFFFFF, 0, 0x80000001)
 
 
 class Sender:
-    """The master's SYNC and its one TIME, by themselves."""
+    """The producer of SYNC."""
 
     def __init__(self) -> None:
         self.sync = SyncProducer(0.01, overflow=10)
@@ -81,7 +81,7 @@ def refused(conversation: Conversation[CanFrame, Any]) -> Conversation[CanFrame,
         yield from conversation
     except SdoAbort as abort:
         return abort
-    raise AssertionError("it was not refused")
+    raise AssertionError("the transfer was not aborted")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""The services, each overheard: what a listener learns of nodes, process data, SYNC, LSS and the rest."""
+"""The monitor by service: nodes, process data, SYNC, LSS and the others."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from barewire.explain.can_monitor.events import (
     Violation,
 )
 from barewire.explain.canopen.frame import explain_can
-from tests.explain.can_monitor.can_run import DRIVE, LONG, PLAIN, recorded
+from tests.explain.can_monitor.recorded_run import DRIVE, LONG, PLAIN, recorded
 
 
 def listen(
     frames: Sequence[tuple[float, AnyFrame | str]], known: Sequence[KnownNode] = (), end: float | None = None
 ) -> list[MonitorEvent]:
-    listener, events = CanMonitor(known), list[MonitorEvent]()
+    monitor, events = CanMonitor(known), list[MonitorEvent]()
     for at, frame in frames:
-        events += listener.feed(CanFrame.parse(frame) if isinstance(frame, str) else frame, at)
-    return events + listener.end(frames[-1][0] if end is None else end)
+        events += monitor.feed(CanFrame.parse(frame) if isinstance(frame, str) else frame, at)
+    return events + monitor.end(frames[-1][0] if end is None else end)
 
 
 def every(*lines: str, step: float = 0.1) -> list[tuple[float, AnyFrame | str]]:
@@ -52,8 +52,8 @@ def az3() -> KnownNode:
     return of_device(load("az3"), DRIVE)
 
 
-def test_the_whole_run() -> None:
-    """Every service once, with the values that were really carried."""
+def test_every_service_of_a_recorded_run_is_reported_with_its_values() -> None:
+    """Every service once, with the values that were transferred."""
     events = listen(recorded(), [az3()])
     assert [event for event in events if isinstance(event, Gap | Violation)] == []
     transfers = {
@@ -92,35 +92,35 @@ def test_the_whole_run() -> None:
     assert (summary.frames, sum(summary.counts.values())) == (len(recorded()), len(recorded()))
 
 
-def test_an_offset_in_time_changes_nothing_but_times() -> None:
-    def said(begin: float) -> list[str]:
+def test_a_time_offset_changes_only_the_times() -> None:
+    def lines(begin: float) -> list[str]:
         events = listen([(begin + at, frame) for at, frame in recorded()[:300]])
         return [re.sub(r"[0-9.]+ m?s", "", event_line(event).partition("  ")[2]) for event in events]
 
-    assert said(4096.0) == said(0.0)
+    assert lines(4096.0) == lines(0.0)
 
 
 # Process data ------------------------------------------------------------------------------------------------------
 
 
-def test_process_data_by_name_and_only_what_is_new() -> None:
+def test_process_data_is_named_and_repeated_data_is_marked() -> None:
     frames = every("205#0F00A8610000", "205#0F00A8610000", "205#0F00589EFFFF", "185#R8")
-    told = [one for one in listen(frames, [az3()]) if isinstance(one, PdoReport)]
-    assert [one.values for one in told[:3]] == [
+    reports = [one for one in listen(frames, [az3()]) if isinstance(one, PdoReport)]
+    assert [one.values for one in reports[:3]] == [
         {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
         {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
         {"CONTROL WORD": 15, "TARGET VELOCITY": -25000},
     ]
-    assert [(one.repeated, one.requested) for one in told] == [
+    assert [(one.repeated, one.requested) for one in reports] == [
         (False, False),
         (True, False),
         (False, False),
         (False, True),
     ]
-    assert told[0].texts[1] == "TARGET VELOCITY = 25000 User units"
+    assert reports[0].texts[1] == "TARGET VELOCITY = 25000 User units"
 
 
-def test_an_eds_names_the_same() -> None:
+def test_an_eds_gives_the_same_values_as_the_catalogue() -> None:
     document = parse(export(load("az3")).encode())
     known = of_dictionary(document.dictionary(DRIVE), DRIVE)
     frames = [(at, frame) for at, frame in recorded() if at < 2.5]
@@ -147,7 +147,7 @@ REMAP = [
 ]
 
 
-def test_a_mapping_that_is_changed_is_followed() -> None:
+def test_a_changed_mapping_is_followed() -> None:
     lines = [*sdo_writes(*REMAP), "1A0#371601000000", "705#00", "185#3706000000000000"]
     events = listen(every(*lines, step=0.01), [az3()])
     mapped = [one for one in events if isinstance(one, PdoMappingReport)]
@@ -157,30 +157,30 @@ def test_a_mapping_that_is_changed_is_followed() -> None:
         ("TPDO1", 0x185, mapped[-1].objects),
     ]
     assert len(mapped[-1].objects) == 4
-    told = [one for one in events if isinstance(one, PdoReport)]
-    assert (told[0].node, told[0].name, told[0].values) == (
+    reports = [one for one in events if isinstance(one, PdoReport)]
+    assert (reports[0].node, reports[0].name, reports[0].values) == (
         *(DRIVE, "TPDO1"),
         {"STATUS WORD": 0x1637, "POSITION ACTUAL VALUE": 1},
     )
-    assert len(told[1].values) == 4
+    assert len(reports[1].values) == 4
 
 
-def test_a_mapping_that_was_stored_survives_a_boot() -> None:
+def test_a_stored_mapping_survives_a_boot() -> None:
     store = sdo_writes((0x1010, 1, "73617665"))
     events = listen(every(*sdo_writes(*REMAP), *store, "705#00", "1A0#371601000000", step=0.01), [az3()])
     assert [one.values["POSITION ACTUAL VALUE"] for one in events if isinstance(one, PdoReport)] == [1]
 
 
-def test_a_mapping_of_a_node_that_nobody_described() -> None:
-    """Written, or only read by somebody: both tell what is mapped."""
+def test_the_mapping_of_a_node_without_description_is_learned() -> None:
+    """Writes and reads of the mapping both show it."""
     reads = []
     for index, sub, data in [(0x1A00, 0, "02"), (0x1A00, 1, "08004160"), (0x1A00, 2, "10016060")]:
         place = index.to_bytes(2, "little").hex() + f"{sub:02X}"
         size = len(bytes.fromhex(data))
         reads += [f"607#40{place}00000000", f"587#{0x4F - 4 * (size - 1):02X}{place}{data.ljust(8, '0')}"]
     for lines in (reads, sdo_writes(*[(0x1A00, 1, "08004160"), (0x1A00, 2, "10016060"), (0x1A00, 0, "02")], node=7)):
-        (told,) = [one for one in listen(every(*lines, "187#01FFFF")) if isinstance(one, PdoReport)]
-        assert told.values == {"6041h:00": 1, "6060h:01": 0xFFFF}
+        (reports,) = [one for one in listen(every(*lines, "187#01FFFF")) if isinstance(one, PdoReport)]
+        assert reports.values == {"6041h:00": 1, "6060h:01": 0xFFFF}
 
 
 def test_a_further_sdo_channel_is_learned() -> None:
@@ -190,29 +190,32 @@ def test_a_further_sdo_channel_is_learned() -> None:
     assert (last.node, last.channel, last.data) == (DRIVE, 0x6C0, b"\x37\x06")
 
 
-def test_process_data_explained_field_by_field() -> None:
-    listener = CanMonitor([az3()])
-    said = explain_can(CanFrame.parse("205#0F00A8610000"), listener.pdos)
-    assert [(field.name, field.length, field.value) for field in said.fields] == [
+def test_process_data_is_explained_field_by_field() -> None:
+    monitor = CanMonitor([az3()])
+    explanation = explain_can(CanFrame.parse("205#0F00A8610000"), monitor.pdos)
+    assert [(field.name, field.length, field.value) for field in explanation.fields] == [
         *(("COB-ID", 0, 0x205), ("CONTROL WORD", 2, 15), ("TARGET VELOCITY", 4, 25000)),
     ]
-    assert said.valid
+    assert explanation.valid
     for data in ("205#0F00", "205#0F00A861000001", "205#"):
-        wrong = explain_can(CanFrame.parse(data), listener.pdos)
+        wrong = explain_can(CanFrame.parse(data), monitor.pdos)
         assert not wrong.valid
         assert sum(field.length for field in wrong.fields) == len(CanFrame.parse(data).data)
-    # Objects that share a byte share a field.
+    # Objects in the same byte share a field.
     lines = sdo_writes(
         (0x1A00, 1, "04004160"), (0x1A00, 2, "04004260"), (0x1A00, 3, "08004360"), (0x1A00, 0, "03"), node=7
     )
     for place, line in enumerate(lines):
-        listener.feed(CanFrame.parse(line), place / 100)
-    said = explain_can(CanFrame.parse("187#5AFF"), listener.pdos)
-    assert [(field.name, field.length) for field in said.fields[1:]] == [("6041h:00, 6042h:00", 1), ("6043h:00", 1)]
-    assert said.fields[1].meaning == "10, 5"
+        monitor.feed(CanFrame.parse(line), place / 100)
+    explanation = explain_can(CanFrame.parse("187#5AFF"), monitor.pdos)
+    assert [(field.name, field.length) for field in explanation.fields[1:]] == [
+        ("6041h:00, 6042h:00", 1),
+        ("6043h:00", 1),
+    ]
+    assert explanation.fields[1].meaning == "10, 5"
 
 
-def test_what_cannot_be_known() -> None:
+def test_a_node_without_canopen_and_a_wrong_node_id_are_refused() -> None:
     with pytest.raises(EncodeError, match="has no CANopen"):
         of_device(load("adxl"), 5)
     with pytest.raises(EncodeError, match=r"expected 1\.\.127"):
@@ -222,41 +225,41 @@ def test_what_cannot_be_known() -> None:
 # Nodes -------------------------------------------------------------------------------------------------------------
 
 
-def test_a_period_that_was_told_counts() -> None:
+def test_the_configured_heartbeat_period_sets_the_deadline() -> None:
     lines = [
         (0.0, "705#05"),
         *((0.1, line) for line in sdo_writes((0x1017, 0, "2C01"))),
         (0.5, "705#05"),
         (0.6, "080#"),
     ]
-    listener, events = CanMonitor(), list[MonitorEvent]()
+    monitor, events = CanMonitor(), list[MonitorEvent]()
     for at, line in lines:
-        events += listener.feed(CanFrame.parse(line), at)
-    assert listener.deadline == pytest.approx(1.1)
-    (missing,) = listener.feed(None, 1.2)
+        events += monitor.feed(CanFrame.parse(line), at)
+    assert monitor.deadline == pytest.approx(1.1)
+    (missing,) = monitor.feed(None, 1.2)
     assert isinstance(missing, NodeReport)
     assert missing.kind == "missing"
     assert (missing.at, missing.seconds) == pytest.approx((1.1, 0.6))
-    assert listener.deadline is None
+    assert monitor.deadline is None
 
 
-def test_heartbeats_that_are_switched_off_are_not_missed() -> None:
-    listener = CanMonitor()
+def test_heartbeats_switched_off_are_not_reported_missing() -> None:
+    monitor = CanMonitor()
     for place in range(6):
-        listener.feed(CanFrame.parse("705#05"), float(place))
-    assert listener.deadline == pytest.approx(7.5)
+        monitor.feed(CanFrame.parse("705#05"), float(place))
+    assert monitor.deadline == pytest.approx(7.5)
     for line in sdo_writes((0x1017, 0, "0000")):
-        listener.feed(CanFrame.parse(line), 5.1)
-    assert listener.deadline is None
+        monitor.feed(CanFrame.parse(line), 5.1)
+    assert monitor.deadline is None
 
 
 def test_a_node_that_reboots_by_itself() -> None:
     events = listen(every("705#05", "705#05", "705#00", "705#7F"))
-    told = [(one.kind, one.state, one.before) for one in events if isinstance(one, NodeReport) and not one.repeated]
-    assert told == [("heard", 5, None), ("boot-up", 0, 5), ("state", 0x7F, 0)]
+    reports = [(one.kind, one.state, one.before) for one in events if isinstance(one, NodeReport) and not one.repeated]
+    assert reports == [("heard", 5, None), ("boot-up", 0, 5), ("state", 0x7F, 0)]
 
 
-def test_a_question_of_guarding_that_was_not_answered_excuses_the_toggle() -> None:
+def test_an_unanswered_guarding_request_excuses_the_toggle_bit() -> None:
     events = listen(every("705#R1", "705#05", "705#R1", "705#R1", "705#05", "705#R1", "705#85"))
     assert [one.rule for one in events if isinstance(one, Violation)] == []
 
@@ -281,7 +284,7 @@ def test_emergencies_and_foreign_frames() -> None:
     assert summary.counts == {"CAN FD": 1, "EMCY": 1, "error frame": 3, "extended identifier": 2}
 
 
-def test_a_fastscan_that_finds_nobody_and_one_that_is_odd() -> None:
+def test_a_fastscan_without_a_device_and_an_invalid_one() -> None:
     lss = [
         one.text for one in listen(every("7E5#5100000000800000", "7E5#4C00000000000000")) if isinstance(one, LssReport)
     ]
@@ -291,17 +294,17 @@ def test_a_fastscan_that_finds_nobody_and_one_that_is_odd() -> None:
     assert odd[0].startswith("fastscan that no device answers: ")
 
 
-def test_time_that_is_asked_for_and_waits() -> None:
-    """The jitter of SYNC, and that it stays away."""
+def test_the_jitter_of_sync_and_a_missing_sync() -> None:
+    """Period and jitter of SYNC, and a SYNC that does not come."""
     frames = [(place * 0.01 + (0.001 if place % 2 else 0.0), "080#") for place in range(20)]
-    listener, events = CanMonitor(), list[MonitorEvent]()
+    monitor, events = CanMonitor(), list[MonitorEvent]()
     for at, line in frames:
-        events += listener.feed(CanFrame.parse(line), at)
-    due = listener.deadline
+        events += monitor.feed(CanFrame.parse(line), at)
+    due = monitor.deadline
     assert due is not None
-    (missing,) = listener.feed(None, due)
+    (missing,) = monitor.feed(None, due)
     assert isinstance(missing, SyncReport)
     assert (missing.kind, round(missing.shortest or 0, 6), round(missing.longest or 0, 6)) == ("missing", 0.009, 0.011)
-    (back,) = listener.feed(CanFrame.parse("080#"), 1.0)
+    (back,) = monitor.feed(CanFrame.parse("080#"), 1.0)
     assert isinstance(back, SyncReport)
     assert back.kind == "back"
