@@ -43,7 +43,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("rtu:///dev/x?unit=1&unit=2", "an option is given twice"),
         ("rtu:///dev/x?unit=256", "expected 0..255"),
         ("rtu:///dev/x?bytesize=7", "RTU needs 8 data bits"),
-        ("rtu:///dev/tty#1", "'#' begins nothing in an endpoint, a name has %23 for it"),
+        ("rtu:///dev/tty#1", "'#' has no meaning in an endpoint; in a name it is %23"),
         ("tcp://::1", "an IPv6 address stands in brackets"),
         ("tcp://fe80::1:502", "an IPv6 address stands in brackets"),
         ("tcp:///", "it names no port"),

@@ -55,7 +55,7 @@ def print_json(fields: Any) -> None:
 @contextmanager
 def ending(as_json: bool) -> Iterator[None]:
     """A battery that could not be finished says so in JSON too, as its last object."""
-    from barewire.io.modbus.conformance import Unfinished
+    from barewire.io.engine.conformance import Unfinished
 
     try:
         yield

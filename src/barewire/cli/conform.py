@@ -9,7 +9,7 @@ import click
 from barewire.cli.arguments import ending, endpoint_argument, json_option, say_timing, timing_option
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.conformance import Result, conform as run_battery
+from barewire.io.modbus.conformance import CaseResult, conform as run_battery
 from barewire.modbus.conformance.model import answer_text
 
 
@@ -56,12 +56,12 @@ def conform(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str
     return int(failed > 0)
 
 
-def _line(result: Result) -> str:
+def _line(result: CaseResult) -> str:
     start = f"{'FAILED' if result.failure else 'ok':6}  {result.case.clause:18}  "
     return start + (result.failure or result.case.name)
 
 
-def _as_dict(result: Result) -> dict[str, object]:
+def _as_dict(result: CaseResult) -> dict[str, object]:
     return {
         "case": result.case.name,
         "clause": result.case.clause,

@@ -154,7 +154,7 @@ def host_device(
         if machine.canopen is None:
             raise EncodeError(f"{device} has no CANopen: it speaks Modbus")
         return open_can_host(endpoint, machine.canopen, **faults)
-    units = MachineUnits(machine, *((255, 0) if at.envelope == "tcp" else ()))
+    units = MachineUnits(machine, *((255, 0) if at.framing == "tcp" else ()))
     _check_unit(at, machine.address)
     return ModbusServer(endpoint, units, **faults)
 
@@ -179,4 +179,4 @@ def units_at(at: Endpoint, unit: Unit, default: int) -> dict[int, Unit]:
     """The unit under its address; a directly connected TCP device is also unit 255 and 0 [MB-TCP 4.4.2]."""
     address = at.integer("unit", default)
     _check_unit(at, address)
-    return {address: unit, 255: unit, 0: unit} if at.envelope == "tcp" else {address: unit}
+    return {address: unit, 255: unit, 0: unit} if at.framing == "tcp" else {address: unit}

@@ -32,14 +32,16 @@ if TYPE_CHECKING:
     from barewire.io.canopen.shared_bus import CanBus as CanBus
     from barewire.io.canopen.subscriber import BusDown as BusDown, BusUp as BusUp, FramesLost as FramesLost
     from barewire.io.endpoint import Endpoint as Endpoint
-    from barewire.io.engine.blocking import Port as Port, run as run
+    from barewire.io.engine.blocking import run as run
+    from barewire.io.ports.base import Port as Port
     from barewire.io.server.can import open_can_host as open_can_host
 
 __getattr__, __all__ = lazy(
     __name__,
     {
         "endpoint": "Endpoint",
-        "engine.blocking": "Port run",
+        "engine.blocking": "run",
+        "ports.base": "Port",
         "canopen.client": "CanopenClient connect open_canopen open_bus",
         "canopen.shared_bus": "CanBus",
         "canopen.subscriber": "FramesLost BusDown BusUp",

@@ -1,4 +1,4 @@
-"""Where something is, written as a URL: one way to name a port for every command and every client.
+"""Endpoints: where a port or bus is and how to use it, as a URL. Clients, servers and all commands take them.
 
 tcp://127.0.0.1:1502?unit=1               Modbus TCP
 tls://10.0.0.5?cert=me.crt&key=me.key&ca=ca.crt        the same inside TLS; port 802
@@ -6,12 +6,12 @@ udp://10.0.0.5:502                        the same frames, one a datagram
 rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
 ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E
 rtu+tcp://10.0.0.5:4001                   a serial line behind a transparent serial server; ascii+tcp:// too
-rtu://pty                                 a new pseudo-terminal (where a simulator is to be started)
+rtu://pty                                 a new pseudo-terminal (for a server)
 can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can names it: socketcan, slcan, ...
 can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
 
-scheme     options, and what they are without being said
-all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after questions
+scheme     options, and their defaults
+all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after requests
            without an answer a unit is left alone for a while (never), late_window (three time-outs), recovery (probe)
 tcp        any_unit, any_transaction (0): quirks tolerated; server: connections (1024), idle seconds (0: no limit)
 tls        as tcp, and cert, key, ca (files), server_name (the host); server: roles (a file, or "any")
@@ -21,7 +21,12 @@ rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (us
            or rts), pace
 ascii      as rtu, but patience (1) and no latency
 rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
-can        node (the device's own, or 1), timeout (1), bitrate (125000 bit/s), whatever the python-can interface takes
+can        node (the device's own, or 1), timeout (1), bitrate (125000 bit/s), and those of the python-can interface
+
+Which scheme means which framing and which port is the table `CARRIERS`; a new kind of port is a line there and two
+files in `ports`, one for each engine.
+
+Depends on: `url`.  Used by: everything in this room, and the commands.
 """
 
 from __future__ import annotations
@@ -36,23 +41,42 @@ from barewire.io.url import pairs, split, unquote
 
 PSEUDO_TERMINAL = "pty"
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
-"""The longest pause, in seconds, that is forgiven inside an RTU frame, by what carries the bytes. A UART's FIFO and the
-scheduler hold them back for milliseconds, USB adapters for up to 16 ms twice, a network for as long as it likes."""
+"""The longest pause, in seconds, that is tolerated inside an RTU frame, by what carries the bytes. A UART's FIFO and
+the scheduler delay bytes for milliseconds, USB adapters twice up to 16 ms, a network without limit."""
 
 _ALL = frozenset({"unit", "timeout", "gap", "dead_after", "late_window", "recovery"})
 _TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
-_WIRE = {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
+_TLS = _TCP | {"cert", "key", "ca", "server_name", "roles"}
+_UDP = _ALL | {"any_unit", "any_transaction"}
+_SERIAL = _ALL | {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
 _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
-_KNOWN = {
-    "tcp": _TCP,
-    "tls": _TCP | {"cert", "key", "ca", "server_name", "roles"},
-    "udp": _ALL | {"any_unit", "any_transaction"},
-    "rtu": _ALL | _WIRE | {"latency"},
-    "ascii": _ALL | _WIRE,
-    "rtu+tcp": _TUNNEL | {"latency"},
-    "ascii+tcp": _TUNNEL,
+
+
+class Carrier(NamedTuple):
+    """What the scheme of a Modbus URL stands for: the framing of messages (rtu, ascii, tcp), and the port below it.
+
+    `transport` names the files in `barewire.io.ports`: `transport` has `dialer(endpoint)` for blocking clients,
+    `async_transport` has `connect(endpoint, receive, lose)` for asyncio clients.
+    """
+
+    framing: str
+    transport: str
+    options: frozenset[str]
+    default_port: int = 502
+
+
+CARRIERS = {
+    "tcp": Carrier("tcp", "tcp", _TCP),
+    "tls": Carrier("tcp", "tls", _TLS, default_port=802),
+    "udp": Carrier("tcp", "udp", _UDP),
+    "rtu": Carrier("rtu", "serial", _SERIAL | {"latency"}),
+    "ascii": Carrier("ascii", "serial", _SERIAL),
+    "rtu+tcp": Carrier("rtu", "tcp", _TUNNEL | {"latency"}),
+    "ascii+tcp": Carrier("ascii", "tcp", _TUNNEL),
 }
-_WHOLE: dict[str, tuple[int, int | None]] = {
+"""By scheme, all that carry Modbus."""
+
+_INTEGERS: dict[str, tuple[int, int | None]] = {
     "unit": (0, 255),
     "node": (1, 127),
     "dead_after": (0, None),
@@ -62,7 +86,7 @@ _WHOLE: dict[str, tuple[int, int | None]] = {
 }
 """Options that are whole numbers: the smallest, and the largest if there is one."""
 _SECONDS = {"timeout", "gap", "late_window", "idle", "patience"}
-_WORDS = {
+_CHOICES = {
     "parity": ("N", "E", "O"),
     "stopbits": ("1", "1.5", "2"),
     "bytesize": ("7", "8"),
@@ -75,11 +99,8 @@ _WORDS = {
     "pace": ("0", "1"),
 }
 """Options that are one of a few words."""
-MODBUS = tuple(_KNOWN)
-SCHEMES = (*MODBUS, "can")
-_PORTS = {"tls": 802}
 
-SOCKETCAND_PORT = 29536
+_SOCKETCAND_PORT = 29536
 
 
 def socketcand_address(channel: str) -> tuple[str, int]:
@@ -89,14 +110,14 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     ('127.0.0.1', 29536)
     """
     host, _, port = channel.partition("/")[0].partition(":")
-    number = int(port) if port.isdecimal() else SOCKETCAND_PORT
+    number = int(port) if port.isdecimal() else _SOCKETCAND_PORT
     if number > 0xFFFF:
         raise EncodeError(f"{shown(channel)}: port {number} is not a number in 0..65535")
     return host, number
 
 
 def can_be_host(name: str) -> bool:
-    """Whether a name server could be asked for this, or whether it is an address.
+    """Whether this can be the name or address of a host.
 
     >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
     (True, False, False, True)
@@ -105,7 +126,7 @@ def can_be_host(name: str) -> bool:
         *labels, last = name.split(".")
         return all(0 < len(label) < 64 for label in labels) and len(last) < 64
     try:
-        return bool(name.encode("idna"))  # a codec that brings `re` along
+        return bool(name.encode("idna"))  # loads a codec, and `re` with it
     except UnicodeError:
         return False
 
@@ -126,7 +147,7 @@ def _text(url: str, key: str, value: object) -> str:
 
 
 class Endpoint(NamedTuple):
-    """A URL, taken apart. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
+    """The parts of a URL. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
     `set_direction` is a function, which no URL can hold: see `with_direction`.
 
@@ -152,23 +173,24 @@ class Endpoint(NamedTuple):
         if not isinstance(url, str):
             raise EncodeError(f"endpoint {shown(url)}: expected a URL as a string, such as 'tcp://10.0.0.5:502'")
         scheme, place, query = split(url)
-        if scheme not in SCHEMES:
+        if scheme not in CARRIERS and scheme != "can":
             forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
             forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             raise EncodeError(f"endpoint {url!r}: expected {forms}")
         if "#" in url:
-            raise EncodeError(f"endpoint {url!r}: '#' begins nothing in an endpoint, a name has %23 for it")
+            raise EncodeError(f"endpoint {url!r}: '#' has no meaning in an endpoint; in a name it is %23")
         if "?" in query:
-            raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&', a name has %3F for it")
+            raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&'; in a name it is %3F")
         in_url = pairs(query)
         merged = dict(in_url)
         if len(merged) < len(in_url):
             raise EncodeError(f"endpoint {url!r}: an option is given twice")
         given = {key: value for key, value in (options or {}).items() if value is not None}
-        known = _KNOWN.get(scheme)
-        for key in (*merged, *given):
-            if known is not None and key not in known:
-                raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
+        if scheme in CARRIERS:
+            known = CARRIERS[scheme].options
+            for key in (*merged, *given):
+                if key not in known:
+                    raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
         merged |= {key: _text(url, key, value) for key, value in given.items()}
         place = unquote(place)
         if scheme == "can":
@@ -183,7 +205,7 @@ class Endpoint(NamedTuple):
         if scheme == "can":
             socketcand_address(place.partition("/")[2])
         elif not endpoint.is_serial_port:
-            _ = endpoint.host_and_port  # a wrong one is reported before anything is opened
+            _ = endpoint.host_and_port  # raises for a wrong one before anything is opened
         for key in merged:
             endpoint._check(key)
         if endpoint.scheme == "rtu" and merged.get("bytesize") == "7":
@@ -191,12 +213,12 @@ class Endpoint(NamedTuple):
         return endpoint
 
     def _check(self, key: str) -> None:
-        """An option is wrong from the start, not when somebody asks for it: who asks may be somebody else."""
-        if key in _WHOLE:
+        """Raise EncodeError for a wrong value now, not when the option is used."""
+        if key in _INTEGERS:
             _ = self.integer(key, 1)
-        elif key in _WORDS:
+        elif key in _CHOICES:
             _ = self.choice(key, "")
-        elif key in _SECONDS and not (key == "patience" and self.envelope == "rtu" and self.options[key] == "strict"):
+        elif key in _SECONDS and not (key == "patience" and self.framing == "rtu" and self.options[key] == "strict"):
             _ = self.seconds(key, 0.0)
 
     def __str__(self) -> str:
@@ -224,21 +246,31 @@ class Endpoint(NamedTuple):
         return self.seconds("timeout", DEFAULT_TIMEOUT)
 
     @property
-    def envelope(self) -> str:
-        """What is around a PDU: rtu, ascii or tcp; can for a bus."""
-        return "tcp" if self.scheme in ("tls", "udp") else self.scheme.partition("+")[0]
+    def framing(self) -> str:
+        """How a message becomes bytes: rtu, ascii or tcp; "can" for a CAN bus."""
+        return CARRIERS[self.scheme].framing if self.scheme in CARRIERS else self.scheme
+
+    @property
+    def transport(self) -> str:
+        """The kind of port: tcp, tls, udp or serial; "can" for a CAN bus."""
+        return CARRIERS[self.scheme].transport if self.scheme in CARRIERS else self.scheme
 
     @property
     def is_serial_port(self) -> bool:
         """Whether `place` is a serial device, not a host."""
-        return self.scheme in ("rtu", "ascii")
+        return self.transport == "serial"
+
+    @property
+    def is_datagram(self) -> bool:
+        """Whether each frame is a datagram."""
+        return self.transport == "udp"
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """Where a host is: 502 is the port that nobody has to say, 802 for TLS. An IPv6 address stands in brackets."""
+        """Host and port number; without a number 502, for TLS 802. An IPv6 address is in brackets."""
         host, colon, port = self.place.rpartition(":")
         if not colon or port.endswith("]"):
-            host, port = self.place, str(_PORTS.get(self.scheme, 502))
+            host, port = self.place, str(CARRIERS[self.scheme].default_port)
         bracketed = host.startswith("[") and host.endswith("]")
         if bracketed != (":" in host) or "[" in host.strip("[]"):
             raise EncodeError(f"endpoint {shown(str(self))}: an IPv6 address stands in brackets, as [::1]:502")
@@ -253,7 +285,7 @@ class Endpoint(NamedTuple):
         text = self.options.get(key)
         if text is None:
             return default
-        least, most = _WHOLE.get(key, (None, None))
+        least, most = _INTEGERS.get(key, (None, None))
         try:
             number = int(text, 0)
         except ValueError:
@@ -264,7 +296,7 @@ class Endpoint(NamedTuple):
         return number
 
     def flag(self, key: str) -> bool:
-        """An option that is 0 or 1; 0 if it is not said."""
+        """An option that is 0 or 1; 0 if it is not given."""
         return self.choice(key, "0") == "1"
 
     def seconds(self, key: str, default: float) -> float:
@@ -281,7 +313,7 @@ class Endpoint(NamedTuple):
     def choice(self, key: str, default: str) -> str:
         """An option that is one of a few words."""
         text = self.options.get(key, default)
-        for one in _WORDS[key]:
+        for one in _CHOICES[key]:
             if text.lower() == one.lower():
                 return one
-        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(_WORDS[key])}")
+        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(_CHOICES[key])}")

@@ -1,9 +1,9 @@
-"""A URL in three: scheme, place, options. What endpoints need of `urllib.parse`, without `re` and `ipaddress`.
+"""The three parts of a URL: scheme, place, options. What endpoints need of `urllib.parse`, which takes 20 ms to load.
 
         rtu:///dev/tty%23USB0?baudrate=9600&unit=7     ->     rtu     /dev/tty#USB0     (baudrate, 9600), (unit, 7)
         |-|   |--------------||-------------------|           %23 is a byte in hexadecimal, in options + is a blank
 
-`tests/io/test_url.py` holds it against `urllib`.
+`tests/io/test_url.py` compares it with `urllib`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ _HEXADECIMAL = frozenset("0123456789abcdefABCDEF")
 
 
 def split(url: str) -> tuple[str, str, str]:
-    """Scheme in lower case, what stands before the first "?", and what stands behind it; none without "://".
+    """The scheme in lower case ("" without "://"), what is before the first "?", and what is after it.
 
     >>> split("TCP://10.0.0.5:502?unit=1")
     ('tcp', '10.0.0.5:502', 'unit=1')
@@ -37,7 +37,7 @@ def pairs(query: str) -> list[tuple[str, str]]:
 
 
 def unquote(text: str) -> str:
-    """Text with %XX for bytes. A "%" without two digits stays one; what is no UTF-8 becomes U+FFFD.
+    """Text with %XX for bytes. A "%" without two digits remains; what is no UTF-8 becomes U+FFFD.
 
     >>> unquote("/dev/tty%23%C3%A9"), unquote("100%")
     ('/dev/tty#é', '100%')

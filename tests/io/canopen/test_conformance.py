@@ -15,7 +15,7 @@ from barewire.io import open_can_host, open_canopen
 from barewire.io.canopen import conformance as shell
 from barewire.io.canopen.conformance import Result, conform_can
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.conformance import Unfinished
+from barewire.io.engine.conformance import Unfinished
 from tests.canopen.conformance.devices import LARGE, NODE, plain
 from tests.cli.test_command import barewire, free_port, simulated
 from tests.helpers import refused

@@ -25,7 +25,7 @@ from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.canopen.subscriber import BusDown, BusUp
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.backoff import BackOff
-from barewire.io.ports.python_can import GARBLED_MAX, CanPort
+from barewire.io.ports.python_can import GARBLED_LIMIT, CanPort
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
@@ -333,10 +333,10 @@ def test_nothing_but_noise_is_an_end(tmp_path: Path) -> None:
     port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))
 
     try:
-        adapter.say(b"tXYZ\r" * 2 * GARBLED_MAX)
+        adapter.say(b"tXYZ\r" * 2 * GARBLED_LIMIT)
         with pytest.raises(PortError, match="can://slcan"):
             port.receive(30.0)
-        assert port.garbled == GARBLED_MAX
+        assert port.garbled == GARBLED_LIMIT
     finally:
         port.close()
         adapter.close()

@@ -16,7 +16,7 @@ from barewire.devices import load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, EncodeError, NoAnswer
 from barewire.io import connect
-from barewire.io.fault_injection.faults import Bytes, Faults
+from barewire.io.fault_injection.faults import Faults, ModbusWire
 from barewire.modbus import ModbusException
 from tests.certificates import tls_url
 from tests.helpers import refused
@@ -62,7 +62,7 @@ def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.Fixtur
     told: list[str] = []
     if (scheme, kind) == ("udp", "split"):
         with (
-            refused(EncodeError, "fault 'split' does not happen on this wire"),
+            refused(EncodeError, "fault 'split' is not possible on this wire"),
             spoiled(scheme, files, faults={kind: 1.0}),
         ):
             pass
@@ -112,6 +112,6 @@ def test_a_late_answer_comes_and_is_not_taken_for_another() -> None:
 
 
 def test_a_datagram_is_not_split() -> None:
-    faults: Faults[bytes] = Faults(Bytes("tcp", datagrams=True), {"noise": 1.0}, Random(1))
+    faults: Faults[bytes] = Faults(ModbusWire("tcp", datagrams=True), {"noise": 1.0}, Random(1))
     assert faults.pass_on(b"x", 0.0)[1] == (0.0, b"x")
-    assert "split" not in Bytes("tcp", datagrams=True).kinds
+    assert "split" not in ModbusWire("tcp", datagrams=True).kinds

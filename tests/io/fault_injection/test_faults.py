@@ -12,7 +12,7 @@ from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.conversation import play
 from barewire.errors import EncodeError, NoAnswer
-from barewire.io.fault_injection.faults import KINDS, LATE, PAUSE, Bytes, Faults, Frames, parse_faults
+from barewire.io.fault_injection.faults import KINDS, LATE, PAUSE, CanWire, Faults, ModbusWire, parse_faults
 from barewire.io.fault_injection.ports import FaultyPort
 from barewire.modbus import Bus, ModbusException, ReadHoldingRegisters, Server, Table
 from barewire.rtu import RtuLine, Timing, frame as rtu_frame
@@ -25,7 +25,7 @@ HEARTBEAT = CanFrame.parse("701#05")
 
 
 def always(*kinds: str, wire: Any = None) -> Faults[Any]:
-    return Faults(wire or Bytes("rtu"), dict.fromkeys(kinds, 1.0), Random(1))
+    return Faults(wire or ModbusWire("rtu"), dict.fromkeys(kinds, 1.0), Random(1))
 
 
 # Each fault
@@ -42,7 +42,7 @@ def test_drop_and_late() -> None:
 
 def test_a_late_answer_holds_up_the_next_on_a_line_and_not_on_tcp() -> None:
     for envelope, second_at in (("rtu", 5.0 + LATE), ("ascii", 5.0 + LATE), ("tcp", 5.1)):
-        faults: Faults[bytes] = Faults(Bytes(envelope), {"late": 0.5}, Random(7))
+        faults: Faults[bytes] = Faults(ModbusWire(envelope), {"late": 0.5}, Random(7))
         (first,), (second,) = faults.pass_on(ANSWER, 5.0), faults.pass_on(ANSWER, 5.1)
         assert (first, second) == ((5.0 + LATE, ANSWER), (second_at, ANSWER))
 
@@ -68,30 +68,30 @@ def test_noise_comes_before_and_a_split_answer_in_two() -> None:
 )
 def test_a_refusal_and_a_wrong_address_have_good_check_sums(envelope: str, frame: Any) -> None:
     answer = frame.encode(247, bytes.fromhex("03 02 12 34"))
-    ((_, refusal),) = always("exception", wire=Bytes(envelope)).pass_on(answer, 0.0)
+    ((_, refusal),) = always("exception", wire=ModbusWire(envelope)).pass_on(answer, 0.0)
     assert frame.decode(refusal).pdu == bytes.fromhex("83 06")
-    ((_, astray),) = always("wrong-unit", wire=Bytes(envelope)).pass_on(answer, 0.0)
+    ((_, astray),) = always("wrong-unit", wire=ModbusWire(envelope)).pass_on(answer, 0.0)
     assert frame.decode(astray)[:2] == (1, bytes.fromhex("03 02 12 34"))
-    assert always("exception", "wrong-unit", wire=Bytes(envelope)).pass_on(b"?", 0.0) == [(0.0, b"?")]
+    assert always("exception", "wrong-unit", wire=ModbusWire(envelope)).pass_on(b"?", 0.0) == [(0.0, b"?")]
 
 
 def test_the_number_of_a_tcp_answer_is_kept() -> None:
     answer = tcp_frame.encode(1, bytes.fromhex("03 02 12 34"), transaction=0x1234)
-    ((_, refusal),) = always("exception", wire=Bytes("tcp")).pass_on(answer, 0.0)
+    ((_, refusal),) = always("exception", wire=ModbusWire("tcp")).pass_on(answer, 0.0)
     assert tcp_frame.decode(refusal).transaction == 0x1234
 
 
 def test_on_a_can_bus() -> None:
-    ((_, abort),) = always("exception", wire=Frames()).pass_on(SDO, 0.0)
+    ((_, abort),) = always("exception", wire=CanWire()).pass_on(SDO, 0.0)
     assert str(abort) == "581#8041600000000008"
-    ((_, astray),) = always("wrong-unit", wire=Frames()).pass_on(SDO, 0.0)
+    ((_, astray),) = always("wrong-unit", wire=CanWire()).pass_on(SDO, 0.0)
     assert str(astray) == "582#4B41600037060000"
-    assert always("exception", "wrong-unit", wire=Frames()).pass_on(HEARTBEAT, 0.0) == [(0.0, HEARTBEAT)]
-    (_, stranger), (_, whole) = always("noise", wire=Frames()).pass_on(SDO, 0.0)
+    assert always("exception", "wrong-unit", wire=CanWire()).pass_on(HEARTBEAT, 0.0) == [(0.0, HEARTBEAT)]
+    (_, stranger), (_, whole) = always("noise", wire=CanWire()).pass_on(SDO, 0.0)
     assert stranger.extended
     assert whole == SDO
-    with refused(EncodeError, "fault 'flip' does not happen on this wire: expected exception, wrong-unit, noise, late"):
-        always("flip", wire=Frames())
+    with refused(EncodeError, "fault 'flip' is not possible on this wire: expected exception, wrong-unit, noise, late"):
+        always("flip", wire=CanWire())
 
 
 # How often
@@ -99,7 +99,7 @@ def test_on_a_can_bus() -> None:
 
 def strikes(seed: int, **chances: float) -> list[list[tuple[float, bytes]]]:
     faults: Faults[bytes] = Faults(
-        Bytes("rtu"), {kind.replace("_", "-"): p for kind, p in chances.items()}, Random(seed)
+        ModbusWire("rtu"), {kind.replace("_", "-"): p for kind, p in chances.items()}, Random(seed)
     )
     return [faults.pass_on(ANSWER, 0.0) for _ in range(200)]
 
@@ -117,10 +117,10 @@ def test_a_fault_strikes_the_same_answers_with_and_without_others() -> None:
 
 def test_what_struck_is_counted_and_told() -> None:
     told: list[str] = []
-    faults: Faults[bytes] = Faults(Bytes("rtu"), {"late": 1.0, "split": 1.0}, Random(), told=told.append)
+    faults: Faults[bytes] = Faults(ModbusWire("rtu"), {"late": 1.0, "split": 1.0}, Random(), on_fault=told.append)
     faults.pass_on(ANSWER, 0.0)
     assert told == ["split", "late"]
-    assert dict(faults.struck) == {"split": 1, "late": 1}
+    assert dict(faults.counts) == {"split": 1, "late": 1}
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def asked(*kinds: str, line: Callable[[], Any] = TcpLine, wire: str = "tcp") -> 
     timing = Timing.of(19200)
     serial = wire == "rtu"
     server = Server(RtuLine(timing, role="server") if serial else TcpLine(), {1: Table()}, serial=serial)
-    peer = spoiled(serving(server), always(*kinds, wire=Bytes(wire)))
+    peer = spoiled(serving(server), always(*kinds, wire=ModbusWire(wire)))
     bus = Bus(RtuLine(timing) if serial else line())
     return play(bus.ask(1, ReadHoldingRegisters(0, 2), timeout=1.0), peer)[0].registers
 

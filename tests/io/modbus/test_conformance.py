@@ -18,8 +18,9 @@ import pytest
 from barewire import ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
+from barewire.io.engine.conformance import Unfinished
 from barewire.io.modbus import conformance as shell
-from barewire.io.modbus.conformance import Result, Unfinished, conform
+from barewire.io.modbus.conformance import CaseResult, conform
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Server, Table
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
@@ -41,10 +42,10 @@ OTHERS = ["udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0?latency=usb", "ascii+tcp:/
 CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
 
 
-def hold(url: str) -> list[Result]:
+def hold(url: str) -> list[CaseResult]:
     """A server of ours against its battery."""
 
-    def run(patience: str) -> list[Result]:
+    def run(patience: str) -> list[CaseResult]:
         with ModbusServer(url, units={1: Table(100)}) as host:
             endpoint = Endpoint.parse(host.url)
             return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
@@ -59,13 +60,13 @@ held = cache(hold)
 def test_our_servers_pass(url: str) -> None:
     results = held(url)
     assert [result.failure for result in results if result.failure] == []
-    assert [result.case for result in results] == list(CASES[Endpoint.parse(url).envelope])
+    assert [result.case for result in results] == list(CASES[Endpoint.parse(url).framing])
 
 
 @pytest.mark.needs("openssl")
 def test_our_tls_server_passes(certificates: Path) -> None:
 
-    def run(patience: str) -> list[Result]:
+    def run(patience: str) -> list[CaseResult]:
         with ModbusServer(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
             place = host.url.partition("?")[0].removeprefix("tls://")
             return list(conform(Endpoint.parse(tls_url(certificates, "operator", place, timeout=patience))))
@@ -194,7 +195,7 @@ def test_nothing_can_be_held_against_a_server_that_never_says_anything() -> None
         list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
 
 
-def hold_on(url: str, results: list[Result], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
+def hold_on(url: str, results: list[CaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
     """Collect what comes; behind so many results something happens to the server."""
     for result in conform(Endpoint.parse(url)):
         results.append(result)
@@ -205,7 +206,7 @@ def hold_on(url: str, results: list[Result], at: int = 0, change: Callable[[], N
 def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """On UDP nobody says that nobody is there."""
     monkeypatch.setattr(shell, "RESTART", 0.1)
-    results: list[Result] = []
+    results: list[CaseResult] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
         mute.bind(("127.0.0.1", 0))
         with pytest.raises(Unfinished) as caught:
@@ -219,7 +220,7 @@ def test_a_server_that_dies_in_mid_battery_ends_the_run(
     monkeypatch: pytest.MonkeyPatch, scheme: str, words: str
 ) -> None:
     monkeypatch.setattr(shell, "RESTART", 0.1)
-    results: list[Result] = []
+    results: list[CaseResult] = []
     told = pytest.raises(Unfinished, match=words)
     with ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, told as caught:
         hold_on(f"{host.url}?timeout=0.3", results, 5, host.close)
@@ -228,8 +229,8 @@ def test_a_server_that_dies_in_mid_battery_ends_the_run(
 
 
 def test_a_server_that_is_started_anew_is_held_on() -> None:
-    def run(patience: str) -> list[Result]:
-        results: list[Result] = []
+    def run(patience: str) -> list[CaseResult]:
+        results: list[CaseResult] = []
         with ExitStack() as stack:
             host = stack.enter_context(ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}))
             url = host.url

@@ -210,7 +210,10 @@ def test_tls_1_1_is_not_spoken(host: ModbusServer, certificates: Path) -> None:
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/viewer.key&ca={0}/ca.crt", "they do not belong together"),
         ("tls://127.0.0.1:0?cert={0}/ca.cnf&key={0}/ca.key&ca={0}/ca.crt", "no certificate and key in PEM"),
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.cnf", "no certificate in PEM"),
-        ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt", "roles=FILE says who may do what"),
+        (
+            "tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt",
+            "roles=FILE is the table of what each role may do",
+        ),
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt&roles={0}/ca.crt", "table of roles"),
     ],
 )

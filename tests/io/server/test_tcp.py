@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import selectors
 import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
@@ -17,8 +18,6 @@ from barewire.io import connect
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import faults_at
 from barewire.io.fault_injection.ports import FaultInjector, LoopFaultInjector
-from barewire.io.ports.readiness import IN, OUT, Selectors, watch
-from barewire.io.server import tcp as host_tcp
 from barewire.io.server.asyncio_thread import AsyncioService
 from barewire.io.server.base import ThreadedServer
 from barewire.io.server.modbus import Service
@@ -27,9 +26,6 @@ from barewire.modbus import Server, Table, Unit
 from barewire.tcp import TcpLine, encode as frame
 from tests.helpers import FailingUnit, modest, refused
 from tests.io.peers import read_exactly
-
-if TYPE_CHECKING:
-    from barewire.io.ports.readiness import Watch
 
 READ = frame(1, bytes.fromhex("03 0000 0001"), 1)
 ANSWER = frame(1, bytes.fromhex("03 02 0000"), 1)
@@ -308,7 +304,7 @@ def test_nothing_comes_between_the_parts_of_an_answer(kind: Any) -> None:
 
 
 class Reluctant:
-    """A socket and its watch: it takes `room` bytes, and counts how often it was asked to."""
+    """A socket and its selector: it takes `room` bytes, and counts how often it was asked to."""
 
     def __init__(self) -> None:
         self.room, self.asked, self.got, self.watched = 0, 0, b"", 0
@@ -327,7 +323,7 @@ class Reluctant:
         self.got += taken
         return len(taken)
 
-    def register(self, _: int, events: int) -> None:
+    def register(self, _: object, events: int, data: object) -> None:
         self.watched = events
 
     modify = register
@@ -345,37 +341,11 @@ def test_late_answers_to_a_client_that_does_not_read_wait_behind_each_other() ->
     peer.room = 2
     for number in range(1000):
         say(number.to_bytes(4, "big"))
-    assert (peer.asked, peer.watched) == (1, OUT)
+    assert (peer.asked, peer.watched) == (1, selectors.EVENT_WRITE)
     assert connection.unsent == 3998
     for room in (1, 3000, 0, 5000):
         peer.room = room
         connection.ready(0.0)
-    assert (peer.asked, peer.watched, connection.unsent) == (5, IN, 0)
+    assert (peer.asked, peer.watched, connection.unsent) == (5, selectors.EVENT_READ, 0)
     assert peer.got == b"".join(number.to_bytes(4, "big") for number in range(1000))
     host.close()
-
-
-@pytest.mark.parametrize("make", [watch, Selectors])
-def test_the_system_s_own_watch_and_the_portable_one_see_the_same(make: Callable[[], Watch]) -> None:
-    ours, theirs = socket.socketpair()
-    with contextlib.closing(make()) as watching, ours, theirs:
-        file = ours.fileno()
-        watching.register(file, IN)
-        assert watching.poll(0.0) == []
-        theirs.send(b"?")
-        assert [found for found, _ in watching.poll(5.0)] == [file]
-        assert ours.recv(8) == b"?"
-        watching.modify(file, OUT)
-        assert [found for found, _ in watching.poll(5.0)] == [file]
-        watching.modify(file, IN)
-        theirs.close()  # to be hung up on is something to read
-        assert [found for found, _ in watching.poll(5.0)] == [file]
-        watching.unregister(file)
-        assert watching.poll(0.0) == []
-
-
-def test_where_there_is_nothing_but_the_portable_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(host_tcp, "watch", Selectors)
-    with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host, ModbusClient(host.url) as client:
-        client.write_single_register(1, 42)
-        assert client.read_holding_registers(1, 1) == (42,)

@@ -35,7 +35,8 @@ from barewire.io.canopen.pdo_lss_methods import LssVerbs, PdoVerbs
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Key, Subscriber, seconds
 from barewire.io.endpoint import Endpoint
-from barewire.io.engine.blocking import Port, run
+from barewire.io.engine.blocking import run
+from barewire.io.ports.base import Port
 from barewire.io.ports.trace import Watch
 
 if TYPE_CHECKING:

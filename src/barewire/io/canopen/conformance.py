@@ -21,8 +21,9 @@ from barewire.canopen.frame import CanFrame
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.engine.blocking import Port, run
-from barewire.io.modbus.conformance import Unfinished
+from barewire.io.engine.blocking import run
+from barewire.io.engine.conformance import Unfinished
+from barewire.io.ports.base import Port
 
 
 class Result(NamedTuple):

@@ -12,7 +12,7 @@ from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.errors import PortError
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Item, Key, Subscriber
-from barewire.io.server.locking import alone
+from barewire.io.engine.locking import exclusive
 
 _BUS_OFF, _RESTARTED = 0x40, 0x100
 
@@ -130,7 +130,7 @@ class Running:
                 except PortError:
                     return
                 with self._turn:
-                    with alone(machine):
+                    with exclusive(machine):
                         said = ears.hear(None if arrived is None else arrived.item, clock())
                     self._say(said)
 
@@ -144,7 +144,7 @@ class Running:
     def do(self, action: Action) -> None:
         """`action(now)` while nobody else is in the machine; the frames that it returns are said, then what is due."""
         with self._turn:
-            with alone(self.machine):
+            with exclusive(self.machine):
                 now = time.monotonic()
                 said = [*(action(now) or ()), *self.machine.feed(None, now)]
             self._say(said)

@@ -30,7 +30,7 @@ from barewire.io.canopen.event_stream import Listener
 from barewire.io.canopen.node_runner import Speaker
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Key, seconds
-from barewire.io.engine.blocking import Port
+from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary

@@ -23,7 +23,7 @@ from contextlib import suppress
 from barewire.canopen.frame import CanFrame
 from barewire.io.canopen.subscriber import Item
 from barewire.io.engine.backoff import BackOff
-from barewire.io.engine.blocking import Port
+from barewire.io.ports.base import Port
 
 Dial = Callable[[], Port[CanFrame]]
 

@@ -31,7 +31,7 @@ from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, taker
 from barewire.io.canopen.subscriber import BusDown, BusUp, Item, Subscriber
-from barewire.io.engine.blocking import Port
+from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
     from barewire.io.ports.trace import Direction

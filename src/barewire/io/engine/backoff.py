@@ -2,9 +2,8 @@
 
     attempt fails at 0.0      next attempt not before 0.125 s later, then 0.25, 0.5, ... up to `longest`
 
-The pauses differ by chance (`jitter`), so that a hundred clients of a server that was restarted do not come all at
-once. Nothing runs by itself: a client that nobody asks for anything does not try. Pure: times and chance come from
-outside; `random_fraction` are what a client throws.
+The pauses vary at random (`jitter`), so that a hundred clients of a server that was restarted do not come all at once.
+Nothing runs by itself: a client without requests does not connect. Times and random numbers are passed in.
 """
 
 from __future__ import annotations
@@ -14,13 +13,13 @@ from collections.abc import Callable
 
 def random_fraction() -> float:
     """A random number in 0..1."""
-    from random import random  # needed after an attempt to connect that failed, and takes its time to load
+    from random import random  # not at the top: needed only after a failed attempt, and slow to load
 
     return random()
 
 
 class BackOff:
-    """The pauses of one connection, in seconds. `chance` gives numbers in 0..1, such as `random_fraction`.
+    """The pauses of one connection, in seconds. `random` returns numbers in 0..1.
 
     >>> pauses = BackOff(lambda: 0.5)
     >>> for now in (10.0, 20.0, 30.0):
@@ -30,11 +29,11 @@ class BackOff:
     """
 
     def __init__(
-        self, chance: Callable[[], float], *, first: float = 0.125, longest: float = 30.0, jitter: float = 0.5
+        self, random: Callable[[], float], *, first: float = 0.125, longest: float = 30.0, jitter: float = 0.5
     ) -> None:
         self.why = ""
-        """What was said at the last attempt that failed; empty if none failed since the last that did not."""
-        self._chance = chance
+        """Why the latest attempt failed; empty if it succeeded."""
+        self._random = random
         self._first = first
         self._longest = longest
         self._jitter = jitter
@@ -42,18 +41,18 @@ class BackOff:
         self._not_before = float("-inf")
 
     def wait(self, now: float) -> float:
-        """How long until the next attempt may be made."""
+        """How many seconds until the next attempt may be made."""
         return max(0.0, self._not_before - now)
 
     def failed(self, now: float, why: str) -> None:
         """An attempt failed: a pause begins, twice the last, not above `longest`; then half of `jitter` up or down."""
         pause = min(self._first * 2.0 ** min(self._failures, 32), self._longest)
         self._failures += 1
-        self._not_before = now + pause * (1.0 + self._jitter * (self._chance() - 0.5))
+        self._not_before = now + pause * (1.0 + self._jitter * (self._random() - 0.5))
         self.why = why
 
     def worked(self) -> None:
-        """An attempt succeeded: all pauses begin anew."""
+        """An attempt succeeded: the next pause is the first again."""
         self._failures = 0
         self._not_before = float("-inf")
         self.why = ""

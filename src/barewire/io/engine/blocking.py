@@ -1,6 +1,9 @@
-"""The blocking engine: carries a conversation out on a port, and a machine's turns on a port, waiting where it must.
+"""The blocking engine: carries out a conversation on a port, waiting where the conversation listens.
 
-`aio` is this file with await. Whatever is clever is in the conversations; here is only waiting.
+    Send, SendAll -> port.send          Listen(until) -> port.receive          Heard(item, now) -> the conversation
+
+`engine.asyncio` is this file with await, and `conversation.Wire` the same in virtual time, for tests. `fast_path` has a
+fourth path, for the one exchange that nearly all are.
 """
 
 from __future__ import annotations
@@ -8,27 +11,18 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from barewire.conversation import Conversation, Heard, Listen, abort_frames
 from barewire.errors import BarewireError, PortError
+
+if TYPE_CHECKING:
+    from barewire.io.ports.base import Port
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 Clock = Callable[[], float]
-_heard = tuple.__new__  # what Heard(...) does, without the function around it: this loop is all that a question costs
-
-
-class Port(Protocol[Item]):
-    """What a shell talks through. `send` returns when the item is out, as far as anybody can know."""
-
-    def send(self, item: Item) -> None: ...
-
-    def receive(self, timeout: float) -> Item | None:
-        """What came within `timeout` seconds, or None."""
-
-    def close(self) -> None: ...
 
 
 def run(
@@ -37,9 +31,10 @@ def run(
     clock: Clock = time.monotonic,
     heard: Heard[Item] | None = None,
 ) -> Result:
-    """Carry a conversation out. Whatever it raises comes out. One that listens already is given `heard` first.
+    """Carry out a conversation; one that listens already is given `heard` first. Raises what it raises.
 
-    If the port fails or the user interrupts, the conversation is abandoned first: it may say its last words.
+    If the port fails or the user interrupts, the conversation is abandoned, and what it sends then (an SDO abort) is
+    sent.
     """
     try:
         step = next(conversation) if heard is None else conversation.send(heard)
@@ -49,36 +44,35 @@ def run(
                 wait = step.until - clock()
                 item = port.receive(wait if wait > 0.0 else 0.0)
             else:
-                for said in step.items:
-                    port.send(said)
-            step = conversation.send(_heard(Heard, (item, clock())))
+                for one in step.items:
+                    port.send(one)
+            step = conversation.send(Heard(item, clock()))
     except StopIteration as stop:
         result: Result = stop.value
         return result
-    except BaseException as gone:
-        # A conversation that raised is over and has nothing to say; one that was cut off may have.
-        break_off(conversation, port, gone)
+    except BaseException as error:
+        # A conversation that raised this itself is over and sends nothing; one that was interrupted may.
+        abandon(conversation, port, error)
         raise
 
 
-def break_off(conversation: Conversation[Item, Result], port: Port[Item], gone: BaseException) -> None:
-    """Cut a conversation off, and send what it still wants to say, if that can be done."""
-    for item in farewell(conversation, gone):
+def abandon(conversation: Conversation[Item, Result], port: Port[Item], error: BaseException) -> None:
+    """End a conversation that `error` interrupted, and send what it still sends, if the port can do that."""
+    for item in frames_of_abort(conversation, error):
         with contextlib.suppress(BarewireError):
             port.send(item)
 
 
-def farewell(conversation: Conversation[Item, Result], gone: BaseException) -> list[Item]:
-    """The last words of a conversation that was cut off by `gone`.
+def frames_of_abort(conversation: Conversation[Item, Result], error: BaseException) -> list[Item]:
+    """What a conversation that `error` interrupted still sends.
 
-    Where the port failed and the conversation knows better what that means (a write whose outcome nobody knows), its
-    error is raised instead.
+    Where the port failed and the conversation raises a more exact error (a write whose outcome is unknown), that error
+    is raised instead.
     """
+    why = str(error) if isinstance(error, PortError) else "the conversation was abandoned"
     try:
-        return abort_frames(
-            conversation, str(gone) if isinstance(gone, PortError) else "the conversation was abandoned"
-        )
+        return abort_frames(conversation, why)
     except BarewireError as better:
-        if isinstance(gone, PortError):
-            raise better from gone
+        if isinstance(error, PortError):
+            raise better from error
         return []

@@ -1,20 +1,20 @@
-"""Faults on request: a simulated device whose answers are late, damaged, somebody else's, or missing.
+"""Fault model: a server whose answers are late, damaged, misdirected or missing, on request.
 
         device --answer--> Faults.pass_on(answer, now) --> [(when, what), ...] --> the wire
 
-    late        the answer comes, but so many seconds later                          bytes, CAN
-    noise       something that is no answer comes before it                          bytes, CAN: a frame of a stranger
-    wrong-unit  the right answer with another's address                              bytes, CAN
+    late        the answer comes a number of seconds later                           bytes, CAN
+    noise       something that is no answer comes before it                          bytes, CAN: another node's frame
+    wrong-unit  the right answer with another unit or node address                   bytes, CAN
     drop        no answer                                                            bytes, CAN
-    flip        one bit is another                                                   bytes
-    exception   a refusal in its place: exception 06, abort 0800 0000h               bytes, CAN: answers of SDO
+    flip        one bit is inverted                                                  bytes
+    exception   exception 06 or abort 0800 0000h instead of the answer               bytes, CAN: answers of SDO
     split       the answer in two parts with a pause between                         bytes, not in datagrams
 
-On a serial line, and behind one in a tunnel, a late answer holds up those after it: a unit there does one thing after
-the other. On TCP, UDP and CAN they overtake it.
+On a serial line, and behind one in a tunnel, a late answer delays those after it, because a unit there does one thing
+after the other. On TCP, UDP and CAN they overtake it.
 
-What happens is decided by dice that are given, and by nothing else: the same seed and the same answers have the same
-faults, in virtual time as on a real port.
+Only the random numbers passed in decide what happens: the same seed and the same answers have the same faults, in
+virtual time as on a real port.
 """
 
 from __future__ import annotations
@@ -40,33 +40,33 @@ Item = TypeVar("Item")
 KINDS = ("exception", "wrong-unit", "flip", "noise", "split", "late", "drop")
 """In the order in which they are applied; one answer can meet several."""
 
-USUAL = 0.1
-"""The probability of a fault that is named without one."""
+_DEFAULT_PROBABILITY = 0.1
+"""The probability of a fault that is given without one."""
 
 LATE = 1.5
-"""Seconds: longer than the time-out that clients have without being told."""
+"""Seconds: longer than the default time-out of clients."""
 
-LATEST = 3600.0
-"""An answer that is to come later than in an hour is a mistake."""
+_LONGEST_DELAY = 3600.0
+"""Seconds: a longer delay is taken for a mistake."""
 
 PAUSE = 0.02
 """Seconds between the two parts of a split answer: what a USB adapter does to a line."""
 
-BUSY = 6
-ABORT_GENERAL = 0x0800_0000
+_SERVER_DEVICE_BUSY = 6
+_GENERAL_ABORT = 0x0800_0000
 
 
 def parse_faults(text: str) -> Mapping[str, float]:
-    """Kinds and their probabilities; EncodeError for what is none.
+    """Kinds of faults and their probabilities, from a text. EncodeError for an unknown kind or no probability.
 
     >>> dict(parse_faults("late:0.5,drop"))
     {'late': 0.5, 'drop': 0.1}
     """
     faults: dict[str, float] = {}
     for one in text.split(","):
-        kind, colon, chance = one.strip().partition(":")
+        kind, colon, number = one.strip().partition(":")
         try:
-            probability = float(chance) if colon else USUAL
+            probability = float(number) if colon else _DEFAULT_PROBABILITY
         except ValueError:
             probability = -1.0
         if kind not in KINDS:
@@ -77,103 +77,103 @@ def parse_faults(text: str) -> Mapping[str, float]:
     return MappingProxyType(faults)
 
 
-class Wire(Protocol[Item]):
-    """What each fault looks like on one kind of wire. What cannot be done to an item leaves it as it is."""
+class FaultyWire(Protocol[Item]):
+    """What each fault is on one kind of wire. A fault that is not possible for an item leaves it unchanged."""
 
     kinds: tuple[str, ...]
     in_order: bool
     """Whether no answer overtakes another."""
 
-    def refusal(self, item: Item) -> Item: ...
+    def refused(self, item: Item) -> Item: ...
 
     def misdirected(self, item: Item) -> Item: ...
 
-    def flipped(self, item: Item, dice: Random) -> Item: ...
+    def flipped(self, item: Item, random: Random) -> Item: ...
 
-    def noise(self, dice: Random) -> Item: ...
+    def noise(self, random: Random) -> Item: ...
 
-    def parts(self, item: Item, dice: Random) -> list[Item]: ...
+    def parts(self, item: Item, random: Random) -> list[Item]: ...
 
 
-class Envelope(NamedTuple):
-    """How a frame is read and said again."""
+class Framing(NamedTuple):
+    """How a frame is decoded and encoded."""
 
     decode: Callable[[bytes], Adu]
     encode: Callable[[Adu], bytes]
 
 
-ENVELOPES = {
-    "rtu": Envelope(rtu_frame.decode, lambda adu: rtu_frame.encode(adu.unit, adu.pdu)),
-    "ascii": Envelope(ascii_frame.decode, lambda adu: ascii_frame.encode(adu.unit, adu.pdu)),
-    "tcp": Envelope(tcp_frame.decode, lambda adu: tcp_frame.encode(adu.unit, adu.pdu, adu.transaction or 0)),
+_FRAMINGS = {
+    "rtu": Framing(rtu_frame.decode, lambda adu: rtu_frame.encode(adu.unit, adu.pdu)),
+    "ascii": Framing(ascii_frame.decode, lambda adu: ascii_frame.encode(adu.unit, adu.pdu)),
+    "tcp": Framing(tcp_frame.decode, lambda adu: tcp_frame.encode(adu.unit, adu.pdu, adu.transaction or 0)),
 }
 
 
-class Bytes:
-    """Modbus in one of its envelopes."""
+class ModbusWire:
+    """Modbus frames: rtu, ascii or tcp."""
 
     kinds: tuple[str, ...] = KINDS
 
-    def __init__(self, envelope: str, *, datagrams: bool = False) -> None:
-        self._envelope = ENVELOPES[envelope]
-        self.in_order = envelope != "tcp"
+    def __init__(self, framing: str, *, datagrams: bool = False) -> None:
+        self._framing = _FRAMINGS[framing]
+        self.in_order = framing != "tcp"
         if datagrams:
             self.kinds = tuple(kind for kind in KINDS if kind != "split")  # half a datagram does not arrive
 
     def _changed(self, item: bytes, change: Callable[[Adu], Adu]) -> bytes:
         try:
-            return self._envelope.encode(change(self._envelope.decode(item)))
+            return self._framing.encode(change(self._framing.decode(item)))
         except DecodeError:
             return item
 
-    def refusal(self, item: bytes) -> bytes:
+    def refused(self, item: bytes) -> bytes:
         """Exception 06, server device busy."""
-        return self._changed(item, lambda adu: adu._replace(pdu=bytes([adu.pdu[0] | 0x80, BUSY])))
+        return self._changed(item, lambda adu: adu._replace(pdu=bytes([adu.pdu[0] | 0x80, _SERVER_DEVICE_BUSY])))
 
     def misdirected(self, item: bytes) -> bytes:
-        """The next unit's, with a good check sum."""
+        """The address of the next unit, with a correct check sum."""
         return self._changed(item, lambda adu: adu._replace(unit=adu.unit % 247 + 1))
 
-    def flipped(self, item: bytes, dice: Random) -> bytes:
-        """One bit of all."""
-        place = dice.randrange(8 * len(item))
+    def flipped(self, item: bytes, random: Random) -> bytes:
+        """One bit inverted."""
+        place = random.randrange(8 * len(item))
         return bytes(byte ^ (1 << place % 8 if at == place // 8 else 0) for at, byte in enumerate(item))
 
-    def noise(self, dice: Random) -> bytes:
+    def noise(self, random: Random) -> bytes:
         """One to eight bytes."""
-        return dice.randbytes(dice.randint(1, 8))
+        return random.randbytes(random.randint(1, 8))
 
-    def parts(self, item: bytes, dice: Random) -> list[bytes]:
+    def parts(self, item: bytes, random: Random) -> list[bytes]:
         """Cut anywhere."""
-        at = dice.randint(1, max(1, len(item) - 1))
+        at = random.randint(1, max(1, len(item) - 1))
         return [part for part in (item[:at], item[at:]) if part]
 
 
-class Frames:
-    """A CAN bus. A controller repeats what was damaged and never delivers half a frame."""
+class CanWire:
+    """A CAN bus. A controller repeats damaged frames and never delivers parts of one."""
 
     kinds: tuple[str, ...] = ("exception", "wrong-unit", "noise", "late", "drop")
     in_order = False
 
-    def refusal(self, item: CanFrame) -> CanFrame:
-        """An SDO abort in place of the beginning of an answer, which names the object."""
+    def refused(self, item: CanFrame) -> CanFrame:
+        """An SDO abort instead of the first frame of an answer, which names the object."""
         if _is_sdo_answer(item) and item.data[:1] and item.data[0] >> 5 in (2, 3):
-            return item._replace(data=b"\x80" + item.data[1:4] + ABORT_GENERAL.to_bytes(4, "little"))
+            return item._replace(data=b"\x80" + item.data[1:4] + _GENERAL_ABORT.to_bytes(4, "little"))
         return item
 
     def misdirected(self, item: CanFrame) -> CanFrame:
-        """The next node's."""
+        """The COB-ID of the next node."""
         return item._replace(id=0x580 + (item.id - 0x580) % 127 + 1) if _is_sdo_answer(item) else item
 
-    def flipped(self, item: CanFrame, dice: Random) -> CanFrame:
+    def flipped(self, item: CanFrame, random: Random) -> CanFrame:
         """Not on CAN."""
         return item
 
-    def noise(self, dice: Random) -> CanFrame:
-        """An extended frame: somebody else's talk."""
-        return CanFrame(dice.randrange(1 << 29), dice.randbytes(8), extended=True)
+    def noise(self, random: Random) -> CanFrame:
+        """An extended frame, which CANopen does not use."""
+        return CanFrame(random.randrange(1 << 29), random.randbytes(8), extended=True)
 
-    def parts(self, item: CanFrame, dice: Random) -> list[CanFrame]:
+    def parts(self, item: CanFrame, random: Random) -> list[CanFrame]:
         """Not on CAN."""
         return [item]
 
@@ -183,52 +183,55 @@ def _is_sdo_answer(frame: CanFrame) -> bool:
 
 
 class Faults(Generic[Item]):
-    """Decides what becomes of each answer. `late` is in seconds; `told(kind)` is called for each fault that strikes."""
+    """Decides what becomes of each answer.
+
+    `delay` of late ones is in seconds; `on_fault(kind)` is called for each fault.
+    """
 
     def __init__(
         self,
-        wire: Wire[Item],
+        wire: FaultyWire[Item],
         faults: Mapping[str, float],
-        dice: Random,
+        random: Random,
         *,
-        late: float = LATE,
-        told: Callable[[str], None] | None = None,
+        delay: float = LATE,
+        on_fault: Callable[[str], None] | None = None,
     ) -> None:
         for kind in faults:
             if kind not in wire.kinds:
-                raise EncodeError(f"fault {kind!r} does not happen on this wire: expected {', '.join(wire.kinds)}")
-        if not 0 <= late < LATEST:
-            raise EncodeError(f"late = {late:g}: expected seconds, from 0 on and below {LATEST:g}")
-        self.struck: Counter[str] = Counter()
-        """How often each fault has struck."""
-        self._wire, self._faults, self._late, self._told = wire, faults, late, told
+                raise EncodeError(f"fault {kind!r} is not possible on this wire: expected {', '.join(wire.kinds)}")
+        if not 0 <= delay < _LONGEST_DELAY:
+            raise EncodeError(f"late = {delay:g}: expected seconds, from 0 on and below {_LONGEST_DELAY:g}")
+        self.counts: Counter[str] = Counter()
+        """How often each fault happened."""
+        self._wire, self._faults, self._delay, self._on_fault = wire, faults, delay, on_fault
         self._last = 0.0
-        self._dice, self._content = dice, Random(dice.random())  # whether, and what
+        self._random, self._content = random, Random(random.random())  # whether a fault happens, and what it is
 
     def pass_on(self, item: Item, now: float) -> list[tuple[float, Item]]:
         """What goes on the wire in place of `item`, and when; nothing if it is lost."""
-        # Thrown for all kinds, whatever falls: so a fault strikes the same answers with and without others.
-        thrown = {kind: self._dice.random() < self._faults.get(kind, 0.0) for kind in KINDS}
+        # One number for each kind, whatever it decides: so a fault hits the same answers with and without others.
+        hits = {kind: self._random.random() < self._faults.get(kind, 0.0) for kind in KINDS}
         for kind in KINDS:
-            if thrown[kind]:
-                self.struck[kind] += 1
-                if self._told is not None:
-                    self._told(kind)
-        if thrown["drop"]:
+            if hits[kind]:
+                self.counts[kind] += 1
+                if self._on_fault is not None:
+                    self._on_fault(kind)
+        if hits["drop"]:
             return []
-        wire, dice = self._wire, self._content
-        if thrown["exception"]:
-            item = wire.refusal(item)
-        if thrown["wrong-unit"]:
+        wire, random = self._wire, self._content
+        if hits["exception"]:
+            item = wire.refused(item)
+        if hits["wrong-unit"]:
             item = wire.misdirected(item)
-        if thrown["flip"]:
-            item = wire.flipped(item, dice)
-        at = now + (self._late if thrown["late"] else 0.0)
+        if hits["flip"]:
+            item = wire.flipped(item, random)
+        at = now + (self._delay if hits["late"] else 0.0)
         if wire.in_order:
             at = max(at, self._last)
-        parts = wire.parts(item, dice) if thrown["split"] else [item]
+        parts = wire.parts(item, random) if hits["split"] else [item]
         self._last = at + (len(parts) - 1) * PAUSE
-        before = [(at, wire.noise(dice))] if thrown["noise"] else []
+        before = [(at, wire.noise(random))] if hits["noise"] else []
         return [*before, *((at + place * PAUSE, part) for place, part in enumerate(parts))]
 
 
@@ -242,8 +245,8 @@ def faults_at(
 ) -> Faults[bytes]:
     """The faults of a Modbus server at this endpoint. EncodeError for a kind that its wire does not have."""
     chances = parse_faults(faults) if isinstance(faults, str) else faults
-    wire = Bytes(endpoint.envelope, datagrams=endpoint.scheme == "udp")
-    return Faults(wire, chances, Random(seed), late=LATE if delay is None else delay, told=on_fault)
+    wire = ModbusWire(endpoint.framing, datagrams=endpoint.is_datagram)
+    return Faults(wire, chances, Random(seed), delay=LATE if delay is None else delay, on_fault=on_fault)
 
 
 def faults_on_can(
@@ -255,4 +258,4 @@ def faults_on_can(
 ) -> Faults[CanFrame]:
     """The faults of a node on a CAN bus. EncodeError for a kind that CAN does not have."""
     chances = parse_faults(faults) if isinstance(faults, str) else faults
-    return Faults(Frames(), chances, Random(seed), late=LATE if delay is None else delay, told=on_fault)
+    return Faults(CanWire(), chances, Random(seed), delay=LATE if delay is None else delay, on_fault=on_fault)

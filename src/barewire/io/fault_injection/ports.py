@@ -1,7 +1,7 @@
-"""Faults on real ports: around the port of a serial line or a bus, and inside the server of a network.
+"""Where faults are put into answers: around the port of a serial line or CAN bus, or inside a server of connections.
 
-serial, CAN                            host -- FaultyPort -- port        the host's own port, spoiled
-tcp, tls, udp, rtu+tcp, ascii+tcp      server -- spoiler -- connection   each answer, before TLS encrypts it
+serial, CAN                            server -- FaultyPort -- port             the server's own port
+tcp, tls, udp, rtu+tcp, ascii+tcp      server -- FaultInjector -- connection    each answer, before TLS encrypts it
 """
 
 from __future__ import annotations
@@ -9,106 +9,125 @@ from __future__ import annotations
 import asyncio
 import heapq
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import count
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from barewire.io.engine.blocking import Clock, Port
-from barewire.io.fault_injection.faults import Faults
+if TYPE_CHECKING:
+    from barewire.io.engine.blocking import Clock
+    from barewire.io.fault_injection.faults import Faults
+    from barewire.io.ports.base import Port
 
 Item = TypeVar("Item")
 
 
-class FaultyPort(Generic[Item]):
-    """What is sent meets the faults. What is to be sent later goes out while somebody listens."""
+class DelayQueue(Generic[Item]):
+    """Items that are to be sent at certain times, in the order of these times."""
 
-    def __init__(self, port: Port[Item], faults: Faults[Item], clock: Clock = time.monotonic) -> None:
-        self._port, self._faults, self._clock = port, faults, clock
-        self._waiting: list[tuple[float, int, Item]] = []
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, Item]] = []
         self._order = count()
 
     @property
     def due(self) -> float | None:
-        """When the next thing is to be sent."""
-        return self._waiting[0][0] if self._waiting else None
+        """When the next item is to be sent."""
+        return self._heap[0][0] if self._heap else None
+
+    def put(self, at: float, item: Item) -> None:
+        """Keep an item until then."""
+        heapq.heappush(self._heap, (at, next(self._order), item))
+
+    def take(self, clock: Clock) -> Iterator[Item]:
+        """The items that are due, while they are taken."""
+        while self._heap and self._heap[0][0] <= clock():
+            yield heapq.heappop(self._heap)[2]
+
+
+class FaultyPort(Generic[Item]):
+    """A port around a port, with faults in what it sends. What is late is sent while it receives."""
+
+    def __init__(self, port: Port[Item], faults: Faults[Item], clock: Clock = time.monotonic) -> None:
+        self._port, self._faults, self._clock = port, faults, clock
+        self._late: DelayQueue[Item] = DelayQueue()
 
     def send(self, item: Item) -> None:
-        """Now, later, changed or never."""
-        for at, what in self._faults.pass_on(item, self._clock()):
-            heapq.heappush(self._waiting, (at, next(self._order), what))
-        self.deliver()
+        """Send the item now or later, changed or not at all."""
+        for at, changed in self._faults.pass_on(item, self._clock()):
+            self._late.put(at, changed)
+        self._deliver()
 
-    def deliver(self) -> None:
-        """Send what is due."""
-        while self._waiting and self._waiting[0][0] <= self._clock():
-            self._port.send(heapq.heappop(self._waiting)[2])
+    def _deliver(self) -> None:
+        for item in self._late.take(self._clock):
+            self._port.send(item)
 
     def receive(self, timeout: float) -> Item | None:
-        """As the port behind; what falls due meanwhile is sent."""
+        """What the port inside receives; what falls due meanwhile is sent."""
         until = self._clock() + timeout
         while True:
-            self.deliver()
-            wake = until if self.due is None else min(until, self.due)
+            self._deliver()
+            wake = until if self._late.due is None else min(until, self._late.due)
             item = self._port.receive(max(0.0, wake - self._clock()))
             if item is not None or self._clock() >= until:
                 return item
 
     def close(self) -> None:
-        """Close what is behind."""
+        """Close the port inside."""
         self._port.close()
 
 
-class FaultInjector:
-    """The same for the server of a network: inside TLS, behind the framing, once for each answer of each connection.
+Send = Callable[[bytes], None]
+"""Sends bytes on one connection."""
 
-    What is to be said later is said by `deliver`, which whoever owns this calls when it is `due`.
+
+class FaultInjector:
+    """Puts faults into the answers of a server: inside TLS, outside the framing, for each answer of each connection.
+
+    Its owner calls `deliver` when it is `due`.
     """
 
     def __init__(self, faults: Faults[bytes], clock: Clock = time.monotonic) -> None:
         self._faults, self._clock = faults, clock
-        self._waiting: list[tuple[float, int, Callable[[bytes], None], list[tuple[float, bytes]]]] = []
-        self._half: dict[Callable[[bytes], None], list[tuple[float, bytes]]] = {}
-        """What is left of an answer that was begun, by connection: nothing gets between the bytes of one."""
-        self._order = count()
+        self._late: DelayQueue[tuple[Send, list[tuple[float, bytes]]]] = DelayQueue()
+        self._begun: dict[Send, list[tuple[float, bytes]]] = {}
+        """By connection, the rest of an answer in parts: nothing is sent between them."""
 
     @property
     def due(self) -> float | None:
-        """When the next answer is to be said."""
-        return self._waiting[0][0] if self._waiting else None
+        """When the next bytes are to be sent."""
+        return self._late.due
 
-    def __call__(self, answer: bytes, say: Callable[[bytes], None]) -> None:
-        """Now, later, changed or never."""
+    def __call__(self, answer: bytes, send: Send) -> None:
+        """Send the answer now or later, changed or not at all."""
         if parts := self._faults.pass_on(answer, self._clock()):
-            self._wait(parts[0][0], say, parts)
+            self._wait(parts[0][0], send, parts)
         self.deliver()
 
-    def _wait(self, at: float, say: Callable[[bytes], None], parts: list[tuple[float, bytes]]) -> None:
-        heapq.heappush(self._waiting, (at, next(self._order), say, parts))
+    def _wait(self, at: float, send: Send, parts: list[tuple[float, bytes]]) -> None:
+        self._late.put(at, (send, parts))
         self._wake(at)
 
     def _wake(self, at: float) -> None:
-        """Something will be due at this time."""
+        """Called when something will be due at this time."""
 
     def deliver(self) -> None:
-        """Say what is due, in the order in which it was said."""
-        while self._waiting and self._waiting[0][0] <= self._clock():
-            _, _, say, parts = heapq.heappop(self._waiting)
-            half = self._half.get(say, parts)
-            if half is not parts:
-                self._wait(half[0][0], say, parts)
+        """Send what is due, in order."""
+        for send, parts in self._late.take(self._clock):
+            begun = self._begun.get(send, parts)
+            if begun is not parts:
+                self._wait(begun[0][0], send, parts)
                 continue
             _, part = parts.pop(0)
             if parts:
-                self._half[say] = parts
-                self._wait(parts[0][0], say, parts)
+                self._begun[send] = parts
+                self._wait(parts[0][0], send, parts)
             else:
-                self._half.pop(say, None)
-            say(part)
+                self._begun.pop(send, None)
+            send(part)
 
 
 class LoopFaultInjector(FaultInjector):
-    """In a server of asyncio: its loop, which has the same clock, wakes it."""
+    """The same in an asyncio server: the loop, which has the same clock, calls `deliver`."""
 
     def _wake(self, at: float) -> None:
-        # The timers of a loop have no order among equals: what each one says is what is due, and not its own.
+        # The timers of a loop have no order among equals, so each delivers whatever is due, not an item of its own.
         asyncio.get_running_loop().call_at(at, self.deliver)

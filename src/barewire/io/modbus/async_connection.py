@@ -1,11 +1,11 @@
-"""The connection of an asyncio client: opened when it is needed, dropped when it failed, its lanes taken in turns.
+"""The connection of an asyncio client: opened when it is needed, dropped when it failed, its lanes used in turn.
 
-    questions ->  turns  ->  lane 1: bus, mailbox  ->  |
-                             lane 2: bus, mailbox  ->  |  one connection
-                             ...
+    requests ->  fair queue  ->  lane 1: bus, mailbox  ->  |
+                                 lane 2: bus, mailbox  ->  |  one connection
+                                 ...
 
-A lane is one question under way. There is one on a serial line and up to 16 over TCP, TLS and UDP, where `FanOut` gives
-what comes to the lane whose number it bears.
+A lane is one request under way. There is one on a serial line and up to 16 over TCP, TLS and UDP, where `FanOut` passes
+each answer to the lane with its transaction number.
 """
 
 from __future__ import annotations
@@ -17,16 +17,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from barewire.conversation import Conversation
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.engine.asyncio import AsyncLink, Mailbox, exchange, run
+from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.backoff import BackOff
-from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.async_link import dial
+from barewire.io.modbus.carriers import connect, modbus_line
+from barewire.io.ports.mailbox import Mailbox
+from barewire.io.ports.trace import traced
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
+    from barewire.io.ports.base import AsyncLink
     from barewire.io.ports.trace import Watch
     from barewire.modbus.messages.base import Request, Response
 
@@ -35,17 +37,17 @@ T = TypeVar("T")
 
 
 class Lane:
-    """One question under way: its bus, and where its answers arrive."""
+    """One request under way: its bus, and the mailbox of its answers."""
 
     def __init__(self, bus: Bus) -> None:
         self.bus = bus
         self.box: Mailbox | None = None
         self.ticket: Ticket | None = None
-        """Of whoever had to stand in the queue for it."""
+        """Of the task that waited in the queue for it."""
 
 
 class AsyncConnection:
-    """The connection of a client: opened when it is needed, dropped when it failed; its lanes, taken in turns."""
+    """The connection of a client. `patience` of its methods is how many seconds they wait for the back-off."""
 
     def __init__(
         self,
@@ -56,27 +58,29 @@ class AsyncConnection:
         watch: Watch | None = None,
     ) -> None:
         if not 1 <= in_flight <= 16:
-            raise EncodeError(f"in_flight {in_flight}: expected 1..16 questions under way [MB-TCP 4.2.1]", "in_flight")
+            raise EncodeError(f"in_flight {in_flight}: expected 1..16 requests under way [MB-TCP 4.2.1]", "in_flight")
         bus = Bus(modbus_line(endpoint, "client"), **bus_options)
         if in_flight > 1 and not bus.line.numbered:
-            raise EncodeError("in_flight: answers without numbers cannot be told apart, so one at a time", "in_flight")
+            raise EncodeError(
+                "in_flight: answers without transaction numbers cannot be matched, so one at a time", "in_flight"
+            )
         self.lanes = [Lane(bus), *(Lane(bus.sibling_bus(bus.line)) for _ in range(in_flight - 1))]
         self.back_off = back_off
         self._endpoint = endpoint
         self._watch = watch
         self._link: AsyncLink | None = None
-        self._turns = FairQueue(in_flight)
+        self._queue = FairQueue(in_flight)
         self._free = list(self.lanes)
         self._waiters: dict[Ticket, asyncio.Future[None]] = {}
         self._opening = asyncio.Lock()
         self._closed = False
 
     async def run(self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float) -> T:
-        """Carry a conversation out when it is this unit's turn, on a lane that is free."""
+        """Carry out a conversation when it is this unit's turn, on a free lane."""
         lane = self._enter(unit) or await self._wait(unit)
         box = None
         try:
-            box = self._standing(lane) or await self.open(lane, patience)
+            box = self._open_box(lane) or await self.open(lane, patience)
             return await run(make(lane.bus), box)
         except BaseException as error:
             self._failed(lane, box, error)
@@ -85,13 +89,15 @@ class AsyncConnection:
             self._leave(lane)
 
     async def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
-        """`run` of `bus.ask`, without a conversation where none is needed."""
+        """The same as `run` of `bus.ask`, by way of `fast_path`."""
         if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
-            return await self.run(lambda bus: bus.ask(unit, request), unit, patience)  # raises: nobody answers
+            return await self.run(
+                lambda bus: bus.ask(unit, request), unit, patience
+            )  # raises: a broadcast has no answer
         lane = self._enter(unit) or await self._wait(unit)
         box = None
         try:
-            box = self._standing(lane) or await self.open(lane, patience)
+            box = self._open_box(lane) or await self.open(lane, patience)
             return await exchange(lane.bus, unit, request, timeout, box)
         except BaseException as error:
             self._failed(lane, box, error)
@@ -100,17 +106,17 @@ class AsyncConnection:
             self._leave(lane)
 
     def _enter(self, unit: int | None) -> Lane | None:
-        """A lane, if one is free and nobody waits."""
-        return self._free.pop() if self._turns.enter(unit) else None
+        """A lane, if one is free and no task waits."""
+        return self._free.pop() if self._queue.enter(unit) else None
 
     async def _wait(self, unit: int | None) -> Lane:
         """A lane when it is this unit's turn."""
-        ticket = self._turns.join(unit)
+        ticket = self._queue.join(unit)
         waiter = self._waiters[ticket] = asyncio.get_running_loop().create_future()
         try:
             await waiter
         except BaseException:
-            self._pass_on(self._turns.leave(ticket))
+            self._pass_on(self._queue.leave(ticket))
             raise
         finally:
             del self._waiters[ticket]
@@ -121,11 +127,11 @@ class AsyncConnection:
     def _leave(self, lane: Lane) -> None:
         self._free.append(lane)
         ticket, lane.ticket = lane.ticket, None
-        self._pass_on(self._turns.exit() if ticket is None else self._turns.leave(ticket))
+        self._pass_on(self._queue.exit() if ticket is None else self._queue.leave(ticket))
 
-    def _pass_on(self, is_somebodys_turn: bool) -> None:
-        if is_somebodys_turn:
-            for holder in self._turns.holders & self._waiters.keys():
+    def _pass_on(self, has_next: bool) -> None:
+        if has_next:
+            for holder in self._queue.holders & self._waiters.keys():
                 if not self._waiters[holder].done():
                     self._waiters[holder].set_result(None)
 
@@ -134,8 +140,8 @@ class AsyncConnection:
         if box is not None and lane.box is box and (failed or lane.bus.line.broken):
             self.drop(str(lane.bus.line.broken or box.lost or error))
 
-    def _standing(self, lane: Lane) -> Mailbox | None:
-        """The lane's mailbox, if its connection stands. What came when nobody asked is heard first."""
+    def _open_box(self, lane: Lane) -> Mailbox | None:
+        """The lane's mailbox, if it is connected. What came since the last request is passed to the bus first."""
         box = lane.box
         if box is None or box.lost is not None:
             return None
@@ -144,10 +150,10 @@ class AsyncConnection:
         return box if lane.bus.line.broken is None else None
 
     async def open(self, lane: Lane, patience: float) -> Mailbox:
-        """The lane's mailbox on a connection that stands, made anew if it has to be."""
+        """The lane's mailbox, connected again if it has to be."""
         async with self._opening:
             now = asyncio.get_running_loop().time()
-            box = self._standing(lane)
+            box = self._open_box(lane)
             if box is not None:
                 return box
             self.drop("the connection was given up")
@@ -160,22 +166,36 @@ class AsyncConnection:
 
     async def _connect(self, lane: Lane) -> Mailbox:
         clock = asyncio.get_running_loop().time
-        udp, any_unit = self._endpoint.scheme == "udp", self._endpoint.flag("any_unit")
-        fan = FanOut(len(self.lanes), datagrams=udp, any_unit=any_unit) if len(self.lanes) > 1 else None
+        datagrams, any_unit = self._endpoint.is_datagram, self._endpoint.flag("any_unit")
+        fan = FanOut(len(self.lanes), datagrams=datagrams, any_unit=any_unit) if len(self.lanes) > 1 else None
         lines = [modbus_line(self._endpoint, "client")] if fan is None else fan.lines
+        boxes: list[Mailbox] = []
+
+        def deliver(data: bytes) -> None:
+            assert fan is not None
+            for place, frame in fan.feed(data):
+                boxes[place].put(frame)
+
+        def lose(why: str) -> None:
+            for box in boxes:
+                box.fail(why)
+
+        receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), self._watch)
         try:
-            self._link, boxes = await dial(self._endpoint, fan, self._watch)
+            link = self._link = await connect(self._endpoint, receive, lose)
         except PortError as error:
             self.back_off.failed(clock(), str(error))
             raise
         self.back_off.worked()
+        write = traced("sent", link.write if fan is None else link.write_together, self._watch)
+        boxes += [Mailbox(self._endpoint.place, write, link.sent) for _ in lines]
         for each, box, line in zip(self.lanes, boxes, lines):
             each.bus.line, each.box = line, box
-            line.sent(clock())  # who opens a line waits for its silence before speaking
+            line.sent(clock())  # a client waits for a silence of the line before its first request
         return boxes[self.lanes.index(lane)]
 
     def drop(self, why: str) -> None:
-        """Give up a connection that failed: whoever waits on it is told."""
+        """Close a connection that failed: tasks that wait for an answer get a PortError with `why`."""
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -185,6 +205,6 @@ class AsyncConnection:
                 lane.box = None
 
     def close(self) -> None:
-        """Give the port back, for good."""
+        """Close the connection for good."""
         self._closed = True
         self.drop("the client was closed")

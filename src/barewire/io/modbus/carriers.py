@@ -1,25 +1,26 @@
-"""What carries Modbus, by URL: the line and the port that a client needs, and the line that a server needs.
+"""What carries Modbus, by endpoint: the framing state of clients and servers, and the port of a client.
 
-    scheme      line            port                            a late answer
-    tcp, tls    TcpLine         TCP, TLS inside it              is known by its number
-    udp         DatagramLine    UDP                             is known by its number
-    rtu, ascii  RtuLine ...     serial                          is taken care of by the bus
-    rtu+tcp     RtuLine ...     TCP, to a serial server         is taken care of by the bus
+    scheme      framing         port                            a late answer
+    tcp, tls    TcpLine         TCP, TLS inside it              is recognised by its transaction number
+    udp         DatagramLine    UDP                             is recognised by its transaction number
+    rtu, ascii  RtuLine ...     serial                          is handled by the bus
+    rtu+tcp     RtuLine ...     TCP, to a serial server         is handled by the bus
 
-A port that needs a library, and an envelope, is loaded when a URL names it.
+The table behind it is `endpoint.CARRIERS`. A framing, and a port with its library, is loaded when a URL needs it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
 from barewire.errors import EncodeError
-from barewire.io.endpoint import LATENCIES, MODBUS, Endpoint
+from barewire.io.endpoint import CARRIERS, LATENCIES, Endpoint
 from barewire.tcp import DatagramLine, TcpLine
 
 if TYPE_CHECKING:
-    from barewire.io.engine.blocking import Port
+    from barewire.io.ports.base import AsyncLink, Port
     from barewire.modbus.framing import Line
     from barewire.rtu.timing import Timing
 Role = Literal["client", "server"]
@@ -28,24 +29,24 @@ Role = Literal["client", "server"]
 def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> Endpoint:
     """The parts of a URL and `options`, see `Endpoint.parse`. EncodeError for a scheme that does not carry Modbus."""
     endpoint = Endpoint.parse(url, options)
-    if endpoint.scheme not in MODBUS:
-        raise EncodeError(f"endpoint {url!r}: Modbus goes over {', '.join(f'{name}://' for name in MODBUS)}")
+    if endpoint.scheme not in CARRIERS:
+        raise EncodeError(f"endpoint {url!r}: Modbus goes over {', '.join(f'{name}://' for name in CARRIERS)}")
     return endpoint
 
 
 def modbus_line(endpoint: Endpoint, role: Role, units: Container[int] = ()) -> Line:
     """The framing state of a new connection."""
     line: Line
-    if endpoint.envelope == "tcp":
-        kind = DatagramLine if endpoint.scheme == "udp" else TcpLine
+    if endpoint.framing == "tcp":
+        kind = DatagramLine if endpoint.is_datagram else TcpLine
         return kind(any_unit=endpoint.flag("any_unit"), any_transaction=endpoint.flag("any_transaction"))
-    if endpoint.envelope == "ascii":
+    if endpoint.framing == "ascii":
         from barewire.ascii import AsciiLine
 
         bits = 7 if endpoint.options.get("bytesize") == "7" else 8
         line = AsciiLine(character_timeout=endpoint.seconds("patience", 1.0), data_bits=bits)
     else:
-        from barewire.rtu.line import RtuLine  # it counts bytes, so it needs all the messages
+        from barewire.rtu.line import RtuLine  # loads all messages, because it knows their lengths
 
         line = RtuLine(_timing(endpoint), role=role, units=units, patience=patience(endpoint))
     echo = endpoint.choice("echo", "0")
@@ -54,13 +55,13 @@ def modbus_line(endpoint: Endpoint, role: Role, units: Container[int] = ()) -> L
     from barewire.modbus.echo import EchoLine
 
     if echo == "auto":
-        # A server need not find out: it knows its own answer, if that comes before anybody else may speak.
+        # A server needs no probe: it recognises its own answer, which comes back before any other unit may send.
         return EchoLine(line, echoes=None) if role == "client" else line
     return EchoLine(line)
 
 
 def patience(endpoint: Endpoint) -> float | None:
-    """The longest pause forgiven inside an RTU frame; None for the letter of the standard."""
+    """The longest pause tolerated inside an RTU frame, in seconds; None for the 1.5 characters of the standard."""
     if endpoint.options.get("patience") == "strict":
         return None
     latency = endpoint.choice("latency", "usb" if endpoint.is_serial_port else "tunnel")
@@ -68,7 +69,7 @@ def patience(endpoint: Endpoint) -> float | None:
 
 
 def timing_in_words(endpoint: Endpoint) -> str:
-    """The numbers that a latency preset and the settings of a line mean, in one line.
+    """The times that the settings of a line mean, in one line.
 
     >>> timing_in_words(Endpoint.parse("rtu:///dev/ttyUSB0?latency=uart"))
     'speaks after 2.01 ms of silence (t3.5), forgives pauses of 5 ms inside a frame'
@@ -77,9 +78,9 @@ def timing_in_words(endpoint: Endpoint) -> str:
     >>> timing_in_words(Endpoint.parse("tcp://10.0.0.5"))
     'keeps no silence: lengths and numbers tell frames and answers apart'
     """
-    if endpoint.envelope == "tcp":
+    if endpoint.framing == "tcp":
         return "keeps no silence: lengths and numbers tell frames and answers apart"
-    if endpoint.envelope == "ascii":
+    if endpoint.framing == "ascii":
         between = 1e3 * endpoint.seconds("patience", 1.0)
         return f"keeps no silence, forgives pauses of {between:g} ms between two characters of a frame"
     timing, forgiven = _timing(endpoint), patience(endpoint)
@@ -93,32 +94,23 @@ def _timing(endpoint: Endpoint) -> Timing:
     if not endpoint.is_serial_port:
         from barewire.rtu.timing import Timing
 
-        return Timing(0.0, 0.0, 0.0)  # behind a serial server nobody knows the line: it keeps the silences itself
+        return Timing(0.0, 0.0, 0.0)  # the line behind a serial server is unknown: the serial server keeps its silences
     from barewire.io.ports.serial import SerialSettings
 
     return SerialSettings.of(endpoint).timing
 
 
 def dialer(endpoint: Endpoint) -> Callable[[], Port[bytes]]:
-    """What opens the port of a blocking client, as often as it is called."""
-    if endpoint.is_serial_port:
-        return lambda: open_serial(endpoint)
-    host, port = endpoint.host_and_port
-    if endpoint.scheme == "tls":
-        from barewire.io.ports.tls import TlsPort, client_context
-
-        context, name = client_context(endpoint), endpoint.options.get("server_name", host)
-        return lambda: TlsPort(host, port, context, name)
-    from barewire.io.ports.tcp import TcpPort, UdpPort
-
-    return lambda: UdpPort(host, port) if endpoint.scheme == "udp" else TcpPort(host, port)
+    """The function that opens the port of a blocking client, each time it is called."""
+    found: Callable[[], Port[bytes]] = import_module(f"barewire.io.ports.{endpoint.transport}").dialer(endpoint)
+    return found
 
 
-def open_serial(endpoint: Endpoint) -> Port[bytes]:
-    """The serial port of an rtu:// or ascii:// URL."""
-    from barewire.io.ports.serial import SerialPort
-
-    return SerialPort.of(endpoint)
+async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> AsyncLink:
+    """Open the connection of an asyncio client. `receive` is called with what comes, `lose` with why it ended."""
+    ports = import_module(f"barewire.io.ports.async_{endpoint.transport}")
+    link: AsyncLink = await ports.connect(endpoint, receive, lose)
+    return link
 
 
 def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from barewire.devices.drive.report import DriveProgress
     from barewire.io.drive import DriveClient
     from barewire.io.endpoint import SetDirection
-    from barewire.io.engine.blocking import Port
     from barewire.io.modbus.options import ModbusOptions
+    from barewire.io.ports.base import Port
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response
 

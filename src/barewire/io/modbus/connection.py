@@ -25,7 +25,7 @@ from barewire.modbus.client.fair_queue import FairQueue, Ticket
 if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.io.engine.backoff import BackOff
-    from barewire.io.engine.blocking import Port
+    from barewire.io.ports.base import Port
     from barewire.modbus.framing import Line
     from barewire.modbus.messages.base import Request, Response
 

@@ -1,8 +1,8 @@
-"""Listening in on a live line: the port is read and never written to.
+"""Listening in on a live serial line: the port is read and never written to.
 
     for event in listen(Endpoint.parse("rtu:///dev/ttyUSB0"), stop): ...
 
-A receiver beside the two talkers is enough: an adapter whose A and B are on the bus, its transmitter unused.
+A receiver beside the two parties is enough: an adapter with A and B on the bus and its transmitter unused.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import dialer, modbus_line
 from barewire.modbus.sniffer.sniffer import WINDOW, Sniffer, SnifferEvent
 
-_LOOK = 0.1
-"""Seconds between two looks at whether to stop."""
+_POLL = 0.1
+"""Seconds between two checks whether to stop."""
 
 
 def listen(
     endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None, window: float = WINDOW
 ) -> Iterator[SnifferEvent]:
-    """What is said on the line, until `stop` is set or so many seconds are over. Times are seconds since 1970.
+    """What passes on the line, until `stop` is set or so many seconds are over. Times are seconds since 1970.
 
-    Raises EncodeError for what is no line, PortError when the port fails.
+    Raises EncodeError for an endpoint that is no serial line, PortError when the port fails.
     """
-    if endpoint.envelope not in ("rtu", "ascii"):
+    if endpoint.framing not in ("rtu", "ascii"):
         text = "listening in needs a line, rtu:// or ascii://; record a network with tcpdump and give the file"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
-    # A server without units of its own hears requests and responses alike.
+    # The line of a server without units of its own reads requests and responses alike.
     sniffer = Sniffer(modbus_line(endpoint, "server"), window=window)
     port = dialer(endpoint)()
-    # The clock that never jumps, counted from the wall's time at the beginning.
+    # The monotonic clock, counted from the time of day at the start.
     start = time.time() - time.monotonic()
     until = float("inf") if seconds is None else time.monotonic() + seconds
     try:
         while not stop.is_set() and (now := time.monotonic()) < until:
-            wait = min(_LOOK, until - now)
+            wait = min(_POLL, until - now)
             if (deadline := sniffer.deadline) is not None:
                 wait = min(wait, max(0.0, deadline - start - now))
             data = port.receive(wait)

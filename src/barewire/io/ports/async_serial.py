@@ -1,7 +1,7 @@
 """A serial port under asyncio: the loop watches the descriptor, so this is for POSIX.
 
-Sending takes time on a serial line: `sent` is done when the last bit has left, as far as the system knows; then the
-line is turned back, if it is RTS or a function of the user's that turns it.
+Sending takes time on a serial line: `sent` ends when the last bit has left, as far as the system knows. Then the
+direction of a two-wire line is set back, if that is done by RTS or a function of the caller.
 """
 
 from __future__ import annotations
@@ -12,16 +12,21 @@ import os
 from collections.abc import Callable
 
 from barewire.errors import PortError
-from barewire.io.engine.asyncio import Mailbox
+from barewire.io.endpoint import Endpoint
 from barewire.io.ports.serial import SerialPort
 from barewire.io.ports.tcp import CHUNK, reason
 
-_LOOK = 0.001
-"""Seconds between two looks at whether everything is out."""
+_POLL = 0.001
+"""Seconds between two checks whether everything has been sent."""
+
+
+async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> SerialLink:
+    """Open the serial port of an endpoint. PortError in one line if that fails."""
+    return SerialLink(SerialPort.of(endpoint), receive, lose)
 
 
 class SerialLink:
-    """An open serial port of this loop. `receive` is given what comes, `lose` why nothing comes any more."""
+    """An open serial port of this loop. `receive` is called with what comes, `lose` with the reason when it fails."""
 
     def __init__(self, port: SerialPort, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
         self.name = port.name
@@ -60,10 +65,10 @@ class SerialLink:
             raise PortError(f"{self.name}: {reason(error)}") from None
         self._out.clear()
         self._unsent += item
-        self._push()
-        self._loop.call_later(self._port.takes(len(item)), self._look)
+        self._write_some()
+        self._loop.call_later(self._port.takes(len(item)), self._check_sent)
 
-    def _push(self) -> None:
+    def _write_some(self) -> None:
         try:
             del self._unsent[: os.write(self._fd, self._unsent)]
         except BlockingIOError:
@@ -71,16 +76,16 @@ class SerialLink:
         except OSError as error:
             return self._fail(reason(error))
         if self._unsent:
-            self._loop.add_writer(self._fd, self._push)
+            self._loop.add_writer(self._fd, self._write_some)
         else:
             self._loop.remove_writer(self._fd)
 
-    def _look(self) -> None:
-        """Is everything out? Then the line is turned back."""
+    def _check_sent(self) -> None:
+        """Set the line back to receiving if everything has been sent."""
         if self._fd >= 0:
             with contextlib.suppress(OSError):
                 if self._unsent or self._port.waiting():
-                    self._loop.call_later(_LOOK, self._look)
+                    self._loop.call_later(_POLL, self._check_sent)
                     return
             try:
                 self._port.set_direction(sending=False)
@@ -90,26 +95,19 @@ class SerialLink:
                 self._fail(str(error))
         self._out.set()
 
+    def write_together(self, item: bytes) -> None:
+        """Hand the bytes over: a line has one request under way."""
+        self.write(item)
+
     async def sent(self) -> None:
-        """Wait until everything is out."""
+        """Wait until everything has been sent."""
         await self._out.wait()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             self._loop.remove_writer(self._fd)
             self._fd = -1
             self._port.close()
         self._out.set()
-
-
-class SerialMailbox(Mailbox):
-    """A mailbox whose bytes take their time to leave."""
-
-    link: SerialLink
-
-    async def sent(self) -> float | None:
-        """Wait until the last bit has left."""
-        await self.link.sent()
-        return None

@@ -1,9 +1,9 @@
 """A serial line without hardware: the two ends of a pseudo-terminal.
 
-        our end (master)  <------------------>  the other end (slave), /dev/pts/7: opened like any serial port
+        this end (master)  <------------------>  the other end (slave), /dev/pts/7: opened like any serial port
 
-A pseudo-terminal has no speed, no parity and no noise: bytes fall out at the other end at once. `pace` gives it the
-time of a real line back: sending takes as long as the characters would.
+A pseudo-terminal has no speed, no parity and no noise: bytes arrive at the other end at once. With `pace`, sending
+takes as long as the characters take on a real line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import tty
 from pathlib import Path
 
 from barewire.errors import PortError
-from barewire.io.ports.tcp import CHUNK, reason
+from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
 from barewire.rtu.timing import Timing
 
 _SLAVE_MAJORS = range(136, 144)
@@ -24,19 +24,19 @@ _SLAVE_MAJORS = range(136, 144)
 
 
 class PseudoTerminal:
-    """Our end of a new pseudo-terminal. `path` is the other end; `link` a second name for it, removed on close."""
+    """One end of a new pseudo-terminal. `path` is the other end; `link` a second name for it, removed on close."""
 
     def __init__(self, link: str | None = None, pace: Timing | None = None) -> None:
         self._link = Path(link) if link else None
         self._pace = pace
-        # The other end is kept open here too: otherwise the line fails whenever a client closes it.
+        # The other end stays open here too: otherwise the line fails whenever a client closes it.
         self._ours, self._kept = os.openpty()
         tty.setraw(self._kept)
         self.path = os.ttyname(self._kept)
         if self._link is not None:
             try:
                 if self._link.is_symlink() and not self._link.exists():
-                    self._link.unlink()  # left over from somebody who had no time to take it away
+                    self._link.unlink()  # left over from a program that could not remove it
                 self._link.symlink_to(self.path)
             except OSError as error:
                 self._link = None
@@ -44,18 +44,18 @@ class PseudoTerminal:
                 raise PortError(f"{link}: {reason(error)}") from None
         self.name = link or self.path
         self.sent_at = time.monotonic()
-        """When the latest bytes arrived at the other end; `send` returns a little later, or much on a busy machine."""
+        """When the latest bytes arrived at the other end. `send` returns after that, on a busy machine much later."""
 
     def send(self, item: bytes) -> None:
-        """Put bytes on the line; takes as long as `pace` says. They arrive when the last one would: whoever answers
-        sooner than that would speak while we still do."""
+        """Send, for as long as `pace` makes it take. The bytes arrive at the end of that time, so that an answer cannot
+        come while this end still sends."""
         if self._pace:
             time.sleep(self._pace.duration(len(item)))
         self.sent_at = time.monotonic()
         try:
             left = memoryview(item)
             while left:
-                # Nobody may be reading: the system's buffer is finite, and a line that nobody hears loses bytes.
+                # The system's buffer is finite: bytes that are not read at the other end are lost.
                 if not select.select([], [self._ours], [], 1.0)[1]:
                     break
                 left = left[os.write(self._ours, left) :]
@@ -65,17 +65,17 @@ class PseudoTerminal:
     def receive(self, timeout: float) -> bytes | None:
         """What came within `timeout` seconds, or None."""
         try:
-            ready, _, _ = select.select([self._ours], [], [], min(timeout, 3600.0))
+            ready, _, _ = select.select([self._ours], [], [], min(timeout, LONGEST_WAIT))
             return os.read(self._ours, CHUNK) if ready else None
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def fileno(self) -> int:
-        """The descriptor of our end, for whoever waits with others."""
+        """The descriptor of this end, for an event loop."""
         return self._ours
 
     def close(self) -> None:
-        """Close both ends and take the link away."""
+        """Close both ends and remove the link."""
         for end in (self._ours, self._kept):
             with contextlib.suppress(OSError):
                 os.close(end)

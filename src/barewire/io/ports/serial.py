@@ -9,12 +9,13 @@ import re
 import select
 import sys
 import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint, SetDirection
 from barewire.io.ports.pty import is_pseudo_terminal
-from barewire.io.ports.tcp import CHUNK, reason
+from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
 from barewire.rtu.timing import Timing, character_bits
 
 try:
@@ -33,6 +34,11 @@ if sys.platform != "win32":
     _FAILURES += (termios.error,)
 
 
+def dialer(endpoint: Endpoint) -> Callable[[], SerialPort]:
+    """The function that opens the port of an endpoint."""
+    return lambda: SerialPort.of(endpoint)
+
+
 class SerialSettings(NamedTuple):
     """The settings of a line. The default of Modbus is 19200 8E1 [MB-SERIAL 2.5.1]."""
 
@@ -43,7 +49,7 @@ class SerialSettings(NamedTuple):
 
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialSettings:
-        """From the options of a URL."""
+        """The settings of an endpoint."""
         return cls(
             endpoint.integer("baudrate", 19200),
             int(endpoint.choice("bytesize", "8")),
@@ -99,7 +105,7 @@ class SerialPort:
 
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialPort:
-        """The port of a URL."""
+        """The port of an endpoint."""
         return cls(
             endpoint.place,
             SerialSettings.of(endpoint),
@@ -157,13 +163,13 @@ class SerialPort:
         try:
             if hasattr(self._serial, "fileno"):
                 # Not pyserial's own timeout: changing that configures the port anew each time.
-                if not select.select([self._serial.fileno()], [], [], min(timeout, 3600.0))[0]:
+                if not select.select([self._serial.fileno()], [], [], min(timeout, LONGEST_WAIT))[0]:
                     return None
                 data = self._serial.read(CHUNK)
                 if not data:
                     raise PortError(f"{self.name}: the device is gone")
                 return bytes(data)
-            self._serial.timeout = min(timeout, 3600.0)
+            self._serial.timeout = min(timeout, LONGEST_WAIT)
             data = self._serial.read(1)
             return bytes(data + self._serial.read(self._serial.in_waiting)) if data else None
         except _FAILURES as error:

@@ -1,28 +1,28 @@
-"""Modbus/TCP Security: TLS 1.2 or later, both sides with a certificate, and the role that stands in the client's.
+"""Modbus/TCP Security: TLS 1.2 or later, both sides with a certificate, and the role in that of the client.
 
     client                                         server
     ------                                         ------
-    "the server's name, signed by my CA?"  <---->  "signed by my CA? which role?"
+    server's name, signed by the CA?   <------>   signed by the CA? which role?
     Modbus TCP, inside TLS, port 802       ------>  permitted?  no: exception 01
 
 The role is an extension of the certificate, OID 1.3.6.1.4.1.50316.802.1, a UTF8String [MB-TLS R-21, R-22]. The standard
 library shows no extensions it does not know, so the certificate's DER is walked here, from the outside in: a role is
 found where extensions stand and nowhere else.
 
-A certificate that is wrong, expired or missing is one line that says so. In TLS 1.3 a client learns that its own was
-refused when it first hears something, not when it connects.
+A certificate that is wrong, expired or missing is an error of one line. In TLS 1.3 a client learns that its own was
+refused with the first data it receives, not when it connects.
 """
 
 from __future__ import annotations
 
 import socket
 import ssl
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.tcp import CHUNK, TcpPort, reason
+from barewire.io.ports.tcp import CHUNK, CONNECT_TIMEOUT, LONGEST_WAIT, TcpPort, reason
 
 if TYPE_CHECKING:
     from barewire.modbus.server.authorization import Authorization
@@ -32,7 +32,7 @@ ROLE = bytes.fromhex("2B0601040183890C862201")
 
 _SEQUENCE, _EXTENSIONS, _OID, _OCTETS, _UTF8 = 0x30, 0xA3, 0x06, 0x04, 0x0C
 
-_WORDS = {
+_REASONS = {
     "PEER_DID_NOT_RETURN_A_CERTIFICATE": "the other side showed no certificate",
     "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side asks for a certificate and was shown none",
     "SSLV3_ALERT_HANDSHAKE_FAILURE": "the other side refuses us: no certificate was shown, or no cipher is common",
@@ -50,24 +50,24 @@ _WORDS = {
 
 
 def client_context(endpoint: Endpoint) -> ssl.SSLContext:
-    """What a client brings: its certificate, and whose certificates it trusts. The server's name is checked."""
+    """The TLS settings of a client: its certificate and key, and the CA it trusts. The server's name is checked."""
     return _context(endpoint, ssl.PROTOCOL_TLS_CLIENT)
 
 
 def server_context(endpoint: Endpoint) -> ssl.SSLContext:
-    """What a server brings. A client without a certificate is turned away [MB-TLS R-06]."""
+    """The TLS settings of a server, which refuses clients without a certificate [MB-TLS R-06]."""
     context = _context(endpoint, ssl.PROTOCOL_TLS_SERVER)
     context.verify_mode = ssl.CERT_REQUIRED
     return context
 
 
 def _context(endpoint: Endpoint, side: ssl._SSLMethod) -> ssl.SSLContext:
-    from pathlib import Path  # every asyncio client loads this file, for the words of `tls_reason`
+    from pathlib import Path  # not at the top: every asyncio client loads this file, for `tls_reason`
 
     files = {}
     for key in ("cert", "key", "ca"):
         if key not in endpoint.options:
-            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE: cert and key of our own, and the ca")
+            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE: cert, key and ca")
         files[key] = Path(endpoint.options[key])
         if not files[key].is_file():
             raise EncodeError(f"endpoint {str(endpoint)!r}: {key}: there is no file {files[key]}")
@@ -84,6 +84,13 @@ def _context(endpoint: Endpoint, side: ssl._SSLMethod) -> ssl.SSLContext:
     except OSError:
         raise EncodeError(f"endpoint {str(endpoint)!r}: ca {files['ca']}: no certificate in PEM") from None
     return context
+
+
+def dialer(endpoint: Endpoint) -> Callable[[], TlsPort]:
+    """The function that opens the port of an endpoint. EncodeError for wrong certificates."""
+    host, port = endpoint.host_and_port
+    context, name = client_context(endpoint), endpoint.options.get("server_name", host)
+    return lambda: TlsPort(host, port, context, name)
 
 
 class TlsPort(TcpPort):
@@ -103,17 +110,17 @@ class TlsPort(TcpPort):
             raise PortError(f"{self.name}: {tls_reason(error)}") from None
 
     def send(self, item: bytes) -> None:
-        """Hand the bytes over."""
+        """Hand the bytes to TLS."""
         try:
-            self._socket.settimeout(5.0)
+            self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(item)
         except OSError as error:
             raise PortError(f"{self.name}: {tls_reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """What came within `timeout` seconds. TLS may hold bytes that the socket has no more, so it is asked itself."""
+        """What came within `timeout` seconds. TLS is asked, because it may hold bytes that the socket has no more."""
         try:
-            self._socket.settimeout(min(timeout, 3600.0))
+            self._socket.settimeout(min(timeout, LONGEST_WAIT))
             data = self._socket.recv(CHUNK)
         except (TimeoutError, ssl.SSLWantReadError):
             return None
@@ -125,12 +132,12 @@ class TlsPort(TcpPort):
 
 
 def tls_reason(error: Exception) -> str:
-    """Why a connection failed, in one line: what TLS says of certificates, or what the system says."""
+    """Why a connection failed, in one line: a reason of TLS, or of the system."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the other side's certificate is refused: {error.verify_message.rstrip('.')}"
     if isinstance(error, ssl.SSLError):
         code = error.reason or ("UNEXPECTED_EOF_WHILE_READING" if isinstance(error, ssl.SSLEOFError) else "TLS failed")
-        return _WORDS.get(code, code.replace("_", " ").lower())
+        return _REASONS.get(code, code.replace("_", " ").lower())
     return reason(error)
 
 
@@ -185,10 +192,13 @@ def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def roles_of(endpoint: Endpoint) -> Authorization | None:
-    """The table that a URL names; None if it says that whoever has a certificate may do all."""
+    """The table of roles that an endpoint names; None for `any`, which permits everything with a certificate.
+
+    Raises EncodeError without `roles`: what is permitted has no default.
+    """
     name = endpoint.options.get("roles")
     if name is None:
-        text = "roles=FILE says who may do what; roles=any permits all to whoever has a certificate"
+        text = "roles=FILE is the table of what each role may do; roles=any permits all with a certificate"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
     if name == "any":
         return None

@@ -1,8 +1,9 @@
-"""TLS of a server's connection, as a machine: what came goes in, what was said and what is to be sent come out.
+"""TLS of a server's connection, without a socket: bytes of the wire go in, bytes of the client and of the wire come
+out.
 
-    feed(from the wire) -> [what the client says]         say(to the client)         outgoing() -> for the wire
+    feed(from the wire) -> [data of the client]         send(data for the client)         outgoing() -> for the wire
 
-It is done here and not left to asyncio because asyncio throws away the alert that tells a client why it was refused.
+asyncio's own TLS drops the alert that would report to a client why its certificate was refused; this sends it.
 """
 
 from __future__ import annotations
@@ -14,38 +15,41 @@ from barewire.io.ports.tls import role_of
 
 
 class TlsSession:
-    """One connection. `role` is that of the client's certificate, once `stands`."""
+    """The TLS state of one connection. `role` is that of the client's certificate, after the handshake."""
 
     def __init__(self, context: ssl.SSLContext) -> None:
-        self.stands = False
+        self.is_established = False
         self.role: str | None = None
         self.ended = False
-        """Whether the client said that it has nothing more to say."""
+        """Whether the client ended the session."""
         self._in, self._out = ssl.MemoryBIO(), ssl.MemoryBIO()
         self._tls = context.wrap_bio(self._in, self._out, server_side=True)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Bytes from the wire. Raises ssl.SSLError when TLS cannot stand, DecodeError for a role that is none."""
+        """Bytes from the wire.
+
+        Raises ssl.SSLError when the handshake fails, DecodeError for a role that cannot be read.
+        """
         self._in.write(data)
-        said: list[bytes] = []
+        received: list[bytes] = []
         try:
-            if not self.stands:
+            if not self.is_established:
                 self._tls.do_handshake()
                 self.role = role_of(self._tls.getpeercert(True) or b"")
-                self.stands = True
+                self.is_established = True
             while chunk := self._tls.read(CHUNK):
-                said.append(chunk)
+                received.append(chunk)
             self.ended = True
         except ssl.SSLWantReadError:
             pass
         except ssl.SSLZeroReturnError:
             self.ended = True
-        return said
+        return received
 
-    def say(self, data: bytes) -> None:
-        """Bytes for the client."""
+    def send(self, data: bytes) -> None:
+        """Encrypt bytes for the client."""
         self._tls.write(data)
 
     def outgoing(self) -> bytes:
-        """Bytes for the wire: after every `feed`, also one that raised, and after every `say`."""
+        """Bytes for the wire: after every `feed`, also one that raised, and after every `send`."""
         return self._out.read()

@@ -1,4 +1,4 @@
-"""Middlemen: ports around ports, for watching. What passes is unchanged."""
+"""A port around a port that shows what passes, unchanged, to a function of the caller."""
 
 from __future__ import annotations
 
@@ -6,32 +6,46 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 if TYPE_CHECKING:
-    from barewire.io.engine.blocking import Port
+    from barewire.io.ports.base import Port
+
 Direction = Literal["sent", "received"]
 Watch = Callable[[Direction, Any], None]
+"""Called with the direction and the item, before it is sent or delivered."""
 
 Item = TypeVar("Item")
 
 
 class Trace(Generic[Item]):
-    """Tells `watch(direction, item)` of everything that passes."""
+    """Calls `watch(direction, item)` for everything that passes."""
 
-    def __init__(self, port: Port[Item], watch: Callable[[Direction, Item], None]) -> None:
+    def __init__(self, port: Port[Item], watch: Watch) -> None:
         self._port = port
         self._watch = watch
 
     def send(self, item: Item) -> None:
-        """Told, then sent."""
+        """Show the item, then send it."""
         self._watch("sent", item)
         self._port.send(item)
 
     def receive(self, timeout: float) -> Item | None:
-        """Received, then told."""
+        """What the port receives, shown first."""
         item = self._port.receive(timeout)
         if item is not None:
             self._watch("received", item)
         return item
 
     def close(self) -> None:
-        """Close what is behind."""
+        """Close the port."""
         self._port.close()
+
+
+def traced(direction: Direction, pass_on: Callable[[bytes], None], watch: Watch | None) -> Callable[[bytes], None]:
+    """A function that calls `watch(direction, data)`, if there is one, and then `pass_on(data)`."""
+    if watch is None:
+        return pass_on
+
+    def show_and_pass_on(data: bytes) -> None:
+        watch(direction, data)
+        pass_on(data)
+
+    return show_and_pass_on

@@ -17,7 +17,7 @@ from typing import Any
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import CHUNK, CONNECTIONS, attend, reason
+from barewire.io.ports.tcp import CHUNK, CONNECTIONS, reason, set_socket_options
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.ports.tls_session import TlsSession
 from barewire.io.server.asyncio_ports import DatagramServer
@@ -49,7 +49,7 @@ class StreamServer:
         """By unit, for RTU and ASCII: a unit counts what it receives over all connections."""
         self._server: asyncio.Server | None = None
         self._timer: asyncio.TimerHandle | None = None
-        if endpoint.scheme == "tls":
+        if endpoint.transport == "tls":
             self.context = server_context(endpoint)
             self.authorization = authorization or roles_of(endpoint)
 
@@ -102,7 +102,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._shared = server
         self._loop = asyncio.get_running_loop()
         self._line = modbus_line(server.endpoint, "server", tuple(server.units))
-        is_serial = server.endpoint.envelope != "tcp"
+        is_serial = server.endpoint.framing != "tcp"
         has_roles = server.context is not None or server.authorization is not None
         permits = self._permits if has_roles else None
         self._server = Server(self._line, server.units, serial=is_serial, permits=permits, counters=server.counters)
@@ -122,13 +122,13 @@ class _Connection(asyncio.BufferedProtocol):
         host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
         self.peer = f"{host}:{port}"
         if (raw := transport.get_extra_info("socket")) is not None:
-            attend(raw)
+            set_socket_options(raw)
         self._shared.connected(self)
         if self._tls is not None:
             self._timer = self._loop.call_later(_HANDSHAKE, self._handshake_timeout)
 
     def _handshake_timeout(self) -> None:
-        if self._tls is not None and not self._tls.stands:
+        if self._tls is not None and not self._tls.is_established:
             self._shared.connections.close(self, f"TLS did not come about within {_HANDSHAKE:g} s")
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -199,7 +199,7 @@ class _Connection(asyncio.BufferedProtocol):
         if self._transport is None or self._transport.is_closing():
             return
         if self._tls is not None:
-            self._tls.say(data)
+            self._tls.send(data)
             data = self._tls.outgoing()
         self._transport.write(data)
 
@@ -227,6 +227,6 @@ def server_at(
     inject: Inject | None = None,
 ) -> StreamServer | DatagramServer:
     """The server of a host and port, which does not listen yet. Raises EncodeError for wrong options."""
-    if endpoint.scheme == "udp":
+    if endpoint.is_datagram:
         return DatagramServer(endpoint, units, inject)
     return StreamServer(endpoint, units, authorization, inject)

@@ -14,10 +14,10 @@ from barewire.io.canopen.node_runner import Action, NodeDriver, begin
 from barewire.io.canopen.reconnect import Reopening, taker
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
-from barewire.io.engine.blocking import Port
+from barewire.io.engine.locking import CanopenNode, SharedNode
+from barewire.io.ports.base import Port
 from barewire.io.ports.python_can import CanPort
 from barewire.io.server.base import POLL_INTERVAL, ThreadedServer
-from barewire.io.server.locking import CanopenNode, SharedNode
 
 
 class CanHost(ThreadedServer):

@@ -18,9 +18,9 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
 from barewire.errors import EncodeError, PortError, shown
+from barewire.io.engine.locking import SharedUnits
 from barewire.io.modbus.carriers import modbus_endpoint
 from barewire.io.server.base import ThreadedServer
-from barewire.io.server.locking import SharedUnits
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -108,7 +108,7 @@ def _service(
         from barewire.io.server.serial import SerialService
 
         return SerialService(endpoint, units, faults)
-    if endpoint.scheme == "tcp":
+    if endpoint.framing == "tcp" and endpoint.transport == "tcp":
         from barewire.io.server.tcp import TcpService
 
         if faults is None:

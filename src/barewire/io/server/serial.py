@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
-from barewire.io.engine.blocking import Port
-from barewire.io.modbus.carriers import modbus_line, open_serial
+from barewire.io.modbus.carriers import dialer, modbus_line
+from barewire.io.ports.base import Port
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable
@@ -43,7 +43,7 @@ class SerialService:
             self.port = terminal
             self.url = str(endpoint._replace(place=terminal.name))
         else:
-            self.port = open_serial(endpoint)
+            self.port = dialer(endpoint)()
             self.url = str(endpoint)
         if faults is not None:
             from barewire.io.fault_injection.ports import FaultyPort

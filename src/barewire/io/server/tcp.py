@@ -1,10 +1,10 @@
 """A Modbus TCP server without asyncio: one thread waits for all sockets and answers those that are readable.
 
-    poll   ->  recv  ->  Server.feed  ->  send          and the next readable socket
+    select ->  recv  ->  Server.feed  ->  send          and the next readable socket
                                 '-> not all of it was taken: the rest is sent first, and until then nothing is read
 
 It answers sooner than an event loop does, and a small machine need not load one. Its limits are `connection_limits`.
-No call waits but the poll, and a client that sends without end gets one read at a time, so clients do not delay each
+No call waits but the select, and a client that sends without end gets one read at a time, so clients do not delay each
 other.
 """
 
@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import selectors
 import socket
 import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.readiness import IN, OUT, most, watch
-from barewire.io.ports.tcp import CHUNK, attend, listen, reason
+from barewire.io.ports.tcp import CHUNK, listen, reason, set_socket_options
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, send_replies
 from barewire.modbus.server.server import Server
@@ -27,9 +27,10 @@ from barewire.modbus.server.server import Server
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.io.fault_injection.ports import FaultInjector
-    from barewire.io.ports.readiness import Watch
     from barewire.modbus import Unit
 
+_SELECT_LIMIT = 500
+"""Connections where the system has nothing but `select`, which fails with more than 512 sockets."""
 _FULL = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 """Errors of a system that has no room for another connection."""
 
@@ -39,8 +40,8 @@ class TcpService:
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], injector: FaultInjector | None = None) -> None:
         self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint)
-        self.connections.limit = most(self.connections.limit)
-        self.by_file: dict[int, _Connection] = {}
+        if issubclass(selectors.DefaultSelector, selectors.SelectSelector):
+            self.connections.limit = min(self.connections.limit, _SELECT_LIMIT)
         self.injector = injector
         self.endpoint = endpoint
         self.units = units
@@ -51,18 +52,18 @@ class TcpService:
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""
         clock = time.monotonic
-        listener = self._listener.fileno()
-        with contextlib.closing(watch()) as watching:
-            watching.register(listener, IN)
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._listener, selectors.EVENT_READ)
             try:
                 now = clock()
                 while not is_over():
-                    found = watching.poll(self._wait(now))
+                    ready = selector.select(self._wait(now))
                     now = clock()
-                    for file, _ in found:
-                        if file == listener:
-                            self._take_new(watching, now)
-                        elif (connection := self.by_file.get(file)) is not None:
+                    for key, _ in ready:
+                        connection: _Connection | None = key.data
+                        if connection is None:
+                            self._accept(selector, now)
+                        elif connection in self.connections.open:  # not closed meanwhile
                             try:
                                 connection.ready(now)
                             except Exception as error:
@@ -77,7 +78,7 @@ class TcpService:
         self._listener.close()
 
     def _wait(self, now: float) -> float:
-        """How many seconds the poll may wait. What is due is done first."""
+        """How many seconds the select may wait. What is due is done first."""
         if not self.connections.idle_timeout and self.injector is None:
             return POLL_INTERVAL
         until = now + POLL_INTERVAL
@@ -88,7 +89,7 @@ class TcpService:
             until = min(until, self.injector.due or until)
         return max(0.0, until - now)
 
-    def _take_new(self, watching: Watch, now: float) -> None:
+    def _accept(self, selector: selectors.BaseSelector, now: float) -> None:
         """Accept one connection: checking for another one needs a file descriptor too, and there may be none left."""
         try:
             found, address = self._listener.accept()
@@ -98,8 +99,8 @@ class TcpService:
             return
         found.setblocking(False)
         with contextlib.suppress(OSError):
-            attend(found)
-        self.connections.add(_Connection(self, watching, found, address), now)
+            set_socket_options(found)
+        self.connections.add(_Connection(self, selector, found, address), now)
 
     def _make_room(self, why: str) -> None:
         if self.connections.open:
@@ -114,19 +115,17 @@ class _Connection:
     was_answered = False
 
     def __init__(
-        self, service: TcpService, watching: Watch, connection: socket.socket, address: tuple[str, int]
+        self, service: TcpService, selector: selectors.BaseSelector, connection: socket.socket, address: tuple[str, int]
     ) -> None:
         self.peer = f"{address[0]}:{address[1]}"
         self._service = service
         self._socket = connection
-        self._file = connection.fileno()
-        self._watching = watching
+        self._selector = selector
         self._line = modbus_line(service.endpoint, "server", service.units)
         self._server = Server(self._line, service.units, serial=False)
         self._unsent = bytearray()
         self._ending = False  # as soon as everything is sent
-        watching.register(self._file, IN)
-        service.by_file[self._file] = self
+        selector.register(connection, selectors.EVENT_READ, self)
 
     def ready(self, now: float) -> None:
         """Read and answer, or send the rest of an answer, now that the socket is ready for it."""
@@ -156,7 +155,7 @@ class _Connection:
             self._unsent += data  # delayed answers may come while others wait
         elif (taken := self._taken(data)) < len(data):
             self._unsent += data[taken:]
-            self._watching.modify(self._file, OUT)
+            self._selector.modify(self._socket, selectors.EVENT_WRITE, self)
 
     def _send_rest(self) -> None:
         del self._unsent[: self._taken(self._unsent)]
@@ -165,7 +164,7 @@ class _Connection:
         if self._ending:
             self.abort()
         elif self._socket.fileno() >= 0:
-            self._watching.modify(self._file, IN)
+            self._selector.modify(self._socket, selectors.EVENT_READ, self)
 
     def _taken(self, data: bytes | bytearray) -> int:
         """How many bytes the system takes now; all of them if the connection has ended."""
@@ -194,6 +193,5 @@ class _Connection:
         self._service.connections.remove(self)
         self._unsent.clear()
         if self._socket.fileno() >= 0:
-            self._watching.unregister(self._file)
-            del self._service.by_file[self._file]
+            self._selector.unregister(self._socket)
             self._socket.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import threading
 import time
 from contextlib import ExitStack
@@ -14,8 +13,7 @@ from barewire.devices import load
 from barewire.devices.sim import Az3, simulator
 from barewire.io import open_can_host, open_canopen
 from barewire.io.canopen.client import Client
-from barewire.io.server import locking as sharing
-from barewire.io.server.locking import SharedUnits, alone
+from barewire.io.engine.locking import SharedUnits, exclusive
 from barewire.modbus import Table
 from barewire.modbus.messages.base import Response
 from tests.cli.test_command import free_port
@@ -66,7 +64,7 @@ def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
             thread.start()
         for number in range(15):
             port.send(CanFrame(number, b""))
-            with alone(machine):
+            with exclusive(machine):
                 before = machine.visits
                 time.sleep(0.001)
                 assert (machine.inside, machine.visits) == (0, before)
@@ -78,19 +76,36 @@ def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
 
 def test_both_faces_of_a_simulator_have_the_lock_of_the_machine() -> None:
     machine = simulator("az3")
-    assert alone(machine) is alone(machine.modbus) is alone(machine.canopen)
-    assert alone(machine) is not alone(simulator("az3"))
+    assert exclusive(machine) is exclusive(machine.modbus) is exclusive(machine.canopen)
+    assert exclusive(machine) is not exclusive(simulator("az3"))
 
 
-def test_a_lock_goes_with_its_machine() -> None:
-    gc.collect()
-    before = len(sharing._locks)
-    machine = Table()
-    alone(machine)
-    assert len(sharing._locks) == before + 1
-    del machine
-    gc.collect()
-    assert len(sharing._locks) == before
+def locks_taken_at_once(machine: Table) -> set[int]:
+    """The identities of the locks that four threads find at the same time."""
+    start = threading.Barrier(4)
+    found: list[object] = []
+
+    def take() -> None:
+        start.wait()
+        found.append(exclusive(machine))
+
+    threads = [threading.Thread(target=take) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return {id(lock) for lock in found}
+
+
+def test_a_machine_has_one_lock_for_all_threads() -> None:
+    for _ in range(50):
+        machine = Table()
+        assert locks_taken_at_once(machine) == {id(exclusive(machine))}
+
+
+def test_what_cannot_have_a_lock_of_its_own_shares_one() -> None:
+    assert exclusive(object()) is exclusive(5)
+    assert exclusive(Table()) is not exclusive(5)
 
 
 def test_what_a_unit_has_besides_is_seen_through_the_door() -> None:

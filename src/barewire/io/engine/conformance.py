@@ -1,0 +1,13 @@
+"""What the runs of conformance cases on both protocols share."""
+
+from __future__ import annotations
+
+from barewire.errors import NoAnswer
+
+
+class Unfinished(NoAnswer):
+    """The run ended early: `not_run` cases were not run, which the text states too."""
+
+    def __init__(self, why: str, not_run: int) -> None:
+        super().__init__(f"{why} ({not_run} case{'' if not_run == 1 else 's'} not run)" if not_run else why)
+        self.not_run = not_run

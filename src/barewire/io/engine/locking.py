@@ -1,0 +1,152 @@
+"""Locks for machines that are served on several ports: one thread at a time enters a machine.
+
+        server of rtu://, thread 1 --handle--> SharedUnit --.
+                                                             >-- the machine's lock --> machine
+        server of can://, thread 2 --feed----> SharedNode --'
+        the caller's thread        ---------->  with exclusive(machine): machine.fault(0x3210, now)
+
+The rooms below have no threads and so no locks: servers wrap what they serve. The lock belongs to the machine, so all
+servers of a machine use the same one: it is an attribute of the `machine` of a unit or node that has one, and otherwise
+of the unit or node itself. Servers within one asyncio loop need no lock, because nothing in a machine awaits.
+
+Depends on: nothing but threads.  Used by: servers, nodes that run on a bus, programs with a simulator.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from barewire.canopen import CanFrame
+    from barewire.modbus import Response, Unit
+
+
+class CanopenNode(Protocol):
+    """A node on a CAN bus: fed with frames and time, it returns frames."""
+
+    @property
+    def deadline(self) -> float | None:
+        """When it has to be fed None, if no frame comes before."""
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]: ...
+
+
+_LOCK = "_barewire_lock"
+_shared_lock = threading.RLock()
+"""For objects that cannot have attributes, and so no lock of their own."""
+
+
+def exclusive(thing: object) -> AbstractContextManager[Any]:
+    """The lock of a machine, or of the machine of a unit or node: `with exclusive(machine): ...`.
+
+    The thread that holds it may take it again.
+
+    >>> from barewire.modbus import Table
+    >>> table = Table()
+    >>> with exclusive(table), exclusive(table):
+    ...     print("no other thread is in the table")
+    no other thread is in the table
+    """
+    owner = getattr(thing, "machine", thing)
+    try:
+        attributes = vars(owner)
+    except TypeError:
+        return _shared_lock
+    found: AbstractContextManager[Any] | None = attributes.get(_LOCK)
+    # One step of the interpreter: of two threads that come first, both get the same lock.
+    return attributes.setdefault(_LOCK, threading.RLock()) if found is None else found
+
+
+class SharedUnit:
+    """A unit that handles one request at a time, whatever thread it comes from."""
+
+    def __init__(self, unit: Unit) -> None:
+        self._unit = unit
+        self._lock = exclusive(unit)
+        if (supports := getattr(unit, "supports", None)) is not None:
+            self.supports = supports  # called with every request, so it is not looked up each time
+
+    def handle(self, request: Any, now: float) -> Response | None:
+        """The response of the unit."""
+        with self._lock:
+            return self._unit.handle(request, now)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._unit, name)  # what a unit may have besides, such as `diagnostics`
+
+
+class SharedUnits(Mapping[int, "Unit"]):
+    """Units by address, each as a `SharedUnit`. The mapping inside may change, as when a drive gets another address."""
+
+    def __init__(self, units: Mapping[int, Unit]) -> None:
+        self._units = units
+        self._shared: dict[int, tuple[Unit, SharedUnit]] = {}
+
+    def __getitem__(self, address: int) -> Unit:
+        return self._wrapped(address, self._units[address])
+
+    def get(self, address: int, default: Any = None) -> Any:
+        """The unit at this address, or the default."""
+        unit = self._units.get(address)
+        return default if unit is None else self._wrapped(address, unit)
+
+    def _wrapped(self, address: int, unit: Unit) -> Unit:
+        known = self._shared.get(address)
+        if known is None or known[0] is not unit:
+            known = self._shared[address] = unit, SharedUnit(unit)
+        return known[1]
+
+    def __contains__(self, address: object) -> bool:
+        return address in self._units
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._units)
+
+    def __len__(self) -> int:
+        return len(self._units)
+
+
+class SharedNode:
+    """A node that is fed by one thread at a time."""
+
+    def __init__(self, node: CanopenNode) -> None:
+        self._node = node
+        self._lock = exclusive(node)
+
+    @property
+    def deadline(self) -> float | None:
+        """When the node has to be fed None, if no frame comes before."""
+        with self._lock:
+            return self._node.deadline
+
+    def start(self, now: float) -> list[CanFrame]:
+        """Switch the node on, if it has a `start`; other nodes start by themselves."""
+        with self._lock:
+            start = getattr(self._node, "start", None)
+            return [] if start is None else list(start(now))
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        """The frames with which the node answers."""
+        with self._lock:
+            return self._node.feed(frame, now)
+
+    def do(self, action: Callable[[float], Iterable[CanFrame] | None], now: float) -> list[CanFrame]:
+        """The frames that `action(now)` returns, and those that the node sends after it."""
+        with self._lock:
+            return [*(action(now) or ()), *self._node.feed(None, now)]
+
+    def bus_off(self, now: float) -> None:
+        """Report to the node that the CAN controller left the bus, if it has a method for that."""
+        with self._lock:
+            bus_off = getattr(self._node, "bus_off", None)
+            if bus_off is not None:
+                bus_off(now)
+
+    def recovered(self, now: float) -> list[CanFrame]:
+        """Report to the node that the CAN controller is back on the bus."""
+        with self._lock:
+            recovered = getattr(self._node, "recovered", None)
+            return [] if recovered is None else list(recovered(now))

@@ -1,0 +1,97 @@
+"""TCP connections of asyncio clients, and TLS inside them (`async_tls`)."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import Callable
+
+from barewire.errors import PortError
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.tcp import CHUNK, CONNECT_TIMEOUT, set_socket_options
+from barewire.io.ports.tls import tls_reason
+
+
+async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> StreamLink:
+    """Connect to the host of an endpoint. PortError in one line if that fails."""
+    return await connect_stream(endpoint, receive, lose)
+
+
+async def connect_stream(
+    endpoint: Endpoint,
+    receive: Callable[[bytes], None],
+    lose: Callable[[str], None],
+    context: ssl.SSLContext | None = None,
+    server_name: str | None = None,
+) -> StreamLink:
+    """The same, with TLS inside if there is a `context`."""
+    host, port = endpoint.host_and_port
+    link = StreamLink(receive, lose)
+    try:
+        async with asyncio.timeout(CONNECT_TIMEOUT):
+            await asyncio.get_running_loop().create_connection(
+                lambda: link, host, port, ssl=context, server_hostname=server_name
+            )
+    except TimeoutError:
+        raise PortError(f"{endpoint.place}: no connection within {CONNECT_TIMEOUT:g} s") from None
+    except OSError as error:
+        raise PortError(f"{endpoint.place}: {tls_reason(error)}") from None
+    return link
+
+
+class StreamLink(asyncio.BufferedProtocol):
+    """A TCP or TLS connection. `receive` is called with what comes, `lose` with the reason when it ends.
+
+    It reads into a buffer of its own: asyncio would make one of 256 KiB for each answer of thirty bytes.
+    """
+
+    def __init__(self, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
+        self._receive = receive
+        self._lose = lose
+        self._transport: asyncio.Transport | None = None
+        self._together: list[bytes] = []
+        self._buffer = memoryview(bytearray(CHUNK))
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """asyncio: the connection stands."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        raw = transport.get_extra_info("socket")
+        if raw is not None:
+            set_socket_options(raw)
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """asyncio: where to put what comes."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """asyncio: bytes came."""
+        self._receive(self._buffer[:nbytes].tobytes())
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """asyncio: the connection ended."""
+        self._lose(tls_reason(exc) if isinstance(exc, OSError) else "the other side closed the connection")
+
+    def write(self, item: bytes) -> None:
+        """Hand the bytes over."""
+        if self._transport is not None:
+            self._transport.write(item)
+
+    def write_together(self, item: bytes) -> None:
+        """Hand the bytes over with everything else that is written in this round of the loop: sixteen requests are one
+        send, and arrive as one read."""
+        if not self._together:
+            asyncio.get_running_loop().call_soon(self._flush)
+        self._together.append(item)
+
+    def _flush(self) -> None:
+        self.write(b"".join(self._together))
+        self._together.clear()
+
+    def close(self) -> None:
+        """Close the connection at once, without waiting for unsent bytes."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def sent(self) -> None:
+        """Nothing to await: the system has what was written."""
