@@ -144,50 +144,50 @@ def test_other_frames_and_late_responses_are_counted_and_ignored() -> None:
 
 def test_a_write_is_not_confirmed_by_the_confirmation_of_another() -> None:
     script = Script(("605#2B4060000F000000", "585#6041600000000000"))
-    with pytest.raises(NoAnswer, match="1 answer to another question"):
+    with pytest.raises(NoAnswer, match="1 response to another request"):
         play(download(5, 0x6040, 0, b"\x0f\0"), script)
 
 
-def fails(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[str, list[str]]:
+def no_answer(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[str, list[str]]:
     """The text of the NoAnswer, and all frames sent."""
-    said: list[str] = []
+    sent: list[str] = []
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
-        said.append(str(frame))
-        return [(now, CanFrame.parse(answer)) for answer in answers] if len(said) == 1 else []
+        sent.append(str(frame))
+        return [(now, CanFrame.parse(answer)) for answer in answers] if len(sent) == 1 else []
 
     with pytest.raises(NoAnswer) as caught:
         play(conversation, peer)
-    return str(caught.value), said
+    return str(caught.value), sent
 
 
 def test_a_time_out_sends_an_abort_that_names_the_object() -> None:
-    text, said = fails(upload(5, 0x6041, 2, timeout=0.5))
-    assert said == ["605#4041600200000000", "605#8041600200000405"]
-    assert text == ("node 5 did not answer the upload of 6041h:02 within 0.5 s: nothing at all was heard on the bus")
+    text, sent = no_answer(upload(5, 0x6041, 2, timeout=0.5))
+    assert sent == ["605#4041600200000000", "605#8041600200000405"]
+    assert text == ("node 5 did not answer the upload of 6041h:02 within 0.5 s: no frame was received on the bus")
 
 
 def test_a_write_is_never_repeated() -> None:
-    _, said = fails(download(5, 0x6040, 0, b"\x0f\0"))
-    assert said == ["605#2B4060000F000000", "605#8040600000000405"]
+    _, sent = no_answer(download(5, 0x6040, 0, b"\x0f\0"))
+    assert sent == ["605#2B4060000F000000", "605#8040600000000405"]
 
 
 def test_the_time_out_text_reports_a_stopped_node() -> None:
-    text, _ = fails(upload(5, 0x6041), "705#04", "706#05")
+    text, _ = no_answer(upload(5, 0x6041), "705#04", "706#05")
     assert text.endswith(
-        "heard 2 frames, 1 from node 5, its heartbeat says stopped, and a stopped node answers no SDO, none on 585h"
+        "received 2 frames, 1 from node 5, its heartbeat reports stopped, and a stopped node answers no SDO, none on 585h"
     )
 
 
 def test_the_time_out_text_reports_frames_of_other_nodes_only() -> None:
-    text, _ = fails(upload(5, 0x6041), "706#05")
-    assert text.endswith("heard 1 frame, none from node 5, none on 585h")
+    text, _ = no_answer(upload(5, 0x6041), "706#05")
+    assert text.endswith("received 1 frame, none from node 5, none on 585h")
 
 
 def test_the_time_out_text_reports_what_came_instead() -> None:
-    text, _ = fails(upload(5, 0x6041), "585#4B40600001000000", "585#FF", "00000585#4B41600001000000")
+    text, _ = no_answer(upload(5, 0x6041), "585#4B40600001000000", "585#FF", "00000585#4B41600001000000")
     assert text.endswith(
-        "heard 3 frames, 2 from node 5, 2 on 585h, 1 answer to another question, 1 unreadable, "
+        "received 3 frames, 2 from node 5, 2 on 585h, 1 response to another request, 1 unreadable, "
         "1 extended frame 00000585h, which is another identifier"
     )
 
@@ -205,10 +205,10 @@ def busy_bus(conversation: Conversation[CanFrame, object], times: list[float]) -
 
 
 def test_a_bus_that_is_never_silent_does_not_extend_the_time_out() -> None:
-    said: list[float] = []
+    sent: list[float] = []
     with pytest.raises(NoAnswer, match="none from node 5"):
-        busy_bus(upload(5, 0x6041, timeout=1.0), said)
-    assert said == [pytest.approx(0.1, abs=0.002), pytest.approx(1.1, abs=0.002)]
+        busy_bus(upload(5, 0x6041, timeout=1.0), sent)
+    assert sent == [pytest.approx(0.1, abs=0.002), pytest.approx(1.1, abs=0.002)]
 
 
 def test_after_a_time_out_the_channel_waits_for_late_responses() -> None:

@@ -63,11 +63,11 @@ class ChannelCounters:
     def explain(self, node: int, answer_id: int) -> str:
         """The counters as one sentence."""
         if not self.frames:
-            return "nothing at all was heard on the bus"
-        parts = [f"heard {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
+            return "no frame was received on the bus"
+        parts = [f"received {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
         if self.state is not None:
             stopped = ", and a stopped node answers no SDO" if self.state.state == NmtState.STOPPED else ""
-            parts.append(f"its heartbeat says {self.state.name}{stopped}")
+            parts.append(f"its heartbeat reports {self.state.name}{stopped}")
         parts.append(f"{self.answers or 'none'} on {answer_id:03X}h")
         parts += self.oddities()
         if self.extended:
@@ -78,7 +78,7 @@ class ChannelCounters:
         """What arrived on the channel itself and was not the response."""
         parts = []
         if self.late:
-            parts.append(f"{_count(self.late, 'answer')} to another question")
+            parts.append(f"{_count(self.late, 'response')} to another request")
         if self.garbled:
             parts.append(f"{self.garbled} unreadable")
         return parts
