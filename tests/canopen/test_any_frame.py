@@ -1,4 +1,4 @@
-"""Any frame at all, fed to any machine at any time: no exception, and nothing grows."""
+"""Arbitrary frames: machines raise nothing and do not grow, decoders raise DecodeError only."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from barewire.conversation import Heard, Listen
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError, NoAnswer
 
-# Mostly identifiers that somebody listens to, so that the noise reaches the inner rooms.
+# Mostly identifiers in use, so that the frames reach the services.
 IDENTIFIERS = st.one_of(
     st.sampled_from([0, 0x80, 0x85, 0x185, 0x205, 0x305, 0x585, 0x605, 0x705]),
     st.integers(0, 0x7FF),
@@ -38,7 +38,7 @@ DATA = st.one_of(
     st.binary(max_size=8),
     st.builds(lambda command, rest: bytes([command]) + rest, COMMANDS, st.binary(min_size=7, max_size=7)),
     st.builds(
-        lambda command, place, rest: bytes([command]) + place + rest,
+        lambda command, address, rest: bytes([command]) + address + rest,
         COMMANDS,
         st.sampled_from([b"\x00\x14\1", b"\x00\x16\0", b"\x00\x16\1", b"\x00\x18\2", b"\x17\x10\0", b"\x40\x60\0"]),
         st.binary(min_size=4, max_size=4),
@@ -65,17 +65,17 @@ def device() -> LocalNode:
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(FRAMES, st.floats(0, 0.5)), max_size=40))
-def test_machines(weather: list[tuple[CanFrame, float]]) -> None:
+def test_machines_accept_any_frames(frames: list[tuple[CanFrame, float]]) -> None:
     node, slave, consumer = device(), NmtSlave(5), HeartbeatConsumer({5: 0.3})
     slave.booted()
     node.start(0.0)
     now = 0.0
-    for frame, pause in weather:
+    for frame, pause in frames:
         now += pause
         for machine in (node, slave, consumer):
             machine.feed(frame, now)
-        said = node.feed(None, now)
-        assert all(len(answer.data) <= 8 for answer in said)
+        sent = node.feed(None, now)
+        assert all(len(answer.data) <= 8 for answer in sent)
         due = node.deadline
         assert due is None or due > now or not node.feed(None, now)
     assert len(node.objects.subs(0x1600)) == 9
@@ -83,7 +83,7 @@ def test_machines(weather: list[tuple[CanFrame, float]]) -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(FRAMES)
-def test_decoders_say_decode_error_and_nothing_else(frame: CanFrame) -> None:
+def test_decoders_raise_nothing_but_decode_error(frame: CanFrame) -> None:
     for decode in (NmtMessage.decode, NodeState.decode, SyncMessage.decode, Emergency.decode):
         with suppress(DecodeError):
             decode(frame)
@@ -94,14 +94,14 @@ def test_decoders_say_decode_error_and_nothing_else(frame: CanFrame) -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(FRAMES, max_size=40))
-def test_a_client_in_any_weather_ends_in_a_value_or_one_of_four_sentences(weather: list[CanFrame]) -> None:
+def test_an_upload_ends_with_a_value_or_an_error_of_barewire(frames: list[CanFrame]) -> None:
     conversation = upload(Channel(5), 0x6041)
-    coming = iter(weather)
+    coming = iter(frames)
     step, now, turns = next(conversation), 0.0, 0
     with suppress(SdoAbort, NoAnswer, DecodeError, StopIteration):
-        while turns < len(weather) + 10:
+        while turns < len(frames) + 10:
             turns += 1
             frame = next(coming, None) if isinstance(step, Listen) else None
             now += 1.0 if frame is None and isinstance(step, Listen) else 0.001
             step = conversation.send(Heard(frame, now))
-    assert turns < len(weather) + 10
+    assert turns < len(frames) + 10

@@ -1,4 +1,4 @@
-"""Any frame at all, fed to the services: no exception, nothing grows, and no answer outside the rules."""
+"""Arbitrary frames fed to the services: no exception, no growth, and only frames of the own node are sent."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ IDENTIFIERS = st.one_of(
     st.integers(0, 0x7FF),
     st.integers(0, 0x1FFFFFFF),
 )
-PLACES = [0x1003, 0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029,
+INDICES = [0x1003, 0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029,
           0x1400, 0x1600, 0x1800, 0x1A00]  # fmt: skip
 WRITES = st.builds(
     lambda command, index, sub, value: bytes([command]) + index.to_bytes(2, "little") + bytes([sub]) + value,
     st.sampled_from([0x23, 0x2B, 0x2F, 0x40]),
-    st.sampled_from(PLACES),
+    st.sampled_from(INDICES),
     st.integers(0, 6),
     st.one_of(st.binary(min_size=4, max_size=4), st.sampled_from([b"\1\0\0\0", b"\x80\0\0\x40", b"\x64\0\2\0"])),
 )
@@ -63,14 +63,14 @@ FRAMES = st.one_of(
         st.binary(max_size=8),
         st.sampled_from([False, False, True]),
         st.just(False),
-        requested=st.just(0),  # only remote frames ask for bytes; left out, hypothesis makes numbers up here
+        requested=st.just(0),  # only remote frames ask for bytes; hypothesis would invent numbers otherwise
     ),
     st.builds(lambda id, extended: CanFrame(id, b"", extended, True, 1), IDENTIFIERS, st.booleans()),
     st.builds(lambda data: CanFrame(0x605, data), WRITES),
     st.builds(lambda data: CanFrame(0x7E5, data), LSS),
     st.builds(lambda command: CanFrame(0, bytes([command, 5])), st.sampled_from(list(NmtCommand))),
 )
-WEATHER = st.lists(st.tuples(FRAMES, st.floats(0, 0.5)), max_size=40)
+TIMED_FRAMES = st.lists(st.tuples(FRAMES, st.floats(0, 0.5)), max_size=40)
 
 
 def device(node: int | None) -> LocalNode:
@@ -87,16 +87,18 @@ def device(node: int | None) -> LocalNode:
 
 
 @settings(max_examples=300, deadline=None)
-@given(WEATHER, st.sampled_from([5, None]))
-def test_a_whole_device(weather: list[tuple[CanFrame, float]], node: int | None) -> None:
+@given(TIMED_FRAMES, st.sampled_from([5, None]))
+def test_a_local_node_sends_only_frames_of_its_own(
+    timed_frames: list[tuple[CanFrame, float]], node: int | None
+) -> None:
     one = device(node)
     one.start(0.0)
     now = 0.0
-    for frame, pause in weather:
+    for frame, pause in timed_frames:
         now += pause
-        said = one.feed(frame, now)
-        for answer in said:
-            # PDOs, SYNC and EMCY may have been given other identifiers; what comes from a fixed one is ours.
+        sent = one.feed(frame, now)
+        for answer in sent:
+            # PDOs, SYNC and EMCY may have been given other identifiers; those of a fixed identifier are of this node.
             owner = classify(answer)
             assert len(answer.data) <= 8
             assert not answer.remote
@@ -112,12 +114,12 @@ def test_a_whole_device(weather: list[tuple[CanFrame, float]], node: int | None)
 
 
 @settings(max_examples=200, deadline=None)
-@given(WEATHER)
-def test_listeners(weather: list[tuple[CanFrame, float]]) -> None:
+@given(TIMED_FRAMES)
+def test_machines_accept_any_frames(timed_frames: list[tuple[CanFrame, float]]) -> None:
     emergencies, guarded, slave = EmcyConsumer(history=10), GuardedNode(5), LssSlave(LssAddress(0, 0, 0, 0))
     machines = [emergencies, guarded, slave, GuardingMaster({5: Guard(0.3)}, 0.0), SyncMonitor(0.1), TimeConsumer()]
     now = 0.0
-    for frame, pause in weather:
+    for frame, pause in timed_frames:
         now += pause
         for machine in machines:
             machine.feed(frame, now)  # type: ignore[attr-defined]
@@ -127,7 +129,7 @@ def test_listeners(weather: list[tuple[CanFrame, float]]) -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(FRAMES)
-def test_decoders(frame: CanFrame) -> None:
+def test_decoded_messages_encode_to_the_same_frame(frame: CanFrame) -> None:
     with suppress(DecodeError):
         assert TimeStamp.decode(frame).encode().key == frame.key
     with suppress(DecodeError):
@@ -136,7 +138,7 @@ def test_decoders(frame: CanFrame) -> None:
         Fastscan.of_body(frame.data)
 
 
-TALKS = st.sampled_from(
+CONVERSATIONS = st.sampled_from(
     [
         lambda: scan([5, 6], timeout=0.1),
         lambda: fastscan(timeout=0.1),
@@ -149,10 +151,10 @@ TALKS = st.sampled_from(
 
 
 @settings(max_examples=300, deadline=None)
-@given(TALKS, st.lists(st.tuples(FRAMES, st.floats(0, 0.05)), max_size=60))
-def test_conversations_end(talk: object, weather: list[tuple[CanFrame, float]]) -> None:
-    conversation: Conversation[CanFrame, object] = talk()  # type: ignore[operator]
-    coming = iter(weather)
+@given(CONVERSATIONS, st.lists(st.tuples(FRAMES, st.floats(0, 0.05)), max_size=60))
+def test_conversations_end_whatever_arrives(make: object, timed_frames: list[tuple[CanFrame, float]]) -> None:
+    conversation: Conversation[CanFrame, object] = make()  # type: ignore[operator]
+    coming = iter(timed_frames)
     now, turns = 0.0, 0
     with suppress(StopIteration, SdoAbort, BarewireError):
         step = next(conversation)

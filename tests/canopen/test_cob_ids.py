@@ -1,4 +1,4 @@
-"""COB-IDs: the table of the predefined connection set, forwards and backwards."""
+"""COB-IDs: the table of the predefined connection set, from service to identifier and back."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_services_of_a_node(service: ServiceName, first: int, last: int) -> None
     ("service", "identifier"),
     [("NMT", 0), ("SYNC", 0x80), ("TIME", 0x100), ("LSS answer", 0x7E4), ("LSS request", 0x7E5)],
 )
-def test_services_of_all(service: ServiceName, identifier: int) -> None:
+def test_broadcast_services(service: ServiceName, identifier: int) -> None:
     assert cob_id(service) == identifier
 
 
@@ -47,7 +47,7 @@ def test_function_codes() -> None:
     assert codes["error control"] == 0b1110
 
 
-def test_classify_is_cob_id_backwards() -> None:
+def test_classify_inverts_cob_id() -> None:
     owned = {}
     for identifier in range(0x800):
         found = classify(CanFrame(identifier))
@@ -61,7 +61,7 @@ def test_classify_is_cob_id_backwards() -> None:
     assert 0x6E0 not in owned
 
 
-def test_extended_frames_have_no_owner() -> None:
+def test_extended_frames_have_no_service() -> None:
     assert classify(CanFrame(0x581, extended=True)) is None
 
 
@@ -71,7 +71,7 @@ def test_node_ids(node: int) -> None:
         cob_id("SDO request", node)
 
 
-def test_what_cannot_be_asked() -> None:
+def test_invalid_services_and_nodes_raise() -> None:
     with pytest.raises(EncodeError, match="expected a node"):
         cob_id("TPDO1")
     with pytest.raises(EncodeError, match="expected one of"):

@@ -1,16 +1,16 @@
-"""The door of the room: every name in it leads to this room's own thing."""
+"""`barewire.canopen` exports only names that this package defines."""
 
 from __future__ import annotations
 
-import barewire.canopen as room
+from barewire import canopen
 
 
-def test_every_name_leads_here() -> None:
-    for name in room.__all__:
-        thing = getattr(room, name)
+def test_every_name_is_defined_in_this_package() -> None:
+    for name in canopen.__all__:
+        thing = getattr(canopen, name)
         home = getattr(thing, "__module__", None) or type(thing).__module__
         assert home.startswith("barewire.canopen"), f"{name} comes from {home}"
 
 
-def test_no_other_name() -> None:
-    assert not hasattr(room, "modbus")
+def test_other_rooms_are_not_exported() -> None:
+    assert not hasattr(canopen, "modbus")

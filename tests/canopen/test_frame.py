@@ -1,4 +1,4 @@
-"""One CAN frame: its limits, its identity, its line of text."""
+"""A CAN frame: its limits, its key, its text."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from barewire.errors import DecodeError, EncodeError
         ("1FFFFFFF#R8", CanFrame(0x1FFFFFFF, extended=True, remote=True, requested=8)),
     ],
 )
-def test_text_both_ways(text: str, frame: CanFrame) -> None:
+def test_str_and_parse(text: str, frame: CanFrame) -> None:
     assert CanFrame.parse(text) == frame
     assert str(frame) == text
 
@@ -51,19 +51,19 @@ def test_text_is_read_tolerantly() -> None:
         ("605#ÄÖ", "character"),
     ],
 )
-def test_text_that_is_no_frame(text: str, reason: str) -> None:
+def test_invalid_text_raises(text: str, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
         CanFrame.parse(text)
     assert caught.value.reason == reason
 
 
-def test_equal_numbers_are_two_identifiers() -> None:
+def test_base_and_extended_identifiers_differ() -> None:
     base, extended = CanFrame(0x605), CanFrame(0x605, extended=True)
     assert base.key != extended.key
     assert base != extended
 
 
-def test_checked_refuses_what_the_wire_cannot_carry() -> None:
+def test_checked_refuses_impossible_frames() -> None:
     assert CanFrame.checked(0x7FF, bytes(8)).dlc == 8
     assert CanFrame.checked(0x705, remote=True, requested=1).dlc == 1
     with pytest.raises(EncodeError, match=r"800h: expected 0\.\.7FFh for a base frame"):
@@ -88,7 +88,7 @@ def test_any_text_is_a_frame_or_a_decode_error(text: str) -> None:
     assert CanFrame.parse(str(frame)) == frame
 
 
-def test_other_kinds_are_no_can_frames() -> None:
+def test_fd_and_error_frames() -> None:
     assert str(FdFrame(0x605, b"\1\2", flags=1)) == "605##10102"
     assert str(FdFrame(0x605, b"\1", extended=True)) == "00000605##001"
     assert ErrorFrame(0x144).text == "controller problem, bus off, controller restarted"

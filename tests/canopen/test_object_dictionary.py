@@ -42,7 +42,7 @@ def test_types_on_the_wire(type_: str, value: Value, data: str) -> None:
     assert codec.decode(bytes.fromhex(data)) == value
 
 
-def test_the_type_table_is_the_standard_s() -> None:
+def test_the_type_table_of_the_standard() -> None:
     assert BY_CODE[0x05].standard == "UNSIGNED8"
     assert BY_CODE[0x18].name == "u40"
     assert len({row.code for row in DATA_TYPES}) == len({row.name for row in DATA_TYPES}) == len(DATA_TYPES)
@@ -51,7 +51,7 @@ def test_the_type_table_is_the_standard_s() -> None:
         assert size == (None if row.bits == 0 else max(1, row.bits // 8))
 
 
-def test_what_is_no_value_of_a_type() -> None:
+def test_invalid_values_of_a_type_raise() -> None:
     with pytest.raises(EncodeError):
         object_codec("bool").encode(2)
     with pytest.raises(EncodeError):
@@ -73,7 +73,7 @@ def refused(objects: ObjectDictionary, index: int, sub: int, data: bytes | None 
     return caught.value.code
 
 
-def test_every_refusal_has_its_own_code() -> None:
+def test_every_refusal_has_its_own_abort_code() -> None:
     objects = ObjectDictionary(
         [
             Entry(0x2000, 0, "limited", "i16", "rw", 0, minimum=-10, maximum=10),
@@ -100,7 +100,7 @@ def test_every_refusal_has_its_own_code() -> None:
     assert objects.get(0x2000) == 0
 
 
-def test_the_device_s_own_door_has_no_rights_but_types() -> None:
+def test_get_and_set_check_types_but_no_rights() -> None:
     objects = ObjectDictionary([Entry(0x6041, 0, "status word", "u16", "ro", 0)])
     objects.set(0x6041, 0, 0x0637)
     assert objects.read(0x6041, 0) == bytes.fromhex("3706")
@@ -110,7 +110,7 @@ def test_the_device_s_own_door_has_no_rights_but_types() -> None:
         objects.set(0x6042, 0, 0)
 
 
-def test_hooks() -> None:
+def test_on_read_and_on_write() -> None:
     seen: list[Value] = []
 
     def on_write(value: Value) -> None:
@@ -146,7 +146,7 @@ def test_sub_indices_are_listed_and_counted() -> None:
     assert (0x1018, 3) not in objects
 
 
-def test_entries_that_cannot_be() -> None:
+def test_invalid_entries_raise() -> None:
     with pytest.raises(EncodeError, match="defined twice"):
         ObjectDictionary([Entry(0x2000, 0, "a", "u8"), Entry(0x2000, 0, "b", "u8")])
     with pytest.raises(EncodeError, match="does not fit u8"):
@@ -155,7 +155,7 @@ def test_entries_that_cannot_be() -> None:
         ObjectDictionary([Entry(0x12000, 0, "a", "u8")])
 
 
-def test_restore_brings_the_defaults_of_a_range_back() -> None:
+def test_restore_resets_a_range_to_its_defaults() -> None:
     objects = ObjectDictionary(
         [
             Entry(0x1017, 0, "time", "u16", default=1000),
@@ -172,7 +172,7 @@ def test_restore_brings_the_defaults_of_a_range_back() -> None:
     assert (objects.get(0x2000), objects.get(0x2001)) == (5, "")
 
 
-def test_by_name_or_number() -> None:
+def test_access_by_name_or_address() -> None:
     objects = ObjectDictionary([Entry(0x1018, 1, "Vendor-ID", "u32", "ro", 7), Entry(0x2000, 0, "speed", "i16")])
     objects["SPEED"] = -5
     objects[0x1018, 1] = 9
@@ -186,7 +186,7 @@ def test_by_name_or_number() -> None:
         ObjectDictionary([Entry(0x2000, 0, "a", "u8", "readwrite")])  # type: ignore[arg-type]
 
 
-def test_functions_for_an_entry_that_is_there() -> None:
+def test_hook_attaches_functions_to_an_entry() -> None:
     seen: list[Value] = []
 
     def check(value: Value) -> None:
@@ -206,7 +206,7 @@ def test_functions_for_an_entry_that_is_there() -> None:
     assert (objects["speed"], seen, objects.computed) == (11, [5, 6], {0x2000})
 
 
-def test_whatever_may_change_a_value_is_counted() -> None:
+def test_changes_counts_everything_that_may_change_a_value() -> None:
     objects = ObjectDictionary([Entry(0x2000, 0, "a", "u8"), Entry(0x2001, 0, "b", "u8", on_read=lambda: 1)])
     assert objects.computed == {0x2001}
     before = objects.changes

@@ -1,4 +1,4 @@
-"""SYNC and TIME, said and heard."""
+"""SYNC and TIME: producers, monitor and consumer, and both in a device."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from barewire.canopen.time_stamp import EPOCH_UNIX
 from barewire.errors import DecodeError, EncodeError
 
 
-def test_the_producer_beats_absolutely_counts_and_measures() -> None:
+def test_the_producer_has_absolute_times_a_counter_and_statistics() -> None:
     producer = SyncProducer(0.01, overflow=3)
     producer.start(0.0)
-    said = [str(producer.feed(None, now)[0]) for now in (0.010, 0.0205, 0.030, 0.040)]
-    assert said == ["080#01", "080#02", "080#03", "080#01"]
+    sent = [str(producer.feed(None, now)[0]) for now in (0.010, 0.0205, 0.030, 0.040)]
+    assert sent == ["080#01", "080#02", "080#03", "080#01"]
     assert producer.latest == pytest.approx(0.0005)
     assert producer.deadline == pytest.approx(0.05)  # not 0.0505
     assert len(producer.feed(None, 0.1)) == 1
@@ -42,11 +42,11 @@ def kinds(monitor: SyncMonitor, text: str | None, now: float) -> list[str]:
     return [event.kind for event in monitor.feed(None if text is None else CanFrame.parse(text), now)]
 
 
-def test_the_monitor_tells_beat_jump_wrong_and_lost() -> None:
+def test_the_monitor_reports_sync_jump_wrong_and_lost() -> None:
     monitor = SyncMonitor(0.01, overflow=3)
-    assert kinds(monitor, "080#02", 0.000) == ["beat"]
-    assert kinds(monitor, "080#03", 0.011) == ["beat"]
-    assert kinds(monitor, "080#01", 0.020) == ["beat"]
+    assert kinds(monitor, "080#02", 0.000) == ["sync"]
+    assert kinds(monitor, "080#03", 0.011) == ["sync"]
+    assert kinds(monitor, "080#01", 0.020) == ["sync"]
     assert kinds(monitor, "080#03", 0.030) == ["jump"]
     assert kinds(monitor, "080#", 0.031) == ["wrong"]
     assert kinds(monitor, "080#0102", 0.031) == ["wrong"]
@@ -54,7 +54,7 @@ def test_the_monitor_tells_beat_jump_wrong_and_lost() -> None:
     assert monitor.deadline == pytest.approx(0.045)
     assert kinds(monitor, None, 0.045) == ["lost"]
     assert kinds(monitor, None, 1.0) == []
-    assert kinds(monitor, "080#01", 2.0) == ["beat"]
+    assert kinds(monitor, "080#01", 2.0) == ["sync"]
     assert monitor.shortest == pytest.approx(0.009)
     assert monitor.longest == pytest.approx(0.011)
     assert kinds(monitor, "00000080#01", 2.0) == kinds(monitor, "080#R1", 2.0) == []
@@ -71,30 +71,30 @@ def write(device: LocalNode, index: int, size: int, value: int) -> None:
     device.objects.write(index, 0, value.to_bytes(size, "little"))
 
 
-def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
+def feed(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
-def test_a_device_produces_sync_and_follows_it_itself() -> None:
+def test_a_device_produces_sync_and_its_own_pdos_follow_it() -> None:
     one = device()
     write(one, 0x1019, 1, 2)
     write(one, 0x1006, 4, 10_000)
-    assert hear(one, None, 1.0) == []
+    assert feed(one, None, 1.0) == []
     write(one, 0x1005, 4, 0x4000_0080)
-    assert hear(one, None, 1.0) == []
+    assert feed(one, None, 1.0) == []
     assert one.deadline == pytest.approx(1.01)  # the first after one period
-    assert hear(one, None, 1.01) == ["080#01"]
-    hear(one, "000#0105", 1.011)
-    assert hear(one, None, 1.02) == ["080#02", "185#0700"]
-    assert hear(one, None, 1.03) == ["080#01", "185#0700"]
-    hear(one, "000#0205", 1.031)
-    assert hear(one, None, 1.05) == []
+    assert feed(one, None, 1.01) == ["080#01"]
+    feed(one, "000#0105", 1.011)
+    assert feed(one, None, 1.02) == ["080#02", "185#0700"]
+    assert feed(one, None, 1.03) == ["080#01", "185#0700"]
+    feed(one, "000#0205", 1.031)
+    assert feed(one, None, 1.05) == []
     assert one.deadline is None
-    hear(one, "000#0105", 2.0)
-    assert hear(one, None, 2.01) == ["080#01", "185#0700"]  # after STOPPED the counter begins with 1
+    feed(one, "000#0105", 2.0)
+    assert feed(one, None, 2.01) == ["080#01", "185#0700"]  # after STOPPED the counter starts with 1
 
 
-def test_rules_of_the_sync_objects() -> None:
+def test_writes_to_the_sync_objects_are_validated() -> None:
     one = device()
     for value in (1, 241):
         with pytest.raises(SdoAbort, match="0609 0030h"):
@@ -111,22 +111,22 @@ def test_rules_of_the_sync_objects() -> None:
 
 
 @pytest.mark.parametrize(("overflow", "wrong", "right"), [(0, "080#01", "080#"), (4, "080#", "080#01")])
-def test_a_sync_of_the_wrong_length(overflow: int, wrong: str, right: str) -> None:
+def test_a_sync_of_the_wrong_length_is_reported(overflow: int, wrong: str, right: str) -> None:
     one = device()
     write(one, 0x1019, 1, overflow)
-    hear(one, "000#0105")
+    feed(one, "000#0105")
     length = len(CanFrame.parse(wrong).data)
-    assert hear(one, wrong) == [f"085#408211{length:02X}00000000"]
-    assert hear(one, wrong) == []
-    assert hear(one, right) == ["085#0000000000000000", "185#0700"]
+    assert feed(one, wrong) == [f"085#408211{length:02X}00000000"]
+    assert feed(one, wrong) == []
+    assert feed(one, right) == ["085#0000000000000000", "185#0700"]
 
 
-def test_another_sync_cob_id_even_an_extended_one() -> None:
+def test_sync_on_a_configured_extended_identifier() -> None:
     one = device()
-    hear(one, "000#0105")
+    feed(one, "000#0105")
     write(one, 0x1005, 4, 0x2000_0080)
-    assert hear(one, "080#") == []
-    assert hear(one, "00000080#") == ["185#0700"]
+    assert feed(one, "080#") == []
+    assert feed(one, "00000080#") == ["185#0700"]
 
 
 def test_synchronous_rpdos_outside_the_window_are_not_used() -> None:
@@ -135,7 +135,7 @@ def test_synchronous_rpdos_outside_the_window_are_not_used() -> None:
     one.start(0.0)
     write(one, 0x1007, 4, 5000)
     for text, now in (("000#0105", 0.0), ("080#", 1.0), ("205#0100", 1.004), ("205#0200", 1.006), ("080#", 2.0)):
-        hear(one, text, now)
+        feed(one, text, now)
     assert (objects.get(0x6040), one.pdo.outside_window) == (1, 1)
 
 
@@ -163,7 +163,7 @@ def test_time_stamps(unix: float, data: str) -> None:
      ("100#005C26050000", "value"), ("101#000000000000", "mismatch"), ("100#R6", "mismatch"),
      ("00000100#000000000000", "mismatch")],
 )  # fmt: skip
-def test_no_time(text: str, reason: str) -> None:
+def test_invalid_time_messages_raise(text: str, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
         TimeStamp.decode(CanFrame.parse(text))
     assert caught.value.reason == reason
@@ -175,7 +175,7 @@ def test_time_before_1984_and_after_2163() -> None:
             TimeStamp.of_unix(unix)
 
 
-def test_time_from_one_to_the_other() -> None:
+def test_time_from_producer_to_consumer() -> None:
     producer, consumer = TimeProducer(60.0, 1_700_000_000.0), TimeConsumer()
     assert consumer.unix(0.0) is None
     (frame,) = producer.feed(None, 100.0)
@@ -199,5 +199,5 @@ def test_bit_31_of_1012h_consumes_and_bit_30_produces() -> None:
     one.feed(TimeStamp.of_unix(1_800_000_000).encode(), 3.0)
     assert one.time.unix(2.0) == pytest.approx(1_700_000_001)
     assert [frame.id for frame in one.send_time(TimeStamp.of_unix(0x60000000))] == [0x100]
-    hear(one, "000#0205")
+    feed(one, "000#0205")
     assert one.send_time(TimeStamp.of_unix(0x60000000)) == []

@@ -1,4 +1,4 @@
-"""SYNC and EMCY: two messages of one frame each."""
+"""The SYNC and EMCY messages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_sync(text: str, counter: int | None) -> None:
         ("080#R", "mismatch"),
     ],
 )
-def test_no_sync(text: str, reason: str) -> None:
+def test_invalid_sync_messages_raise(text: str, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
         SyncMessage.decode(CanFrame.parse(text))
     assert caught.value.reason == reason
@@ -54,7 +54,7 @@ def test_a_short_emergency_is_kept_and_marked() -> None:
             Emergency.decode(CanFrame.parse(text))
 
 
-def test_an_emergency_has_room_for_five_bytes() -> None:
+def test_an_emergency_has_at_most_five_bytes_of_information() -> None:
     with pytest.raises(EncodeError, match="expected at most 5"):
         Emergency(5, 0, 0, bytes(6)).encode()
 

@@ -28,14 +28,14 @@ def wire(type: str, value: Any) -> str:
         ("time_difference", timedelta(days=65535), "00 00 00 00 FF FF", 65535 * DAY),
     ],
 )
-def test_on_the_wire(type: str, value: Any, data: str, number: int) -> None:
+def test_encode_and_decode(type: str, value: Any, data: str, number: int) -> None:
     assert wire(type, value) == wire(type, number) == data
     decoded: Any = object_codec(type).decode(bytes.fromhex(data))
     assert decoded == number
     assert (decoded.datetime if type == "time_of_day" else decoded.timedelta) == value
 
 
-def test_what_has_no_place_on_the_wire() -> None:
+def test_values_out_of_range_raise() -> None:
     for type, value in (
         ("time_of_day", datetime(1983, 12, 31)),
         ("time_of_day", timedelta(1)),
@@ -54,13 +54,13 @@ def test_what_has_no_place_on_the_wire() -> None:
     assert object_codec("time_difference").decode(bytes.fromhex("010000F00000")) == 1
 
 
-def test_a_time_zone_is_not_looked_at() -> None:
+def test_a_time_zone_is_ignored() -> None:
     here = datetime(2026, 1, 1, 12, tzinfo=timezone(timedelta(hours=2)))
     assert TimeOfDay.of(here).datetime == datetime(2026, 1, 1, 12)
     assert repr(TimeDifference(1500)) == "TimeDifference(0:00:01.500000)"
 
 
-def test_in_the_dictionary() -> None:
+def test_time_types_in_the_dictionary() -> None:
     objects = ObjectDictionary(
         [
             Entry(0x2000, 0, "started", "time_of_day", "rw", 0, minimum=DAY),
@@ -82,14 +82,14 @@ def test_in_the_dictionary() -> None:
     assert caught.value.code == AbortCode.TOO_SHORT
 
 
-def test_unicode_keeps_halves_of_pairs() -> None:
+def test_unicode_keeps_lone_surrogates() -> None:
     codec = object_codec("unicode")
     assert codec.encode(codec.decode(b"\x00\xd8")) == b"\x00\xd8"
     with pytest.raises(EncodeError):
         codec.encode(5)
 
 
-def test_in_a_pdo() -> None:
+def test_time_types_in_a_pdo() -> None:
     mapping = PdoMapping(
         [MappedObject(0x2000, 0, 48, "time_of_day", "at"), MappedObject(0x2001, 0, 16, "u16", "speed")]
     )
@@ -106,7 +106,7 @@ def test_the_table_has_every_code_of_the_standard() -> None:
     assert sorted(RECORDS) == [0x20, 0x21, 0x22, 0x23]
 
 
-def test_find_by_name() -> None:
+def test_find_an_entry_by_name() -> None:
     objects = ObjectDictionary(
         [
             Entry(0x1A00, 1, "entry 1", "u32", object_name="TPDO1 mapping"),

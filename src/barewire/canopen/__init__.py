@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from barewire.canopen.bus.scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.cob_ids import (
         CobEntry as CobEntry,
-        Service as Service,
+        CobService as CobService,
         check_node as check_node,
         classify as classify,
         cob_id as cob_id,
@@ -153,7 +153,7 @@ __getattr__, __all__ = lazy(
     __name__,
     {
         "frame": "CanFrame FdFrame ErrorFrame",
-        "cob_ids": "cob_id classify check_node is_restricted Service CobEntry",
+        "cob_ids": "cob_id classify check_node is_restricted CobService CobEntry",
         "sdo": (
             "upload upload_to download BlockSettings Channel SdoDialect STANDARD fit SdoAbort AbortCode "
             "abort_text SdoServer"

@@ -40,7 +40,7 @@ ServiceName = Literal[
 ]
 
 
-class Service(NamedTuple):
+class CobService(NamedTuple):
     """One row of the predefined connection set. A broadcast has one identifier for all nodes."""
 
     name: ServiceName
@@ -54,24 +54,24 @@ class Service(NamedTuple):
         return self.base >> 7
 
 
-SERVICES: tuple[Service, ...] = (
-    Service("NMT", 0x000, from_device=False, broadcast=True),
-    Service("SYNC", 0x080, from_device=False, broadcast=True),
-    Service("EMCY", 0x080, from_device=True),
-    Service("TIME", 0x100, from_device=False, broadcast=True),
-    Service("TPDO1", 0x180, from_device=True),
-    Service("RPDO1", 0x200, from_device=False),
-    Service("TPDO2", 0x280, from_device=True),
-    Service("RPDO2", 0x300, from_device=False),
-    Service("TPDO3", 0x380, from_device=True),
-    Service("RPDO3", 0x400, from_device=False),
-    Service("TPDO4", 0x480, from_device=True),
-    Service("RPDO4", 0x500, from_device=False),
-    Service("SDO answer", 0x580, from_device=True),
-    Service("SDO request", 0x600, from_device=False),
-    Service("error control", 0x700, from_device=True),
-    Service("LSS answer", 0x7E4, from_device=True, broadcast=True),
-    Service("LSS request", 0x7E5, from_device=False, broadcast=True),
+SERVICES: tuple[CobService, ...] = (
+    CobService("NMT", 0x000, from_device=False, broadcast=True),
+    CobService("SYNC", 0x080, from_device=False, broadcast=True),
+    CobService("EMCY", 0x080, from_device=True),
+    CobService("TIME", 0x100, from_device=False, broadcast=True),
+    CobService("TPDO1", 0x180, from_device=True),
+    CobService("RPDO1", 0x200, from_device=False),
+    CobService("TPDO2", 0x280, from_device=True),
+    CobService("RPDO2", 0x300, from_device=False),
+    CobService("TPDO3", 0x380, from_device=True),
+    CobService("RPDO3", 0x400, from_device=False),
+    CobService("TPDO4", 0x480, from_device=True),
+    CobService("RPDO4", 0x500, from_device=False),
+    CobService("SDO answer", 0x580, from_device=True),
+    CobService("SDO request", 0x600, from_device=False),
+    CobService("error control", 0x700, from_device=True),
+    CobService("LSS answer", 0x7E4, from_device=True, broadcast=True),
+    CobService("LSS request", 0x7E5, from_device=False, broadcast=True),
 )
 
 _BY_NAME = {service.name: service for service in SERVICES}
@@ -105,7 +105,7 @@ def cob_id(service: ServiceName, node: int | None = None) -> int:
     return row.base + check_node(node)
 
 
-def classify(frame: CanFrame) -> tuple[Service, int] | None:
+def classify(frame: CanFrame) -> tuple[CobService, int] | None:
     """The service and the node of a frame by the predefined connection set; node 0 for a broadcast.
 
     None for an identifier outside that set: an extended one, or one in a gap between the services.

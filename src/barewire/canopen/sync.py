@@ -7,7 +7,7 @@ A type 1 PDO is sent or takes effect at every SYNC, a type n PDO at every n-th. 
 (the AZ3 as it leaves the factory) exchanges no process data until a node produces SYNC.
 
         producer   t0 + T, t0 + 2T, t0 + 3T ...      times are absolute, so one late call does not shift the later ones
-        monitor    beat, wrong, jump, lost           checks the SYNC that another node produces
+        monitor    sync, wrong, jump, lost           checks the SYNC that another node produces
 """
 
 from __future__ import annotations
@@ -122,11 +122,11 @@ class SyncProducer:
         return CanFrame(self.key[0], bytes([self._counter]), self.key[1])
 
 
-SyncKind = Literal["beat", "jump", "wrong", "lost"]
+SyncKind = Literal["sync", "jump", "wrong", "lost"]
 
 
 class SyncEvent(NamedTuple):
-    """`beat` a SYNC; `jump` one whose counter is not the next (some were lost, or the producer restarted); `wrong` one
+    """`sync` a SYNC; `jump` one whose counter is not the next (some were lost, or the producer restarted); `wrong` one
     with an invalid length or counter; `lost` none for one and a half periods."""
 
     kind: SyncKind
@@ -143,7 +143,7 @@ class SyncMonitor:
 
     >>> monitor = SyncMonitor(0.015)
     >>> [monitor.feed(SyncMessage(number).encode(), number / 100)[0].kind for number in (1, 2, 4)]
-    ['beat', 'beat', 'jump']
+    ['sync', 'sync', 'jump']
     """
 
     __slots__ = ("_last", "_lost", "_previous", "key", "longest", "overflow", "period", "shortest")
@@ -186,7 +186,7 @@ class SyncMonitor:
         if since is not None and not self._lost:
             self.shortest = since if self.shortest is None else min(self.shortest, since)
             self.longest = since if self.longest is None else max(self.longest, since)
-        kind: SyncKind = "beat" if self._follows(counter) else "jump"
+        kind: SyncKind = "sync" if self._follows(counter) else "jump"
         self._previous, self._last, self._lost = counter, now, False
         return [*events, SyncEvent(kind, counter, now, since)]
 

@@ -111,7 +111,7 @@ class TimeConsumer:
     """Follows the TIME messages of another node. A machine; `unreadable` counts those that cannot be decoded.
 
     >>> consumer = TimeConsumer()
-    >>> heard = consumer.feed(TimeStamp.of_unix(EPOCH_UNIX + 1.5).encode(), 10.0)
+    >>> received = consumer.feed(TimeStamp.of_unix(EPOCH_UNIX + 1.5).encode(), 10.0)
     >>> consumer.unix(12.0) == EPOCH_UNIX + 1.5 + 2.0
     True
     """

@@ -8,7 +8,7 @@ from barewire.canopen import CanFrame, Entry, LocalNode, NmtCommand, NmtState, O
 from barewire.codecs import Value
 from barewire.errors import EncodeError
 
-# The PDOs with which an AZ3 leaves the factory: all of them wait for SYNC.
+# The PDOs with which an AZ3 leaves the factory: all synchronous.
 AZ3_PDOS = (
     PdoConfig("RPDO", 1, (0x60400010, 0x60FF0020), type=0),
     PdoConfig("RPDO", 2, (0x60400010, 0x607A0020), type=0),
@@ -49,21 +49,21 @@ def device_with(*pdos: PdoConfig, start: bool = True, operational: bool = True) 
     if start:
         device.start(0.0)
     if operational:
-        hear(device, "000#0105")
+        feed(device, "000#0105")
     return device
 
 
-def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
+def feed(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
 READ_STATUS, STATUS = "605#4041600000000000", "585#4B41600037060000"
 
 
-def test_before_it_starts_it_neither_speaks_nor_hears() -> None:
+def test_before_start_nothing_is_sent_or_received() -> None:
     device = device_with(*AZ3_PDOS, start=False, operational=False)
     for text in (READ_STATUS, "000#0105", "080#", None):
-        assert hear(device, text, 5.0) == []
+        assert feed(device, text, 5.0) == []
     assert device.state is NmtState.INITIALISING
     assert device.deadline is None
 
@@ -72,16 +72,16 @@ def test_it_boots_once_into_pre_operational() -> None:
     device = LocalNode(5, az3_objects())
     assert [str(frame) for frame in device.start(0.0)] == ["705#00"]
     assert device.state is NmtState.PRE_OPERATIONAL
-    assert hear(device, None, 100.0) == []
+    assert feed(device, None, 100.0) == []
 
 
-def test_services_follow_the_state() -> None:
+def test_services_depend_on_the_state() -> None:
     device = device_with(*AZ3_PDOS, operational=False)
     tpdos = ["185#370618FC19000100", "285#3706FEFFFFFF0000", "385#3706A86100000000", "485#3706FBFF0000"]
     for command, sdo, pdo in (("80", True, False), ("01", True, True), ("02", False, False), ("80", True, False)):
-        hear(device, f"000#{command}05")
-        assert hear(device, READ_STATUS) == ([STATUS] if sdo else [])
-        assert hear(device, "080#") == (tpdos if pdo else [])
+        feed(device, f"000#{command}05")
+        assert feed(device, READ_STATUS) == ([STATUS] if sdo else [])
+        assert feed(device, "080#") == (tpdos if pdo else [])
         assert len(device.error(0x2310, 0.0, source=command)) == sdo
         device.errors.reset(communication_only=False)
 
@@ -90,51 +90,51 @@ def test_a_command_to_another_node_changes_nothing() -> None:
     device = device_with(operational=False)
     states = []
     for node in ("06", "00"):
-        hear(device, f"000#01{node}")
+        feed(device, f"000#01{node}")
         states.append(device.state)
     assert states == [NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL]
 
 
 def test_heartbeat_follows_1017h_and_the_state() -> None:
     device = device_with(operational=False)
-    assert hear(device, "605#2B171000E8030000", 1.0) == ["585#6017100000000000", "705#7F"]
+    assert feed(device, "605#2B171000E8030000", 1.0) == ["585#6017100000000000", "705#7F"]
     assert device.deadline == 2.0
-    assert hear(device, "000#0205", 1.5) == []
-    assert hear(device, None, 2.0) == ["705#04"]
-    assert hear(device, "000#0105", 2.5) == []
-    assert hear(device, None, 3.0) == ["705#05"]
+    assert feed(device, "000#0205", 1.5) == []
+    assert feed(device, None, 2.0) == ["705#04"]
+    assert feed(device, "000#0105", 2.5) == []
+    assert feed(device, None, 3.0) == ["705#05"]
 
 
 def test_reset_communication_restores_the_communication_only() -> None:
     reset: list[NmtCommand] = []
     device = LocalNode(5, az3_objects(), on_reset=reset.append)
     device.start(0.0)
-    hear(device, "605#2B171000E8030000")
-    hear(device, "605#2B4060000F000000")
-    assert hear(device, "000#8205", 1.0) == ["705#00"]
+    feed(device, "605#2B171000E8030000")
+    feed(device, "605#2B4060000F000000")
+    assert feed(device, "000#8205", 1.0) == ["705#00"]
     assert (device.objects.get(0x1017), device.objects.get(0x6040)) == (0, 15)
     assert device.deadline is None
-    assert hear(device, "000#8100", 2.0) == ["705#00"]
+    assert feed(device, "000#8100", 2.0) == ["705#00"]
     assert device.objects.get(0x6040) == 0
     assert reset == [NmtCommand.RESET_COMMUNICATION, NmtCommand.RESET_NODE]
     assert device.state is NmtState.PRE_OPERATIONAL
 
 
-def test_a_heartbeat_from_the_factory_goes_on_after_a_reset() -> None:
+def test_a_default_heartbeat_time_is_kept_after_a_reset() -> None:
     device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
     device.start(0.0)
-    assert hear(device, None, 1.0) == ["705#7F"]
-    assert hear(device, "000#8205", 1.5) == ["705#00"]
+    assert feed(device, None, 1.0) == ["705#7F"]
+    assert feed(device, "000#8205", 1.5) == ["705#00"]
     assert device.deadline == 2.5
 
 
 def test_rpdos_of_type_0_take_effect_at_sync() -> None:
     device = device_with(*AZ3_PDOS)
-    hear(device, "205#0F00589EFFFF")
+    feed(device, "205#0F00589EFFFF")
     assert device.objects.get(0x60FF) == 0
-    hear(device, "405#0F000000C03F")
-    hear(device, "505#0F00FBFF")
-    hear(device, "080#")
+    feed(device, "405#0F000000C03F")
+    feed(device, "505#0F00FBFF")
+    feed(device, "080#")
     objects = device.objects
     assert [objects.get(0x6040), objects.get(0x60FF), objects.get(0x206A, 1), objects.get(0x6071)] == [
         15,
@@ -144,12 +144,12 @@ def test_rpdos_of_type_0_take_effect_at_sync() -> None:
     ]
 
 
-def test_what_an_rpdo_left_behind_is_forgotten_with_the_state() -> None:
+def test_held_rpdo_data_is_discarded_with_the_state() -> None:
     device = device_with(*AZ3_PDOS)
-    hear(device, "205#0F00589EFFFF")
-    hear(device, "000#8005")
-    hear(device, "000#0105")
-    hear(device, "080#")
+    feed(device, "205#0F00589EFFFF")
+    feed(device, "000#8005")
+    feed(device, "000#0105")
+    feed(device, "080#")
     assert device.objects.get(0x60FF) == 0
 
 
@@ -158,65 +158,65 @@ def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
     objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0, maximum=100, on_write=seen.append)])
     device = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,))])
     device.start(0.0)
-    hear(device, "000#0105")
-    hear(device, "205#0F00")
-    hear(device, "205#FF00")  # too high: refused, and counted
+    feed(device, "000#0105")
+    feed(device, "205#0F00")
+    feed(device, "205#FF00")  # too high: refused, and counted
     assert (seen, device.pdo.refused, objects.get(0x6040)) == ([15], 1, 15)
 
 
-def test_wrong_lengths_of_an_rpdo_are_said_once() -> None:
+def test_a_wrong_length_of_an_rpdo_is_reported_once() -> None:
     device = device_with(PdoConfig("RPDO", 1, (0x60400010,)))
-    assert hear(device, "205#0F") == ["085#1082110102000000"]
-    assert hear(device, "205#0E") == []
+    assert feed(device, "205#0F") == ["085#1082110102000000"]
+    assert feed(device, "205#0E") == []
     assert (device.objects.get(0x6040), device.objects.get(0x1001)) == (0, 0x11)
-    assert hear(device, "205#0F0001") == ["085#2082110302000000", "085#0000110000000000"]
+    assert feed(device, "205#0F0001") == ["085#2082110302000000", "085#0000110000000000"]
     assert device.objects.get(0x6040) == 15
-    assert hear(device, "205#0700") == ["085#0000000000000000"]
-    assert hear(device, "205#") == ["085#1082110002000000"]
+    assert feed(device, "205#0700") == ["085#0000000000000000"]
+    assert feed(device, "205#") == ["085#1082110002000000"]
 
 
 def test_tpdo_at_every_third_sync() -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=3))
-    assert [hear(device, "080#") for _ in range(6)] == [[], [], ["185#3706"], [], [], ["185#3706"]]
+    assert [feed(device, "080#") for _ in range(6)] == [[], [], ["185#3706"], [], [], ["185#3706"]]
 
 
 def test_tpdo_waits_for_its_sync_start_value() -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=2, sync_start=3))
-    said = [len(hear(device, f"080#{counter:02X}")) for counter in (1, 2, 3, 4, 1, 2)]
-    assert said == [0, 0, 0, 1, 0, 1]
+    sent = [len(feed(device, f"080#{counter:02X}")) for counter in (1, 2, 3, 4, 1, 2)]
+    assert sent == [0, 0, 0, 1, 0, 1]
 
 
 def test_acyclic_tpdo_is_sent_at_sync_if_something_changed() -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=0))
-    assert hear(device, "080#") == ["185#3706"]
-    assert hear(device, "080#") == []
+    assert feed(device, "080#") == ["185#3706"]
+    assert feed(device, "080#") == []
     device.objects.set(0x6041, 0, 0x0231)
-    assert hear(device, None) == []
-    assert hear(device, "080#") == ["185#3102"]
+    assert feed(device, None) == []
+    assert feed(device, "080#") == ["185#3102"]
 
 
 def test_event_driven_tpdo_with_inhibit_time_and_event_timer() -> None:
     pdo = PdoConfig("TPDO", 1, (0x60410010,), type=255, inhibit=1000, event_timer=500)
     device = device_with(pdo, operational=False)
-    assert hear(device, "000#0105", 10.0) == ["185#3706"]
+    assert feed(device, "000#0105", 10.0) == ["185#3706"]
     assert device.deadline == 10.5
     device.objects.set(0x6041, 0, 0x0231)
     assert device.deadline == pytest.approx(10.1)
-    assert hear(device, None, 10.05) == []
-    assert hear(device, None, 10.1) == ["185#3102"]
-    assert hear(device, None, 10.5) == []
-    assert hear(device, None, 10.6) == ["185#3102"]
+    assert feed(device, None, 10.05) == []
+    assert feed(device, None, 10.1) == ["185#3102"]
+    assert feed(device, None, 10.5) == []
+    assert feed(device, None, 10.6) == ["185#3102"]
 
 
-def test_a_value_that_its_bits_cannot_hold_does_not_stop_the_device() -> None:
+def test_a_value_that_does_not_fit_its_bits_is_counted() -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410008,), type=1))
-    assert hear(device, "080#") == ["185#00"]
+    assert feed(device, "080#") == ["185#00"]
     assert device.pdo.refused
 
 
 def answer(device: LocalNode, request: str) -> str:
     """One SDO request by its data; 'ok' for a confirmation, the abort code in reading order, or the value."""
-    data = CanFrame.parse(hear(device, f"605#{request.replace(' ', '')}")[0]).data
+    data = CanFrame.parse(feed(device, f"605#{request.replace(' ', '')}")[0]).data
     number = int.from_bytes(data[4:], "little")
     return {0x60: "ok", 0x80: f"{number:08X}"}.get(data[0], f"{number:X}")
 
@@ -243,8 +243,8 @@ def test_a_mapping_is_changed_in_the_order_of_the_standard() -> None:
         "23 00 18 01 95 01 00 00",  # on, with another identifier
     ]
     assert [answer(device, step) for step in steps] == ["ok"] * len(steps)
-    hear(device, "000#0105")
-    assert hear(device, "080#")[0] == "195#FEFFFFFF3706"
+    feed(device, "000#0105")
+    assert feed(device, "080#")[0] == "195#FEFFFFFF3706"
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_a_mapping_is_changed_in_the_order_of_the_standard() -> None:
         ("2F 00 18 00 05 00 00 00", "06010002"),
     ],
 )
-def test_what_may_not_be_changed_while_switched_on(request_: str, code: str) -> None:
+def test_writes_refused_while_the_pdo_is_on(request_: str, code: str) -> None:
     assert answer(device_with(*AZ3_PDOS, operational=False), request_) == code
 
 
@@ -273,10 +273,10 @@ def test_what_may_not_be_changed_while_switched_on(request_: str, code: str) -> 
         ("23 00 16 09 10 00 40 60", "06090011"),
         ("2F 00 16 00 09 00 00 00", "06040042"),
         ("2F 00 16 00 03 00 00 00", "06040042"),  # 16 + 32 + 32 bits
-        ("23 00 14 01 05 06 00 00", "06090030"),  # an SDO has this identifier
+        ("23 00 14 01 05 06 00 00", "06090030"),  # the identifier of an SDO
     ],
 )
-def test_what_may_not_be_mapped(request_: str, code: str) -> None:
+def test_mappings_that_are_refused(request_: str, code: str) -> None:
     device = device_with(PdoConfig("RPDO", 1, (0x60400010, 0x60FF0020, 0x607A0010)), operational=False)
     assert answer(device, "23 00 14 01 05 02 00 80") == "ok"
     if request_.startswith("23 00 16"):
@@ -287,7 +287,7 @@ def test_what_may_not_be_mapped(request_: str, code: str) -> None:
     assert answer(device, request_) == code
 
 
-def test_factory_settings_are_checked_too() -> None:
+def test_invalid_factory_settings_raise() -> None:
     with pytest.raises(EncodeError, match="no such object"):
         LocalNode(5, ObjectDictionary(), [PdoConfig("TPDO", 1, (0x60410010,))])
     with pytest.raises(EncodeError, match="expected a number"):
@@ -296,7 +296,7 @@ def test_factory_settings_are_checked_too() -> None:
         LocalNode(5, az3_objects(), [PdoConfig("TPDO", 1, ()), PdoConfig("TPDO", 1, ())])
 
 
-def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
+def test_existing_pdo_records_keep_their_names() -> None:
     objects = az3_objects()
     objects.add(Entry(0x1800, 1, "TPDO1 COB-ID", "u32", "rw", 0x181))
     objects.add(Entry(0x1800, 4, "TPDO1 COMPATIBILITY ENTRY", "u8", "rw", 0))
@@ -310,16 +310,16 @@ def test_a_description_that_lists_the_records_too_keeps_its_names() -> None:
     assert answer(device, "2F 00 1A 00 00 00 00 00") == "ok"
 
 
-def test_a_fifth_pdo_is_off_until_it_gets_an_identifier() -> None:
+def test_a_fifth_pdo_is_off_until_it_has_an_identifier() -> None:
     device = device_with(PdoConfig("TPDO", 5, (0x60410010,), type=1), operational=False)
     assert answer(device, "40 04 18 01 00 00 00 00") == "80000000"
     assert answer(device, "23 04 18 01 A0 06 00 00") == "ok"
-    hear(device, "000#0105")
-    assert hear(device, "080#") == ["6A0#3706"]
+    feed(device, "000#0105")
+    assert feed(device, "080#") == ["6A0#3706"]
 
 
 def in_a_block(*pdos: PdoConfig) -> LocalNode:
-    """A device to which a long value is on its way, in blocks."""
+    """A device in the middle of a block download."""
     objects = ObjectDictionary([*az3_objects(), Entry(0x2F00, 0, "long", "domain", "rw", b"")])
     device = LocalNode(5, objects, pdos)
     device.start(0.0)
@@ -329,30 +329,30 @@ def in_a_block(*pdos: PdoConfig) -> LocalNode:
 
 
 def segment(device: LocalNode, now: float) -> list[str]:
-    """The next segment of the block, and what is said then."""
+    """Feed the next segment of the block; the frames sent then."""
     session = device.sdo._transfer
     assert session is not None
     frame = CanFrame(0x605, bytes([session.next_segment]) + bytes(7))
     return [str(frame) for frame in device.feed(frame, now)]
 
 
-def test_inside_a_block_everything_else_goes_on() -> None:
+def test_all_other_services_continue_inside_a_block() -> None:
     device = in_a_block(PdoConfig("TPDO", 1, (0x60410010,)))
     assert [segment(device, 0.01) for _ in range(3)] == [[], [], []]
     device.objects.set(0x6041, 0, 0x1237)
     assert segment(device, 0.02) == ["185#3712"]
     device.objects.set(0x1017, 0, 100)
-    said = [text for step in range(40) for text in segment(device, 0.1 + step / 100)]
-    assert said == ["705#05"] * 4
+    sent = [text for step in range(40) for text in segment(device, 0.1 + step / 100)]
+    assert sent == ["705#05"] * 4
     assert [str(frame) for frame in device.error(0x4210, 0.49)] == ["085#1042090000000000"]
     assert device.sdo.counters.requests == 45
     assert segment(device, 0.5) == ["705#05"]
     assert device.feed(CanFrame.parse("000#0205"), 0.51) == []
-    assert device.sdo.deadline is None  # STOPPED: no SDO, and so no segment either
+    assert device.sdo.deadline is None  # STOPPED ends the transfer
     assert device.feed(CanFrame.parse("605#2D00000000000000"), 0.52) == []
 
 
-def test_an_object_that_is_computed_is_looked_at_each_time() -> None:
+def test_a_computed_object_is_read_each_time() -> None:
     times = [0]
     device = device_with()
     device.objects.replace(Entry(0x1017, 0, "heartbeat time", "u16", "rw", on_read=lambda: times[0]))

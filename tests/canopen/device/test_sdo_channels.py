@@ -1,4 +1,4 @@
-"""The further SDO servers of a device, as its objects 1201h to 127Fh tell them."""
+"""The SDO channels of a device, as its objects 1200h to 12FFh configure them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def on_bus(node: LocalNode) -> VirtualBus:
     return bus
 
 
-def hear(node: LocalNode, text: str, now: float = 0.0) -> list[str]:
+def feed(node: LocalNode, text: str, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in node.feed(CanFrame.parse(text), now)]
 
 
@@ -64,26 +64,26 @@ def test_every_server_of_the_dictionary_answers_on_its_channel() -> None:
 def test_two_transfers_at_once_on_two_channels() -> None:
     node = device((0x1201, 0x6A0, 0x6A1, 7))
     node.start(0.0)
-    assert hear(node, "605#4000210000000000") == ["585#41002100C8000000"]
-    assert hear(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
-    assert hear(node, "605#6000000000000000") == ["585#0000010203040506"]
-    assert hear(node, "6A0#6000000000000000") == ["6A1#0000010203040506"]
-    assert hear(node, "6A0#8000210000000000") == []
-    assert hear(node, "605#7000000000000000") == ["585#100708090A0B0C0D"]
+    assert feed(node, "605#4000210000000000") == ["585#41002100C8000000"]
+    assert feed(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
+    assert feed(node, "605#6000000000000000") == ["585#0000010203040506"]
+    assert feed(node, "6A0#6000000000000000") == ["6A1#0000010203040506"]
+    assert feed(node, "6A0#8000210000000000") == []
+    assert feed(node, "605#7000000000000000") == ["585#100708090A0B0C0D"]
     assert node.deadline == 1.0
     assert [str(frame) for frame in node.feed(None, 1.0)] == ["585#8000210000000405"]
 
 
-def test_a_transfer_of_a_further_server_times_out_by_itself() -> None:
+def test_a_transfer_of_an_additional_server_times_out() -> None:
     node = device((0x1201, 0x6A0, 0x6A1, 7))
     node.start(0.0)
-    hear(node, "6A0#4000210000000000", 0.5)
+    feed(node, "6A0#4000210000000000", 0.5)
     assert node.deadline == 1.5
     assert [str(frame) for frame in node.feed(None, 1.5)] == ["6A1#8000210000000405"]
     assert node.deadline is None
 
 
-def test_switched_on_and_off_and_moved_by_sdo() -> None:
+def test_a_channel_is_switched_on_off_and_changed_by_sdo() -> None:
     node = device((0x1201, OFF, OFF, 0))
     bus = on_bus(node)
     default = Channel(5)
@@ -109,27 +109,27 @@ def test_switched_on_and_off_and_moved_by_sdo() -> None:
     # A channel may switch itself off: the confirmation is the last that it says.
     bus.run(download(channel, 0x1201, 1, (OFF | 0x6A0).to_bytes(4, "little")))
     assert node.channels.servers == {}
-    assert hear(node, "6A0#4000210000000000", bus.now) == []
+    assert feed(node, "6A0#4000210000000000", bus.now) == []
     write(1, 0x6A4)
-    assert hear(node, "6A4#4001120300000000", bus.now) == ["6A1#4F01120309000000"]
+    assert feed(node, "6A4#4001120300000000", bus.now) == ["6A1#4F01120309000000"]
 
 
-def test_states_and_resets_hold_for_all_servers() -> None:
+def test_states_and_resets_affect_all_servers() -> None:
     node = device((0x1201, 0x6A0, 0x6A1, 7))
-    assert hear(node, "6A0#4000210000000000") == []
+    assert feed(node, "6A0#4000210000000000") == []
     node.start(0.0)
-    assert hear(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
-    assert hear(node, "000#0205") == []
-    assert hear(node, "6A0#6000000000000000") == []
-    hear(node, "000#8005")
-    assert hear(node, "6A0#6000000000000000") == ["6A1#8000000001000405"]  # the transfer is gone
-    hear(node, "605#2301120100000080")
-    assert hear(node, "6A0#4000210000000000") == []
-    assert hear(node, "000#8205") == ["705#00"]
-    assert hear(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
+    assert feed(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
+    assert feed(node, "000#0205") == []
+    assert feed(node, "6A0#6000000000000000") == []
+    feed(node, "000#8005")
+    assert feed(node, "6A0#6000000000000000") == ["6A1#8000000001000405"]  # the transfer is gone
+    feed(node, "605#2301120100000080")
+    assert feed(node, "6A0#4000210000000000") == []
+    assert feed(node, "000#8205") == ["705#00"]
+    assert feed(node, "6A0#4000210000000000") == ["6A1#41002100C8000000"]
 
 
-def test_a_channel_of_our_own_as_a_client() -> None:
+def test_the_channel_of_an_sdo_client() -> None:
     node = device((0x1201, 0x6A0, 0x6A1, 7))
     ours = ObjectDictionary(
         [Entry(0x1283, sub, "client", "u32", "rw", word) for sub, word in ((1, 0x6A0), (2, 0x6A1), (3, 5))]
@@ -144,7 +144,7 @@ def test_a_channel_of_our_own_as_a_client() -> None:
         client_channel(ours, 129)
 
 
-def test_the_usual_objects_with_three_servers() -> None:
+def test_standard_objects_with_three_servers() -> None:
     node = LocalNode(5, ObjectDictionary(standard_objects(servers=3)))
     bus = on_bus(node)
     default = Channel(5)
@@ -158,11 +158,11 @@ def test_the_usual_objects_with_three_servers() -> None:
         bus.run(find_channel(default, 4))
 
 
-def test_switching_emcy_and_time_off_takes_any_identifier_and_on_only_a_lawful_one() -> None:
+def test_a_restricted_identifier_is_accepted_only_for_a_service_that_is_off() -> None:
     node = device()
     node.start(0.0)
-    assert hear(node, "605#2314100000000080") == ["585#6014100000000000"]
-    assert hear(node, "605#2314100000000000") == ["585#8014100030000906"]
-    assert hear(node, "605#2314100085000000") == ["585#6014100000000000"]
-    assert hear(node, "605#2305100000000000") == ["585#8005100030000906"]  # SYNC is listened to in any case
-    assert hear(node, "605#2305100081000000") == ["585#6005100000000000"]
+    assert feed(node, "605#2314100000000080") == ["585#6014100000000000"]
+    assert feed(node, "605#2314100000000000") == ["585#8014100030000906"]
+    assert feed(node, "605#2314100085000000") == ["585#6014100000000000"]
+    assert feed(node, "605#2305100000000000") == ["585#8005100030000906"]  # SYNC is listened to in any case
+    assert feed(node, "605#2305100081000000") == ["585#6005100000000000"]

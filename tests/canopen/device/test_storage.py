@@ -1,4 +1,4 @@
-"""Store and restore: what a device comes back with."""
+"""Store parameters and restore defaults: the values after a reset."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def reset(device: LocalNode, command: str) -> list[int]:
         (4, [0, 11, 2, 3], [0, 111, 112, 113]),
     ],
 )
-def test_areas(sub: int, after_node: list[int], after_communication: list[int]) -> None:
+def test_areas_of_store_parameters(sub: int, after_node: list[int], after_communication: list[int]) -> None:
     one = device()
     change(one, 10)
     one.objects.write(0x1010, sub, b"save")
@@ -58,7 +58,7 @@ def test_areas(sub: int, after_node: list[int], after_communication: list[int]) 
     assert reset(one, "81") == after_node
 
 
-def test_load_is_effective_at_the_reset() -> None:
+def test_load_takes_effect_at_the_reset() -> None:
     one = device()
     change(one, 10)
     one.objects.write(0x1010, 1, b"save")
@@ -77,8 +77,8 @@ def test_only_the_signature_stores() -> None:
     assert one.stored.values == {}
 
 
-def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> None:
-    """A COB-ID of the predefined connection set is stored as what it is: that of whatever node-ID there is."""
+def test_a_stored_default_cob_id_follows_the_node_id() -> None:
+    """A COB-ID of the predefined connection set is not stored as a number."""
     address = LssAddress(1, 2, 3, 4)
     slave = LssSlave(address, store=lambda node, rate: True)
     objects = ObjectDictionary(
@@ -96,7 +96,7 @@ def test_what_was_stored_follows_another_node_id_where_it_was_the_default() -> N
     assert (objects.get(0x1800, 2), objects.get(0x1801, 1)) == (3, 0x2AB)
 
 
-def test_a_channel_that_was_given_for_a_while_is_not_stored() -> None:
+def test_a_temporary_sdo_channel_is_not_stored() -> None:
     objects = ObjectDictionary([*standard_objects(servers=3), Entry(0x1010, 1, "store", "u32")])
     one = LocalNode(5, objects)
     one.start(0.0)

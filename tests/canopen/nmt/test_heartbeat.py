@@ -1,4 +1,4 @@
-"""Error control: the state byte, who says it, who listens for it."""
+"""Heartbeat: the state byte, its producer, its consumer."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def test_state_byte(byte: str, name: str, toggle: bool) -> None:
     assert state.is_boot_up is (byte == "00")
 
 
-def test_longer_heartbeats_are_read() -> None:
+def test_bytes_behind_the_state_are_ignored() -> None:
     assert NodeState.decode(CanFrame.parse("705#0500")).state == 5
 
 
 @pytest.mark.parametrize("text", ["705#", "705#R1", "00000705#05", "585#05", "700#05"])
-def test_what_tells_no_state(text: str) -> None:
+def test_frames_without_a_state_raise(text: str) -> None:
     with pytest.raises(DecodeError):
         NodeState.decode(CanFrame.parse(text))
 
@@ -60,7 +60,7 @@ def test_consumer_entries(word: int, entry: tuple[int, float] | None) -> None:
     assert consumer_entry(word) == entry
 
 
-def test_producer_beats_absolutely_and_never_in_bursts() -> None:
+def test_producer_has_absolute_times_and_sends_no_bursts() -> None:
     producer = HeartbeatProducer(5)
     producer.set_period(1.0, 0.0)
     assert str(producer.boot_up(0.0)) == "705#00"
@@ -68,11 +68,11 @@ def test_producer_beats_absolutely_and_never_in_bursts() -> None:
     assert producer.feed(None, 0.999) == []
     assert [str(frame) for frame in producer.feed(None, 1.25)] == ["705#7F"]
     assert producer.deadline == 2.0  # not 2.25
-    assert len(producer.feed(None, 7.5)) == 1  # six beats late, one is said
+    assert len(producer.feed(None, 7.5)) == 1  # six heartbeats late, one is sent
     assert producer.deadline == 8.0
 
 
-def test_producer_without_period_is_silent_until_it_gets_one() -> None:
+def test_producer_without_period_sends_nothing_until_it_has_one() -> None:
     producer = HeartbeatProducer(5)
     producer.boot_up(0.0)
     assert producer.deadline is None
@@ -91,7 +91,7 @@ def kinds(consumer: HeartbeatConsumer, text: str | None, now: float) -> list[tup
     return [(event.node, event.kind) for event in consumer.feed(frame, now)]
 
 
-def test_consumer_tells_every_change_once() -> None:
+def test_consumer_reports_every_change_once() -> None:
     consumer = HeartbeatConsumer({5: 1.5})
     assert consumer.liveness(5) == "unknown"
     assert consumer.state(5) is None
@@ -110,13 +110,13 @@ def test_consumer_tells_every_change_once() -> None:
     assert kinds(consumer, "705#7F", 101.0) == [(5, "active")]
 
 
-def test_consumer_hears_a_node_lost_before_it_hears_it_again() -> None:
+def test_consumer_reports_a_late_node_as_lost_and_then_active() -> None:
     consumer = HeartbeatConsumer({5: 1.0})
     consumer.feed(CanFrame.parse("705#05"), 0.0)
     assert kinds(consumer, "705#05", 5.0) == [(5, "lost"), (5, "active")]
 
 
-def test_consumer_knows_of_others_but_watches_only_its_own() -> None:
+def test_consumer_follows_all_nodes_but_monitors_only_those_with_a_time() -> None:
     consumer = HeartbeatConsumer({5: 1.0})
     assert kinds(consumer, "706#00", 0.0) == [(6, "booted")]
     assert kinds(consumer, "706#7F", 0.1) == [(6, "active")]
@@ -132,7 +132,7 @@ def test_consumer_times_are_checked() -> None:
         HeartbeatConsumer({5: 0.0})
 
 
-def test_a_node_that_was_started_is_expected() -> None:
+def test_an_expected_node_is_lost_without_any_heartbeat() -> None:
     consumer = HeartbeatConsumer({5: 1.0})
     consumer.expect(5, 3.0)
     assert consumer.deadline == 3.0
@@ -142,7 +142,7 @@ def test_a_node_that_was_started_is_expected() -> None:
     assert consumer.deadline == 10.0  # its heartbeat time, from now on
 
 
-def test_a_new_time_begins_the_watch_anew() -> None:
+def test_a_new_time_restarts_monitoring() -> None:
     consumer = HeartbeatConsumer({5: 1.0, 6: 1.0})
     for node in ("705", "706"):
         kinds(consumer, f"{node}#05", 0.0)

@@ -1,4 +1,4 @@
-"""NMT: five commands, four states, and who may speak in which."""
+"""NMT: five commands, four states, and the services of each state."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from barewire.errors import DecodeError, EncodeError, Reason
         (NmtCommand.RESET_COMMUNICATION, "000#820F"),
     ],
 )
-def test_commands(command: NmtCommand, text: str) -> None:
+def test_encode_and_decode_commands(command: NmtCommand, text: str) -> None:
     assert str(NmtMessage(command, 15).encode()) == text
     assert NmtMessage.decode(CanFrame.parse(text)) == NmtMessage(command, 15)
     broadcast = text[:-2] + "00"
@@ -39,13 +39,13 @@ def test_commands(command: NmtCommand, text: str) -> None:
         ("000#0180", "value", 1),
     ],
 )
-def test_what_is_no_command(text: str, reason: Reason, at: int) -> None:
+def test_invalid_commands_raise(text: str, reason: Reason, at: int) -> None:
     with pytest.raises(DecodeError) as caught:
         NmtMessage.decode(CanFrame.parse(text))
     assert (caught.value.reason, caught.value.at) == (reason, at)
 
 
-def test_a_command_to_nobody() -> None:
+def test_a_command_to_an_invalid_node_raises() -> None:
     with pytest.raises(EncodeError, match="node 128"):
         NmtMessage(NmtCommand.START, 128).encode()
 
@@ -77,7 +77,7 @@ def test_every_transition(before: NmtState, command: NmtCommand, after: NmtState
     assert slave.state is after
 
 
-def test_what_does_not_move_it() -> None:
+def test_frames_that_do_not_change_the_state() -> None:
     slave = slave_in(NmtState.PRE_OPERATIONAL)
     for text in ("000#0106", "000#0305", "000#01", "00000000#0105", "000#R2", "705#05"):
         assert slave.feed(CanFrame.parse(text), 0.0) == []
@@ -86,7 +86,7 @@ def test_what_does_not_move_it() -> None:
     assert slave.deadline is None
 
 
-def test_initialising_hears_nothing_and_ends_once() -> None:
+def test_initialising_ignores_commands_and_ends_once() -> None:
     slave = NmtSlave(5)
     assert slave.feed(CanFrame.parse("000#0105"), 0.0) == []
     slave.booted()

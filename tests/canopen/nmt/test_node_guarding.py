@@ -21,11 +21,11 @@ from barewire.errors import EncodeError
 
 
 def feed(master: GuardingMaster, text: str | None, now: float) -> list[str]:
-    said = master.feed(None if text is None else CanFrame.parse(text), now)
-    return [f"{item.kind} {item.node}" if isinstance(item, GuardEvent) else str(item) for item in said]
+    output = master.feed(None if text is None else CanFrame.parse(text), now)
+    return [f"{item.kind} {item.node}" if isinstance(item, GuardEvent) else str(item) for item in output]
 
 
-def test_the_master_asks_in_its_time_and_alternates() -> None:
+def test_the_master_polls_every_guard_time_and_expects_a_toggling_bit() -> None:
     master = GuardingMaster({5: Guard(1.0, 2)}, 0.0)
     assert feed(master, None, 0.0) == ["705#R1"]
     assert feed(master, "705#FF", 0.01) == ["answered 5"]  # whatever the first toggle bit: we may have come later
@@ -37,7 +37,7 @@ def test_the_master_asks_in_its_time_and_alternates() -> None:
     assert master.state(5) == NmtState.OPERATIONAL
 
 
-def test_an_answer_with_the_wrong_toggle_bit_does_not_count() -> None:
+def test_a_response_with_the_wrong_toggle_bit_does_not_count() -> None:
     master = GuardingMaster({5: Guard(1.0, 2)}, 0.0)
     feed(master, None, 0.0)
     feed(master, "705#05", 0.01)
@@ -49,7 +49,7 @@ def test_an_answer_with_the_wrong_toggle_bit_does_not_count() -> None:
     assert feed(master, "705#85", 2.02) == ["answered 5"]
 
 
-def test_a_boot_begins_with_toggle_0_again() -> None:
+def test_a_boot_up_resets_the_toggle_bit() -> None:
     master = GuardingMaster({5: Guard(1.0)}, 0.0)
     feed(master, None, 0.0)
     assert feed(master, "705#05", 0.01) == ["answered 5"]
@@ -58,13 +58,13 @@ def test_a_boot_begins_with_toggle_0_again() -> None:
     assert feed(master, "705#7F", 1.01) == ["state 5"]
 
 
-def test_a_node_that_never_answers_is_lost_once_and_asked_on() -> None:
+def test_a_silent_node_is_lost_once_and_still_polled() -> None:
     master = GuardingMaster({5: Guard(1.0, 3)}, 0.0)
-    said = [feed(master, None, float(second)) for second in range(6)]
-    assert said == [["705#R1"], ["705#R1"], ["705#R1"], ["lost 5", "705#R1"], ["705#R1"], ["705#R1"]]
+    sent = [feed(master, None, float(second)) for second in range(6)]
+    assert sent == [["705#R1"], ["705#R1"], ["705#R1"], ["lost 5", "705#R1"], ["705#R1"], ["705#R1"]]
 
 
-def test_many_nodes_are_not_asked_in_one_burst() -> None:
+def test_requests_to_many_nodes_are_spread() -> None:
     master = GuardingMaster({node: Guard(1.0) for node in (1, 2, 3, 4)}, 0.0)
     assert [feed(master, None, quarter / 4) for quarter in range(5)] == [
         ["701#R1"],
@@ -85,7 +85,7 @@ def test_guards_are_checked() -> None:
         GuardingMaster({0: Guard(1.0)}, 0.0)
 
 
-def test_the_node_watches_from_the_first_question_on() -> None:
+def test_life_guarding_starts_with_the_first_request() -> None:
     node = GuardedNode(5)
     node.life_time = 2.0
     assert node.deadline is None
@@ -104,46 +104,46 @@ def device() -> LocalNode:
     return device
 
 
-def hear(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
+def feed_device(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
     return [str(frame) for frame in device.feed(None if text is None else CanFrame.parse(text), now)]
 
 
-def test_a_device_answers_with_its_state_and_a_toggle_bit() -> None:
+def test_a_device_responds_with_its_state_and_a_toggle_bit() -> None:
     one = device()
-    assert hear(one, "705#R1") == ["705#7F"]
-    hear(one, "000#0105")
-    assert hear(one, "705#R1") == ["705#85"]
-    hear(one, "000#0205")
-    assert hear(one, "705#R1") == ["705#04"]
-    assert hear(one, "000#8205") == ["705#00"]
-    assert hear(one, "705#R1") == ["705#7F"]
-    assert hear(one, "00000705#R1") == hear(one, "706#R1") == hear(one, "705#05") == []
+    assert feed_device(one, "705#R1") == ["705#7F"]
+    feed_device(one, "000#0105")
+    assert feed_device(one, "705#R1") == ["705#85"]
+    feed_device(one, "000#0205")
+    assert feed_device(one, "705#R1") == ["705#04"]
+    assert feed_device(one, "000#8205") == ["705#00"]
+    assert feed_device(one, "705#R1") == ["705#7F"]
+    assert feed_device(one, "00000705#R1") == feed_device(one, "706#R1") == feed_device(one, "705#05") == []
 
 
 def test_heartbeat_replaces_guarding() -> None:
     one = device()
     one.objects.set(0x1017, 0, 1000)
-    assert hear(one, "705#R1", 0.0) == ["705#7F"]  # the first heartbeat, not an answer
-    assert hear(one, "705#R1", 0.5) == []
+    assert feed_device(one, "705#R1", 0.0) == ["705#7F"]  # the first heartbeat, not a response
+    assert feed_device(one, "705#R1", 0.5) == []
     one.objects.set(0x1017, 0, 0)
-    assert hear(one, "705#R1", 0.6) == ["705#7F"]
+    assert feed_device(one, "705#R1", 0.6) == ["705#7F"]
 
 
 @pytest.mark.parametrize(
     ("behaviour", "state"), [(0, NmtState.PRE_OPERATIONAL), (1, NmtState.OPERATIONAL), (2, NmtState.STOPPED)]
 )
-def test_life_guarding_says_8130_and_does_what_1029_says(behaviour: int, state: NmtState) -> None:
+def test_life_guarding_sends_8130h_and_follows_1029h(behaviour: int, state: NmtState) -> None:
     one = device()
     one.objects.set(0x100C, 0, 500)
     one.objects.set(0x100D, 0, 3)
     one.objects.set(0x1029, 1, behaviour)
-    hear(one, "000#0105")
-    hear(one, "705#R1", 10.0)
+    feed_device(one, "000#0105")
+    feed_device(one, "705#R1", 10.0)
     assert one.deadline == 11.5
-    assert hear(one, None, 11.4) == []
-    assert hear(one, None, 11.5) == ["085#3081110000000000"]
+    assert feed_device(one, None, 11.4) == []
+    assert feed_device(one, None, 11.5) == ["085#3081110000000000"]
     assert one.state is state
     assert one.objects.get(0x1001) == 0x11
-    said = hear(one, "705#R1", 20.0)
-    assert ("085#0000000000000000" in said) is (state is not NmtState.STOPPED)
+    sent = feed_device(one, "705#R1", 20.0)
+    assert ("085#0000000000000000" in sent) is (state is not NmtState.STOPPED)
     assert one.objects.get(0x1001) == 0

@@ -126,7 +126,7 @@ class AdditionalServers:
         return min((due for server in self.servers.values() if (due := server.deadline) is not None), default=None)
 
     def follow(self) -> None:
-        """Take over the present values of the objects. Only a server whose channel changed is made anew."""
+        """Take over the present values of the objects. A server is replaced only if its channel changed."""
         if not self._indices:
             return
         channels = [_cob_ids(self.objects, index) for index in self._indices]

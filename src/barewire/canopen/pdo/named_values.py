@@ -19,7 +19,7 @@ from barewire.canopen.pdo.mapping import PdoMapping
 from barewire.canopen.pdo.remote_config import mapping_of, read_pdo
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.codecs import Value
-from barewire.conversation import Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import DecodeError, EncodeError
 
 
@@ -68,7 +68,7 @@ def remote_pdo(
     number: int,
     objects: ObjectDictionary | None = None,
     *,
-    timeout: float = 1.0,
+    timeout: float = DEFAULT_TIMEOUT,
 ) -> Conversation[CanFrame, RemotePdo]:
     """Read a PDO configuration from a device. SdoAbort if it does not exist, EncodeError if it is switched off."""
     pdo = yield from read_pdo(channel, direction, number, timeout=timeout)

@@ -28,7 +28,7 @@ from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
 from barewire.canopen.sdo import AbortCode, Channel, SdoAbort, download, upload
 from barewire.canopen.sdo.client.channel import channel_to
-from barewire.conversation import Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
 _COB_ID, _TYPE, _INHIBIT, _EVENT_TIMER, _SYNC_START = 1, 2, 3, 5, 6
@@ -57,7 +57,7 @@ _DEFAULT_POLICY = PdoConfigPolicy()
 
 
 def read_pdo(
-    node: int | Channel, direction: PdoDirection, number: int, *, timeout: float = 1.0
+    node: int | Channel, direction: PdoDirection, number: int, *, timeout: float = DEFAULT_TIMEOUT
 ) -> Conversation[CanFrame, PdoConfig]:
     """Read the configuration of a PDO, with its COB-ID as stored in the device. Time-out in seconds for each SDO.
 
@@ -83,7 +83,7 @@ def read_pdo(
 
 
 def write_pdo(
-    node: int | Channel, pdo: PdoConfig, *, policy: PdoConfigPolicy = _DEFAULT_POLICY, timeout: float = 1.0
+    node: int | Channel, pdo: PdoConfig, *, policy: PdoConfigPolicy = _DEFAULT_POLICY, timeout: float = DEFAULT_TIMEOUT
 ) -> Conversation[CanFrame, None]:
     """Write the configuration of a PDO. The device should be pre-operational. Time-out in seconds for each SDO.
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from barewire.canopen.cob_ids import Service, classify, is_restricted
+from barewire.canopen.cob_ids import CobService, classify, is_restricted
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.explain.can_monitor.channel import GIVE_UP, SdoTracker
 from barewire.explain.can_monitor.channels import SdoChannels
@@ -212,7 +212,7 @@ class CanMonitor:
             return self._process_data(frame, now)
         return self._service(owner[0], owner[1], frame, now)
 
-    def _service(self, service: Service, node: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
+    def _service(self, service: CobService, node: int, frame: CanFrame, now: float) -> list[MonitorEvent]:
         self.counts[service.name.removesuffix(" request").removesuffix(" answer")] += 1
         match service.name:
             case "SDO request" | "SDO answer":

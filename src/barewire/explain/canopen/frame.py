@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
-from barewire.canopen.cob_ids import Service, classify
+from barewire.canopen.cob_ids import CobService, classify
 from barewire.canopen.emcy.message import Emergency, error_text, register_names
 from barewire.canopen.frame import DATA_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.nmt.heartbeat import STATE_BYTE, NodeState
@@ -179,7 +179,7 @@ def _mapped_fields(mapping: PdoMapping, data: bytes, texts: Mapping[str, str]) -
     return fields
 
 
-def _title(frame: CanFrame, owner: tuple[Service, int] | None) -> str:
+def _title(frame: CanFrame, owner: tuple[CobService, int] | None) -> str:
     """The service and the node of an identifier."""
     if frame.extended:
         return "extended identifier, which CANopen does not predefine"
@@ -220,7 +220,7 @@ def _remote(frame: CanFrame, name: str) -> _Parts:
     return [], DecodeError("mismatch", frame.data, 0, f"a remote frame, which {name} does not have"), ""
 
 
-def _data(frame: CanFrame, service: Service, node: int) -> _Parts:
+def _data(frame: CanFrame, service: CobService, node: int) -> _Parts:
     """The fields of the service."""
     data = frame.data
     match service.name:
