@@ -122,9 +122,9 @@ class Az3Settings:
     def target_torque(self) -> float:
         """6071h in ‰ of the rated torque, within MAX TORQUE, MAX CURRENT and, with TORQUE LIMIT ON, TORQUE LIMIT."""
         limit = min(self.store.number("MAX TORQUE"), self.store.number("MAX CURRENT"))
-        most = self.store.number("TORQUE LIMIT")
-        if self.store["TORQUE LIMIT ON"] and isfinite(most):
-            limit = min(limit, 1000 * abs(most) / self.rated_torque)
+        torque_limit = self.store.number("TORQUE LIMIT")
+        if self.store["TORQUE LIMIT ON"] and isfinite(torque_limit):
+            limit = min(limit, 1000 * abs(torque_limit) / self.rated_torque)
         return max(-limit, min(limit, self.store.number("TARGET TORQUE")))
 
     def torque_slope(self) -> float:
@@ -147,40 +147,40 @@ class Az3Axis(Cia402Axis):
     def restart(self) -> None:
         """Set every state as at power-on."""
         super().restart()
-        self._opens_at = -inf
-        self._closes_at = -inf
+        self._brake_opens_at = -inf
+        self._brake_holds_at = -inf
 
     def halted(self, now: float) -> bool:
         """Whether bit 8 is set, or the brake is not open yet."""
-        return bool(self.word & HALT) or self._opens_at > now
+        return bool(self.word & HALT) or self._brake_opens_at > now
 
     def brake_is_open(self, now: float) -> bool:
         """Whether the brake lets the shaft turn."""
         if self.state in CURRENT_ON:
-            return now >= self._opens_at
-        return now < self._closes_at
+            return now >= self._brake_opens_at
+        return now < self._brake_holds_at
 
     def _go(self, transition: Transition, now: float) -> None:
         before = self.state
         super()._go(transition, now)
         if self.state is State.OPERATION_ENABLED and before not in CURRENT_ON:
-            self._opens_at = now + self.brake_time("BRAKE DISENGAGE TIME")
+            self._brake_opens_at = now + self.brake_time("BRAKE DISENGAGE TIME")
             self.update_halt(now)
 
     def _release(self, now: float) -> float:
         stands_at = super()._release(now)
-        self._opens_at = -inf
-        self._closes_at = stands_at + self.brake_time("BRAKE ENGAGE TIME")
+        self._brake_opens_at = -inf
+        self._brake_holds_at = stands_at + self.brake_time("BRAKE ENGAGE TIME")
         return stands_at
 
     def tick(self, now: float) -> None:
         """Carry out what happens by itself; also the motion that waited for the brake to open."""
-        opened, was = self._opens_at, self.state
+        opened, was = self._brake_opens_at, self.state
         if self.state is State.OPERATION_ENABLED and -inf < opened <= now:
-            self._opens_at = -inf
+            self._brake_opens_at = -inf
             self.update_halt(opened)
             if self.mode == POSITION and self.word & NEW_SET_POINT and not self._acknowledged:
                 self._set_point(self.word, opened)  # received while the brake was opening
         super().tick(now)
         if was is State.QUICK_STOP_ACTIVE and self.state is not was:
-            self._closes_at = self.trajectory.ends_at + self.brake_time("BRAKE ENGAGE TIME")
+            self._brake_holds_at = self.trajectory.ends_at + self.brake_time("BRAKE ENGAGE TIME")

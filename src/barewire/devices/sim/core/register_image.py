@@ -11,8 +11,7 @@ An image stores nothing, so two function codes that reach the same cell see one 
   exception 02.
 * A request is carried out completely or not at all: everything is checked before anything is stored.
 * A value of several registers takes effect when its last register is written (CSD MT manual, ch. 10: "when the writing
-  of the second part of it is concluded"). Until then the words written before it wait, and reads
-  return the old value.
+  of the second part of it is concluded"). Until then reads return the old value.
 * Where several parameters share one register (the commands of the ADXL), the first that accepts the value takes it.
 """
 

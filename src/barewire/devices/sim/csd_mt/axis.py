@@ -216,14 +216,14 @@ class StepperAxis(Cia402Axis):
 
     # Faults
 
-    def protect(self, code: int, *, passing: bool = True, reaction: bool = False) -> None:
-        """To FAULT, with an entry in the alarm log. A `passing` cause can be reset at once."""
-        self.fault(code, self.context.now, passing=passing, reaction=reaction)
+    def protect(self, code: int, *, transient: bool = True, reaction: bool = False) -> None:
+        """To FAULT, with an entry in the alarm log. A `transient` cause can be reset at once."""
+        self.fault(code, self.context.now, transient=transient, reaction=reaction)
         self.context.alarms.add(code, self.context.clock.uptime)
 
-    def following_error(self, *, passing: bool = True) -> None:
+    def following_error(self, *, transient: bool = True) -> None:
         """Reaction 2. In profile velocity FAULT waits until the shaft stands (register 1085, A to C)."""
-        self.protect(FOLLOWING, passing=passing, reaction=self.mode == VELOCITY)
+        self.protect(FOLLOWING, transient=transient, reaction=self.mode == VELOCITY)
 
     def _react_to_following_error(self) -> None:
         reaction = self.store.whole("Following Error Reaction Code")

@@ -186,7 +186,7 @@ class CsdMt(Simulator):
         else:
             self.axis.powered_since = None
             if self.axis.state in CURRENT_ON | {State.SWITCHED_ON}:
-                self.axis.protect(NO_POWER, passing=False)
+                self.axis.protect(NO_POWER, transient=False)
 
     def slip(self, steps: float, now: float) -> None:
         """Turn the shaft by a number of steps against the motor: the load was too much, and steps are lost."""
@@ -204,9 +204,9 @@ class CsdMt(Simulator):
         """Let a protection act: 2130h, 4310h, 5100h, 8400h or 8611h (register 1007). It lasts until `solve`."""
         self.tick(now)
         if code == FOLLOWING:
-            self.axis.following_error(passing=False)
+            self.axis.following_error(transient=False)
         else:
-            self.axis.protect(code, passing=False)
+            self.axis.protect(code, transient=False)
 
     def solve(self, now: float) -> None:
         """End the cause of the fault; the state stays FAULT until a client resets it."""

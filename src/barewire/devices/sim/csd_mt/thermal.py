@@ -99,7 +99,7 @@ class ThermalModel:
     def _overheats(self) -> None:
         if self.temperature > self.store.number("Drive Fault Temperature"):
             self._tripped = True
-            self.axis.protect(OVERHEATED, passing=False)
+            self.axis.protect(OVERHEATED, transient=False)
 
     def _cools(self) -> None:
         if self.temperature <= self._cool():

@@ -75,7 +75,7 @@ class Cia402Axis:
         self.mode = 0
         self.cause = 0
         """The code of the fault whose cause is still present, 0 if there is none."""
-        self.passing = False
+        self.transient = False
         """Whether the cause lasts no longer than the fault, so that a reset ends both."""
         self.homed = False
         self._goal = 0.0
@@ -116,7 +116,7 @@ class Cia402Axis:
         if transition.number == 3 and not self._has_power(now):
             return  # "otherwise drive remains in READY TO SWITCH ON" (CSD MT manual, ch. 11, transition 3)
         if transition.number == 15 and self.cause:
-            if not self.passing:
+            if not self.transient:
                 return  # "allowed when the fault of the drive is solved" (transition 15)
             self.cause = 0
         if transition.number == 16 and not self.stays_in_quick_stop:
@@ -240,9 +240,9 @@ class Cia402Axis:
 
     # Faults
 
-    def fault(self, code: int, now: float, *, reaction: bool = False, passing: bool = False) -> None:
+    def fault(self, code: int, now: float, *, reaction: bool = False, transient: bool = False) -> None:
         """Transitions 13 and 14. With a `reaction` FAULT waits until the shaft stands, otherwise it follows at once."""
-        self.cause, self.passing = code, passing
+        self.cause, self.transient = code, transient
         if self.state is State.FAULT:
             return
         stands_at = self._release(now)
