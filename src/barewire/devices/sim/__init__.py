@@ -23,8 +23,8 @@ In reading order:
     az3       the servo drive
     csd_mt    the stepper drive
 
-Depends on: device descriptions, messages, the CANopen node.  Used by: io, cli, tests. Framing, ports and clocks are
-unknown here.
+Depends on: device descriptions, messages, the CANopen node.  Used by: cli, tests. Framing, ports and clocks are unknown
+here.
 """
 
 from __future__ import annotations
