@@ -124,7 +124,7 @@ class Motor:
     @property
     def phase_ends(self) -> float:
         """When the present phase ends by itself."""
-        lasts = {
+        durations = {
             MotorPhase.DELAYED: self.start_delay,
             MotorPhase.KICKING: self.kick_time,
             MotorPhase.STARTING: self.acceleration_time,
@@ -132,7 +132,7 @@ class Motor:
             MotorPhase.STOPPING: _DECELERATION,
             MotorPhase.COASTING: _COASTING,
         }
-        return self.began + lasts.get(self.phase, inf)
+        return self.began + durations.get(self.phase, inf)
 
     def advance(self, now: float) -> None:
         """Pass through the phases until `now`, and integrate energy, hours and temperatures."""
@@ -165,8 +165,8 @@ class Motor:
         self.seconds += step if self.is_running else 0.0
         # With the bypass closed the thyristors carry no current and cool down.
         carried = 0.0 if self.phase is MotorPhase.BYPASSED else sample.current
-        self.thyristors = _creep(self.thyristors, _AMBIENT + _THYRISTOR_RISE * carried, step / _THYRISTOR_TIME)
-        self.thermal = _creep(self.thermal, _MOTOR_RISE * sample.current**2, step / _MOTOR_TIME)
+        self.thyristors = _approach(self.thyristors, _AMBIENT + _THYRISTOR_RISE * carried, step / _THYRISTOR_TIME)
+        self.thermal = _approach(self.thermal, _MOTOR_RISE * sample.current**2, step / _MOTOR_TIME)
 
     # Measured values
 
@@ -229,6 +229,6 @@ def _ramp(x: float) -> MotorSample:
     return MotorSample(voltage, min(wanted, _CURRENT_LIMIT), wanted, torque, factor)
 
 
-def _creep(value: float, towards: float, time: float) -> float:
+def _approach(value: float, towards: float, time: float) -> float:
     """First-order approach; `time` in time constants. Exact for any length while `towards` stays."""
     return towards + (value - towards) * exp(-time)
