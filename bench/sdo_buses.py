@@ -16,8 +16,8 @@ from typing import Any
 
 import canopen
 
+from barewire import AsyncCanopenClient, CanopenClient
 from barewire.canopen import SdoServer
-from barewire.io import open_canopen, open_canopen_async
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.python_can import CanPort
 from bench.sdo_peers import NODE, Store, their_download, their_node, their_objects, their_upload
@@ -70,10 +70,10 @@ def their_network(channel: str = "bench") -> Iterator[Any]:
 
 
 async def with_asyncio(value: bytes | None) -> bytes:
-    async with await open_canopen_async(URL) as client:
+    async with AsyncCanopenClient(URL) as client:
         if value is None:
-            return await client.upload(0x2100, block=True)
-        await client.download(0x2100, 0, value, block=True)
+            return await client.node().sdo.upload(0x2100, block=True)
+        await client.node().sdo.download(0x2100, 0, value, block=True)
         return value
 
 
@@ -82,10 +82,10 @@ def moved(client: str, value: bytes | None) -> bytes:
     if client == "barewire, asyncio":
         return asyncio.run(with_asyncio(value))
     if client == "barewire":
-        with open_canopen(URL) as blocking:
+        with CanopenClient(URL) as blocking:
             if value is None:
-                return blocking.upload(0x2100, block=True)
-            blocking.download(0x2100, 0, value, block=True)
+                return blocking.node().sdo.upload(0x2100, block=True)
+            blocking.node().sdo.download(0x2100, 0, value, block=True)
             return value
     with their_network() as node:
         if value is None:

@@ -63,9 +63,9 @@ IMPORTS = {
     "barewire asyncio client": "from barewire import AsyncModbusClient",
     "can": "import can",
     "canopen": "import canopen",
-    "barewire CANopen client": "from barewire.io import open_canopen",
+    "barewire CANopen client": "from barewire import CanopenClient",
     "barewire CANopen client, and can": (
-        "from barewire.io import open_canopen; import barewire.io.ports.python_can, can"
+        "from barewire import CanopenClient; import barewire.io.ports.python_can, can"
     ),
 }
 _memory: dict[str, list[int]] = {}

@@ -11,9 +11,9 @@ from contextlib import ExitStack
 
 import pytest
 
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import LocalNode, LssAddress, LssSlave, LssState, ObjectDictionary
 from barewire.canopen.lss.fastscan import _FLOOR
-from barewire.io import open_can_host, open_canopen
 from bench.race import Many, Race, entries
 
 ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)
@@ -22,17 +22,17 @@ ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)
 
 def _device(channel: str, closing: ExitStack) -> None:
     nameless = LocalNode(None, ObjectDictionary(), lss=LssSlave(ADDRESS))
-    closing.enter_context(open_can_host(f"can://virtual/{channel}", node=nameless))
+    closing.enter_context(CanopenServer(f"can://virtual/{channel}", device=nameless))
 
 
 def ours(closing: ExitStack) -> Many:
     _device("lss", closing)
-    client = closing.enter_context(open_canopen("can://virtual/lss"))
+    client = closing.enter_context(CanopenClient("can://virtual/lss"))
 
     def work(count: int) -> None:
         for _ in range(count):
-            client.switch_global(LssState.WAITING)
-            assert client.fastscan() == ADDRESS
+            client.lss.switch_global(LssState.WAITING)
+            assert client.lss.fastscan() == ADDRESS
 
     return Many(work)
 

@@ -133,7 +133,7 @@ def test_the_tcp_server_needs_no_loop_either() -> None:
 
 
 SDO = {"client.upload", "client.download", "client.channel", "client.transfer", "messages.codec"}
-CANOPEN = "from barewire.io import open_canopen"
+CANOPEN = "from barewire import CanopenClient"
 
 
 def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() -> None:
@@ -159,9 +159,10 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
     assert not others & {"bus.scan", "nmt.node_guarding", "nmt.master", "sdo.client.typed_access"}
 
 
-def test_a_word_of_canopen_loads_its_file_when_it_is_said() -> None:
+def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
     found = files(
-        loaded("from barewire.io.canopen.methods import MasterVerbs; MasterVerbs.syncs.make(None)"), "barewire.canopen"
+        loaded("from barewire.io.canopen.methods.sync_time import SyncMethods as Sync; Sync.events.__wrapped__(None)"),
+        "barewire.canopen",
     )
     assert "sync" in found
     assert not found & {"bus.scan", "emcy.message", "nmt.node_guarding"}

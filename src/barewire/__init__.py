@@ -7,6 +7,14 @@
     with barewire.ModbusServer("tcp://127.0.0.1:0", units={1: barewire.Table()}) as server:
         print(server.url)
 
+    with barewire.CanopenClient("can://socketcan/can0") as bus:
+        node = bus.node(5, device="az3")
+        node.read("STATUS WORD"), node.sdo.upload(0x6041, 0), node.nmt.start()
+    with barewire.CanopenServer("can://virtual/x?node=5", device="az3") as server: ...
+
+    with barewire.connect("az3", "can://socketcan/can0?node=5") as az3:          # a machine by name, whatever the wire
+        az3["TARGET VELOCITY"] = 1500
+
 The options of a URL and keyword arguments are the same options. Behind this door, in the order to read them:
 
     barewire.codecs     values and bytes: orders, floats, text
@@ -37,9 +45,13 @@ if TYPE_CHECKING:
         PortError as PortError,
         Refused as Refused,
     )
+    from barewire.io.canopen.async_client import AsyncCanopenClient as AsyncCanopenClient
+    from barewire.io.canopen.client import CanopenClient as CanopenClient
+    from barewire.io.machine import connect as connect, connect_async as connect_async
     from barewire.io.modbus.async_client import AsyncModbusClient as AsyncModbusClient
     from barewire.io.modbus.client import ModbusClient as ModbusClient
     from barewire.io.server.asyncio_modbus import AsyncModbusServer as AsyncModbusServer
+    from barewire.io.server.can import AsyncCanopenServer as AsyncCanopenServer, CanopenServer as CanopenServer
     from barewire.io.server.modbus import ModbusServer as ModbusServer
     from barewire.modbus.client.line_state import WriteOutcomeUnknown as WriteOutcomeUnknown
     from barewire.modbus.exceptions import ModbusException as ModbusException
@@ -57,7 +69,11 @@ __getattr__, __all__ = lazy(
         "io.server.asyncio_modbus": "AsyncModbusServer",
         "modbus.server.table": "Table",
         # CANopen
+        "io.canopen.client": "CanopenClient",
+        "io.canopen.async_client": "AsyncCanopenClient",
+        "io.server.can": "CanopenServer AsyncCanopenServer",
         # A machine by name
+        "io.machine": "connect connect_async",
         "devices.description.load": "load",
         # Errors
         "errors": "BarewireError EncodeError DecodeError Refused NoAnswer PortError",

@@ -16,8 +16,8 @@ from pathlib import Path
 import can
 import pytest
 
+from barewire import CanopenClient
 from barewire.errors import PortError
-from barewire.io import open_canopen
 
 COMMAND = [sys.executable, "-m", "barewire.cli"]
 ENVIRONMENT = os.environ | {"COLUMNS": "200", "NO_COLOR": "1"}
@@ -216,7 +216,7 @@ def test_a_bus_that_nobody_serves_is_refused_at_once(monkeypatch: pytest.MonkeyP
     # At once, for python-can is not even asked: it would try for ten seconds.
     monkeypatch.setattr(can, "Bus", lambda *_, **__: pytest.fail("python-can was asked"))
     with pytest.raises(PortError, match="connection refused"):
-        open_canopen(url)
+        CanopenClient(url)
 
 
 def test_an_exception_tells_what_was_being_read() -> None:

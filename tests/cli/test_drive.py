@@ -11,12 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from barewire import ModbusServer
-from barewire.devices import load
+from barewire import ModbusServer, connect
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress
 from barewire.devices.sim import CsdMt, simulator
-from barewire.io import connect
 from tests.cli.test_command import COMMAND, failing, free_port, out, simulated
 
 
@@ -118,12 +116,12 @@ def test_what_is_no_drive_is_told_before_anything_is_sent() -> None:
         assert "Profile Velocity = 900000: expected 0..800000 step/s" in said
 
 
-def test_a_client_has_a_drive() -> None:
+def test_a_machine_has_a_drive() -> None:
     machine = simulator("csd-mt", time.monotonic())
     told: list[DriveProgress] = []
     assert machine.modbus is not None
-    with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect(host.url) as client:
-        drive = client.drive(load("csd-mt"), progress=told.append)
+    with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect("csd-mt", host.url) as csd:
+        drive = csd.drive.following(told.append)
         assert drive.status().state is State.SWITCH_ON_DISABLED
         assert drive.move(3000, velocity=20_000).position == 3000
         assert drive.home(35).position == 0

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from barewire import ModbusServer
+from barewire import CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
-from barewire.io import open_can_host
 from barewire.io.fault_injection.faults import KINDS
 from tests.cli.test_command import COMMAND, ENVIRONMENT, asked_with, failing, free_port, out
 
@@ -99,7 +98,7 @@ def test_a_drive_without_high_voltage_says_so_on_both_wires(tmp_path: Path) -> N
     assert "nothing around a table" in failing("simulate", "table", "tcp://127.0.0.1:0", "--world", "volts=1")
     with (
         ModbusServer("rtu://pty", units=MachineUnits(machine)) as serial,
-        open_can_host(bus, node=machine.canopen) as can,
+        CanopenServer(bus, device=machine.canopen) as can,
     ):
         for url in (serial.url, can.url):
             command = [*COMMAND, "drive", url, "az3", "enable", "--timeout", "0.3"]

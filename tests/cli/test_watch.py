@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -85,24 +86,29 @@ def test_a_name_that_is_refused_takes_no_other_with_it() -> None:
 
 
 class Fussy:
-    """A client of a device that refuses some names, alone or with others."""
+    """A machine that refuses some names, alone or with others."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: Device) -> None:
+        self.device = device
         self.refuses: set[str] = set()
         self.asked: list[tuple[str, ...]] = []
 
-    def read(self, device: Device, *names: str) -> list[Reading]:
-        self.asked.append(names)
+    def read_all(self, names: Sequence[str]) -> list[Reading]:
+        self.asked.append(tuple(names))
         if self.refuses & set(names):
             raise ModbusException(2, 3)
-        return [Reading(device.find(name), 1) for name in names]
+        return [Reading(self.device.find(name), 1) for name in names]
+
+    def read(self, name: str) -> Reading:
+        return self.read_all([name])[0]
 
 
 def test_a_name_that_is_refused_is_apart_from_the_others_no_longer_than_that() -> None:
-    names, client = ("holding:0", "holding:1", "holding:2"), Fussy()
-    source = Source.__new__(Source)
-    source.device, source.names, source.apart = device_with("raw", names), names, set()
-    source.client = cast(Any, client)
+    names = ("holding:0", "holding:1", "holding:2")
+    device = device_with("raw", names)
+    source, client = Source.__new__(Source), Fussy(device)
+    source.device, source.names, source.apart = device, names, set()
+    source.machine = cast(Any, client)
     client.refuses = {"holding:1"}
     poll = source.poll(0.0)
     assert ([one.name for one in poll.readings], list(poll.refused)) == (["holding:0", "holding:2"], ["holding:1"])

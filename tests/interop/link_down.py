@@ -11,9 +11,10 @@ import subprocess
 import threading
 import time
 
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, standard_objects
 from barewire.errors import NoAnswer, PortError
-from barewire.io import BusDown, BusUp, CanopenClient, FramesLost, open_can_host, open_canopen
+from barewire.io import BusDown, BusUp, FramesLost
 from barewire.io.canopen.event_stream import Stream
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
@@ -41,7 +42,7 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
     """Transfers, one after the other, until one of them fails."""
     try:
         while True:
-            client.download(0x2100, 0, LONG, progress=lambda done, size: begun.set())
+            client.node().sdo.download(0x2100, 0, LONG, progress=lambda done, size: begun.set())
     except (PortError, NoAnswer) as error:
         failed.append(error)
 
@@ -49,7 +50,7 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
 def main() -> None:
     """Down and up, twice."""
     objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
-    with open_can_host("can://socketcan/vcan0", node=LocalNode(5, objects)), open_canopen(URL) as client:
+    with CanopenServer("can://socketcan/vcan0", device=LocalNode(5, objects)), CanopenClient(URL) as client:
         for _ in range(2):
             with client.frames((0x705, False)) as stream:
                 until(stream, CanFrame)
@@ -64,8 +65,8 @@ def main() -> None:
                 link("up")
                 until(stream, BusUp)
                 until(stream, CanFrame)  # a heartbeat: the device has opened its bus anew as well
-            client.download(0x2100, 0, b"after it")
-            assert client.upload(0x2100) == b"after it"
+            client.node().sdo.download(0x2100, 0, b"after it")
+            assert client.node().sdo.upload(0x2100) == b"after it"
             print("gone and back:", getattr(gone, "why", gone))
 
 

@@ -9,10 +9,9 @@ import time
 
 import pytest
 
-from barewire import ModbusServer
+from barewire import CanopenServer, ModbusServer, connect
 from barewire.devices import Device, Parameter, load
 from barewire.devices.sim import MachineUnits, simulator
-from barewire.io import connect, open_can_host
 from barewire.io.server.base import ThreadedServer
 from tests.cli.test_command import free_port
 from tests.devices.sim.test_round_trips import MENU, PDO_RECORDS, PUSHED, in_range, same, wanted
@@ -43,37 +42,32 @@ def travels(device: Device, parameter: Parameter, url: str) -> bool:
     return parameter.modbus is not None
 
 
-def patient(url: str) -> str:
-    """The URL for a client that gives a slow machine its time."""
-    return f"{url}{'&' if '?' in url else '?'}timeout=20"
-
-
 @pytest.mark.parametrize(("name", "url"), LINES, ids=[f"{name}-{url.partition(':')[0]}" for name, url in LINES])
 def test_every_parameter_over_every_real_port(name: str, url: str) -> None:
     device, machine = load(name), simulator(name, time.monotonic())
     where = f"can://socketcand/127.0.0.1:{free_port()}/can0" if url == "can" else url
     server: ThreadedServer
     if url == "can":
-        server = open_can_host(where, machine.canopen)
+        server = CanopenServer(where, device=machine)
     else:
         server = ModbusServer(where, MachineUnits(machine, 255, 0))
     wrong, done = [], 0
-    with server as host, connect(patient(host.url)) as client:
+    with server as host, connect(device, host.url, timeout=20) as connected:
         if name == "adxl":
-            client.write(device, MENU)
+            connected.write(MENU)
         for parameter in [one for one in device.parameters if travels(device, one, url)]:
             if parameter.name.startswith("C14"):
-                client.write(device, {"C13 Save a copy of the setup parameters": 12})
+                connected.write({"C13 Save a copy of the setup parameters": 12})
             value = next(value for value in wanted(parameter) if in_range(parameter, value))
-            client.write(device, {parameter.name: value})
+            connected.write({parameter.name: value})
             done += 1
             if parameter.readable and parameter.name not in PUSHED[name]:
-                (reading,) = client.read(device, parameter.name)
+                reading = connected.read(parameter.name)
                 if not same(parameter, reading.value, value):
                     wrong.append((parameter.name, value, reading.value))
             if parameter.name in MENU:
-                client.write(device, MENU)
+                connected.write(MENU)
             if parameter.type == "bool":
-                client.write(device, {parameter.name: False})  # BRAKE ACTIVATION on, BRAKE VALUE is nobody's
+                connected.write({parameter.name: False})  # BRAKE ACTIVATION on, BRAKE VALUE is of no parameter
     assert wrong == []
     assert done > {"az3": 190, "adxl": 15, "csd-mt": 60}[name]

@@ -10,7 +10,7 @@ import click
 from barewire import __version__
 from barewire.cli.arguments import endpoint_argument
 from barewire.errors import EncodeError
-from barewire.io.canopen.async_client import open_canopen_async
+from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.gateway_server import serve_gateway
 from barewire.io.endpoint import Endpoint
 
@@ -44,7 +44,7 @@ def canopen_gateway(endpoint: str, listen: str, net: int) -> None:
 async def _serve(endpoint: str, host: str, port: int, net: int) -> None:
     version = f"barewire {__version__}"
     async with (
-        await open_canopen_async(endpoint) as client,
+        AsyncCanopenClient(endpoint) as client,
         await serve_gateway(client, host, port, net=net, version=version) as gateway,
     ):
         loop = asyncio.get_running_loop()

@@ -21,12 +21,12 @@ from barewire.canopen import CanFrame
 from barewire.cli.arguments import json_option, print_json
 from barewire.cli.simulate import host_device
 from barewire.codecs import Value
-from barewire.devices import Device, Reading, load
+from barewire.devices import Reading, load
 from barewire.devices.sim import Simulator, simulator
 from barewire.errors import NoAnswer
 from barewire.explain import Explanation, explain
-from barewire.io import CanopenClient, connect
-from barewire.io.canopen.client import Client
+from barewire.io.canopen.client import CanopenClient
+from barewire.io.machine import Machine, connect
 from barewire.io.ports.trace import Direction
 
 LINE = "baudrate=19200&parity=E&stopbits=1"
@@ -192,16 +192,15 @@ def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
         scheme = wire.endpoint.partition(":")[0]
         frames = Frames(scheme)
         url = f"{host.url}&pace=1" if scheme in ("rtu", "ascii") else host.url
-        client = connect(url, watch=frames.watch)
-        stack.callback(client.close)
-        if isinstance(client, CanopenClient):
-            _until_there(client)
+        connected = stack.enter_context(connect(description, url, watch=frames.watch))
+        if isinstance(connected.client, CanopenClient):
+            _until_there(connected.client)
         for step in wire.steps:
             if step.value is not None:
-                client.write(description, {step.name: step.value})
+                connected.write(step.name, step.value)
                 reading = Reading(description.find(step.name), step.value)
             else:
-                reading = _read(client, description, step, frames)
+                reading = _read(connected, step, frames)
             action = "read" if step.value is None else "write"
             yield Exchange(host.url, action, reading, frames.take())
 
@@ -210,14 +209,14 @@ def _until_there(client: CanopenClient) -> None:
     """Until the node has said its boot-up message, which it may have done already."""
     if not client.bus.monitor.frames:
         with suppress(NoAnswer):
-            client.wait_for_boot_up(timeout=0.5)
+            client.node().nmt.wait_for_boot_up(timeout=0.5)
 
 
-def _read(client: Client, description: Device, step: Step, frames: Frames) -> Reading:
+def _read(machine: Machine, step: Step, frames: Frames) -> Reading:
     """Read the name; if the device has to get somewhere first, again and again for three seconds."""
     give_up = time.monotonic() + 3.0
     while True:
-        (reading,) = client.read(description, step.name)
+        reading = machine.read(step.name)
         if step.until in reading.parameter.text(reading.value):
             return reading
         if time.monotonic() > give_up:

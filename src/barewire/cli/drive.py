@@ -20,8 +20,8 @@ from barewire.devices.device import drive_roles
 from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
 from barewire.devices.parameter import show
 from barewire.errors import NoAnswer, PortError
-from barewire.io import connect
 from barewire.io.drive import DriveClient
+from barewire.io.machine import connect
 
 Conduct = Callable[..., DriveStatus]
 
@@ -69,8 +69,8 @@ def word(name: str, *, moves: bool = False) -> Callable[[Conduct], click.Command
         @wraps(conduct)
         def act(ctx: click.Context, /, as_json: bool, timeout: float, **how: Any) -> None:
             endpoint, device = ctx.obj
-            with connect(endpoint) as client, followed(as_json) as progress:
-                conductor = DriveClient(client, device, timeout=timeout, progress=progress)
+            with connect(device, endpoint) as machine, followed(as_json) as progress:
+                conductor = machine.drive.following(progress, timeout=timeout)
                 try:
                     with ended_by_signals():
                         look = conduct(conductor, **how)

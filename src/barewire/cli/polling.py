@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 from barewire.devices import Device, Reading
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
-from barewire.io import connect
-from barewire.io.canopen.client import Client
+from barewire.io.machine import Machine, connect
 
 _NONE: Mapping[str, str] = MappingProxyType({})
 
@@ -53,14 +52,14 @@ class Source:
         self.apart: set[str] = set()
         """Names that are read by themselves: those refused, and all where only together they are refused."""
         # The first time a port that is not there is an error; later it may have been unplugged for a while.
-        self.client: Client | None = connect(endpoint)
+        self.machine: Machine | None = connect(device, endpoint)
 
     def poll(self, time: float) -> Poll:
         """Read once."""
         try:
-            if self.client is None:
-                self.client = connect(self.endpoint)
-            return self._read(self.client, time)
+            if self.machine is None:
+                self.machine = connect(self.device, self.endpoint)
+            return self._read(self.machine, time)
         except EncodeError:
             raise  # what cannot be asked for today cannot be asked for tomorrow
         except BarewireError as error:
@@ -68,23 +67,21 @@ class Source:
                 self.close()
             return Poll(time, (), _words(error))
 
-    def _read(self, client: Client, time: float) -> Poll:
+    def _read(self, machine: Machine, time: float) -> Poll:
         came: dict[str, Reading] = {}
         refused: dict[str, str] = {}
         together = [name for name in self.names if name not in self.apart]
         alone = [name for name in self.names if name in self.apart]
         last: Refused | None = None
         try:
-            came.update(
-                (reading.name, reading) for reading in (client.read(self.device, *together) if together else ())
-            )
+            came.update((reading.name, reading) for reading in machine.read_all(together))
         except Refused as error:
             last, alone = error, list(self.names)
         if len(self.names) == 1 and last is not None:
             raise last
         for name in alone:
             try:
-                came[name] = client.read(self.device, name)[0]
+                came[name] = machine.read(name)
             except Refused as error:
                 last = error
                 refused[name] = str(error)
@@ -96,9 +93,9 @@ class Source:
 
     def close(self) -> None:
         """Give the port back."""
-        if self.client is not None:
-            self.client.close()
-            self.client = None
+        if self.machine is not None:
+            self.machine.close()
+            self.machine = None
 
 
 def _words(error: BarewireError) -> str:

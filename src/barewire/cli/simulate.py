@@ -18,7 +18,7 @@ from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, parse_faults
 from barewire.io.server.base import ThreadedServer
-from barewire.io.server.can import open_can_host
+from barewire.io.server.can import CanopenServer
 from barewire.io.server.modbus import ModbusServer
 from barewire.modbus import Table, Unit
 
@@ -153,7 +153,7 @@ def host_device(
     if at.scheme == "can":
         if machine.canopen is None:
             raise EncodeError(f"{device} has no CANopen: it speaks Modbus")
-        return open_can_host(endpoint, machine.canopen, **faults)
+        return CanopenServer(endpoint, device=machine.canopen, **faults)
     units = MachineUnits(machine, *((255, 0) if at.framing == "tcp" else ()))
     _check_unit(at, machine.address)
     return ModbusServer(endpoint, units, **faults)

@@ -23,8 +23,7 @@ from barewire.devices.raw_address import device_with
 from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
 from barewire.errors import BarewireError, NoAnswer
-from barewire.io import connect
-from barewire.io.canopen.client import Client
+from barewire.io.machine import Machine, connect
 from barewire.io.modbus.client import ModbusClient
 
 
@@ -49,8 +48,8 @@ def read(endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timi
     for name in names:
         machine.find(name)  # a wrong name is told before a port is opened
     say_timing(endpoint, timing)
-    with _client(endpoint) as client:
-        for reading in client.read(machine, *names):
+    with _connected(machine, endpoint) as connected:
+        for reading in connected.read_all(names):
             _print(reading, as_json)
 
 
@@ -79,24 +78,24 @@ def write(endpoint: str, device: str, assignments: tuple[str, ...], force: bool,
         to_write(machine, {name: value}, force)
         _remark(machine.find(name), value)
     say_timing(endpoint, timing)
-    with _client(endpoint) as client:
+    with _connected(machine, endpoint) as connected:
         for values in _in_turn(wanted):
-            client.write(machine, values, force=force)
+            connected.write(values, force=force)
             for name, value in values.items():
                 reading = Reading(machine.find(name), value)
                 _print(reading, as_json, how=_how(reading.parameter, endpoint))
 
 
 @contextmanager
-def _client(endpoint: str) -> Iterator[Client]:
-    """A client that does not leave a serial line to the next command while a lost answer may still come there."""
-    with connect(endpoint) as client:
+def _connected(device: Device, endpoint: str) -> Iterator[Machine]:
+    """The machine. A serial line is not left to the next command while a lost answer may still come there."""
+    with connect(device, endpoint) as machine:
         try:
-            yield client
+            yield machine
         except NoAnswer:
-            if isinstance(client, ModbusClient):
+            if isinstance(machine.client, ModbusClient):
                 with suppress(BarewireError):
-                    client.settle()
+                    machine.client.settle()
             raise
 
 

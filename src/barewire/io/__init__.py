@@ -5,11 +5,11 @@
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
     modbus/            ModbusClient, AsyncModbusClient, listening in, the conformance battery
     canopen/           CanopenClient, AsyncCanopenClient, shared buses, captures, the gateway of CiA 309-3
-    drive              a drive behind a client
+    machine            a machine by name, whatever the wire; named_values, drive: its values, its motion
     fault_injection/   faults in the answers of a server
-    server/            ModbusServer, AsyncModbusServer, nodes on a CAN bus; connection limits, locks
+    server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits, locks
 
-The clients and servers of Modbus are names of `barewire` itself; this door has what programs need besides.
+The clients, servers and machines are names of `barewire` itself; this door has what programs need besides.
 
 Depends on: all rooms but `cli`.  Used by: `barewire`, `cli`, programs.
 """
@@ -19,22 +19,11 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.io.canopen.async_client import (
-        AsyncCanopenClient as AsyncCanopenClient,
-        open_canopen_async as open_canopen_async,
-    )
-    from barewire.io.canopen.client import (
-        CanopenClient as CanopenClient,
-        connect as connect,
-        open_bus as open_bus,
-        open_canopen as open_canopen,
-    )
     from barewire.io.canopen.shared_bus import CanBus as CanBus
     from barewire.io.canopen.subscriber import BusDown as BusDown, BusUp as BusUp, FramesLost as FramesLost
     from barewire.io.endpoint import Endpoint as Endpoint
     from barewire.io.engine.blocking import run as run
     from barewire.io.ports.base import Port as Port
-    from barewire.io.server.can import open_can_host as open_can_host
 
 __getattr__, __all__ = lazy(
     __name__,
@@ -42,10 +31,7 @@ __getattr__, __all__ = lazy(
         "endpoint": "Endpoint",
         "engine.blocking": "run",
         "ports.base": "Port",
-        "canopen.client": "CanopenClient connect open_canopen open_bus",
         "canopen.shared_bus": "CanBus",
         "canopen.subscriber": "FramesLost BusDown BusUp",
-        "canopen.async_client": "AsyncCanopenClient open_canopen_async",
-        "server.can": "open_can_host",
     },
 )

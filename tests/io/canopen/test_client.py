@@ -10,14 +10,14 @@ import inspect
 import threading
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from typing import Any, assert_type
+from typing import Any
 
 import pytest
 
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import (
     CanFrame,
     LocalNode,
-    LssAddress,
     LssState,
     NmtCommand,
     NmtState,
@@ -33,11 +33,7 @@ from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import CanopenClient, open_can_host, open_canopen
-from barewire.io.canopen.async_bus import AsyncStream
-from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
-from barewire.io.canopen.async_node_runner import AsyncRunning
-from barewire.io.canopen.event_stream import Stream
+from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.node_runner import Running
 from barewire.io.canopen.shared_bus import CanBus
 from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device, memory_bus
@@ -56,11 +52,11 @@ def walk(tour: Tour, kind: str, url: str) -> None:
     """The tour with one of the two clients."""
 
     async def with_asyncio() -> None:
-        async with await open_canopen_async(url) as client:
+        async with AsyncCanopenClient(url) as client:
             await tour(client)
 
     async def blocking() -> None:
-        with open_canopen(url) as client:
+        with CanopenClient(url) as client:
             await tour(client)
 
     threads = threading.active_count()
@@ -73,7 +69,7 @@ def thing(request: pytest.FixtureRequest) -> Iterator[tuple[str, LocalNode]]:
     """A device on a bus of its own; the URL of a client for it."""
     node = device()
     channel = f"can://virtual/{request.node.name}"
-    with open_can_host(channel, node=node):
+    with CanopenServer(channel, device=node):
         yield f"{channel}?node=5&timeout=30", node
 
 
@@ -83,30 +79,31 @@ KINDS = pytest.mark.parametrize("kind", ["blocking", "asyncio"])
 @KINDS
 def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
-        assert await get(client.upload(0x6041)) == bytes.fromhex("3706")
-        await get(client.download(0x2001, 0, b"\x0b"))
-        assert await get(client.upload(0x2001, size=1)) == b"\x0b"
+        assert await get(client.node().sdo.upload(0x6041)) == bytes.fromhex("3706")
+        await get(client.node().sdo.download(0x2001, 0, b"\x0b"))
+        assert await get(client.node().sdo.upload(0x2001, size=1)) == b"\x0b"
         with pytest.raises(SdoAbort, match="0609 0031h"):
-            await get(client.download(0x2001, 0, b"\x65"))
+            await get(client.node().sdo.download(0x2001, 0, b"\x65"))
         value = bytes(place * 7 % 251 for place in range(5000))
         told: list[tuple[int, int | None]] = []
+        sdo = client.node().sdo
         for block in (False, True, "auto"):
-            await get(client.download(0x2100, 0, value, block=block, progress=lambda *done: told.append(done)))
+            await get(sdo.download(0x2100, 0, value, block=block, progress=lambda *done: told.append(done)))
             assert told[-1] == (5000, 5000)
-            assert await get(client.upload(0x2100, block=block, progress=lambda *done: told.append(done))) == value
-            await get(client.download(0x2100, 0, b"", block=block))
+            assert await get(sdo.upload(0x2100, block=block, progress=lambda *done: told.append(done))) == value
+            await get(client.node().sdo.download(0x2100, 0, b"", block=block))
         pieces = (value[at : at + 100] for at in range(0, 5000, 100))
-        await get(client.download(0x2100, 0, pieces, size=5000, block="auto"))
+        await get(client.node().sdo.download(0x2100, 0, pieces, size=5000, block="auto"))
         parts: list[bytes] = []
-        assert await get(client.upload_to(0x2100, 0, parts.append)) == 5000
+        assert await get(client.node().sdo.upload_to(0x2100, 0, parts.append)) == 5000
         assert b"".join(parts) == value
         with pytest.raises(NoAnswer, match=r"node 9 was never heard .*, 0 frames on 589h"):
-            await get(client.at(node=9, timeout=0.02).upload(0x1000))
-        assert await get(client.at(node=9).upload(0x1000, node=5)) != b""
+            await get(client.node(9, timeout=0.02).sdo.upload(0x1000))
+        assert await get(client.node(9, timeout=0.02).nmt.send(NmtCommand.START)) is None
         with pytest.raises(SdoAbort, match="1201h:01"):
-            await get(client.find_channel(2))
-        channel = await get(client.find_channel(1))
-        assert await get(client.upload(0x6041, node=channel)) == bytes.fromhex("3706")
+            await get(client.node().sdo.find_channel(2))
+        channel = await get(client.node().sdo.find_channel(1))
+        assert await get(client.node().sdo.over(channel).upload(0x6041)) == bytes.fromhex("3706")
 
     walk(tour, kind, thing[0])
 
@@ -114,14 +111,14 @@ def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
 @KINDS
 def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
-        with client.heartbeats() as stream:
-            await get(client.download(0x1017, 0, (20).to_bytes(2, "little")))
-            assert (await get(client.wait_for_heartbeat())).state == NmtState.PRE_OPERATIONAL
-            (obeyed,) = await get(client.tell_nmt(NmtCommand.START))
+        with client.nmt.heartbeats() as stream:
+            await get(client.node().sdo.download(0x1017, 0, (20).to_bytes(2, "little")))
+            assert (await get(client.node().nmt.wait_for_heartbeat())).state == NmtState.PRE_OPERATIONAL
+            obeyed = await get(client.node().nmt.send_confirmed(NmtCommand.START))
             assert (obeyed.node, obeyed.state) == (5, NmtState.OPERATIONAL)
-            await get(client.command(NmtCommand.ENTER_PRE_OPERATIONAL))
-            assert (await get(client.wait_for_state(NmtState.PRE_OPERATIONAL))).node == 5
-            (booted,) = await get(client.tell_nmt(NmtCommand.RESET_NODE))  # and with it the heartbeat is off again
+            await get(client.node().nmt.send(NmtCommand.ENTER_PRE_OPERATIONAL))
+            assert (await get(client.node().nmt.wait_for_state(NmtState.PRE_OPERATIONAL))).node == 5
+            booted = await get(client.node().nmt.send_confirmed(NmtCommand.RESET_NODE))  # switches the heartbeat off
             assert booted.state == NmtState.INITIALISING
             kinds = []
             while "rebooted" not in kinds:
@@ -130,9 +127,9 @@ def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
                 kinds.append(event.kind)
             # That it booted at all may have been before our time.
             assert [kind for kind in kinds if kind != "booted"] == ["active", "state", "state", "rebooted"]
-        assert (await get(client.ask_state())).state == NmtState.PRE_OPERATIONAL
-        with pytest.raises(NoAnswer, match="node 6: it said nothing"):
-            await get(client.tell_nmt(NmtCommand.START, timeout=0.05, ask_every=0.01, confirmed_by=[5, 6]))
+        assert (await get(client.node().nmt.state())).state == NmtState.PRE_OPERATIONAL
+        with pytest.raises(NoAnswer, match="node 6: it did not report its state"):
+            await get(client.nmt.send_confirmed(NmtCommand.START, timeout=0.05, ask_every=0.01, confirmed_by=[5, 6]))
 
     walk(tour, kind, thing[0])
 
@@ -140,13 +137,13 @@ def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
 @KINDS
 def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def tour(client: Any) -> None:
-        with client.heartbeats({5: 0.05}) as stream:
+        with client.nmt.heartbeats({5: 0.05}) as stream:
             await get(client.send(CanFrame.parse("705#05")))  # somebody else's stream hears it: see below
-            await get(client.download(0x1017, 0, (10).to_bytes(2, "little")))
+            await get(client.node().sdo.download(0x1017, 0, (10).to_bytes(2, "little")))
             event = await get(stream.get(30.0))
             while event.kind != "active":
                 event = await get(stream.get(30.0))
-            await get(client.download(0x1017, 0, bytes(2)))
+            await get(client.node().sdo.download(0x1017, 0, bytes(2)))
             while event.kind != "lost":
                 event = await get(stream.get(30.0))
                 assert event is not None
@@ -160,21 +157,21 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
     url, _ = thing
 
     async def tour(client: Any) -> None:
-        with client.emergencies() as errors, client.syncs(overflow=4) as syncs, client.times() as times:
+        with client.emergencies() as errors, client.sync.events(overflow=4) as syncs, client.time.events() as times:
             other = Running(await asyncio.to_thread(open_side, url), Wrong(), None)
             event = await get(errors.get(30.0))
             assert isinstance(event, EmcyEvent)
             assert (event.message.node, event.message.code, event.active) == (7, 0x3210, (0x3210,))
-            producer = client.start_sync(0.005, overflow=4)
+            producer = client.sync.start(0.005, overflow=4)
             beats = [await get(syncs.get(30.0)) for _ in range(6)]
             producer.stop()
             assert [isinstance(beat, SyncEvent) and beat.counter for beat in beats] == [1, 2, 3, 4, 1, 2]
-            await get(client.send_sync(3))
-            clock = client.start_time(60.0)
+            await get(client.sync.send(3))
+            clock = client.time.start(60.0)
             heard = await get(times.get(30.0))
             assert isinstance(heard, TimeReceived)
             clock.stop()
-            await get(client.send_time(1709210096.789))
+            await get(client.time.send(1709210096.789))
             assert (await get(times.get(30.0))).stamp.unix == 1709210096.789
             other.stop()
             other._tap.bus.close()
@@ -193,20 +190,20 @@ def test_node_guarding(kind: str, thing: tuple[str, LocalNode]) -> None:
                 assert time.monotonic() < deadline, told
                 await asyncio.sleep(0.001)
 
-        guarding = client.start_guarding({5: Guard(0.02, 200)}, told.append)
+        guarding = client.nmt.start_guarding({5: Guard(0.02, 200)}, told.append)
         await until("answered")
-        await get(client.command(NmtCommand.STOP))
+        await get(client.node().nmt.send(NmtCommand.STOP))
         await until("answered", "state")
         assert (told[-1].node, told[-1].state) == (5, NmtState.STOPPED)
-        await get(client.command(NmtCommand.RESET_COMMUNICATION))
+        await get(client.node().nmt.send(NmtCommand.RESET_COMMUNICATION))
         await until("answered", "state", "booted", "state")
         guarding.stop()
         told.clear()
-        gone = client.start_guarding({6: Guard(0.01, 2)}, told.append)
+        gone = client.nmt.start_guarding({6: Guard(0.01, 2)}, told.append)
         await until("lost")
         gone.stop()
         with pytest.raises(EncodeError, match="expected a time above 0"):
-            client.start_guarding({5: Guard(0.0)}, print)
+            client.nmt.start_guarding({5: Guard(0.0)}, print)
 
     walk(tour, kind, thing[0])
 
@@ -220,28 +217,28 @@ def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, LocalNo
     async def tour(client: Any) -> None:
         moved = ((0x1005, 0x2000_0080), (0x1012, 0x100), (0x1012, 0xA000_0100), (0x1014, 1 << 31), (0x1014, 0x6B0))
         for index, word in moved:
-            await get(client.download(index, 0, word.to_bytes(4, "little")))
-        await get(client.command(NmtCommand.START))
-        tpdo = await get(client.remote_pdo("TPDO", 1, objects=node.objects))
+            await get(client.node().sdo.download(index, 0, word.to_bytes(4, "little")))
+        await get(client.node().nmt.send(NmtCommand.START))
+        tpdo = await get(client.node().pdo.remote("TPDO", 1, objects=node.objects))
         with client.pdos(tpdo) as values, client.emergencies({emcy: 5}) as errors:
-            await get(client.send_sync())
-            await get(client.send_time(1e9))
+            await get(client.sync.send())
+            await get(client.time.send(1e9))
             await get(client.send(CanFrame.parse("205#01")))  # too short
             assert (await get(errors.get(30.0))).message.code == 0x8210
             assert (await get(values.get(0.0)), node.time.last) == (None, None)
-            await get(client.send_sync(key=sync))
+            await get(client.sync.send(key=sync))
             assert isinstance(await get(values.get(30.0)), PdoReceived)
-            producer = client.start_sync(0.005, key=sync)
+            producer = client.sync.start(0.005, key=sync)
             assert isinstance(await get(values.get(30.0)), PdoReceived)
             producer.stop()
-            await get(client.send_time(1709210096.789, key=clock))
-            await get(client.upload(0x1000))
+            await get(client.time.send(1709210096.789, key=clock))
+            await get(client.node().sdo.upload(0x1000))
             assert node.time.last is not None
             assert node.time.last.stamp.unix == 1709210096.789
-        with client.syncs(key=sync) as beats, client.times(key=clock) as times:
-            with open_canopen(url) as other:
-                other.send_sync(key=sync)
-                other.send_time(1.5e9, key=clock)
+        with client.sync.events(key=sync) as beats, client.time.events(key=clock) as times:
+            with CanopenClient(url) as other:
+                other.sync.send(key=sync)
+                other.time.send(1.5e9, key=clock)
             assert isinstance(await get(beats.get(30.0)), SyncEvent)
             assert isinstance(await get(times.get(30.0)), TimeReceived)
 
@@ -261,7 +258,7 @@ class Wrong:
 
 
 def open_side(url: str) -> CanBus:
-    return open_canopen(url).bus
+    return CanopenClient(url).bus
 
 
 @KINDS
@@ -269,20 +266,21 @@ def test_pdos_by_name(kind: str, thing: tuple[str, LocalNode]) -> None:
     url, node = thing
 
     async def tour(client: Any) -> None:
-        rpdo = await get(client.remote_pdo("RPDO", 1, objects=node.objects))
-        await get(client.write_pdo(PdoConfig("TPDO", 1, (0x60FF0020, 0x60410010), type=1)))
-        tpdo = await get(client.remote_pdo("TPDO", 1, objects=node.objects))
-        assert tpdo.pdo.mapping == (await get(client.read_pdo("TPDO", 1))).mapping == (0x60FF0020, 0x60410010)
+        rpdo = await get(client.node().pdo.remote("RPDO", 1, objects=node.objects))
+        await get(client.node().pdo.write_config(PdoConfig("TPDO", 1, (0x60FF0020, 0x60410010), type=1)))
+        tpdo = await get(client.node().pdo.remote("TPDO", 1, objects=node.objects))
+        configured = await get(client.node().pdo.read_config("TPDO", 1))
+        assert tpdo.pdo.mapping == configured.mapping == (0x60FF0020, 0x60410010)
         with client.pdos(tpdo) as stream:
-            await get(client.command(NmtCommand.START))
-            await get(client.send_pdo(rpdo, {"controlword": 15, "velocity": -25000}))
-            await get(client.send_sync())
+            await get(client.node().nmt.send(NmtCommand.START))
+            await get(client.node().pdo.send(rpdo, {"controlword": 15, "velocity": -25000}))
+            await get(client.sync.send())
             event = await get(stream.get(30.0))
             assert isinstance(event, PdoReceived)
             assert event.values == {"velocity": -25000, "statusword": 0x0637}
-        assert await get(client.upload(0x6040)) == b"\x0f\x00"
+        assert await get(client.node().sdo.upload(0x6040)) == b"\x0f\x00"
         with pytest.raises(EncodeError, match="'speed' is not in this PDO"):
-            client.send_pdo(rpdo, {"speed": 1})
+            client.node().pdo.send(rpdo, {"speed": 1})
 
     walk(tour, kind, url)
 
@@ -294,16 +292,21 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
     channel, az3 = f"can://virtual/{request.node.name}", load("az3")
 
     async def tour(client: Any) -> None:
-        await get(client.read(az3, "STATUS WORD"))
-        remote = await get(client.remote_pdo("TPDO", 1, objects=az3))
+        node = client.node(device="az3")
+        assert (await get(node.read("STATUS WORD"))).name == "STATUS WORD"
+        remote = await get(node.pdo.remote("TPDO", 1))
         assert "STATUS WORD" in remote.decode(CanFrame(remote.key[0], bytes(remote.mapping.size)))
-        await get(client.write(az3, {"TARGET VELOCITY": 100}))
-        assert [float(reading.value) for reading in await get(client.read(az3, "TARGET VELOCITY"))] == [100]
+        await get(node.write({"TARGET VELOCITY": 100}))
+        velocity, unit = await get(node.read("TARGET VELOCITY", "ERROR CODE 1"))
+        assert (float(velocity.value), unit.name) == (100, "ERROR CODE 1")
+        await get(node.write("TARGET VELOCITY", 200))
+        assert [float(reading.value) for reading in await get(node.read_all(["TARGET VELOCITY"]))] == [200]
+        assert (await get(client.node(device=az3).pdo.remote("TPDO", 1))).pdo == remote.pdo
         with pytest.raises(EncodeError, match="TARGET VELOCITY"):
-            await get(client.write(az3, {"TARGET VELOCITY": 10**9}))
+            await get(node.write({"TARGET VELOCITY": 10**9}))
 
     machine = simulator("az3")
-    with open_can_host(channel, node=machine.canopen):
+    with CanopenServer(channel, device=machine.canopen):
         walk(tour, kind, f"{channel}?node=1")
 
 
@@ -315,12 +318,11 @@ def test_who_is_there_and_anything_else(kind: str, thing: tuple[str, LocalNode])
         assert (list(survey.nodes), asked) == ([5], list(range(1, 8)))
         assert list((await get(client.run(scan(range(4, 7))))).nodes) == [5]
         with client.frames((0x585, False)) as answers, client.frames() as everything:
-            await get(client.upload(0x6041))
+            await get(client.node().sdo.upload(0x6041))
             assert str(await get(answers.get(5.0))) == "585#4B41600037060000"
             assert str(await get(everything.get(30.0))) == "605#4041600000000000"
         with client.host(device(6)):
-            other = client.at(node=6)
-            assert await get(other.upload(0x6041)) == bytes.fromhex("3706")
+            assert await get(client.node(6).sdo.upload(0x6041)) == bytes.fromhex("3706")
 
     walk(tour, kind, thing[0])
 
@@ -331,23 +333,23 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
     bare = device(None)
 
     async def tour(client: Any) -> None:
-        assert await get(client.identify_unconfigured(timeout=0.5)) == 1
+        assert await get(client.lss.identify_unconfigured(timeout=0.5)) == 1
         told: list[int] = []
-        assert await get(client.fastscan(timeout=0.5, progress=lambda at: told.append(at.bit))) == IDENTITY
+        assert await get(client.lss.fastscan(timeout=0.5, progress=lambda at: told.append(at.bit))) == IDENTITY
         assert told == [*range(31, -1, -1)] * 4
-        assert await get(client.inquire_address()) == IDENTITY
-        assert await get(client.inquire_node()) is None
-        await get(client.switch_global(LssState.WAITING))
-        assert await get(client.identify_slaves(0x360, 0xDEADBEEF, timeout=0.5)) == 1
-        assert await get(client.switch_selective(IDENTITY))
-        await get(client.configure_bit_timing(2))
-        await get(client.configure_node(12))
-        await get(client.store_configuration())
-        await get(client.switch_global(LssState.WAITING))
-        assert await get(client.at(node=12).upload(0x6041)) == bytes.fromhex("3706")
-        assert await get(client.find_all([20], timeout=0.05)) == []
+        assert await get(client.lss.inquire_address()) == IDENTITY
+        assert await get(client.lss.inquire_node()) is None
+        await get(client.lss.switch_global(LssState.WAITING))
+        assert await get(client.lss.identify_slaves(0x360, 0xDEADBEEF, timeout=0.5)) == 1
+        assert await get(client.lss.switch_selective(IDENTITY))
+        await get(client.lss.configure_bit_timing(2))
+        await get(client.lss.configure_node(12))
+        await get(client.lss.store_configuration())
+        await get(client.lss.switch_global(LssState.WAITING))
+        assert await get(client.node(12).sdo.upload(0x6041)) == bytes.fromhex("3706")
+        assert await get(client.lss.assign_node_ids([20], timeout=0.05)) == []
 
-    with open_can_host(channel, node=bare):
+    with CanopenServer(channel, device=bare):
         walk(tour, kind, channel)
     assert bare.node == 12
 
@@ -355,8 +357,8 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
 def test_clients_of_both_kinds_share_a_bus_and_leave_it_open() -> None:
     async def main(bus: CanBus) -> None:
         async with AsyncCanopenClient(bus, node=5) as one, AsyncCanopenClient(bus, node=6) as two:
-            assert await one.upload(0x6041) == await two.upload(0x6041)
-            running = one.start_sync(60.0)
+            assert await one.node().sdo.upload(0x6041) == await two.node().sdo.upload(0x6041)
+            running = one.sync.start(60.0)
             stream = one.frames()
         await asyncio.sleep(0)
         assert running._task.done()
@@ -368,7 +370,7 @@ def test_clients_of_both_kinds_share_a_bus_and_leave_it_open() -> None:
         with CanopenClient(bus, node=6) as other, client.host(device(5)):
             other.host(device(6))
             asyncio.run(main(bus))
-            assert client.upload(0x6041) == other.upload(0x6041) == bytes.fromhex("3706")
+            assert client.node().sdo.upload(0x6041) == other.node().sdo.upload(0x6041) == bytes.fromhex("3706")
             assert client.channel() is CanopenClient(bus, node=5).channel()
         assert threading.active_count() == threads
         assert bus.failure is None
@@ -380,19 +382,19 @@ def test_a_silent_node_does_not_keep_another_one_waiting() -> None:
 
         def ask() -> None:
             with pytest.raises(PortError, match="closed"):
-                silent.upload(0x1000)
+                silent.node().sdo.upload(0x1000)
 
         waiting = threading.Thread(target=ask)
         with client.frames((0x605, False)) as asked:
             waiting.start()
             assert asked.get(10.0) is not None
-        assert client.upload(0x6041) == bytes.fromhex("3706")
+        assert client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
 
         async def main() -> bytes:
             asynchronous = AsyncCanopenClient(bus, node=6)
-            blocked = asyncio.create_task(AsyncCanopenClient(bus, node=5).upload(0x1000))  # behind the thread
+            blocked = asyncio.create_task(AsyncCanopenClient(bus).node(5).sdo.upload(0x1000))  # behind the thread
             await asyncio.sleep(0)
-            value = await asynchronous.upload(0x6041)
+            value = await asynchronous.node().sdo.upload(0x6041)
             assert not blocked.done()
             blocked.cancel()
             return value
@@ -415,19 +417,19 @@ def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downl
         client.host(node)
         await asyncio.sleep(0)
         for steps in range(10_000):
-            await client.download(0x2100, 0, value)
+            await client.node().sdo.download(0x2100, 0, value)
             task: asyncio.Task[Any] = asyncio.create_task(
-                client.download(0x2100, 0, value[::-1], block=block)
+                client.node().sdo.download(0x2100, 0, value[::-1], block=block)
                 if downloads
-                else client.upload(0x2100, block=block)
+                else client.node().sdo.upload(0x2100, block=block)
             )
             for _ in range(steps):
                 await asyncio.sleep(0)
             ended = task.done()
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
-            assert await client.upload(0x2100) in ((value, value[::-1]) if downloads else (value,))
-            assert await client.upload(0x6041) == bytes.fromhex("3706")
+            assert await client.node().sdo.upload(0x2100) in ((value, value[::-1]) if downloads else (value,))
+            assert await client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
             if ended:
                 return steps
         raise AssertionError("it never came to its end")
@@ -439,7 +441,7 @@ def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downl
 @pytest.mark.parametrize("block", [False, True])
 def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
     with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
-        client.download(0x2100, 0, bytes(2000))
+        client.node().sdo.download(0x2100, 0, bytes(2000))
         for moment in range(3):
             left = moment
 
@@ -450,8 +452,8 @@ def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
                     raise KeyboardInterrupt
 
             with pytest.raises(KeyboardInterrupt):
-                client.upload(0x2100, block=block, progress=stop, timeout=0.5)  # for so long it is quiet afterwards
-            assert client.upload(0x2100, block=block) == bytes(2000)
+                client.node().sdo.upload(0x2100, block=block, progress=stop, timeout=0.5)
+            assert client.node().sdo.upload(0x2100, block=block) == bytes(2000)
 
 
 class Cramped(MemoryPort):
@@ -474,7 +476,7 @@ def test_a_task_that_is_cancelled_within_a_burst_says_so_when_there_is_room_agai
 
     async def main(bus: CanBus, port: Cramped) -> list[CanFrame]:
         client = AsyncCanopenClient(bus, node=5, timeout=30.0)
-        task: asyncio.Task[Any] = asyncio.create_task(client.download(0x2100, 0, bytes(2000), block=True))
+        task: asyncio.Task[Any] = asyncio.create_task(client.node().sdo.download(0x2100, 0, bytes(2000), block=True))
         while not port.sent:
             await asyncio.sleep(0.001)
         port.come(CanFrame.parse("585#A40021007F000000"))
@@ -503,15 +505,3 @@ def test_receive_is_the_next_frame_from_the_first_call_on() -> None:
         port.come(CanFrame.parse("705#05"))
         assert str(client.receive(5.0)) == "705#05"
         assert client.receive() is None
-
-
-async def types(client: CanopenClient, awaited: AsyncCanopenClient) -> None:
-    """For mypy, which knows what each word gives on either client; not run."""
-    assert_type(client.upload(0x6041), bytes)
-    assert_type(await awaited.upload(0x6041), bytes)
-    assert_type(client.read_pdo("TPDO", 1), PdoConfig)
-    assert_type(await awaited.fastscan(), LssAddress | None)
-    assert_type(client.emergencies(), Stream[EmcyEvent])
-    assert_type(awaited.emergencies(), AsyncStream[EmcyEvent])
-    assert_type(client.start_sync(1.0), Running)
-    assert_type(awaited.start_sync(1.0), AsyncRunning)

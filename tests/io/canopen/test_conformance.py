@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import open_can_host, open_canopen
 from barewire.io.canopen import conformance as shell
 from barewire.io.canopen.conformance import Result, conform_can
 from barewire.io.endpoint import Endpoint
@@ -26,7 +26,7 @@ URL = f"can://virtual/conform?node={NODE}"
 
 @pytest.fixture
 def device() -> Iterator[str]:
-    with open_can_host(URL, node=plain()):
+    with CanopenServer(URL, device=plain()):
         yield f"{URL}&timeout=1"
 
 
@@ -34,7 +34,7 @@ def held(**which: Any) -> list[Result]:
     """Our device against cases."""
 
     def run(patience: str) -> list[Result]:
-        with open_can_host(URL, node=plain()):
+        with CanopenServer(URL, device=plain()):
             return list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
 
     return again(run, "0.1", "1")
@@ -49,10 +49,10 @@ def test_our_device_passes() -> None:
 
 def test_what_somebody_set_before_is_no_fault_of_the_device(device: str) -> None:
     """1017h is compared with what it has after a reset, not with what it had when the battery came."""
-    with open_canopen(device) as client:
-        client.download(0x1017, 0, (1234).to_bytes(2, "little"))
+    with CanopenClient(device) as client:
+        client.node().sdo.download(0x1017, 0, (1234).to_bytes(2, "little"))
         results = list(conform_can(Endpoint.parse(device), only=("SDO-01",)))
-        assert client.upload(0x1017) == (1234).to_bytes(2, "little")  # these read only: nothing was reset
+        assert client.node().sdo.upload(0x1017) == (1234).to_bytes(2, "little")  # these read only: nothing was reset
     assert [result.failure for result in results] == [None]
     results = list(conform_can(Endpoint.parse(device), only=("NMT-17", "NMT-18")))
     assert [result.failure for result in results] == [None, None]
@@ -78,10 +78,10 @@ def test_where_nobody_is_and_what_has_no_cases() -> None:
 
 
 def test_a_bus_without_remote_frames_says_so() -> None:
-    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url, open_canopen(url) as client:
+    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url, CanopenClient(url) as client:
         with refused(PortError, "socketcand carries no remote frames"):
             client.send(CanFrame.parse("705#R1"))
-        assert client.upload(0x1000) == bytes.fromhex("92010200")
+        assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
 
 
 def test_the_command() -> None:
@@ -128,7 +128,7 @@ def test_a_device_that_dies_in_mid_battery_ends_the_run(monkeypatch: pytest.Monk
     monkeypatch.setattr(shell, "BOOT", 0.3)
     whole: list[Result] = []
     results: list[Result] = []
-    with open_can_host(URL, node=plain()) as host:
+    with CanopenServer(URL, device=plain()) as host:
         hold_on(only, whole)
         with pytest.raises(Unfinished, match=f"node {NODE} answers no more behind the case {only[:3]}-") as caught:
             hold_on(only, results, 3, host.close)
@@ -141,11 +141,11 @@ def test_a_device_that_is_started_anew_is_held_on() -> None:
     """The case in which it comes back may hear its boot-up message, and fail; the others are as ever."""
     results: list[Result] = []
     with ExitStack() as stack:
-        host = stack.enter_context(open_can_host(URL, node=plain()))
+        host = stack.enter_context(CanopenServer(URL, device=plain()))
 
         def anew() -> None:
             host.close()
-            stack.enter_context(open_can_host(URL, node=plain()))
+            stack.enter_context(CanopenServer(URL, device=plain()))
 
         hold_on("NMT-1", results, 3, anew)
     assert [result.failure for result in results[4:] if result.failure] == []

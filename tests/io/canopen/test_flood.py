@@ -8,8 +8,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
-from barewire.io import CanopenClient
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import FramesLost
@@ -60,11 +60,11 @@ def test_every_value_is_right() -> None:
         slow = client.frames()
         with flood(port, LATE):
             for number in range(1, 100):
-                assert client.upload(0x3000 + number) == (number * 7919).to_bytes(4, "little")
+                assert client.node().sdo.upload(0x3000 + number) == (number * 7919).to_bytes(4, "little")
         with flood(port):
             for block in (False, True):
-                client.download(0x2100, 0, value, block=block)
-                assert client.upload(0x2100, block=block) == value
+                client.node().sdo.download(0x2100, 0, value, block=block)
+                assert client.node().sdo.upload(0x2100, block=block) == value
         assert client.channel().total.garbled == 0
         assert client.channel().total.late > 0
         assert slow.lost > 0
@@ -78,7 +78,8 @@ def test_with_tasks() -> None:
             with client.host(device()):
                 await asyncio.sleep(0)
                 with flood(port, LATE):
-                    values = await asyncio.gather(*(client.upload(0x3000 + number) for number in range(1, 50)))
+                    sdo = client.node().sdo
+                    values = await asyncio.gather(*(sdo.upload(0x3000 + number) for number in range(1, 50)))
         assert values == [(number * 7919).to_bytes(4, "little") for number in range(1, 50)]
 
     port = MemoryPort()

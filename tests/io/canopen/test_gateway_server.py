@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
+from barewire import CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.devices.sim import simulator
 from barewire.errors import PortError
-from barewire.io import open_can_host
-from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
+from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.gateway_server import CONNECTIONS, UNREAD, CanopenGateway, serve_gateway
 
 
@@ -25,8 +25,8 @@ async def gateway(name: str) -> AsyncIterator[tuple[CanopenGateway, AsyncCanopen
     url = f"can://virtual/{name}"
     machine = simulator("az3", 0.0, node=5)
     assert machine.canopen is not None
-    with open_can_host(url, node=machine.canopen):
-        async with await open_canopen_async(url) as client, await serve_gateway(client) as made:
+    with CanopenServer(url, device=machine.canopen):
+        async with AsyncCanopenClient(url) as client, await serve_gateway(client) as made:
             yield made, client
 
 

@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
+from barewire import CanopenClient, CanopenServer
 from barewire.errors import PortError
-from barewire.io import open_can_host, open_canopen
 from barewire.io.ports.python_can import CanPort
 from tests.io.canopen.memory_bus import device
 
@@ -35,18 +35,18 @@ def test_transfers_and_strangers_in_the_group() -> None:
     url = f"can://udp_multicast/{GROUP}?port={place}&hop_limit=0&node=5&timeout=30"
     if not there_is_a_way:
         with pytest.raises(PortError, match=rf"can://udp_multicast/{GROUP}: could not .*: no such device"):
-            open_canopen(url)
+            CanopenClient(url)
         return
     value = bytes(number % 251 for number in range(700))
-    with open_can_host(url, node=device()), open_canopen(url) as client:
-        assert client.upload(0x6041) == b"\x37\x06"
+    with CanopenServer(url, device=device()), CanopenClient(url) as client:
+        assert client.node().sdo.upload(0x6041) == b"\x37\x06"
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             for noise in (b"nonsense", b"\x81\xa1a", b"\xc1", b"\x81\xa1a\x01\x02"):
                 stranger.sendto(noise, (GROUP, place))
         for block in (False, True):
-            client.download(0x2100, 0, value, block=block)
-            assert client.upload(0x2100, block=block) == value
+            client.node().sdo.download(0x2100, 0, value, block=block)
+            assert client.node().sdo.upload(0x2100, block=block) == value
         port = client.bus.port
         assert isinstance(port, CanPort)
         assert (port.garbled, client.bus.failure) == (4, None)

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from barewire import CanopenClient
 from barewire.canopen import CanFrame, PdoConfig
 from barewire.errors import EncodeError
-from barewire.io import CanopenClient
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.shared_bus import CanBus
 from tests.io.canopen.memory_bus import MemoryPort, device
@@ -18,29 +18,29 @@ from tests.io.canopen.memory_bus import MemoryPort, device
 NAN = float("nan")
 
 CASES: dict[str, Callable[[Any], Any]] = {
-    "upload, nan": lambda c: c.upload(0x1000, timeout=NAN),
-    "upload, below 0": lambda c: c.upload(0x1000, timeout=-1),
-    "client, nan": lambda c: c.at(timeout=NAN).upload(0x1000),
-    "another channel, nan": lambda c: c.find_channel(2, timeout=NAN),
+    "upload, nan": lambda c: c.node().sdo.upload(0x1000, timeout=NAN),
+    "upload, below 0": lambda c: c.node().sdo.upload(0x1000, timeout=-1),
+    "client, nan": lambda c: c.node(timeout=NAN).sdo.upload(0x1000),
+    "another channel, nan": lambda c: c.node().sdo.find_channel(2, timeout=NAN),
     "scan, nan": lambda c: c.scan([5], timeout=NAN),
-    "heartbeat, nan": lambda c: c.wait_for_heartbeat(timeout=NAN),
-    "NMT, nan": lambda c: c.tell_nmt(1, timeout=NAN),
-    "fastscan, nan": lambda c: c.fastscan(timeout=NAN),
+    "heartbeat, nan": lambda c: c.node().nmt.wait_for_heartbeat(timeout=NAN),
+    "NMT, nan": lambda c: c.node().nmt.send_confirmed(1, timeout=NAN),
+    "fastscan, nan": lambda c: c.lss.fastscan(timeout=NAN),
     "stream, nan": lambda c: c.frames((1, False)).get(NAN),
-    "PDO, nan": lambda c: c.read_pdo("TPDO", 1, timeout=NAN),
-    "time, nan": lambda c: c.send_time(NAN),
-    "time, inf": lambda c: c.send_time(float("inf")),
-    "SYNC period, nan": lambda c: c.start_sync(NAN),
-    "SYNC identifier": lambda c: c.send_sync(key=(0x800, False)),
+    "PDO, nan": lambda c: c.node().pdo.read_config("TPDO", 1, timeout=NAN),
+    "time, nan": lambda c: c.time.send(NAN),
+    "time, inf": lambda c: c.time.send(float("inf")),
+    "SYNC period, nan": lambda c: c.sync.start(NAN),
+    "SYNC identifier": lambda c: c.sync.send(key=(0x800, False)),
     "frame identifier": lambda c: c.send(CanFrame(0x800)),
     "frame too long": lambda c: c.send(CanFrame(0x100, bytes(9))),
-    "block": lambda c: c.upload(0x2100, block="yes"),
-    "text": lambda c: c.download(0x2100, 0, "text"),
-    "no PDO before the first": lambda c: c.read_pdo("TPDO", 0),
-    "no PDO behind the last": lambda c: c.read_pdo("RPDO", 513),
-    "no such direction": lambda c: c.read_pdo("XPDO", 1),
-    "a mapping is no PDO": lambda c: c.write_pdo(PdoConfig("TPDO", 513, ())),
-    "node 0": lambda c: c.upload(0x1000, node=0),
+    "block": lambda c: c.node().sdo.upload(0x2100, block="yes"),
+    "text": lambda c: c.node().sdo.download(0x2100, 0, "text"),
+    "no PDO before the first": lambda c: c.node().pdo.read_config("TPDO", 0),
+    "no PDO behind the last": lambda c: c.node().pdo.read_config("RPDO", 513),
+    "no such direction": lambda c: c.node().pdo.read_config("XPDO", 1),
+    "a mapping is no PDO": lambda c: c.node().pdo.write_config(PdoConfig("TPDO", 513, ())),
+    "node 0": lambda c: c.node(0).sdo.upload(0x1000),
 }
 
 
@@ -51,22 +51,22 @@ def test_one_clear_error_and_nothing_said(kind: str, case: str) -> None:
 
     def blocking(bus: CanBus) -> None:
         with CanopenClient(bus, node=6, timeout=30.0) as client, client.host(device(6)):
-            client.upload(0x1000)
+            client.node().sdo.upload(0x1000)
             port.sent.clear()
             with pytest.raises(EncodeError):
                 CASES[case](client)
             assert not port.sent
-            assert client.upload(0x6041) == b"\x37\x06"
+            assert client.node().sdo.upload(0x6041) == b"\x37\x06"
 
     async def with_asyncio(bus: CanBus) -> None:
         async with AsyncCanopenClient(bus, node=6, timeout=30.0) as client:
             with client.host(device(6)):
-                await client.upload(0x1000)
+                await client.node().sdo.upload(0x1000)
                 port.sent.clear()
                 with pytest.raises(EncodeError):
                     await CASES[case](client)
                 assert not port.sent
-                assert await client.upload(0x6041) == b"\x37\x06"
+                assert await client.node().sdo.upload(0x6041) == b"\x37\x06"
 
     with CanBus(port) as bus:
         if kind == "blocking":

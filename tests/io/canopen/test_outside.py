@@ -9,16 +9,14 @@ from collections.abc import Callable
 
 import pytest
 
+from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, Entry, ErrorFrame, LocalNode, NmtCommand, NmtState, ObjectDictionary, PdoConfig
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError
-from barewire.io import open_can_host, open_canopen, open_canopen_async
-from barewire.io.canopen.client import CanopenClient
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.server.can import CanHost
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
@@ -34,13 +32,10 @@ def thermometer() -> LocalNode:
 
 def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:
     node = thermometer()
-    with (
-        open_can_host("can://virtual/outside", node=node) as host,
-        open_canopen("can://virtual/outside?node=5") as client,
-    ):
-        assert isinstance(host, CanHost)
-        client.tell_nmt(NmtCommand.START, ask_every=0.05)
-        pdo = client.remote_pdo("TPDO", 1, objects=node.objects)
+    url = "can://virtual/outside"
+    with CanopenServer(url, device=node) as host, CanopenClient(url, node=5) as client:
+        client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.05)
+        pdo = client.node().pdo.remote("TPDO", 1, objects=node.objects)
         with client.emergencies() as wrong, client.pdos(pdo) as values:
             host.do(lambda now: node.error(0x4210, now))
             told = wrong.get(timeout=PATIENCE)
@@ -57,9 +52,10 @@ def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:
 def test_so_does_one_that_lives_with_a_client() -> None:
     node = thermometer()
     url = "can://virtual/with?node=5"
-    with open_canopen(url) as other, open_canopen(url) as client, client.host(node) as running:
-        other.tell_nmt(NmtCommand.START, ask_every=0.05)
-        with other.pdos(other.remote_pdo("TPDO", 1, objects=node.objects)) as values, other.emergencies() as wrong:
+    with CanopenClient(url) as other, CanopenClient(url) as client, client.host(node) as running:
+        other.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.05)
+        pdo = other.node().pdo.remote("TPDO", 1, objects=node.objects)
+        with other.pdos(pdo) as values, other.emergencies() as wrong:
             running.do(lambda now: node.objects.set(0x6000, 0, 216))
             assert getattr(values.get(timeout=PATIENCE), "values", None) == {"temperature": 216}
             node.objects["temperature"] = 217
@@ -71,10 +67,10 @@ def test_so_does_one_that_lives_with_a_client() -> None:
 def test_and_with_asyncio() -> None:
     async def main() -> None:
         node = thermometer()
-        async with await open_canopen_async("can://virtual/task?node=5") as client:
+        async with AsyncCanopenClient("can://virtual/task?node=5") as client:
             with client.host(node) as running:
-                await client.tell_nmt(NmtCommand.START, ask_every=0.05)
-                with client.pdos(await client.remote_pdo("TPDO", 1, objects=node.objects)) as values:
+                await client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.05)
+                with client.pdos(await client.node().pdo.remote("TPDO", 1, objects=node.objects)) as values:
                     await running.do(lambda now: node.objects.set(0x6000, 0, 216))
                     assert getattr(await values.get(timeout=PATIENCE), "values", None) == {"temperature": 216}
                     node.objects["temperature"] = 217
@@ -85,8 +81,7 @@ def test_and_with_asyncio() -> None:
 
 def test_a_hosted_device_that_was_bus_off_obeys_1029h_and_says_that_it_is_back() -> None:
     node, port = device(), MemoryPort()
-    host = open_can_host("can://virtual/off", node=node)
-    assert isinstance(host, CanHost)
+    host = CanopenServer("can://virtual/off", device=node)
     host.port.close()
     host.port = port
     with host:
@@ -112,35 +107,72 @@ def wait(condition: Callable[[], bool]) -> None:
 def test_the_url_of_a_host_names_no_other_node() -> None:
     for node in (device(7), simulator("az3").canopen):
         with pytest.raises(EncodeError, match=r"node 5 is asked for, and the device is node (7|1)"):
-            open_can_host("can://virtual/other?node=5", node=node)
-    open_can_host("can://virtual/other?node=7", node=device(7)).close()
-    open_can_host("can://virtual/other?node=7", node=device(None)).close()
+            CanopenServer("can://virtual/other?node=5", device=node)
+    CanopenServer("can://virtual/other?node=7", device=device(7)).close()
+    CanopenServer("can://virtual/other?node=7", device=device(None)).close()
 
 
-def test_what_a_word_is_given_by_mistake_is_told() -> None:
+def test_wrong_arguments_give_an_error_that_names_the_right_method() -> None:
     az3, objects = load("az3"), thermometer().objects
     with CanopenClient(CanBus(MemoryPort()), node=5) as client:
+        node, described, by_eds = client.node(), client.node(device="az3"), client.node(eds=objects)
         mistakes: dict[str, Callable[[], object]] = {
-            "no description of a device; with a dictionary": lambda: client.read(objects, "temperature"),  # type: ignore[arg-type]
-            "24641 is no name; by index it is `upload`": lambda: client.read(az3, 0x6041),  # type: ignore[arg-type]
-            "5 is no name": lambda: client.write(az3, {5: 1}),  # type: ignore[dict-item]
-            "is no ObjectDictionary; a described": lambda: client.read_object(az3, "STATUS WORD"),  # type: ignore[arg-type]
-            r"1500 is not bytes: .* \(1500\).to_bytes": lambda: client.download(0x60FF, 0, 1500),  # type: ignore[arg-type]
-            "NMT command 'start': expected one of NmtCommand.START": lambda: client.tell_nmt("start"),  # type: ignore[arg-type]
+            "24641 is no name of a parameter of az3; by index it is node.sdo.upload": lambda: described.read(0x6041),  # type: ignore[call-overload]
+            "5 is no name": lambda: described.write({5: 1}),  # type: ignore[dict-item]
+            r"write\('STATUS WORD'\): expected a value": lambda: described.write("STATUS WORD"),  # type: ignore[call-overload]
+            r"read\(\): expected a name": lambda: described.read(),  # type: ignore[call-overload]
+            r"read_all\('STATUS WORD'\): expected several": lambda: described.read_all("STATUS WORD"),
+            "'pressure'": lambda: by_eds.read("pressure"),
+            "is no ObjectDictionary; a described": lambda: node.sdo.read_object(az3, "STATUS WORD"),  # type: ignore[arg-type]
+            r"1500 is not bytes: .* \(1500\).to_bytes": lambda: node.sdo.download(0x60FF, 0, 1500),  # type: ignore[arg-type]
+            "NMT command 'start': expected one of NmtCommand.START": lambda: node.nmt.send_confirmed("start"),  # type: ignore[arg-type]
+            "node 128: expected a number in 1..127": lambda: client.node(128),
+            "node '5': expected a number": lambda: client.node("5"),  # type: ignore[call-overload]
+            "device= or eds=, not both": lambda: client.node(5, device="az3", eds=objects),  # type: ignore[call-overload]
+            "csd-mt has no CANopen": lambda: client.node(5, device="csd-mt"),
+            "eds 'missing.eds': No such file": lambda: client.node(5, eds="missing.eds"),
+            "SDO dialect 'french': expected one of": lambda: client.node(5, dialect="french"),
         }
         for text, mistake in mistakes.items():
             with pytest.raises(EncodeError, match=text):
                 mistake()
+        with pytest.raises(LookupError, match="'STATUS WRD'; did you mean 'STATUS WORD'"):
+            described.read("STATUS WRD")
+        with pytest.raises(AttributeError, match=r"'read' needs names: bus.node\(5, device=...\)"):
+            node.read("STATUS WORD")  # type: ignore[attr-defined]
         client.bus.close()
 
 
-def test_help_tells_the_name_and_the_parameters_of_a_word() -> None:
+def test_a_client_refuses_wrong_urls_and_options() -> None:
+    kinds: list[Callable[..., object]] = [CanopenClient, AsyncCanopenClient]
+    mistakes: dict[str, tuple[object, dict[str, object]]] = {
+        "CANopen needs can://INTERFACE/CHANNEL": ("tcp://127.0.0.1", {}),
+        "node 200: expected 1..127": ("can://virtual/x?node=200", {}),
+        "node 0: expected 1..127": ("can://virtual/x", {"node": 0}),
+        "time-out -1": ("can://virtual/x", {"timeout": -1}),
+        "SDO dialect 'french': expected one of": ("can://virtual/x?dialect=french", {}),
+        "5: expected a URL such as": (5, {}),
+        "bitrate: an option of a bus that is opened by its URL": (MemoryPort(), {"bitrate": 5}),
+    }
+    for kind in kinds:
+        for text, (bus, options) in mistakes.items():
+            with pytest.raises(EncodeError, match=text):
+                kind(bus, **options)
+
+
+def test_methods_have_the_name_and_the_parameters_of_their_definition() -> None:
     with CanBus(MemoryPort()) as bus:
         client = CanopenClient(bus, node=5)
+        node = client.node()
         assert repr(client) == "<CanopenClient on memory, node 5>"
-        for word, first in ((client.upload, "index"), (client.heartbeats, "times"), (client.start_sync, "period")):
-            assert next(iter(inspect.signature(word).parameters)) == first
-            assert word.__doc__
-        assert client.write_pdo.__name__ == "write_pdo"
-        assert "progress" in inspect.signature(client.fastscan).parameters
-        assert client.fastscan.__name__ == "fastscan"
+        firsts: list[tuple[Callable[..., object], str]] = [
+            (node.sdo.upload, "index"),
+            (client.nmt.heartbeats, "times"),
+            (client.sync.start, "period"),
+        ]
+        for method, first in firsts:
+            assert next(iter(inspect.signature(method).parameters)) == first
+            assert method.__doc__
+        assert node.pdo.write_config.__name__ == "write_config"
+        assert "progress" in inspect.signature(client.lss.fastscan).parameters
+        assert client.lss.fastscan.__name__ == "fastscan"

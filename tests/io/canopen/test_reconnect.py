@@ -14,9 +14,9 @@ from typing import TypeVar
 
 import pytest
 
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame, NmtCommand, NmtState
 from barewire.errors import NoAnswer, PortError
-from barewire.io import CanopenClient, open_can_host, open_canopen
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.event_stream import Frames, Stream
 from barewire.io.canopen.reconnect import LASTED, Reopening
@@ -94,13 +94,13 @@ def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_node_of_ours_lives_on
     with adapter.bus() as bus, Stream(bus, Frames(), None) as stream:
         ours = device(6)
         with CanopenClient(bus, node=5, timeout=30.0) as client, client.host(ours):
-            client.download(0x2001, 0, b"\x07", node=6)
+            client.node(6).sdo.download(0x2001, 0, b"\x07")
             adapter.may_open.clear()
             told: list[str] = []
 
             def ask() -> None:
                 with pytest.raises(PortError) as caught:
-                    client.upload(0x1000)
+                    client.node().sdo.upload(0x1000)
                 told.append(str(caught.value))
 
             asking = threading.Thread(target=ask)
@@ -111,11 +111,11 @@ def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_node_of_ours_lives_on
             asking.join(30.0)
             assert told == ["the adapter was unplugged"]
             with pytest.raises(PortError, match="unplugged"):
-                client.at(timeout=0.01).upload(0x1000)
+                client.node(timeout=0.01).sdo.upload(0x1000)
             with pytest.raises(PortError, match="unplugged"):
                 client.receive(0.01)
             threading.Timer(0.05, adapter.may_open.set).start()
-            assert client.upload(0x2001, node=6) == b"\x07"
+            assert client.node(6).sdo.upload(0x2001) == b"\x07"
             assert client.receive(0.0) is None
             adapter.port.come(frame("080#"))
             assert client.receive(30.0) == frame("080#")
@@ -129,9 +129,9 @@ def test_with_asyncio() -> None:
             async with AsyncCanopenClient(bus, node=6, timeout=30.0) as client:
                 with client.host(device(6)), client.frames((0x80, False)) as stream:
                     await asyncio.sleep(0)
-                    assert await client.upload(0x6041) == b"\x37\x06"
+                    assert await client.node().sdo.upload(0x6041) == b"\x37\x06"
                     adapter.may_open.clear()
-                    silent = asyncio.create_task(client.at(node=5).upload(0x1000))
+                    silent = asyncio.create_task(client.node(5).sdo.upload(0x1000))
                     while frame("605#4000100000000000") not in adapter.port.sent:
                         await asyncio.sleep(0)
                     adapter.port.come(UNPLUGGED)
@@ -139,8 +139,8 @@ def test_with_asyncio() -> None:
                         await silent
                     assert await stream.get(30.0) == BusDown("the adapter was unplugged")
                     with pytest.raises(PortError, match="unplugged"):
-                        await client.at(timeout=0.01).upload(0x1000)
-                    asking = [asyncio.create_task(client.upload(0x6041)) for _ in range(20)]
+                        await client.node(timeout=0.01).sdo.upload(0x1000)
+                    asking = [asyncio.create_task(client.node().sdo.upload(0x6041)) for _ in range(20)]
                     await asyncio.sleep(0)
                     adapter.may_open.set()
                     assert await asyncio.gather(*asking) == [b"\x37\x06"] * 20
@@ -230,13 +230,13 @@ def test_a_port_that_opens_and_fails_at_once_is_no_success(monkeypatch: pytest.M
 def test_a_node_says_that_the_controller_is_back_on_the_bus() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, CanopenClient(bus, node=6, timeout=30.0) as client, client.host(device(6)):
-        client.tell_nmt(NmtCommand.START, ask_every=0.1, timeout=30.0)
+        client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.1, timeout=30.0)
         errors = client.frames((0x86, False))
         for restarted in (ErrorFrame(0x100), frame("123#")):
             port.come(ErrorFrame(0x40, bytes(8)), restarted)
             said = [str(until(errors, CanFrame)) for _ in range(2)]
             assert said == ["086#4081110000000000", "086#0000000000000000"]
-        assert client.ask_state(timeout=30.0).state == NmtState.PRE_OPERATIONAL  # as 1029h wants it
+        assert client.node().nmt.state(timeout=30.0).state == NmtState.PRE_OPERATIONAL  # as 1029h wants it
 
 
 # Through python-can
@@ -253,14 +253,14 @@ def test_a_socketcand_server_that_is_restarted() -> None:
     url = f"can://socketcand/127.0.0.1:{place}/can0?node=5&timeout=30"
     hub = SocketcandHub("127.0.0.1", place)
     try:
-        with open_canopen(url) as client, open_canopen(url) as other, other.host(device()), client.frames() as stream:
-            assert client.upload(0x6041) == b"\x37\x06"
+        with CanopenClient(url) as client, CanopenClient(url) as other, other.host(device()), client.frames() as stream:
+            assert client.node().sdo.upload(0x6041) == b"\x37\x06"
             hub.close()
             assert until(stream, BusDown).why.endswith("the server hung up")
             hub = SocketcandHub("127.0.0.1", place)
             until(stream, BusUp)
             other.bus.wait_open(30.0)
-            assert client.upload(0x6041) == b"\x37\x06"
+            assert client.node().sdo.upload(0x6041) == b"\x37\x06"
     finally:
         hub.close()
 
@@ -271,17 +271,17 @@ def test_a_hosted_node_whose_socketcand_server_is_restarted() -> None:
     hub = SocketcandHub("127.0.0.1", place)
     node = device()
     try:
-        with open_can_host(url, node=node) as host:
-            with open_canopen(url) as client:
-                client.download(0x2001, 0, b"\x07")
+        with CanopenServer(url, device=node) as host:
+            with CanopenClient(url) as client:
+                client.node().sdo.download(0x2001, 0, b"\x07")
             hub.close()
             hub = SocketcandHub("127.0.0.1", place)
-            with open_canopen(url) as client:
+            with CanopenClient(url) as client:
                 deadline = time.monotonic() + 30.0
                 heard = b""
                 while not heard and time.monotonic() < deadline:
                     with suppress(NoAnswer):  # the node may still be on its way
-                        heard = client.at(timeout=0.1).upload(0x2001)
+                        heard = client.node(timeout=0.1).sdo.upload(0x2001)
                 assert heard == b"\x07"  # it has not been switched off
         assert host.failure is None
     finally:
@@ -346,7 +346,7 @@ def test_a_serial_adapter_that_is_plugged_out_and_in_again(tmp_path: Path) -> No
     pytest.importorskip("serial")
     adapter = Slcan(tmp_path / "can")
     try:
-        with open_canopen(f"can://slcan/{tmp_path}/can") as client, client.frames((0x123, False)) as stream:
+        with CanopenClient(f"can://slcan/{tmp_path}/can") as client, client.frames((0x123, False)) as stream:
             adapter.say(b"t12320102\r")
             assert stream.get(30.0) == frame("123#0102")
             adapter.close()

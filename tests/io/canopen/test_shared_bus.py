@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io import CanopenClient
 from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber
 from barewire.io.canopen.event_stream import Frames, Stream
 from barewire.io.canopen.shared_bus import CanBus
@@ -84,7 +84,7 @@ def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> N
             assert [two.get(30.0), two.get(30.0)] == [BUS_OFF, fd]
             assert conversation.receive(30.0) == frame("001#")
         with pytest.raises(NoAnswer, match="the controller reported bus off"):
-            CanopenClient(bus, node=5, timeout=0.01).upload(0x1000)
+            CanopenClient(bus, timeout=0.01).node(5).sdo.upload(0x1000)
 
 
 def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
@@ -95,7 +95,7 @@ def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
 
         def ask() -> None:
             with pytest.raises(PortError) as caught:
-                client.upload(0x1000)
+                client.node().sdo.upload(0x1000)
             ends.append(str(caught.value))
 
         threads = [threading.Thread(target=ask) for _ in range(3)]
@@ -158,14 +158,14 @@ def test_a_watcher_that_fails_is_no_silence() -> None:
 
 def test_a_talk_inside_a_talk_on_one_channel_is_told_and_does_not_hang() -> None:
     with memory_bus() as bus, CanopenClient(bus, node=5, timeout=2.0) as client, client.host(device()):
-        client.download(0x2100, 0, bytes(100))
+        client.node().sdo.download(0x2100, 0, bytes(100))
 
         def meanwhile(done: int, size: int | None) -> None:
-            client.upload(0x1000)
+            client.node().sdo.upload(0x1000)
 
         with pytest.raises(EncodeError, match="begun inside another one"):
-            client.upload(0x2100, progress=meanwhile)
-        assert client.upload(0x2001) == b"\x32"
+            client.node().sdo.upload(0x2100, progress=meanwhile)
+        assert client.node().sdo.upload(0x2001) == b"\x32"
 
 
 def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
@@ -174,7 +174,7 @@ def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
         port.come(frame("705#7F"))
         tap.receive(30.0)
         with pytest.raises(NoAnswer, match=r"node 5 last heard 0.\S+ s ago, pre-operational, 0 frames on 585h"):
-            client.upload(0x6041)
+            client.node().sdo.upload(0x6041)
 
 
 def test_an_asyncio_tap_is_woken_once_and_hears_all() -> None:

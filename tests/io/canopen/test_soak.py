@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from barewire.io import CanopenClient, open_can_host, open_canopen
-from barewire.io.canopen.async_client import AsyncCanopenClient, open_canopen_async
+from barewire import CanopenClient, CanopenServer
+from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.shared_bus import CanBus
 from tests.io.canopen.memory_bus import device, memory_bus
 
@@ -27,7 +27,7 @@ def by_threads(client: CanopenClient, threads: int, reads: int) -> list[int]:
     def work(number: int) -> None:
         for turn in range(reads):
             place = turn * (2 * number + 1) % NUMBERS
-            found[number] += right(place, client.upload(0x3000 + place))
+            found[number] += right(place, client.node().sdo.upload(0x3000 + place))
 
     workers = [threading.Thread(target=work, args=(number,)) for number in range(threads)]
     for worker in workers:
@@ -42,7 +42,7 @@ async def by_tasks(client: AsyncCanopenClient, tasks: int, reads: int) -> list[i
         found = 0
         for turn in range(reads):
             place = turn * (2 * number + 1) % NUMBERS
-            found += right(place, await client.upload(0x3000 + place))
+            found += right(place, await client.node().sdo.upload(0x3000 + place))
         return found
 
     return await asyncio.gather(*map(work, range(tasks)))
@@ -71,10 +71,10 @@ def test_the_same_on_python_can_s_bus() -> None:
     url = "can://virtual/soak?node=5&timeout=30"
 
     async def main() -> list[int]:
-        async with await open_canopen_async(url) as client:
+        async with AsyncCanopenClient(url) as client:
             return await by_tasks(client, 50, 20)
 
-    with open_can_host("can://virtual/soak", node=device()):
-        with open_canopen(url) as client:
+    with CanopenServer("can://virtual/soak", device=device()):
+        with CanopenClient(url) as client:
             assert by_threads(client, 3, 500) == [500] * 3
         assert asyncio.run(main()) == [20] * 50

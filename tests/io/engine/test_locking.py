@@ -7,12 +7,10 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
-from barewire import ModbusClient, ModbusServer
+from barewire import CanopenClient, CanopenServer, ModbusClient, ModbusServer, connect
 from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire.devices.sim import Az3, simulator
-from barewire.io import open_can_host, open_canopen
-from barewire.io.canopen.client import Client
 from barewire.io.engine.locking import SharedUnits, exclusive
 from barewire.modbus import Table
 from barewire.modbus.messages.base import Response
@@ -50,8 +48,8 @@ def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
             stack.enter_context(ModbusServer(u, units={1: machine})).url for u in ("tcp://127.0.0.1:0", "rtu://pty")
         ]
         bus = f"can://socketcand/127.0.0.1:{free_port()}/can0"
-        stack.enter_context(open_can_host(bus, node=machine))
-        port = open_canopen(bus)
+        stack.enter_context(CanopenServer(bus, device=machine))
+        port = CanopenClient(bus)
         stack.callback(port.close)
 
         def ask(url: str) -> None:
@@ -123,13 +121,15 @@ def test_the_same_values_on_both_buses_at_the_same_time() -> None:
     assert machine.modbus is not None
     with ExitStack() as stack:
         host = stack.enter_context(ModbusServer("rtu://pty?pace=0", units={1: machine.modbus}))
-        bus = stack.enter_context(open_can_host(f"can://socketcand/127.0.0.1:{free_port()}/can0", node=machine.canopen))
-        serial: Client = stack.enter_context(ModbusClient(host.url))
-        can: Client = stack.enter_context(open_canopen(bus.url))
+        bus = stack.enter_context(
+            CanopenServer(f"can://socketcand/127.0.0.1:{free_port()}/can0", device=machine.canopen)
+        )
+        serial = stack.enter_context(connect(az3, host.url))
+        can = stack.enter_context(connect(az3, bus.url))
         for number in range(40):
-            serial.write(az3, {"TARGET VELOCITY": number})
-            assert can.read(az3, "TARGET VELOCITY")[0].value == number
-            can.write(az3, {"TARGET POSITION": -number})
-            readings = serial.read(az3, "TARGET POSITION", "STATUS WORD")
+            serial.write({"TARGET VELOCITY": number})
+            assert can["TARGET VELOCITY"].value == number
+            can.write({"TARGET POSITION": -number})
+            readings = serial.read("TARGET POSITION", "STATUS WORD")
             assert readings[0].value == -number
-            assert readings[1].value == can.read(az3, "STATUS WORD")[0].value
+            assert readings[1].value == can["STATUS WORD"].value

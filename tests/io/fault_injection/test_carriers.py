@@ -11,11 +11,10 @@ from typing import Any
 
 import pytest
 
-from barewire import ModbusServer
+from barewire import ModbusServer, connect
 from barewire.devices import load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, EncodeError, NoAnswer
-from barewire.io import connect
 from barewire.io.fault_injection.faults import Faults, ModbusWire
 from barewire.modbus import ModbusException
 from tests.certificates import tls_url
@@ -71,12 +70,12 @@ def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.Fixtur
     # Short where nothing comes anyway; where an answer must come, a slow machine has its time.
     timeout = 0.15 if expected is NoAnswer else 5.0
     spoils = spoiled(scheme, files, timeout, faults={kind: 1.0}, fault_seed=1, fault_delay=0.3, on_fault=told.append)
-    with spoils as url, connect(url) as client:
+    with spoils as url, connect(ADXL, url) as adxl:
         if expected is None:
-            assert client.read(ADXL, "Frequency")[0].value == 50
+            assert adxl["Frequency"].value == 50
         else:
             with pytest.raises(expected):
-                client.read(ADXL, "Frequency")
+                adxl.read("Frequency")
     assert set(told) == {kind}
 
 
@@ -86,10 +85,10 @@ def test_noise_and_flipped_bits_never_become_values(scheme: str, request: pytest
     told: list[str] = []
     values, errors = set(), 0
     how: dict[str, Any] = {"faults": {"noise": 0.3, "flip": 0.3}, "fault_seed": 3, "on_fault": told.append}
-    with spoiled(scheme, files, **how) as url, connect(url) as client:
+    with spoiled(scheme, files, **how) as url, connect(ADXL, url) as adxl:
         for _ in range(12):
             try:
-                readings = client.read(ADXL, "Frequency", "Start counter")
+                readings = adxl.read("Frequency", "Start counter")
                 values.add(tuple(reading.value for reading in readings))
             except BarewireError:
                 errors += 1
@@ -103,10 +102,10 @@ def test_a_late_answer_comes_and_is_not_taken_for_another() -> None:
     answered: list[float] = []
     # Several late ones in a row hold each other up, so the window is long.
     faulty = spoiled("rtu+tcp", Path(), faults={"late": 0.4}, fault_seed=2, fault_delay=0.2)
-    with faulty as url, connect(f"{url}&late_window=5") as client:
+    with faulty as url, connect(ADXL, f"{url}&late_window=5") as adxl:
         for name, value in [("Frequency", 50), ("Start counter", 0)] * 5:
             with contextlib.suppress(NoAnswer):
-                assert client.read(ADXL, name)[0].value == value
+                assert adxl[name].value == value
                 answered.append(value)
     assert set(answered) == {50, 0}
 

@@ -14,7 +14,6 @@ from hypothesis import given, strategies as st
 
 from barewire import ModbusClient, ModbusServer
 from barewire.errors import PortError
-from barewire.io import connect
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import faults_at
 from barewire.io.fault_injection.ports import FaultInjector, LoopFaultInjector
@@ -231,7 +230,7 @@ def test_a_host_that_nobody_started_gives_its_terminal_back() -> None:
     host = ModbusServer("rtu://pty", units={1: Table()})
     host.close()
     with pytest.raises(PortError):
-        connect(host.url)
+        ModbusClient(host.url)
 
 
 def test_two_hosts_on_one_port_are_one_too_many() -> None:

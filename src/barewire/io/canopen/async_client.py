@@ -1,49 +1,77 @@
-"""The asyncio CANopen client: the same words as the blocking one, on the same buses.
+"""The asyncio CANopen client: the methods of the blocking one, awaited, on the same buses.
 
-    async with await open_canopen_async("can://socketcan/can0?node=5") as client:
-        await client.upload(0x6041)
-        await asyncio.gather(*(client.at(node=node).upload(0x1000) for node in range(1, 6)))
+    async with AsyncCanopenClient("can://socketcan/can0", timeout=0.5) as bus:
+        await bus.node(5, device="az3").read("STATUS WORD")
+        await asyncio.gather(*(bus.node(number).sdo.upload(0x1000) for number in range(1, 6)))
 
-On one SDO channel one transfer at a time, in the order in which they were asked for; different nodes at the same time.
-A task that is cancelled abandons its transfer: the device is told, and what it still answers is nobody's answer.
+On one SDO channel there is one transfer at a time, in the order in which they were asked for; transfers with different
+nodes run at the same time. A task that is cancelled abandons its transfer: the device gets an abort, and responses that
+still come are ignored.
 """
 
 from __future__ import annotations
 
 import asyncio
 from types import TracebackType
-from typing import Any, Self, TypeVar
-from weakref import WeakSet
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from barewire.canopen import CanFrame
+from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
-from barewire.errors import BarewireError, EncodeError
-from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber, turn, wait_open
-from barewire.io.canopen.async_node_runner import AsyncRunning
-from barewire.io.canopen.client import manners, open_bus
+from barewire.errors import BarewireError, PortError
+from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream, AsyncSubscriber, locked, wait_open
+from barewire.io.canopen.client_base import ClientBase
 from barewire.io.canopen.event_stream import Listener
-from barewire.io.canopen.methods import MasterVerbs
+from barewire.io.canopen.methods.operations import AsyncRunner, BackgroundTask, Operation, Subscription
+from barewire.io.canopen.node import AsyncDeviceNode, EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Speaker
-from barewire.io.canopen.operations import Talk
-from barewire.io.canopen.pdo_lss_methods import LssVerbs, PdoVerbs
-from barewire.io.canopen.subscriber import Key
+from barewire.io.canopen.shared_bus import CanBus, Watch
+from barewire.io.canopen.subscriber import Key, seconds
 from barewire.io.engine.asyncio import run
-from barewire.io.ports.trace import Watch
+from barewire.io.ports.base import Port
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barewire.canopen.eds.eds_file import Eds
+    from barewire.canopen.object_dictionary import ObjectDictionary
+    from barewire.devices.device import Device
 
 T = TypeVar("T")
 E = TypeVar("E")
 
 
-class AsyncCanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
-    """A client of the nodes on a bus. `node` and `timeout` (seconds) hold where a call does not say otherwise.
+class AsyncCanopenClient(ClientBase[AsyncRunner]):
+    """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
-    `bus` is a bus that is shared, or a port that becomes this client's own.
+    A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the thread that reads.
     """
 
-    _mine: WeakSet[AsyncRunning | AsyncStream[Any]]
+    def __init__(
+        self,
+        bus: str | CanBus | Port[CanFrame],
+        *,
+        node: int | None = None,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+        watch: Watch | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(self, bus, node, timeout, dialect, watch, options)
+        self._receiving = asyncio.Lock()
+        self._everything: AsyncSubscriber | None = None
+        self._closed = False
+        if self._endpoint is None:
+            self._open()
+
+    async def connect(self) -> Self:
+        """Open the bus, unless it is open. Raises PortError."""
+        if self._bus is None:
+            await asyncio.to_thread(self._open)
+        return self
 
     async def __aenter__(self) -> Self:
-        return self
+        return await self.connect()
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
@@ -51,57 +79,116 @@ class AsyncCanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         await self.aclose()
 
     def close(self) -> None:
-        """End what this client began: its streams, what it has running, and the bus, unless that is shared."""
+        """Close the streams and background tasks of this client, and the bus unless it is shared."""
         self._end()
-        if self.owns_bus:
-            self.bus.close()
+        if self.owns_bus and self._bus is not None:
+            self._bus.close()
 
     async def aclose(self) -> None:
-        """The same, without keeping the loop waiting for the reader."""
+        """The same, without blocking the loop until the reader of the bus has ended."""
         self._end()
-        if self.owns_bus:
-            await asyncio.to_thread(self.bus.close)
+        if self.owns_bus and self._bus is not None:
+            await asyncio.to_thread(self._bus.close)
 
     def _end(self) -> None:
-        for one in list(self._mine):
+        self._closed = True
+        if self._everything is not None:
+            self._everything.close()
+        for one in list(self._running):
             one.close()
 
-    async def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry any conversation out. Nobody knows whom it would disturb, so it has the bus alone."""
-        return await self.carry_out(Talk(conversation, None, None))
+    @overload
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        device: str | Path | Device,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> AsyncDeviceNode: ...
+    @overload
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        eds: str | Path | Eds | ObjectDictionary,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> EdsNode[AsyncRunner]: ...
+    @overload
+    def node(
+        self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
+    ) -> Node[AsyncRunner]: ...
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        device: str | Path | Device | None = None,
+        eds: str | Path | Eds | ObjectDictionary | None = None,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> Node[AsyncRunner]:
+        """One node of the bus: `number` (1..127), or that of the URL, or the device's own. `device` is the name or path
+        of a description, or a description; `eds` the path of an EDS, a parsed one, or an ObjectDictionary."""
+        described, place = self._described(number, device, eds)
+        settings: dict[str, Any] = self._settings(timeout, dialect)
+        if described is not None:
+            return AsyncDeviceNode(self, place, described, **settings)
+        if eds is not None:
+            return EdsNode(self, place, dictionary_of(eds, place), **settings)
+        return Node(self, place, **settings)
 
-    async def carry_out(self, talk: Talk[T]) -> T:
-        """What every verb does: wait for its turn, then talk. A bus that is being opened anew is given our time-out."""
-        await wait_open(self.bus, self.timeout)
-        async with turn(self.bus, talk.claims):
-            with AsyncSubscriber(self.bus, talk.hears) as tap:
+    async def run(self, conversation: Conversation[CanFrame, T]) -> T:
+        """Carry any conversation out. It has the bus alone, because its channels are unknown."""
+        return await self.carry_out(Operation(conversation, None, None))
+
+    def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
+        """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
+        return self.subscribe(Subscription(machine, receives))
+
+    def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> AsyncRunning:
+        """Run any machine that sends frames by itself, until it is stopped."""
+        return self.start_task(BackgroundTask(machine, receives))
+
+    async def receive(self, timeout: float | None = None) -> CanFrame | None:
+        """The next frame on the bus within `timeout` seconds, or None. Frames are kept from the first call on.
+
+        `frames` gives a stream.
+        """
+        wait = self.timeout if timeout is None else timeout
+        seconds(wait)
+        async with self._receiving:
+            if self._everything is None:
+                await wait_open(self.bus, wait)
+                self._everything = AsyncSubscriber(self.bus, None)
+            try:
+                return await self._everything.receive(wait)
+            except PortError:
+                if not self._closed:
+                    self._everything = None  # a bus that is opened again needs a new subscriber
+                raise
+
+    # The runner of the methods
+
+    async def carry_out(self, operation: Operation[T]) -> T:
+        """Wait for the locks of an operation, then carry it out. A bus that is being opened again gets `timeout`."""
+        await wait_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
+        async with locked(self.bus, operation.locks):
+            with AsyncSubscriber(self.bus, operation.receives) as subscriber:
                 try:
-                    return await run(talk.conversation, tap)
+                    return await run(operation.conversation, subscriber)
                 except BarewireError as error:
-                    tap.tell(error)
+                    subscriber.tell(error)
                     raise
 
-    def watch(self, machine: Listener[E], hears: frozenset[Key] | None = None) -> AsyncStream[E]:
-        """The events of any machine that listens; `hears` are the identifiers that it needs, None for all."""
-        stream = AsyncStream(self.bus, machine, hears)
-        self._mine.add(stream)
+    def subscribe(self, subscription: Subscription[E]) -> AsyncStream[E]:
+        """A stream of the events of a subscription."""
+        stream = AsyncStream(self.bus, subscription.machine, subscription.receives)
+        self._running.add(stream)
         return stream
 
-    def keep_going(self, machine: Speaker, hears: frozenset[Key] | None = None) -> AsyncRunning:
-        """Let any machine speak on the bus until it is stopped."""
-        running = AsyncRunning(self.bus, machine, hears)
-        self._mine.add(running)
+    def start_task(self, task: BackgroundTask) -> AsyncRunning:
+        """Run the machine of a background task in an asyncio task."""
+        running = AsyncRunning(self.bus, task.machine, task.receives)
+        self._running.add(running)
         return running
-
-
-async def open_canopen_async(url: str, *, dialect: str = "standard", watch: Watch | None = None) -> AsyncCanopenClient:
-    """The client for a can:// URL, as `open_canopen`. `watch` is called in the thread that reads."""
-    options = manners(url)
-    bus = await asyncio.to_thread(open_bus, url, watch=watch)
-    try:
-        client = AsyncCanopenClient(bus, dialect=dialect, **options)
-    except EncodeError:
-        bus.close()
-        raise
-    client.owns_bus = True
-    return client

@@ -1,74 +1,75 @@
-"""The blocking CANopen client, and any client by URL. Two classes, because the two protocols ask for different things
-(`modbus_client`); one way to read and write named values on both.
+"""The blocking CANopen client.
 
-    with open_canopen("can://socketcan/can0?node=5") as client:
-        client.upload(0x6041)
-    with connect("rtu:///dev/ttyUSB0") as client:
-        client.read(load("az3"), "STATUS WORD")
+    with CanopenClient("can://socketcan/can0", timeout=0.5) as bus:
+        five, six = bus.node(5, device="az3"), bus.node(6, eds="valve.eds")
+        five["TARGET VELOCITY"] = 1500
+        six.sdo.upload(0x1000)
 
-A client may be used from several threads: on one SDO channel one transfer at a time, in the order in which they were
-asked for; different nodes at the same time. Several clients may share one bus:
+A client may be used from several threads. On one SDO channel there is one transfer at a time, in the order in which
+they were asked for; transfers with different nodes run at the same time. A bus may be shared by several clients:
 
-    with open_bus("can://socketcan/can0") as bus:
-        five, six = CanopenClient(bus, node=5), CanopenClient(bus, node=6)
+    with CanBus.open("can://socketcan/can0") as shared:
+        client, other = CanopenClient(shared), CanopenClient(shared, timeout=5.0)
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
-from weakref import WeakSet
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from barewire.canopen import CanFrame
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
-from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.errors import BarewireError, PortError
+from barewire.io.canopen.client_base import ClientBase
 from barewire.io.canopen.event_stream import Listener, Stream
-from barewire.io.canopen.methods import MasterVerbs
+from barewire.io.canopen.methods.operations import BackgroundTask, BlockingRunner, Operation, Subscription
+from barewire.io.canopen.node import DeviceNode, EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Running, Speaker
-from barewire.io.canopen.operations import Talk
-from barewire.io.canopen.pdo_lss_methods import LssVerbs, PdoVerbs
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.shared_bus import CanBus, Watch
 from barewire.io.canopen.subscriber import Key, Subscriber, seconds
-from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
 from barewire.io.ports.base import Port
-from barewire.io.ports.trace import Watch
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barewire.canopen.eds.eds_file import Eds
+    from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices.device import Device
-    from barewire.devices.drive.report import DriveProgress
-    from barewire.io.drive import DriveClient
-    from barewire.io.modbus.client import ModbusClient
 
 T = TypeVar("T")
 E = TypeVar("E")
 
 
-class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
-    """A client of the nodes on a bus. `node` and `timeout` (seconds) hold where a call does not say otherwise.
+class CanopenClient(ClientBase[BlockingRunner]):
+    """A client of the nodes on a bus.
 
-    `bus` is a bus that is shared, or a port that becomes this client's own.
+    `bus` is a can:// URL, a `CanBus` to share, or a port that becomes this client's own. `node` (1..127) and `timeout`
+    (seconds) hold where a call gives no others. `dialect="az3"` sends SDO requests as the guide of the AZ3 prints them.
+    `watch(direction, frame)` is called with every frame that passes. `options` are those of the URL, which they
+    override. Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
     """
-
-    _mine: WeakSet[Running | Stream[Any]]
 
     def __init__(
         self,
-        bus: CanBus | Port[CanFrame],
+        bus: str | CanBus | Port[CanFrame],
         *,
         node: int | None = None,
-        timeout: float = 1.0,
-        dialect: str | SdoDialect = "standard",
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+        watch: Watch | None = None,
+        **options: Any,
     ) -> None:
-        super().__init__(bus, node=node, timeout=timeout, dialect=dialect)
-        self._taking = threading.Lock()
-        self._everything: list[Subscriber] = []
-        self._ended = False
+        super().__init__(self, bus, node, timeout, dialect, watch, options)
+        self._receiving = threading.Lock()
+        self._everything: Subscriber | None = None
+        self._closed = False
+        self._open()
 
     def __enter__(self) -> Self:
         return self
@@ -77,115 +78,119 @@ class CanopenClient(MasterVerbs, PdoVerbs, LssVerbs):
         self.close()
 
     def close(self) -> None:
-        """End what this client began: its streams, what it has running, and the bus, unless that is shared."""
-        self._ended = True
-        for tap in self._everything:
-            tap.close()
-        for one in list(self._mine):
+        """Close the streams and background tasks of this client, and the bus unless it is shared."""
+        self._closed = True
+        if self._everything is not None:
+            self._everything.close()
+        for one in list(self._running):
             one.close()
         if self.owns_bus:
             self.bus.close()
 
+    @overload
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        device: str | Path | Device,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> DeviceNode: ...
+    @overload
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        eds: str | Path | Eds | ObjectDictionary,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> EdsNode[BlockingRunner]: ...
+    @overload
+    def node(
+        self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
+    ) -> Node[BlockingRunner]: ...
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        device: str | Path | Device | None = None,
+        eds: str | Path | Eds | ObjectDictionary | None = None,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> Node[BlockingRunner]:
+        """One node of the bus: `number` (1..127), or that of the URL, or the device's own. `device` is the name or path
+        of a description, or a description; `eds` the path of an EDS, a parsed one, or an ObjectDictionary."""
+        described, place = self._described(number, device, eds)
+        settings: dict[str, Any] = self._settings(timeout, dialect)
+        if described is not None:
+            return DeviceNode(self, place, described, **settings)
+        if eds is not None:
+            return EdsNode(self, place, dictionary_of(eds, place), **settings)
+        return Node(self, place, **settings)
+
     def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry any conversation out. Nobody knows whom it would disturb, so it has the bus alone."""
-        return self.carry_out(Talk(conversation, None, None))
+        """Carry any conversation out. It has the bus alone, because its channels are unknown."""
+        return self.carry_out(Operation(conversation, None, None))
 
-    def carry_out(self, talk: Talk[T]) -> T:
-        """What every verb does: wait for its turn, then talk. A bus that is being opened anew is given our time-out."""
-        self.bus.wait_open(self.timeout)
-        with turn(self.bus, talk.claims), Subscriber(self.bus, talk.hears) as tap:
-            try:
-                return run(talk.conversation, tap)
-            except BarewireError as error:
-                tap.tell(error)
-                raise
+    def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Stream[E]:
+        """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
+        return self.subscribe(Subscription(machine, receives))
 
-    def watch(self, machine: Listener[E], hears: frozenset[Key] | None = None) -> Stream[E]:
-        """The events of any machine that listens; `hears` are the identifiers that it needs, None for all."""
-        stream = Stream(self.bus, machine, hears)
-        self._mine.add(stream)
-        return stream
-
-    def keep_going(self, machine: Speaker, hears: frozenset[Key] | None = None) -> Running:
-        """Let any machine speak on the bus until it is stopped."""
-        running = Running(self.bus, machine, hears)
-        self._mine.add(running)
-        return running
+    def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> Running:
+        """Run any machine that sends frames by itself, until it is stopped."""
+        return self.start_task(BackgroundTask(machine, receives))
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
-        """The next frame on the bus, whosever it is, from the first call on. `frames` gives a stream."""
-        patience = self.timeout if timeout is None else timeout
-        seconds(patience)
-        with self._taking:
-            if not self._everything:
-                self.bus.wait_open(patience)
-                self._everything.append(Subscriber(self.bus, None))
+        """The next frame on the bus within `timeout` seconds, or None. Frames are kept from the first call on.
+
+        `frames` gives a stream.
+        """
+        wait = self.timeout if timeout is None else timeout
+        seconds(wait)
+        with self._receiving:
+            if self._everything is None:
+                self.bus.wait_open(wait)
+                self._everything = Subscriber(self.bus, None)
             try:
-                return self._everything[0].receive(patience)
+                return self._everything.receive(wait)
             except PortError:
-                if not self._ended:
-                    self._everything.clear()  # a bus that is opened anew has a new tap for us
+                if not self._closed:
+                    self._everything = None  # a bus that is opened again needs a new subscriber
                 raise
 
-    def drive(self, device: Device, *, progress: Callable[[DriveProgress], None] | None = None) -> DriveClient:
-        """The device as a drive of CiA 402: enable it, move it. `progress` is called after every look at it."""
-        from barewire.io.drive import DriveClient
+    # The runner of the methods
 
-        return DriveClient(self, device, progress=progress)
+    def carry_out(self, operation: Operation[T]) -> T:
+        """Wait for the locks of an operation, then carry it out. A bus that is being opened again gets `timeout`."""
+        self.bus.wait_open(self.timeout if operation.timeout is None else operation.timeout)
+        with locked(self.bus, operation.locks), Subscriber(self.bus, operation.receives) as subscriber:
+            try:
+                return run(operation.conversation, subscriber)
+            except BarewireError as error:
+                subscriber.tell(error)
+                raise
+
+    def subscribe(self, subscription: Subscription[E]) -> Stream[E]:
+        """A stream of the events of a subscription."""
+        stream = Stream(self.bus, subscription.machine, subscription.receives)
+        self._running.add(stream)
+        return stream
+
+    def start_task(self, task: BackgroundTask) -> Running:
+        """Run the machine of a background task in a thread of its own."""
+        running = Running(self.bus, task.machine, task.receives)
+        self._running.add(running)
+        return running
 
 
 @contextlib.contextmanager
-def turn(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
-    """Wait until nobody talks who would be disturbed, and then be the one who talks."""
-    bell = threading.Lock()
-    bell.acquire()
-    lock = bus.join(keys, threading.get_ident(), bell.release)
+def locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
+    """Wait until these channels are free, and hold their locks."""
+    free = threading.Event()
+    claim = bus.join(keys, threading.get_ident(), free.set)
     try:
-        if not lock.granted:
-            bell.acquire()
+        if not claim.granted:
+            free.wait()
         yield
     finally:
-        bus.leave(lock)
-
-
-Client: TypeAlias = "ModbusClient | CanopenClient"
-
-
-def open_bus(url: str, *, watch: Watch | None = None) -> CanBus:
-    """The bus of a can:// URL, to be shared. `watch(direction, frame)` is told of everything that passes. A port that
-    fails later is opened anew (`can_reopen`)."""
-    from barewire.io.ports.python_can import CanPort
-
-    endpoint = Endpoint.parse(url)
-    if endpoint.scheme != "can":
-        raise EncodeError(f"endpoint {url!r}: CANopen goes over can://")
-    return CanBus(CanPort(endpoint), watch=watch, dial=lambda: CanPort(endpoint))
-
-
-def manners(url: str) -> dict[str, Any]:
-    """What a can:// URL says for a client: its node and its time-out."""
-    endpoint = Endpoint.parse(url)
-    node = endpoint.integer("node", 0) if "node" in endpoint.options else None
-    return {"node": node, "timeout": endpoint.seconds("timeout", 1.0)}
-
-
-def open_canopen(url: str, *, dialect: str = "standard", watch: Watch | None = None) -> CanopenClient:
-    """The client for a can:// URL. `dialect="az3"` asks as the guide of the AZ3 prints it."""
-    options = manners(url)
-    bus = open_bus(url, watch=watch)
-    try:
-        client = CanopenClient(bus, dialect=dialect, **options)
-    except EncodeError:
-        bus.close()
-        raise
-    client.owns_bus = True
-    return client
-
-
-def connect(url: str, *, watch: Watch | None = None) -> Client:
-    """The client for any URL: for programs that only read and write named values."""
-    if url.startswith("can://"):
-        return open_canopen(url, watch=watch)
-    from barewire.io.modbus.client import ModbusClient
-
-    return ModbusClient(url, watch=watch)
+        bus.leave(claim)

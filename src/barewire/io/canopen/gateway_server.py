@@ -24,8 +24,8 @@ from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_bus import AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.operations import NOBODY, SILENCE, Talk, sdo
-from barewire.io.canopen.pdo_lss_methods import LSS_CLAIM, LSS_HEARS
+from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
+from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, Operation, sdo_transfer
 from barewire.io.canopen.subscriber import LONGEST, FramesLost
 from barewire.io.ports.tcp import reason
 
@@ -174,16 +174,20 @@ class _Connection:
             self.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")])
         else:
             text = line.decode("utf-8", "replace")
-            self.write(await self._client.carry_out(self._talk(text)))
+            self.write(await self._client.carry_out(self._operation(text)))
             self._tell_now(None, time.monotonic())
             self._tap.wake()  # the line may have changed how long the other task has to wait
         await self._writer.drain()
 
-    def _talk(self, text: str) -> Talk[list[str]]:
+    def _operation(self, text: str) -> Operation[list[str]]:
         conversation, whom = self._session.answer(text), self._session.target(text)
         if whom is None:
-            return Talk(conversation, NOBODY, SILENCE)
-        return Talk(conversation, LSS_CLAIM, LSS_HEARS) if whom == "LSS" else sdo(whom, conversation)
+            return Operation(conversation, NO_LOCKS, NO_FRAMES)
+        return (
+            Operation(conversation, LSS_LOCK, LSS_RECEIVES)
+            if whom == "LSS"
+            else sdo_transfer(whom, conversation, self._client.timeout)
+        )
 
     # Notices
 

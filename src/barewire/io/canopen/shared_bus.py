@@ -28,9 +28,10 @@ from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
-from barewire.errors import PortError
+from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, taker
 from barewire.io.canopen.subscriber import BusDown, BusUp, Item, Subscriber
+from barewire.io.endpoint import Endpoint
 from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
@@ -76,6 +77,15 @@ class CanBus:
         self._waiting: set[Callable[[], None]] = set()
         self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
         self._reader.start()
+
+    @classmethod
+    def open(cls, bus: str | Endpoint, *, watch: Watch | None = None, **options: Any) -> Self:
+        """The bus of a can:// URL. A port that fails later is replaced by a new one. `options` are those of the URL,
+        which they override. Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened."""
+        from barewire.io.ports.python_can import CanPort
+
+        endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
+        return cls(CanPort(endpoint), watch=watch, dial=lambda: CanPort(endpoint))
 
     def __enter__(self) -> Self:
         return self
@@ -285,3 +295,11 @@ class CanBus:
 def no_room(name: str) -> str:
     """Why a frame was given up."""
     return f"{name}: the controller has had no room for a frame for {PATIENCE:g} s"
+
+
+def can_endpoint(url: str, **options: Any) -> Endpoint:
+    """The endpoint of a can:// URL, with these options in place of its own. EncodeError for any other URL."""
+    endpoint = Endpoint.parse(url, options)
+    if endpoint.scheme != "can":
+        raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")
+    return endpoint

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from barewire.conversation import Conversation
-    from barewire.devices.device import Device
-    from barewire.devices.drive.report import DriveProgress
-    from barewire.io.drive import DriveClient
     from barewire.io.endpoint import SetDirection
     from barewire.io.modbus.options import ModbusOptions
     from barewire.io.ports.base import Port
@@ -156,9 +153,3 @@ class ModbusClient(ModbusMethods, BlockingRunner):
                 if connection.port is not None or not left:
                     raise
                 left -= 1
-
-    def drive(self, device: Device, *, progress: Callable[[DriveProgress], None] | None = None) -> DriveClient:
-        """The device as a drive of CiA 402: enable it, move it. `progress` is called after every look at it."""
-        from barewire.io.drive import DriveClient
-
-        return DriveClient(self, device, progress=progress)

@@ -27,7 +27,7 @@ except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an e
 # python-can logs what it then raises; here each error is reported once, as a PortError.
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
-_NOT_FOR_PYTHON_CAN = ("node", "timeout", "bitrate")
+_NOT_FOR_PYTHON_CAN = ("node", "timeout", "bitrate", "dialect")
 
 GARBLED_LIMIT = 256
 """Undecodable inputs in a row after which the port has failed."""

@@ -1,17 +1,31 @@
-"""A CANopen node on a bus, and the bus itself where it is one between processes that nobody serves yet."""
+"""A CANopen node of one's own on a bus: a server of its objects.
+
+    with CanopenServer("can://socketcan/can0?node=5", device="az3") as server:         a simulator
+    async with AsyncCanopenServer("can://virtual/x?node=5", eds="drive.eds") as server:
+
+`device` is a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any machine of frames.
+
+A bus of socketcand://  between processes needs a server of its own: for a can://socketcand endpoint on this computer at
+which none listens, the first node that is served brings one (`io.canopen.socketcand`).
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, cast
 
 from barewire.canopen import CanFrame
-from barewire.errors import EncodeError, PortError
+from barewire.devices.device import Device
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.node_runner import Action, NodeDriver, begin
 from barewire.io.canopen.reconnect import Reopening, taker
+from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
@@ -19,29 +33,57 @@ from barewire.io.ports.base import Port
 from barewire.io.ports.python_can import CanPort
 from barewire.io.server.base import POLL_INTERVAL, ThreadedServer
 
+if TYPE_CHECKING:
+    from pathlib import Path
 
-class CanHost(ThreadedServer):
-    """A CANopen node on a bus. A port that fails is opened anew; for the node the bus has only been silent.
+    from barewire.canopen.eds.eds_file import Eds
+    from barewire.canopen.object_dictionary import ObjectDictionary
+    from barewire.devices.sim.core.simulator import Simulator
+    from barewire.io.canopen.async_bus import AsyncRunning
 
-    `do` does something with the node from outside and says at once what comes of it. What is changed without that is
-    seen within a tenth of a second. `others` counts what came and is no frame of CANopen: reports of the controller,
-    CAN FD.
+    Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
+
+
+class CanopenServer(ThreadedServer):
+    """A node on a bus. The port is taken at once, and served by `with`, `start()` or `run(stop)`.
+
+    `device` is the node: a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any machine of
+    frames; `eds` is the path of an EDS. `node` is the node-ID of those that have none yet (1 without it). `options` are
+    those of the URL, which they override. A port that fails is opened again; for the node the bus was only silent.
+    `others` counts frames that are not classical CAN: reports of the controller, CAN FD. The faults are those of
+    `ModbusServer`.
+
+    Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
     """
 
-    def __init__(self, endpoint: Endpoint, node: CanopenNode) -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        device: Served | None = None,
+        eds: str | Path | Eds | None = None,
+        node: int | None = None,
+        faults: str | Mapping[str, float] | None = None,
+        fault_seed: int | None = None,
+        fault_delay: float | None = None,
+        on_fault: Callable[[str], None] | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__()
-        _check_node(endpoint, node)
-        self._node = SharedNode(node)
+        endpoint = can_endpoint(url, node=node, **options)
+        self._node = SharedNode(_machine(endpoint, device, eds))
         self.others = 0
-        self._turn = threading.RLock()  # what is said goes out in the order in which it was said
-        self._hub = _hub(endpoint)
+        self._sending = threading.RLock()  # frames leave in the order in which they were made
         self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
+        if faults is not None:
+            self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
+        self._hub = _hub(endpoint)
         self.port: Port[CanFrame] = self.dial()
         self.url = str(endpoint)
 
     def _serve(self, stop: threading.Event) -> None:
-        clock, reopening, ears = time.monotonic, Reopening(self.dial, stop), NodeDriver(self._node)
-        with self._turn:
+        clock, reopening, driver = time.monotonic, Reopening(self.dial, stop), NodeDriver(self._node)
+        with self._sending:
             self._send(begin(self._node, clock()))
         while not self.is_over(stop):
             deadline = self._node.deadline
@@ -54,8 +96,8 @@ class CanHost(ThreadedServer):
                     return
                 self.port, item = opened
             self.others += not (item is None or isinstance(item, CanFrame))
-            with self._turn:
-                self._send(ears.hear(item, clock()))
+            with self._sending:
+                self._send(driver.hear(item, clock()))
 
     def _give_back(self) -> None:
         self.port.close()
@@ -63,30 +105,135 @@ class CanHost(ThreadedServer):
             self._hub.close()
 
     def do(self, action: Action) -> None:
-        """`action(now)` while nobody else is in the node. The frames that it returns are said, and what is due then.
+        """Call `action(now)` while no other thread is in the node. The frames that it returns are sent, and those that
+        are due then. A value that is changed without `do` is noticed within a tenth of a second.
 
-        host.do(lambda now: device.error(0x4210, now))
+        server.do(lambda now: device.error(0x4210, now))
         """
-        with self._turn:
+        with self._sending:
             self._send(self._node.do(action, time.monotonic()))
 
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
-            # A bus without anybody else to acknowledge is no reason for a device to die.
+            # A bus without another node that acknowledges is no reason for this one to end.
             with contextlib.suppress(PortError):
                 self.port.send(frame)
 
 
-def _check_node(endpoint: Endpoint, node: CanopenNode) -> None:
-    """A node-ID in the URL must be the one that the device has: it is a client that is told there whom to ask."""
-    told, has = endpoint.integer("node", 0), getattr(node, "node", None)
-    has = getattr(has, "node", has)  # a simulated machine has a whole node, which has the number
-    if told and isinstance(has, int) and has != told:
-        raise EncodeError(f"endpoint {str(endpoint)!r}: node {told} is asked for, and the device is node {has}", "node")
+def _with_faults(
+    dial: Callable[[], Port[CanFrame]],
+    faults: str | Mapping[str, float],
+    seed: int | None,
+    delay: float | None,
+    on_fault: Callable[[str], None] | None,
+) -> Callable[[], Port[CanFrame]]:
+    """Ports whose frames have these faults."""
+    from barewire.io.fault_injection.faults import faults_on_can
+    from barewire.io.fault_injection.ports import FaultyPort
+
+    model = faults_on_can(faults, seed=seed, delay=delay, on_fault=on_fault)
+    return lambda: FaultyPort(dial(), model)
+
+
+class AsyncCanopenServer:
+    """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`; `async with` opens the bus."""
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        device: Served | None = None,
+        eds: str | Path | Eds | None = None,
+        node: int | None = None,
+        **options: Any,
+    ) -> None:
+        self._endpoint = can_endpoint(url, node=node, **options)
+        self._node = SharedNode(_machine(self._endpoint, device, eds))
+        self.url = str(self._endpoint)
+        self._hub: SocketcandHub | None = None
+        self._bus: CanBus | None = None
+        self._running: AsyncRunning | None = None
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
+    def _open(self) -> CanBus:
+        self._hub = _hub(self._endpoint)
+        self._bus = CanBus.open(self._endpoint)
+        return self._bus
+
+    async def __aenter__(self) -> Self:
+        from barewire.io.canopen.async_bus import AsyncRunning
+
+        self._running = AsyncRunning(await asyncio.to_thread(self._open), self._node, None)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+    async def do(self, action: Action) -> None:
+        """Call `action(now)`. The frames that it returns are sent, and those that are due then."""
+        if self._running is None:
+            raise PortError(f"{self.url}: not served: enter `async with`")
+        await self._running.do(action)
+
+    async def aclose(self) -> None:
+        """Leave the bus."""
+        if self._running is not None:
+            self._running.stop()
+        if self._bus is not None:
+            await asyncio.to_thread(self._bus.close)
+        if self._hub is not None:
+            await asyncio.to_thread(self._hub.close)
+
+
+def _machine(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | None) -> CanopenNode:
+    """The node as a machine of frames. EncodeError for what cannot be one."""
+    from barewire.canopen.object_dictionary import ObjectDictionary
+
+    if (device is None) == (eds is None):
+        raise EncodeError(f"endpoint {str(endpoint)!r}: expected device= or eds=, one of them", "device")
+    number = endpoint.integer("node", 0) or None
+    if isinstance(device, (str, Device)):
+        from barewire.devices.sim import simulator
+
+        device = simulator(device, time.monotonic(), node=number)
+    adapter = getattr(device, "canopen", device)
+    if device is not None and adapter is None:
+        raise EncodeError(f"{shown(device)} has no CANopen", "device")
+    if hasattr(adapter, "feed") and hasattr(adapter, "deadline"):
+        machine = cast("CanopenNode", adapter)
+        _check_number(endpoint, machine)
+        return machine
+    from barewire.canopen import LocalNode, pdos_of
+    from barewire.canopen.eds.eds_file import Eds
+    from barewire.io.canopen.node import dictionary_of
+
+    number = number or 1
+    described = device if eds is None else eds
+    if eds is None and not isinstance(described, (ObjectDictionary, Eds)):
+        expected = (
+            "a LocalNode, a simulator or its name, an ObjectDictionary, an EDS, or a machine with feed and deadline"
+        )
+        raise EncodeError(f"device={shown(device)}: expected {expected}", "device")
+    objects = dictionary_of(cast("Eds | ObjectDictionary", described), number)
+    return LocalNode(number, objects, pdos_of(objects, number))
+
+
+def _check_number(endpoint: Endpoint, node: CanopenNode) -> None:
+    """The node-ID in the URL must be that of the device: clients use the same URL."""
+    asked, own = endpoint.integer("node", 0), getattr(node, "node", None)
+    own = getattr(own, "node", own)  # the node of a simulator is a LocalNode, which has the number
+    if asked and isinstance(own, int) and own != asked:
+        raise EncodeError(
+            f"endpoint {str(endpoint)!r}: node {asked} is asked for, and the device is node {own}", "node"
+        )
 
 
 def _hub(endpoint: Endpoint) -> SocketcandHub | None:
-    """The bus itself, for a socketcand endpoint on this machine that nobody serves yet."""
+    """The bus itself, for a socketcand endpoint on this computer at which no server listens."""
     interface, _, channel = endpoint.place.partition("/")
     host, port = socketcand_address(channel)
     if interface != "socketcand" or host not in ("127.0.0.1", "localhost", "::1"):
@@ -96,32 +243,3 @@ def _hub(endpoint: Endpoint) -> SocketcandHub | None:
     except ConnectionRefusedError:
         return SocketcandHub(host, port)
     return None
-
-
-def open_can_host(
-    url: str,
-    node: CanopenNode | None,
-    *,
-    faults: str | Mapping[str, float] | None = None,
-    fault_seed: int | None = None,
-    fault_delay: float | None = None,
-    on_fault: Callable[[str], None] | None = None,
-) -> CanHost:
-    """The host of a node at a can:// URL. The faults in its frames are those of `ModbusServer`."""
-    endpoint = Endpoint.parse(url)
-    if endpoint.scheme != "can":
-        raise EncodeError(f"endpoint {url!r}: CANopen goes over can://")
-    if node is None:
-        raise EncodeError(f"endpoint {url!r}: there is no CANopen node to serve")
-    model = None
-    if faults is not None:
-        from barewire.io.fault_injection.faults import faults_on_can
-
-        model = faults_on_can(faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
-    host = CanHost(endpoint, node)
-    if model is not None:
-        from barewire.io.fault_injection.ports import FaultyPort
-
-        dial = host.dial
-        host.port, host.dial = FaultyPort(host.port, model), lambda: FaultyPort(dial(), model)
-    return host

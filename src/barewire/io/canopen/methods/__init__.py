@@ -1,0 +1,11 @@
+"""The methods of a CANopen client and of its nodes, by subject; each is written once, for blocking and asyncio.
+
+    operations    the decorators that make a blocking method and a coroutine of one definition: read this first
+    sdo           node.sdo      upload, download, typed values, further SDO servers
+    nmt           node.nmt, bus.nmt      commands, states, heartbeats, node guarding
+    pdo           node.pdo      configuration, named values
+    lss           bus.lss       node-IDs and bit rates
+    sync_time     bus.sync, bus.time
+
+Depends on: the conversations of `barewire.canopen`.  Used by: `node`, `client_base`.
+"""

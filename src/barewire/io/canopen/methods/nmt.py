@@ -1,0 +1,155 @@
+"""`node.nmt` and `bus.nmt`: NMT commands, states, heartbeats, node guarding.   [CiA 301, NMT]
+
+node.nmt.start()                                   the command, which the standard leaves unconfirmed
+node.nmt.send_confirmed(NmtCommand.START)          waits until the node reports that it obeyed
+node.nmt.state()                                   asked by node guarding
+bus.nmt.reset()                                    every node of the bus
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from barewire import canopen
+from barewire.canopen import NmtCommand
+from barewire.io.canopen.methods.operations import (
+    NO_LOCKS,
+    BackgroundTask,
+    Methods,
+    Operation,
+    R,
+    Subscription,
+    background,
+    operation,
+    send_frame,
+    subscription,
+)
+from barewire.io.canopen.node_runner import CallbackAdapter
+
+if TYPE_CHECKING:
+    from barewire.canopen import CanFrame
+    from barewire.conversation import Conversation
+
+ERROR_CONTROL = frozenset((0x700 + node, False) for node in range(1, 128))
+"""The identifiers of heartbeats, boot-up messages and guarding responses."""
+
+
+class NmtMethods(Methods[R]):
+    """NMT commands to one node, or with node 0 to all of them. They are not confirmed."""
+
+    def __init__(self, runner: R, node: int = 0) -> None:
+        super().__init__(runner)
+        self.node = node
+
+    @operation
+    def send(self, command: NmtCommand) -> Operation[None]:
+        """Send a command. It is not confirmed."""
+        return self._send(command)
+
+    @operation
+    def start(self) -> Operation[None]:
+        """Command: start remote node. To operational."""
+        return self._send(NmtCommand.START)
+
+    @operation
+    def stop(self) -> Operation[None]:
+        """Command: stop remote node. To stopped: neither PDO nor SDO."""
+        return self._send(NmtCommand.STOP)
+
+    @operation
+    def pre_operational(self) -> Operation[None]:
+        """Command: enter pre-operational. No PDOs."""
+        return self._send(NmtCommand.ENTER_PRE_OPERATIONAL)
+
+    @operation
+    def reset(self) -> Operation[None]:
+        """Command: reset node. As at power-on."""
+        return self._send(NmtCommand.RESET_NODE)
+
+    @operation
+    def reset_communication(self) -> Operation[None]:
+        """Command: reset communication. Only the communication objects are as at power-on."""
+        return self._send(NmtCommand.RESET_COMMUNICATION)
+
+    def _send(self, command: NmtCommand) -> Operation[None]:
+        return send_frame(canopen.NmtMessage(command, self.node).encode())
+
+
+class NodeNmtMethods(NmtMethods[R]):
+    """NMT of one node."""
+
+    @operation
+    def send_confirmed(
+        self, command: NmtCommand, *, timeout: float = 2.0, ask_every: float | None = None
+    ) -> Operation[canopen.NmtConfirmation]:
+        """Send a command and wait, `timeout` seconds, until the node reports the state that it leads to. A node without
+        heartbeat is asked by node guarding every `ask_every` seconds. Raises NoAnswer."""
+        confirming = canopen.send_nmt(command, self.node, timeout=timeout, ask_every=ask_every)
+        return Operation(_only(confirming), NO_LOCKS, ERROR_CONTROL)
+
+    @operation
+    def state(self, *, timeout: float = 0.5) -> Operation[canopen.NodeState]:
+        """The state of the node, asked by node guarding."""
+        return Operation(canopen.request_state(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+
+    @operation
+    def wait_for_boot_up(self, *, timeout: float = 10.0) -> Operation[canopen.NodeState]:
+        """Wait for the boot-up message of the node."""
+        return Operation(canopen.wait_for_boot_up(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+
+    @operation
+    def wait_for_heartbeat(self, *, timeout: float = 10.0) -> Operation[canopen.NodeState]:
+        """Wait for the next heartbeat of the node."""
+        return Operation(canopen.wait_for_heartbeat(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+
+    @operation
+    def wait_for_state(self, *states: int, timeout: float = 10.0) -> Operation[canopen.NodeState]:
+        """Wait for a heartbeat with one of these states."""
+        return Operation(canopen.wait_for_state(self.node, states, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+
+    @subscription
+    def heartbeats(self, timeout: float | None = None) -> Subscription[canopen.HeartbeatEvent]:
+        """The events of this node: booted, active, changed its state; with `timeout` seconds also lost."""
+        times = {} if timeout is None else {self.node: timeout}
+        return Subscription(canopen.HeartbeatConsumer(times), frozenset({(0x700 + self.node, False)}))
+
+
+class NetworkNmtMethods(NmtMethods[R]):
+    """NMT of all nodes."""
+
+    @operation
+    def send_confirmed(
+        self,
+        command: NmtCommand,
+        *,
+        confirmed_by: Iterable[int],
+        timeout: float = 2.0,
+        ask_every: float | None = None,
+    ) -> Operation[list[canopen.NmtConfirmation]]:
+        """Send a command to all and wait until each node of `confirmed_by` reports the state that it leads to."""
+        confirming = canopen.send_nmt(command, 0, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
+        return Operation(confirming, NO_LOCKS, ERROR_CONTROL)
+
+    @subscription
+    def heartbeats(self, times: Mapping[int, float] | None = None) -> Subscription[canopen.HeartbeatEvent]:
+        """The nodes that boot, are active, change their state; and those of `times`, in seconds, that are lost."""
+        return Subscription(canopen.HeartbeatConsumer(times or {}), ERROR_CONTROL)
+
+    @background
+    def start_guarding(
+        self, guards: Mapping[int, canopen.Guard], callback: Callable[[canopen.GuardEvent], object]
+    ) -> BackgroundTask:
+        """Guard nodes by asking each in its time, until it is stopped. `callback` is called with what changes, in the
+        thread or task that asks."""
+        return BackgroundTask(
+            CallbackAdapter(canopen.GuardingMaster(guards, time.monotonic()), callback), ERROR_CONTROL
+        )
+
+
+def _only(
+    confirming: Conversation[CanFrame, list[canopen.NmtConfirmation]],
+) -> Conversation[CanFrame, canopen.NmtConfirmation]:
+    (confirmation,) = yield from confirming
+    return confirmation

@@ -1,0 +1,207 @@
+"""How one definition becomes a blocking method and a coroutine.
+
+    class SdoMethods(Methods[R]):
+        @operation
+        def upload(self, index, ...) -> Operation[bytes]: ...
+
+    node.sdo.upload(0x6041)            -> b"7\\x06"       SdoMethods[BlockingRunner]
+    await node.sdo.upload(0x6041)      -> b"7\\x06"       SdoMethods[AsyncRunner]
+
+A method only builds a description of what is to be done; the runner (one of the two clients) does it:
+
+    decorator        the method returns     the runner gives (blocking / asyncio)
+    @operation       Operation[T]           carry_out   T       / a coroutine of T     a conversation, to its end
+    @subscription    Subscription[E]        subscribe   Stream  / AsyncStream          events, until it is closed
+    @background      BackgroundTask         start_task  Running / AsyncRunning         a machine, until it is stopped
+
+At run time each decorator makes a plain method that passes the description to the runner. For type checkers it is a
+descriptor: the type of its result depends on the runner.
+
+Depends on: the shared bus.  Used by: every group of methods, both clients.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Protocol, TypeVar, overload
+
+from barewire.canopen.bus.channel_locks import LockKeys
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.dialect import SdoDialect
+from barewire.conversation import Conversation, Send
+from barewire.io.canopen.event_stream import Listener, Stream
+from barewire.io.canopen.node_runner import Running, Speaker
+from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.subscriber import Key, seconds
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream
+
+P = ParamSpec("P")
+T = TypeVar("T")
+E = TypeVar("E")
+
+NO_LOCKS: LockKeys = frozenset()
+"""The locks of an operation that cannot disturb another one."""
+NO_FRAMES: frozenset[Key] = frozenset()
+"""The identifiers of an operation that waits for no frame."""
+
+
+class Operation(NamedTuple, Generic[T]):
+    """A conversation, the channels it locks (None: the whole bus), and the identifiers it receives (None: all).
+
+    A bus that is being opened again is waited for, `timeout` seconds (None: the client's).
+    """
+
+    conversation: Conversation[CanFrame, T]
+    locks: LockKeys | None
+    receives: frozenset[Key] | None
+    timeout: float | None = None
+
+
+class Subscription(NamedTuple, Generic[E]):
+    """A machine that turns frames into events, and the identifiers it receives (None: all)."""
+
+    machine: Listener[E]
+    receives: frozenset[Key] | None
+
+
+class BackgroundTask(NamedTuple):
+    """A machine that sends frames by itself, and the identifiers it receives (None: all)."""
+
+    machine: Speaker
+    receives: frozenset[Key] | None
+
+
+class BlockingRunner(Protocol):
+    """What methods need of the blocking client."""
+
+    timeout: float
+    dialect: SdoDialect
+
+    @property
+    def bus(self) -> CanBus: ...
+
+    def carry_out(self, operation: Operation[T], /) -> T: ...
+
+    def subscribe(self, subscription: Subscription[E], /) -> Stream[E]: ...
+
+    def start_task(self, task: BackgroundTask, /) -> Running: ...
+
+
+class AsyncRunner(Protocol):
+    """What methods need of the asyncio client."""
+
+    timeout: float
+    dialect: SdoDialect
+
+    @property
+    def bus(self) -> CanBus: ...
+
+    async def carry_out(self, operation: Operation[T], /) -> T: ...
+
+    def subscribe(self, subscription: Subscription[E], /) -> AsyncStream[E]: ...
+
+    def start_task(self, task: BackgroundTask, /) -> AsyncRunning: ...
+
+
+R = TypeVar("R", bound=BlockingRunner | AsyncRunner)
+
+
+class Methods(Generic[R]):
+    """A group of methods on a runner."""
+
+    def __init__(self, runner: R) -> None:
+        self.runner = runner
+
+
+if TYPE_CHECKING:
+
+    class operation(Generic[P, T]):
+        """Makes a method of a function that returns an Operation[T]: it returns T, or a coroutine of T."""
+
+        def __init__(self, make: Callable[Concatenate[Any, P], Operation[T]]) -> None: ...
+
+        @overload
+        def __get__(self, methods: Methods[BlockingRunner], kind: type) -> Callable[P, T]: ...
+        @overload
+        def __get__(self, methods: Methods[AsyncRunner], kind: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+        @overload
+        def __get__(self, methods: None, kind: type) -> operation[P, T]: ...
+        def __get__(self, methods: Any, kind: type) -> Any: ...
+
+    class subscription(Generic[P, E]):
+        """Makes a method of a function that returns a Subscription[E]: it returns a Stream or an AsyncStream."""
+
+        def __init__(self, make: Callable[Concatenate[Any, P], Subscription[E]]) -> None: ...
+
+        @overload
+        def __get__(self, methods: Methods[BlockingRunner], kind: type) -> Callable[P, Stream[E]]: ...
+        @overload
+        def __get__(self, methods: Methods[AsyncRunner], kind: type) -> Callable[P, AsyncStream[E]]: ...
+        @overload
+        def __get__(self, methods: None, kind: type) -> subscription[P, E]: ...
+        def __get__(self, methods: Any, kind: type) -> Any: ...
+
+    class background(Generic[P]):
+        """Makes a method of a function that returns a BackgroundTask: it returns a Running or an AsyncRunning."""
+
+        def __init__(self, make: Callable[Concatenate[Any, P], BackgroundTask]) -> None: ...
+
+        @overload
+        def __get__(self, methods: Methods[BlockingRunner], kind: type) -> Callable[P, Running]: ...
+        @overload
+        def __get__(self, methods: Methods[AsyncRunner], kind: type) -> Callable[P, AsyncRunning]: ...
+        @overload
+        def __get__(self, methods: None, kind: type) -> background[P]: ...
+        def __get__(self, methods: Any, kind: type) -> Any: ...
+
+else:
+
+    def operation(make):
+        """The method that has the runner carry out what `make` describes."""
+
+        @functools.wraps(make)
+        def method(self, *args, **kwargs):
+            seconds(kwargs.get("timeout"))
+            return self.runner.carry_out(make(self, *args, **kwargs))
+
+        return method
+
+    def subscription(make):
+        """The method that has the runner subscribe to what `make` describes."""
+
+        @functools.wraps(make)
+        def method(self, *args, **kwargs):
+            return self.runner.subscribe(make(self, *args, **kwargs))
+
+        return method
+
+    def background(make):
+        """The method that has the runner start what `make` describes."""
+
+        @functools.wraps(make)
+        def method(self, *args, **kwargs):
+            return self.runner.start_task(make(self, *args, **kwargs))
+
+        return method
+
+
+def send_frame(frame: CanFrame) -> Operation[None]:
+    """Send one frame. Raises EncodeError for a frame that CAN cannot carry."""
+    CanFrame.checked(frame.id, frame.data, extended=frame.extended, remote=frame.remote, requested=frame.requested)
+    return Operation(_send(frame), NO_LOCKS, NO_FRAMES)
+
+
+def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
+    yield Send(frame)
+
+
+def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> Operation[T]:
+    """An operation on one SDO channel, which it locks meanwhile."""
+    key = channel.answer_id, channel.answer_extended
+    return Operation(conversation, frozenset({("SDO", *key)}), frozenset({key}), timeout)

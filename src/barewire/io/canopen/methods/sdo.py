@@ -1,0 +1,150 @@
+"""`node.sdo`: the objects of a node, by index and sub-index.   [CiA 301, SDO]
+
+    node.sdo.upload(0x6041)                            b"7\\x06": the bytes, little-endian
+    node.sdo.download(0x60FF, 0, (1500).to_bytes(4, "little"))
+    node.sdo.read_object(objects, "speed")             1500: the value, in the type that a dictionary gives it
+    node.sdo.over(node.sdo.find_channel(2))            the same methods, on another SDO server of the node
+
+Time-outs are those of the node where a call gives none. A download is never repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from barewire import canopen
+from barewire.canopen import download, upload, upload_to
+from barewire.canopen.sdo.dialect import SdoDialect
+from barewire.canopen.sdo.stream import LIMIT
+from barewire.errors import EncodeError
+from barewire.io.canopen.methods.operations import Methods, Operation, R, operation, sdo_transfer
+
+if TYPE_CHECKING:
+    from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
+    from barewire.canopen.sdo.client.block_options import BlockMode
+    from barewire.canopen.sdo.client.channel import Channel
+    from barewire.canopen.sdo.stream import SdoProgress
+    from barewire.codecs import Value
+
+
+class SdoMethods(Methods[R]):
+    """SDO transfers with one node, on its default SDO server or on the one of `channel`."""
+
+    def __init__(
+        self, runner: R, node: int, *, timeout: float, dialect: SdoDialect, channel: Channel | None = None
+    ) -> None:
+        super().__init__(runner)
+        self.node = node
+        self.timeout = timeout
+        self.dialect = dialect
+        self._channel = channel
+
+    @property
+    def channel(self) -> Channel:
+        """The channel of these transfers. The bus keeps it: it recognises late responses of earlier transfers."""
+        return self._channel or self.runner.bus.channel(self.node, self.dialect)
+
+    def over(self, channel: Channel) -> SdoMethods[R]:
+        """The same methods on another channel: see `find_channel`."""
+        return SdoMethods(self.runner, self.node, timeout=self.timeout, dialect=self.dialect, channel=channel)
+
+    @operation
+    def upload(
+        self,
+        index: int,
+        sub: int = 0,
+        *,
+        size: int | None = None,
+        block: BlockMode = False,
+        limit: int | None = LIMIT,
+        progress: SdoProgress | None = None,
+        timeout: float | None = None,
+    ) -> Operation[bytes]:
+        """Read an object: its bytes, little-endian. `block` is True, False, "auto" or a `BlockSettings`;
+        `progress(done, size)` is called with the bytes so far. Raises SdoAbort, NoAnswer, PortError."""
+        channel, wait = self.channel, self._wait(timeout)
+        options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
+        return sdo_transfer(channel, upload(channel, index, sub, **options), wait)
+
+    @operation
+    def upload_to(
+        self,
+        index: int,
+        sub: int,
+        sink: Callable[[bytes], object],
+        *,
+        block: BlockMode = "auto",
+        progress: SdoProgress | None = None,
+        timeout: float | None = None,
+    ) -> Operation[int]:
+        """Read an object of any length into `sink`, piece by piece; returns the number of bytes."""
+        channel, wait = self.channel, self._wait(timeout)
+        options: dict[str, Any] = {"block": block, "progress": progress, "timeout": wait}
+        return sdo_transfer(channel, upload_to(channel, index, sub, sink, **options), wait)
+
+    @operation
+    def download(
+        self,
+        index: int,
+        sub: int,
+        data: bytes | Iterable[bytes],
+        *,
+        size: int | None = None,
+        block: BlockMode = False,
+        progress: SdoProgress | None = None,
+        timeout: float | None = None,
+    ) -> Operation[None]:
+        """Write an object: its bytes, little-endian, as many as its type has. `data` may also be pieces, taken as they
+        are sent; `size` is then their length altogether, if it is known. Never repeated."""
+        channel, wait = self.channel, self._wait(timeout)
+        options: dict[str, Any] = {"size": size, "block": block, "progress": progress, "timeout": wait}
+        return sdo_transfer(channel, download(channel, index, sub, data, **options), wait)
+
+    @operation
+    def find_channel(self, server: int, *, timeout: float | None = None) -> Operation[canopen.Channel]:
+        """Ask the node for the channel of a further SDO server, for `over`. Server 1 is the default one."""
+        from barewire.canopen.sdo.client.find_channel import find_channel
+
+        channel, wait = self.channel, self._wait(timeout)
+        return sdo_transfer(channel, find_channel(channel, server, timeout=wait), wait)
+
+    @operation
+    def read_object(
+        self, objects: ObjectDictionary, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None
+    ) -> Operation[Value]:
+        """The value of an object that `objects` has by name, by index, or by (index, sub-index)."""
+        channel, wait = self.channel, self._wait(timeout)
+        found = checked_dictionary(objects)
+        return sdo_transfer(channel, canopen.read_object(channel, found, place, block=block, timeout=wait), wait)
+
+    @operation
+    def write_object(
+        self,
+        objects: ObjectDictionary,
+        place: ObjectRef,
+        value: Value,
+        *,
+        block: BlockMode = False,
+        timeout: float | None = None,
+    ) -> Operation[None]:
+        """Give an object this value, in the type that `objects` has for it. Never repeated."""
+        channel, wait = self.channel, self._wait(timeout)
+        found = checked_dictionary(objects)
+        return sdo_transfer(
+            channel, canopen.write_object(channel, found, place, value, block=block, timeout=wait), wait
+        )
+
+    def _wait(self, timeout: float | None) -> float:
+        return self.timeout if timeout is None else timeout
+
+
+def checked_dictionary(objects: object) -> ObjectDictionary:
+    """The same object if it is an ObjectDictionary; EncodeError that names the method for other descriptions."""
+    from barewire.canopen.object_dictionary import ObjectDictionary
+
+    if not isinstance(objects, ObjectDictionary):
+        raise EncodeError(
+            f"{objects!r} is no ObjectDictionary; a described device is read by name: bus.node(5, device=...).read"
+        )
+    return objects

@@ -1,0 +1,66 @@
+"""`bus.sync` and `bus.time`: SYNC and TIME messages, sent, produced, and received.   [CiA 301, SYNC and TIME]
+
+with bus.sync.start(0.01): ...                     a SYNC every 10 ms
+bus.time.send()                                    the time of this computer
+"""
+
+from __future__ import annotations
+
+import time
+
+from barewire import canopen
+from barewire.canopen.cob_ids import SYNC_KEY, TIME_KEY
+from barewire.io.canopen.methods.operations import (
+    NO_FRAMES,
+    BackgroundTask,
+    Methods,
+    Operation,
+    R,
+    Subscription,
+    background,
+    operation,
+    send_frame,
+    subscription,
+)
+from barewire.io.canopen.subscriber import Key
+
+
+class SyncMethods(Methods[R]):
+    """SYNC. `key` is its (identifier, extended), where object 1005h of the nodes has another one than 80h."""
+
+    @operation
+    def send(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> Operation[None]:
+        """Send one SYNC."""
+        return send_frame(canopen.SyncMessage(counter).encode(key))
+
+    @background
+    def start(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY) -> BackgroundTask:
+        """Be the SYNC producer: one every `period` seconds, counting up to `overflow`, until it is stopped."""
+        return BackgroundTask(canopen.SyncProducer(period, overflow=overflow, key=key), NO_FRAMES)
+
+    @subscription
+    def events(
+        self, period: float | None = None, *, overflow: int | None = None, key: Key = SYNC_KEY
+    ) -> Subscription[canopen.SyncEvent]:
+        """The SYNC messages of another producer, judged by `SyncMonitor`."""
+        return Subscription(canopen.SyncMonitor(period, overflow=overflow, key=key), frozenset({key}))
+
+
+class TimeMethods(Methods[R]):
+    """TIME. `key` is its (identifier, extended), where object 1012h of the nodes has another one than 100h."""
+
+    @operation
+    def send(self, unix: float | None = None, *, key: Key = TIME_KEY) -> Operation[None]:
+        """Send one TIME message: the time of this computer, or `unix` in seconds since 1 January 1970."""
+        stamp = canopen.TimeStamp.of_unix(time.time() if unix is None else unix)
+        return send_frame(stamp.encode(key))
+
+    @background
+    def start(self, period: float, *, key: Key = TIME_KEY) -> BackgroundTask:
+        """Send the time of this computer at once and every `period` seconds, until it is stopped."""
+        return BackgroundTask(canopen.TimeProducer(period, time.time() - time.monotonic(), key=key), NO_FRAMES)
+
+    @subscription
+    def events(self, *, key: Key = TIME_KEY) -> Subscription[canopen.TimeReceived]:
+        """The TIME messages of another producer."""
+        return Subscription(canopen.TimeConsumer(key), frozenset({key}))

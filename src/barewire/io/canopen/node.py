@@ -1,0 +1,219 @@
+"""One node of a bus, as a client sees it: `bus.node(5, device="az3")`.
+
+    bus.node(5)                        node.sdo, node.nmt, node.pdo, node.emergencies()
+    bus.node(5, device="az3")          also values with units by name, and node.drive       (`io.named_values`)
+    bus.node(5, eds="drive.eds")       also values by the names of an EDS, by index, by (index, sub-index)
+
+A node holds no connection: any number of them may stand for the same node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from barewire import canopen
+from barewire.canopen.sdo.dialect import SdoDialect
+from barewire.errors import EncodeError
+from barewire.io.canopen.methods.nmt import NodeNmtMethods
+from barewire.io.canopen.methods.operations import (
+    AsyncRunner,
+    BlockingRunner,
+    Methods,
+    Operation,
+    R,
+    Subscription,
+    operation,
+    sdo_transfer,
+    subscription,
+)
+from barewire.io.canopen.methods.sdo import SdoMethods
+from barewire.io.canopen.subscriber import Key
+from barewire.io.named_values import AsyncNamedValues, NamedValues, canopen_names
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barewire.canopen.eds.eds_file import Eds
+    from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
+    from barewire.canopen.sdo.client.block_options import BlockMode
+    from barewire.canopen.sdo.client.channel import Channel
+    from barewire.codecs import Value
+    from barewire.conversation import Conversation
+    from barewire.devices.device import Device
+    from barewire.devices.parameter import Reading
+    from barewire.io.canopen.methods.pdo import PdoMethods
+
+_NAMED = {"read", "read_all", "write", "drive"}
+
+
+class Node(Methods[R]):
+    """A node by its number. `timeout` (seconds) holds where a call gives none."""
+
+    def __init__(
+        self,
+        runner: R,
+        number: int,
+        *,
+        timeout: float,
+        dialect: SdoDialect,
+        names: ObjectDictionary | Device | None = None,
+    ) -> None:
+        super().__init__(runner)
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 127:
+            raise EncodeError(f"node {number!r}: expected a number in 1..127", "node")
+        self.number = number
+        self.timeout = timeout
+        self.sdo: SdoMethods[R] = SdoMethods(runner, number, timeout=timeout, dialect=dialect)
+        self.nmt: NodeNmtMethods[R] = NodeNmtMethods(runner, number)
+        self._objects = names
+
+    def __repr__(self) -> str:
+        return f"<node {self.number} of {self.runner!r}>"
+
+    @property
+    def channel(self) -> Channel:
+        """The channel to the default SDO server of the node."""
+        return self.sdo.channel
+
+    @cached_property
+    def pdo(self) -> PdoMethods[R]:
+        """The process data of the node, with the names of its device or EDS."""
+        from barewire.io.canopen.methods.pdo import PdoMethods
+
+        return PdoMethods(self.sdo, self._objects)
+
+    @subscription
+    def emergencies(self, cob_id: Key | None = None) -> Subscription[canopen.EmcyEvent]:
+        """The errors that the node reports. `cob_id` is the (identifier, extended) of its emergency messages, where
+        object 1014h has another one than 80h + node."""
+        key = cob_id or (0x80 + self.number, False)
+        consumer = canopen.EmcyConsumer({key: self.number}, listed_only=True)
+        return Subscription(consumer, frozenset({key, (0x700 + self.number, False)}))
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in _NAMED:
+                described = f"bus.node({self.number}, device=...) or bus.node({self.number}, eds=...)"
+                raise AttributeError(f"node {self.number}: {name!r} needs names: {described}; without: node.sdo")
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+class EdsNode(Node[R]):
+    """A node whose objects have the names and types of an EDS or another dictionary."""
+
+    def __init__(
+        self, runner: R, number: int, objects: ObjectDictionary, *, timeout: float, dialect: SdoDialect
+    ) -> None:
+        super().__init__(runner, number, timeout=timeout, dialect=dialect, names=objects)
+        self.objects = objects
+
+    @operation
+    def read(self, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None) -> Operation[Value]:
+        """The value of an object by name, by index, or by (index, sub-index). Raises EncodeError for one that the EDS
+        does not have, DecodeError for a value that is not of its type, SdoAbort, NoAnswer, PortError."""
+        channel, wait = self.channel, self.timeout if timeout is None else timeout
+        return sdo_transfer(channel, canopen.read_object(channel, self.objects, place, block=block, timeout=wait), wait)
+
+    @operation
+    def read_all(self, places: Iterable[ObjectRef]) -> Operation[list[Value]]:
+        """The values of several objects, one after the other."""
+        reads = [canopen.read_object(self.channel, self.objects, place, timeout=self.timeout) for place in list(places)]
+        return sdo_transfer(self.channel, _all(reads), self.timeout)
+
+    @operation
+    def write(
+        self, place: ObjectRef, value: Value, *, block: BlockMode = False, timeout: float | None = None
+    ) -> Operation[None]:
+        """Give an object this value. Never repeated. What is no value of its type is refused before it is sent."""
+        channel, wait = self.channel, self.timeout if timeout is None else timeout
+        writing = canopen.write_object(channel, self.objects, place, value, block=block, timeout=wait)
+        return sdo_transfer(channel, writing, wait)
+
+
+class DeviceNode(Node[BlockingRunner], NamedValues):
+    """A node that is a described device."""
+
+    def __init__(
+        self, runner: BlockingRunner, number: int, device: Device, *, timeout: float, dialect: SdoDialect
+    ) -> None:
+        Node.__init__(self, runner, number, timeout=timeout, dialect=dialect, names=device)
+        self.device = device
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over CANopen."""
+        return canopen_names(self.device)
+
+    def _read(self, names: Sequence[str]) -> list[Reading]:
+        return self.runner.carry_out(_read_device(self, self.device, names))
+
+    def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        self.runner.carry_out(_write_device(self, self.device, values, force))
+
+
+class AsyncDeviceNode(Node[AsyncRunner], AsyncNamedValues):
+    """A node that is a described device, for asyncio."""
+
+    def __init__(
+        self, runner: AsyncRunner, number: int, device: Device, *, timeout: float, dialect: SdoDialect
+    ) -> None:
+        Node.__init__(self, runner, number, timeout=timeout, dialect=dialect, names=device)
+        self.device = device
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over CANopen."""
+        return canopen_names(self.device)
+
+    async def _read(self, names: Sequence[str]) -> list[Reading]:
+        return await self.runner.carry_out(_read_device(self, self.device, names))
+
+    async def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        await self.runner.carry_out(_write_device(self, self.device, values, force))
+
+
+def _read_device(node: Node[Any], device: Device, names: Sequence[str]) -> Operation[list[Reading]]:
+    from barewire.devices.canopen_access import read_canopen
+
+    return sdo_transfer(node.channel, read_canopen(node.channel, device, names, timeout=node.timeout), node.timeout)
+
+
+def _write_device(node: Node[Any], device: Device, values: Mapping[str, Value], force: bool) -> Operation[None]:
+    from barewire.devices.canopen_access import write_canopen
+
+    writing = write_canopen(node.channel, device, values, timeout=node.timeout, force=force)
+    return sdo_transfer(node.channel, writing, node.timeout)
+
+
+def _all(
+    conversations: Iterable[Conversation[canopen.CanFrame, Value]],
+) -> Conversation[canopen.CanFrame, list[Value]]:
+    values = []
+    for conversation in conversations:
+        values.append((yield from conversation))
+    return values
+
+
+def dictionary_of(eds: str | Path | Eds | ObjectDictionary, node: int) -> ObjectDictionary:
+    """The object dictionary of a node: of an EDS file, of a parsed one, or the dictionary itself.
+
+    Raises EncodeError for a file that cannot be read.
+    """
+    from barewire.canopen.object_dictionary import ObjectDictionary
+
+    if isinstance(eds, ObjectDictionary):
+        return eds
+    from barewire.canopen.eds.eds_file import Eds, parse
+
+    if isinstance(eds, Eds):
+        return eds.dictionary(node)
+    try:
+        with open(eds, "rb") as file:
+            data = file.read()
+    except (OSError, TypeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "expected a path, an EDS, or an ObjectDictionary"
+        raise EncodeError(f"eds {str(eds)!r}: {why}", "eds") from None
+    return parse(data).dictionary(node)

@@ -1,0 +1,175 @@
+"""A machine by name, whatever the wire: `barewire.connect("az3", "can://socketcan/can0?node=5")`.
+
+    with connect("az3", "rtu:///dev/ttyUSB0?unit=1") as az3:                  Modbus, from here on the same words
+        az3["STATUS WORD"], az3.read_all(), az3.drive.enable()
+
+    async with connect_async("az3", "can://socketcan/can0?node=5") as az3:
+        await az3.read("STATUS WORD")
+
+The scheme of the URL decides: can:// is CANopen, every other one Modbus. Unit or node are those of the URL, or the
+device's own. `machine.client` is the Modbus or CANopen client for anything that has no name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from barewire.devices.device import Device
+from barewire.devices.parameter import Reading
+from barewire.errors import EncodeError
+from barewire.io.endpoint import Endpoint
+from barewire.io.named_values import AsyncNamedValues, NamedValues, described, modbus_names
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barewire.codecs import Value
+    from barewire.io.canopen.async_client import AsyncCanopenClient
+    from barewire.io.canopen.client import CanopenClient
+    from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode
+    from barewire.io.modbus.async_client import AsyncModbusClient
+    from barewire.io.modbus.client import ModbusClient
+
+
+def connect(device: str | Path | Device, url: str, **options: Any) -> Machine:
+    """The machine at `url`: `device` is the name or the path of its description, or the description.
+
+    `options` are those of the client: `unit` or `node`, `timeout` in seconds, `watch`, and what the URL may have.
+    Raises UnknownName for a name without description, EncodeError for a device without this wire, PortError.
+    """
+    return Machine(described(device), url, **options)
+
+
+def connect_async(device: str | Path | Device, url: str, **options: Any) -> AsyncMachine:
+    """The same for asyncio. The connection is made by `async with`."""
+    return AsyncMachine(described(device), url, **options)
+
+
+def _is_canopen(device: Device, url: str) -> bool:
+    canopen = Endpoint.parse(url).scheme == "can"
+    if (device.canopen if canopen else device.modbus) is None:
+        raise EncodeError(f"endpoint {url!r}: {device.name} has no {'CANopen' if canopen else 'Modbus'}")
+    return canopen
+
+
+class Machine(NamedValues):
+    """A machine and the client by which it is reached."""
+
+    def __init__(self, device: Device, url: str, **options: Any) -> None:
+        self.device = device
+        self.client: ModbusClient | CanopenClient
+        self._access: _ModbusValues | DeviceNode
+        if _is_canopen(device, url):
+            from barewire.io.canopen.client import CanopenClient
+
+            self.client = CanopenClient(url, **options)
+            self._access = self.client.node(device=device)
+        else:
+            from barewire.io.modbus.client import ModbusClient
+
+            self.client = ModbusClient(url, **options)
+            self._access = _ModbusValues(self.client, device)
+
+    def __repr__(self) -> str:
+        return f"<{self.device.name} by {self.client!r}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the client."""
+        self.client.close()
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over this wire."""
+        return self._access.readable
+
+    def _read(self, names: Sequence[str]) -> list[Reading]:
+        return self._access.read_all(names)
+
+    def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        self._access.write(values, force=force)
+
+
+class AsyncMachine(AsyncNamedValues):
+    """A machine and the client by which it is reached, for asyncio."""
+
+    def __init__(self, device: Device, url: str, **options: Any) -> None:
+        self.device = device
+        self.client: AsyncModbusClient | AsyncCanopenClient
+        self._access: _AsyncModbusValues | AsyncDeviceNode
+        if _is_canopen(device, url):
+            from barewire.io.canopen.async_client import AsyncCanopenClient
+
+            self.client = AsyncCanopenClient(url, **options)
+            self._access = self.client.node(device=device)
+        else:
+            from barewire.io.modbus.async_client import AsyncModbusClient
+
+            self.client = AsyncModbusClient(url, **options)
+            self._access = _AsyncModbusValues(self.client, device)
+
+    def __repr__(self) -> str:
+        return f"<{self.device.name} by {self.client!r}>"
+
+    async def __aenter__(self) -> Self:
+        await self.client.__aenter__()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+    ) -> None:
+        await self.client.__aexit__(kind, error, at)
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over this wire."""
+        return self._access.readable
+
+    async def _read(self, names: Sequence[str]) -> list[Reading]:
+        return await self._access.read_all(names)
+
+    async def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        await self._access.write(values, force=force)
+
+
+class _ModbusValues(NamedValues):
+    """The values of a device that is the unit of a client."""
+
+    def __init__(self, client: ModbusClient, device: Device) -> None:
+        self.client, self.device = client, device
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over Modbus."""
+        return modbus_names(self.device)
+
+    def _read(self, names: Sequence[str]) -> list[Reading]:
+        return self.client.read(self.device, *names)
+
+    def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        self.client.write(self.device, values, force=force)
+
+
+class _AsyncModbusValues(AsyncNamedValues):
+    """The values of a device that is the unit of a client, for asyncio."""
+
+    def __init__(self, client: AsyncModbusClient, device: Device) -> None:
+        self.client, self.device = client, device
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over Modbus."""
+        return modbus_names(self.device)
+
+    async def _read(self, names: Sequence[str]) -> list[Reading]:
+        return await self.client.read(self.device, *names)
+
+    async def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        await self.client.write(self.device, values, force=force)

@@ -1,0 +1,205 @@
+"""The values of a described machine by name, whatever the wire.
+
+    az3["STATUS WORD"]                     Reading: the parameter, its value and unit
+    az3["TARGET VELOCITY"] = 1500
+    az3.read("STATUS WORD")                Reading
+    az3.read("STATUS WORD", "DC BUS")      list of them, with as few requests as the device allows
+    az3.read_all()                         every readable parameter
+    az3.write("TARGET VELOCITY", 1500)
+    az3.write({"PROFILE ACCELERATION": 100, "TARGET VELOCITY": 1500})         in this order
+    az3.drive.enable()                     if it is a drive of CiA 402
+
+With asyncio each method is awaited, and there are no brackets. Names, ranges and access are checked before anything is
+sent.
+
+Depends on: descriptions.  Used by: machines of `connect`, nodes of a CANopen client.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, overload
+
+from barewire.errors import DecodeError, EncodeError, Refused
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from barewire.codecs import Value
+    from barewire.devices.device import Device
+    from barewire.devices.parameter import Reading
+    from barewire.io.drive import AsyncDriveClient, DriveClient
+
+
+def described(device: str | Path | Device) -> Device:
+    """The description of a device by its name or its path; a description as it is."""
+    from pathlib import Path
+
+    from barewire.devices.description.load import load
+
+    return load(device) if isinstance(device, (str, Path)) else device
+
+
+class _Names(ABC):
+    """What both kinds share: the device, and how the arguments of a call are understood."""
+
+    device: Device
+
+    @property
+    @abstractmethod
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over this wire."""
+
+    def _names(self, names: Iterable[Any] | None) -> list[str]:
+        if isinstance(names, str):
+            raise EncodeError(f"read_all({names!r}): expected several names; one is read(name)")
+        found = self.readable if names is None else list(names)
+        for name in found:
+            if not isinstance(name, str):
+                raise EncodeError(
+                    f"{name!r} is no name of a parameter of {self.device.name}; by index it is node.sdo.upload"
+                )
+        return found
+
+    def _values(self, name: Any, value: Value | None) -> Mapping[str, Value]:
+        if isinstance(name, Mapping):
+            if value is not None:
+                raise EncodeError("write: expected a name and a value, or a mapping of names to values")
+        elif value is None:
+            raise EncodeError(f"write({name!r}): expected a value, or a mapping of names to values")
+        else:
+            name = {name: value}
+        self._names(name)
+        return name  # type: ignore[no-any-return]
+
+
+class NamedValues(_Names):
+    """The values of a machine."""
+
+    @abstractmethod
+    def _read(self, names: Sequence[str]) -> list[Reading]:
+        """Read these parameters."""
+
+    @abstractmethod
+    def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        """Write these parameters."""
+
+    @overload
+    def read(self, name: str, /) -> Reading: ...
+    @overload
+    def read(self, first: str, second: str, /, *others: str) -> list[Reading]: ...
+    def read(self, *names: str) -> Reading | list[Reading]:
+        """Read one parameter, or several: one reading, or a list in the order of the names."""
+        if not names:
+            raise EncodeError("read(): expected a name; every readable parameter is read_all()")
+        readings = self._read(self._names(names))
+        return readings[0] if len(names) == 1 else readings
+
+    def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
+        """Read those of `names`, in their order; without names every readable parameter that the machine does not
+        refuse."""
+        wanted = self._names(names)
+        try:
+            return self._read(wanted)
+        except (Refused, DecodeError):
+            if names is not None:
+                raise
+        readings = []
+        for name in wanted:
+            with suppress(Refused, DecodeError):
+                readings += self._read([name])
+        return readings
+
+    @overload
+    def write(self, name: str, value: Value, /, *, force: bool = False) -> None: ...
+    @overload
+    def write(self, values: Mapping[str, Value], /, *, force: bool = False) -> None: ...
+    def write(self, name: str | Mapping[str, Value], value: Value | None = None, /, *, force: bool = False) -> None:
+        """Write a parameter, or several in the order given. `force` leaves range and access to the machine."""
+        self._write(self._values(name, value), force)
+
+    def __getitem__(self, name: str) -> Reading:
+        return self._read(self._names([name]))[0]
+
+    def __setitem__(self, name: str, value: Value) -> None:
+        self._write(self._values(name, value), False)
+
+    @cached_property
+    def drive(self) -> DriveClient:
+        """The machine as a drive of CiA 402. EncodeError if it is none."""
+        from barewire.io.drive import DriveClient
+
+        return DriveClient(self)
+
+
+class AsyncNamedValues(_Names):
+    """The values of a machine, for asyncio."""
+
+    @abstractmethod
+    async def _read(self, names: Sequence[str]) -> list[Reading]:
+        """Read these parameters."""
+
+    @abstractmethod
+    async def _write(self, values: Mapping[str, Value], force: bool) -> None:
+        """Write these parameters."""
+
+    @overload
+    async def read(self, name: str, /) -> Reading: ...
+    @overload
+    async def read(self, first: str, second: str, /, *others: str) -> list[Reading]: ...
+    async def read(self, *names: str) -> Reading | list[Reading]:
+        """Read one parameter, or several: one reading, or a list in the order of the names."""
+        if not names:
+            raise EncodeError("read(): expected a name; every readable parameter is read_all()")
+        readings = await self._read(self._names(names))
+        return readings[0] if len(names) == 1 else readings
+
+    async def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
+        """Read those of `names`, in their order; without names every readable parameter that the machine does not
+        refuse."""
+        wanted = self._names(names)
+        try:
+            return await self._read(wanted)
+        except (Refused, DecodeError):
+            if names is not None:
+                raise
+        readings = []
+        for name in wanted:
+            with suppress(Refused, DecodeError):
+                readings += await self._read([name])
+        return readings
+
+    @overload
+    async def write(self, name: str, value: Value, /, *, force: bool = False) -> None: ...
+    @overload
+    async def write(self, values: Mapping[str, Value], /, *, force: bool = False) -> None: ...
+    async def write(
+        self, name: str | Mapping[str, Value], value: Value | None = None, /, *, force: bool = False
+    ) -> None:
+        """Write a parameter, or several in the order given. `force` leaves range and access to the machine."""
+        await self._write(self._values(name, value), force)
+
+    @cached_property
+    def drive(self) -> AsyncDriveClient:
+        """The machine as a drive of CiA 402. EncodeError if it is none."""
+        from barewire.io.drive import AsyncDriveClient
+
+        return AsyncDriveClient(self)
+
+
+def canopen_names(device: Device) -> list[str]:
+    """The readable parameters of a device that have a place, and a size, in the object dictionary."""
+    return [
+        parameter.name
+        for parameter in device.parameters
+        if parameter.object is not None and parameter.readable and parameter.type != "text"
+    ]
+
+
+def modbus_names(device: Device) -> list[str]:
+    """The readable parameters of a device that have a place on Modbus."""
+    return [parameter.name for parameter in device.parameters if parameter.modbus is not None and parameter.readable]

@@ -1,0 +1,101 @@
+"""The static types of the CANopen clients, nodes, and machines by name: what mypy --strict must find. Never run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import assert_type
+
+from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer, connect, connect_async
+from barewire.canopen import CanFrame, Channel, LssAddress, NodeState, PdoConfig, RemotePdo
+from barewire.canopen.emcy.consumer import EmcyEvent
+from barewire.canopen.nmt.heartbeat import HeartbeatEvent
+from barewire.canopen.pdo.named_values import PdoReceived
+from barewire.codecs import Value
+from barewire.devices.drive.report import DriveStatus
+from barewire.devices.parameter import Reading
+from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream
+from barewire.io.canopen.event_stream import Stream
+from barewire.io.canopen.methods.operations import AsyncRunner, BlockingRunner
+from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode, EdsNode, Node
+from barewire.io.canopen.node_runner import Running
+from barewire.io.machine import AsyncMachine, Machine
+
+FRAME = CanFrame(0x80)
+
+
+def of_the_blocking_client(bus: CanopenClient, tpdo: RemotePdo) -> None:
+    assert_type(bus.node(5), Node[BlockingRunner])
+    assert_type(bus.node(5, device="az3"), DeviceNode)
+    assert_type(bus.node(5, eds=Path("x.eds")), EdsNode[BlockingRunner])
+    assert_type(bus.receive(), CanFrame | None)
+    assert_type(bus.send(FRAME), None)
+    assert_type(bus.lss.fastscan(), LssAddress | None)
+    assert_type(bus.emergencies(), Stream[EmcyEvent])
+    assert_type(bus.nmt.heartbeats({5: 1.0}), Stream[HeartbeatEvent])
+    assert_type(bus.sync.start(1.0), Running)
+    node = bus.node(5)
+    assert_type(node.sdo.upload(0x6041), bytes)
+    assert_type(node.sdo.find_channel(2), Channel)
+    assert_type(node.sdo.over(node.channel).upload(0x6041, 0, timeout=0.5), bytes)
+    assert_type(node.nmt.start(), None)
+    assert_type(node.nmt.state(), NodeState)
+    assert_type(node.pdo.read_config("TPDO", 1), PdoConfig)
+    assert_type(node.pdo.receive(tpdo), Stream[PdoReceived])
+    assert_type(node.emergencies(), Stream[EmcyEvent])
+    assert_type(bus.node(5, eds="x.eds").read((0x1018, 1)), Value)
+    az3 = bus.node(5, device="az3")
+    assert_type(az3.read("STATUS WORD"), Reading)
+    assert_type(az3.read("STATUS WORD", "DC BUS"), list[Reading])
+    assert_type(az3["STATUS WORD"], Reading)
+    assert_type(az3.drive.enable(), DriveStatus)
+
+
+async def of_the_asyncio_client(bus: AsyncCanopenClient, tpdo: RemotePdo) -> None:
+    assert_type(bus.node(5), Node[AsyncRunner])
+    assert_type(bus.node(5, device="az3"), AsyncDeviceNode)
+    assert_type(bus.node(5, eds=Path("x.eds")), EdsNode[AsyncRunner])
+    assert_type(await bus.receive(), CanFrame | None)
+    assert_type(await bus.send(FRAME), None)
+    assert_type(await bus.lss.fastscan(), LssAddress | None)
+    assert_type(bus.emergencies(), AsyncStream[EmcyEvent])
+    assert_type(bus.nmt.heartbeats({5: 1.0}), AsyncStream[HeartbeatEvent])
+    assert_type(bus.sync.start(1.0), AsyncRunning)
+    node = bus.node(5)
+    assert_type(await node.sdo.upload(0x6041), bytes)
+    assert_type(await node.sdo.find_channel(2), Channel)
+    assert_type(await node.nmt.start(), None)
+    assert_type(await node.nmt.state(), NodeState)
+    assert_type(await node.pdo.read_config("TPDO", 1), PdoConfig)
+    assert_type(node.pdo.receive(tpdo), AsyncStream[PdoReceived])
+    assert_type(await bus.node(5, eds="x.eds").read((0x1018, 1)), Value)
+    az3 = bus.node(5, device="az3")
+    assert_type(await az3.read("STATUS WORD"), Reading)
+    assert_type(await az3.read("STATUS WORD", "DC BUS"), list[Reading])
+    assert_type(await az3.drive.enable(), DriveStatus)
+
+
+async def of_servers_and_machines() -> None:
+    with CanopenServer("can://virtual/x?node=5", device="az3") as server:
+        assert_type(server, CanopenServer)
+    async with AsyncCanopenServer("can://virtual/x?node=5", eds="x.eds") as serving:
+        assert_type(serving.url, str)
+    with connect("az3", "can://virtual/x?node=5", timeout=0.5) as az3:
+        assert_type(az3, Machine)
+        assert_type(az3["STATUS WORD"], Reading)
+        assert_type(az3.read("A", "B"), list[Reading])
+        assert_type(az3.read_all(), list[Reading])
+        assert_type(az3.drive.move(100, relative=True), DriveStatus)
+    async with connect_async("az3", "tcp://127.0.0.1") as awaited:
+        assert_type(awaited, AsyncMachine)
+        assert_type(await awaited.read("A"), Reading)
+        assert_type(await awaited.read_all(["A"]), list[Reading])
+        assert_type(await awaited.drive.home(), DriveStatus)
+
+
+def of_wrong_calls(bus: CanopenClient, az3: Machine) -> None:
+    """Each of these lines is an error; an ignore that is not needed would be one as well."""
+    bus.node(5).sdo.upload("6041")  # type: ignore[arg-type]
+    bus.node(5).read("STATUS WORD")  # type: ignore[attr-defined]
+    bus.node(5, device="az3", eds="x.eds")  # type: ignore[call-overload]
+    az3.write("TARGET VELOCITY")  # type: ignore[call-overload]
+    az3.drive.move()  # type: ignore[call-arg]

@@ -1,0 +1,113 @@
+"""A CANopen node of one's own on a bus: what it may be made of, blocking and with asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer
+from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary
+from barewire.canopen.communication_objects import standard_objects
+from barewire.canopen.eds import parse
+from barewire.devices import load
+from barewire.devices.sim import simulator
+from barewire.errors import EncodeError, PortError
+
+pytest.importorskip("can")
+
+EDS = b"""[MandatoryObjects]
+SupportedObjects=1
+1=0x1000
+[1000]
+ParameterName=Device type
+DataType=0x0007
+AccessType=ro
+DefaultValue=0x191
+[2000]
+ParameterName=Node
+DataType=0x0005
+AccessType=ro
+DefaultValue=$NODEID+1
+"""
+
+
+def objects() -> ObjectDictionary:
+    return ObjectDictionary([*standard_objects(), Entry(0x2000, 0, "value", "u8", "rw", 9)])
+
+
+def test_a_node_of_a_dictionary_an_eds_a_file_a_simulator_or_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "node.eds"
+    file.write_bytes(EDS)
+    url = "can://virtual/server-kinds"
+    with CanopenClient(url, timeout=30) as bus:
+        with CanopenServer(url, device=objects()):
+            assert bus.node(1, eds=objects()).read("value") == 9
+        for server in (
+            CanopenServer(f"{url}?node=7", device=parse(EDS)),
+            CanopenServer(url, eds=file, node=7),
+            CanopenServer(url, eds=str(file), node=7),
+        ):
+            with server:
+                node = bus.node(7, eds=file)
+                assert (node.read("Device type"), node.read((0x2000, 0)), node.read_all([0x2000])) == (0x191, 8, [8])
+        for server in (
+            CanopenServer(url, device="az3", node=9),
+            CanopenServer(f"{url}?node=9", device=load("az3")),
+            CanopenServer(url, device=simulator("az3", node=9)),
+            CanopenServer(url, device=simulator("az3", node=9).canopen),
+        ):
+            with server:
+                assert bus.node(9, device="az3")["STATUS WORD"].name == "STATUS WORD"
+
+
+def test_a_node_with_asyncio() -> None:
+    async def main() -> None:
+        url = "can://virtual/server-asyncio"
+        node = LocalNode(5, objects())
+        server = AsyncCanopenServer(url, device=node)
+        with pytest.raises(PortError, match="not served"):
+            await server.do(lambda now: None)
+        async with server, AsyncCanopenClient(url, timeout=30) as bus:
+            assert server.url == url
+            five = bus.node(5, eds=objects())
+            await five.write("value", 10)
+            assert await five.read("value") == 10
+            with five.emergencies() as errors:
+                await server.do(lambda now: node.error(0x4210, now))
+                event = await errors.get(30.0)
+            assert getattr(getattr(event, "message", None), "code", None) == 0x4210
+
+    asyncio.run(main())
+
+
+def test_the_asyncio_client_is_connected_by_async_with_and_receives() -> None:
+    async def main() -> None:
+        url = "can://virtual/server-receive"
+        bus = AsyncCanopenClient(url)
+        assert repr(bus).startswith(f"<AsyncCanopenClient on {url}")
+        with pytest.raises(PortError, match="not connected: enter `async with`"):
+            await bus.node(5).sdo.upload(0x1000)
+        async with bus:
+            assert await bus.receive(0.0) is None
+            with CanopenClient(url) as other:
+                other.send(CanFrame(0x123, b"\1"))
+            assert await bus.receive(30.0) == CanFrame(0x123, b"\1")
+            assert await bus.receive(0.001) is None
+
+    asyncio.run(main())
+
+
+def test_what_cannot_be_a_node_is_refused() -> None:
+    url = "can://virtual/server-refused"
+    with pytest.raises(EncodeError, match="expected device= or eds=, one of them"):
+        CanopenServer(url)
+    with pytest.raises(EncodeError, match=r"device=5: expected a LocalNode, a simulator or its name"):
+        CanopenServer(url, device=5)  # type: ignore[arg-type]
+    with pytest.raises(EncodeError, match="has no CANopen"):
+        CanopenServer(url, device="csd-mt")
+    with pytest.raises(EncodeError, match="No such file"):
+        CanopenServer(url, eds="missing.eds")
+    with pytest.raises(EncodeError, match="CANopen needs can://"):
+        CanopenServer("tcp://127.0.0.1", device="az3")

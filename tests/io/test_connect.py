@@ -1,0 +1,108 @@
+"""A machine by name: the same calls over Modbus and CANopen, blocking and with asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from barewire import CanopenServer, ModbusServer, connect, connect_async
+from barewire.devices import UnknownName, load
+from barewire.devices.drive.cia402 import State
+from barewire.devices.drive.report import DriveProgress, DriveStuck
+from barewire.devices.sim import MachineUnits, simulator
+from barewire.errors import EncodeError, PortError
+
+pytest.importorskip("can")
+
+
+@contextmanager
+def served(wire: str) -> Iterator[str]:
+    """An AZ3 on this wire; the URL of a client."""
+    if wire == "can":
+        with CanopenServer(f"can://virtual/connect-{time.monotonic()}", device="az3", node=7) as server:
+            yield server.url
+    else:
+        with ModbusServer("tcp://127.0.0.1:0", units=MachineUnits(simulator("az3", time.monotonic()), 1)) as host:
+            yield f"{host.url}?unit=1"
+
+
+WIRES = pytest.mark.parametrize("wire", ["can", "tcp"])
+
+
+@WIRES
+def test_values_by_name(wire: str) -> None:
+    with served(wire) as url, connect("az3", url, timeout=30) as az3:
+        az3["TARGET VELOCITY"] = 1500
+        assert (az3["target velocity"].value, az3["TARGET VELOCITY"].unit) == (1500, "User units")
+        az3.write({"TARGET VELOCITY": -5, "TARGET POSITION": 77})
+        az3.write("TARGET VELOCITY", 6)
+        velocity, position = az3.read("TARGET VELOCITY", "TARGET POSITION")
+        assert (velocity.value, position.value) == (6, 77)
+        assert az3.read("STATUS WORD").name == "STATUS WORD"
+        everything = {reading.name: reading.value for reading in az3.read_all()}
+        assert everything["TARGET POSITION"] == 77
+        assert len(everything) > 100
+        with pytest.raises(UnknownName, match="did you mean 'STATUS WORD'"):
+            az3.read("STATUS WRD")
+        with pytest.raises(EncodeError, match="STATUS WORD is read only"):
+            az3["STATUS WORD"] = 1
+
+
+@WIRES
+def test_values_by_name_with_asyncio(wire: str) -> None:
+    async def main(url: str) -> None:
+        async with connect_async(load("az3"), url, timeout=30) as az3:
+            await az3.write("TARGET VELOCITY", 1500)
+            await az3.write({"TARGET POSITION": 77})
+            assert (await az3.read("TARGET VELOCITY")).value == 1500
+            velocity, position = await az3.read("TARGET VELOCITY", "TARGET POSITION")
+            assert (velocity.value, position.value) == (1500, 77)
+            assert len(await az3.read_all()) > 100
+            assert [one.value for one in await az3.read_all(["TARGET POSITION"])] == [77]
+
+    with served(wire) as url:
+        asyncio.run(main(url))
+
+
+@WIRES
+def test_a_drive_moves_while_its_values_are_read_with_asyncio(wire: str) -> None:
+    async def main(url: str) -> None:
+        async with connect_async("az3", url, timeout=30) as az3:
+            seen: list[DriveProgress] = []
+            assert (await az3.drive.enable()).state is State.OPERATION_ENABLED
+            moving = asyncio.create_task(az3.drive.following(seen.append).move(200, relative=True, velocity=600))
+            reads = 0
+            while not moving.done():
+                assert (await az3.read("STATUS WORD")).name == "STATUS WORD"
+                reads += 1
+            assert (await moving).position == 200
+            assert reads > 2
+            assert seen
+            with pytest.raises(DriveStuck):
+                await az3.drive.move(10**6, velocity=60, within=0.1)
+            assert (await az3.drive.quick_stop()).state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
+            await az3.drive.disable()
+
+    with served(wire) as url:
+        asyncio.run(main(url))
+
+
+def test_errors_name_the_device_and_the_wire() -> None:
+    with pytest.raises(EncodeError, match="csd-mt has no CANopen"):
+        connect("csd-mt", "can://virtual/x")
+    with pytest.raises(UnknownName, match="az4"):
+        connect("az4", "can://virtual/x")
+    with (
+        ModbusServer("tcp://127.0.0.1:0", units={}) as server,
+        connect("adxl", server.url) as adxl,
+        pytest.raises(EncodeError, match="adxl is no drive"),
+    ):
+        adxl.drive.enable()
+    with pytest.raises(PortError):
+        connect("az3", "tcp://127.0.0.1:1", timeout=0.1)
+    with pytest.raises(EncodeError, match="unknown option 'speed'"):
+        connect("az3", "tcp://127.0.0.1:1", speed=1)
