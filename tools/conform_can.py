@@ -19,9 +19,9 @@ NODE = 5
 HEAD = """\
 # CANopen conformance, case by case
 
-`barewire conform can://...` holds any CANopen device against CiA 301 and CiA 305: {total} cases. Each says some frames
-and compares what comes back with the answers that the standard lets a device give. Where real devices differ and nobody
-is wrong (which abort code a refusal carries, whether a stray segment is answered), each of the ways is accepted; an
+`barewire conform can://...` tests any CANopen device against CiA 301 and CiA 305 with {total} cases. Each case sends
+some frames and compares the answers with those that the standard allows. Where devices differ within the standard (which
+abort code a refusal has, whether a segment without a transfer is answered), every allowed answer is accepted; an
 abort 0800 0000h, *general error*, is accepted for every refusal.
 
 ```text
@@ -31,39 +31,38 @@ ok      SDO-02  upload of 1001h:00, error register
 FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#4018100000000000: 585#8018100000000206, expected
                 585#4F18100000......|585#4218100000......
 ...
--       SEG-40  7 bytes there and back (needs large object)
+-       SEG-40  7 bytes written and read back (needs large object)
 ...
 145 of 149 as the standard says, 126 left out
 ```
 
-First the objects of the device are read, behind a reset of its communication unless all cases only read; a case whose
-objects it does not have is left out and says so. A failure tells what was said, what came and what was expected, in
-the notation of candump with a dot for any digit. The exit status is 1 if a case failed, or if no device answers. One
-that falls silent in the midst of it has three seconds to come back; then the run ends with a line that says behind
-which case it was, and how many cases were not run (with `--json` an object `unfinished`, `not_run`), and with status 1.
+First the objects of the device are read, after a reset of its communication if any case changes the device; a case
+whose objects it does not have is left out with the reason. A failure shows what was sent, received and expected, in
+the notation of candump with a dot for any digit. The exit status is 1 if a case failed, or if no device answers. A
+device that stops answering during the run has three seconds to return; then the run ends with a line that names the
+last case and the number of cases that were not run (with `--json` an object `unfinished`, `not_run`), and status 1.
 
-| option | what it does |
+| option | meaning |
 |---|---|
-| `?node=5` | the device; 1 if not said |
-| `&timeout=0.2` | how long silence is waited for; 0.5 s if not said |
-| `--json` | one object a line, with every frame that was heard |
+| `?node=5` | the node-ID of the device; default 1 |
+| `&timeout=0.2` | seconds until an answer counts as missing; default 0.5 |
+| `--json` | one object a line, with every received frame |
 | `--only SDO,NMT-1` | cases whose names begin so |
-| `--large 2100:00` | an object that takes any bytes: it is written to, in several segments and blocks |
-| `--gentle` | leaves out whatever changes the device |
+| `--large 2100:00` | an object for any bytes: it is written in several segments and blocks |
+| `--gentle` | leaves out the cases that change the device |
 
-**Not for a machine that is running.** The column *effect* below tells what a case does:
+**Not for a machine that is running.** The column *effect* below:
 
-| effect | what it does |
+| effect | meaning |
 |---|---|
 | reads | nothing changes |
 | writes | objects are written, 1000h to 1FFFh and the one of `--large`; a reset of the communication follows |
-| commands | the device is started, stopped and reset, gets RPDOs of zeros, hears SYNC, and heartbeats of a node 126 |
+| commands | the device is started, stopped and reset, gets RPDOs of zeros, SYNC, and heartbeats of a node 126 |
 
-An interface that cannot carry remote frames (socketcand) leaves out the cases that need them.
+Interfaces without remote frames (socketcand) leave out the cases that need them.
 
-The cases are data in `barewire.canopen.conformance.battery` and the files beside it, and a conversation carries them
-out, so they run in virtual time as well. This holds a device of your own against those that do not start or stop it,
-in a second:
+The cases are data in `barewire.canopen.conformance`, and a conversation carries them out, so they run in virtual time
+as well. This tests a device of your own in a second, with the cases that do not start or stop it:
 
 ```python
 from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
@@ -88,24 +87,24 @@ for case in cases(subject):
         assert outcome.failure is None, outcome.failure
 ```
 
-`play` does not let a device speak by itself. The other cases need a bus that feeds it at its `deadline`.
+`play` does not feed a device at its `deadline`, so it sends nothing by itself; the other cases need a bus that does.
 
-The simulated AZ3 passes all that it can be asked but four, and these are what its guide says: it has no identity object
-(SDO-03, SDO-04), takes every number in four bytes (SDO-47) and stores without a signature (SDO-51).
+The simulated AZ3 passes all cases for its objects but four, where it follows its guide: it has no identity object
+(SDO-03, SDO-04), accepts every number in four bytes (SDO-47) and stores without a signature (SDO-51).
 
-A LocalNode of the `canopen` library (2.4.1) answers in STOPPED (NMT-02, -03, -04, -06), says no boot-up message after a
-reset (NMT-10, -11, -13, -15), takes a frame with 29 bits for one with 11 (SDO-32), has every sub-index of a variable
-(SDO-07, SDO-44), refuses 22h (SDO-46), and answers a block upload with segments although no switch was offered (BLK-01
-to -05). `tests/interop/test_canopen_conform.py` holds the battery against it.
+A LocalNode of the `canopen` library (2.4.1) answers in STOPPED (NMT-02, -03, -04, -06), sends no boot-up message after
+a reset (NMT-10, -11, -13, -15), answers a frame with 29 bits like one with 11 (SDO-32), has every sub-index of a variable
+(SDO-07, SDO-44), refuses 22h (SDO-46), and answers a block upload with segments although no switch was allowed (BLK-01
+to -05). `tests/interop/test_canopen_conform.py` runs the battery against it.
 
 ## The cases
 
-The list for a device that has everything. *Accepted* says what is not obvious.
+The list for a device that supports everything. *Accepted* explains what is not obvious.
 """
 
 
 def subject() -> Subject:
-    """A device that has whatever a case could ask for."""
+    """A device with everything that a case can need."""
     address = LssAddress(0x360, 1, 0x1_0002, 7)
     objects = [
         *standard_objects(address, name="barewire plain device"),

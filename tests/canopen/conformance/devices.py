@@ -1,4 +1,4 @@
-"""The devices that the conformance battery is held against, and the run of it in virtual time."""
+"""The devices that the conformance battery is run against in virtual time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 
 
 def plain() -> LocalNode:
-    """A device with everything that the battery asks for."""
+    """A device with everything that the battery needs."""
     objects = [
         *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device"),
         Entry(0x1010, 1, "save all", "u32", "rw", 1),
@@ -55,42 +55,42 @@ def bus_with(device: Participant) -> VirtualBus:
 
 
 def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = None) -> Subject:
-    """What the survey finds of such a device."""
+    """The result of probing such a device."""
     return bus_with(make()).run(probe(NODE, timeout=0.1, large=large))
 
 
-def hold(bus: VirtualBus, subject: Subject, case: NodeCase, before: NodeCase | None = None) -> NodeOutcome:
-    """One case, behind a reset where it wants one."""
+def run_after_reset(bus: VirtualBus, subject: Subject, case: NodeCase, before: NodeCase | None = None) -> NodeOutcome:
+    """Run one case, after a reset if it needs one."""
     if wants_reset(case, before):
         bus.run(prepare(subject))
     return bus.run(run_case(case))
 
 
-class Spoiled:
-    """A device some of whose answers come out wrong, or not at all."""
+class FaultyDevice:
+    """A device with some wrong or missing answers."""
 
     def __init__(
-        self, device: LocalNode, spoil: Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
+        self, device: LocalNode, change: Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
     ):
         self.device = device
-        self.spoil = spoil
+        self.change = change
 
     @property
     def deadline(self) -> float | None:
         return self.device.deadline
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        return self.spoil(self.device, frame, self.device.feed(frame, now))
+        return self.change(self.device, frame, self.device.feed(frame, now))
 
 
 def failures(bus: VirtualBus, subject: Subject, *, prefixes: tuple[str, ...] = ("",)) -> dict[str, str]:
-    """What fails of the whole battery against one device that is never switched off, by the name of the case."""
+    """The failures of the whole battery against one device that is not switched off, by the name of the case."""
     found: dict[str, str] = {}
     before = None
     for case in cases(subject):
         if case.lacks or not case.name.startswith(prefixes):
             continue
-        outcome = hold(bus, subject, case, before)
+        outcome = run_after_reset(bus, subject, case, before)
         before = case
         if outcome.failure is not None:
             found[case.name] = outcome.failure

@@ -1,4 +1,4 @@
-"""The battery that is held against strangers, held against ourselves: a plain device and the AZ3, in virtual time."""
+"""The conformance battery against a plain device and the simulated AZ3, and against faulty ones, in virtual time."""
 
 from __future__ import annotations
 
@@ -15,11 +15,21 @@ from barewire.canopen.conformance.probe import probe
 from barewire.canopen.conformance.runner import FLOOD, run_case
 from barewire.conversation import play
 from barewire.errors import NoAnswer
-from tests.canopen.conformance.devices import LARGE, NODE, Spoiled, az3, bus_with, failures, hold, plain, subject_of
+from tests.canopen.conformance.devices import (
+    LARGE,
+    NODE,
+    FaultyDevice,
+    az3,
+    bus_with,
+    failures,
+    plain,
+    run_after_reset,
+    subject_of,
+)
 
 PLAIN_SUBJECT, AZ3_SUBJECT = subject_of(plain, LARGE), subject_of(az3)
 PLAIN, AZ3 = cases(PLAIN_SUBJECT), cases(AZ3_SUBJECT)
-# What the guide of the AZ3 says, and the standard does not.
+# Where the guide of the AZ3 departs from the standard.
 DEVIATIONS = {
     "SDO-03": "it lists no identity object",
     "SDO-04": "it lists no identity object",
@@ -30,18 +40,18 @@ DEVIATIONS = {
 
 @pytest.mark.parametrize("case", [case for case in PLAIN if not case.lacks], ids=lambda case: case.name)
 def test_a_plain_device(case: NodeCase) -> None:
-    outcome = hold(bus_with(plain()), PLAIN_SUBJECT, case)
+    outcome = run_after_reset(bus_with(plain()), PLAIN_SUBJECT, case)
     assert outcome.failure is None
     assert len(outcome.received) <= len(case.steps)
 
 
 @pytest.mark.parametrize("case", [case for case in AZ3 if not case.lacks], ids=lambda case: case.name)
 def test_the_simulated_drive(case: NodeCase) -> None:
-    outcome = hold(bus_with(az3()), AZ3_SUBJECT, case)
+    outcome = run_after_reset(bus_with(az3()), AZ3_SUBJECT, case)
     assert (outcome.failure is not None) == (case.name in DEVIATIONS), outcome.failure
 
 
-def test_one_device_goes_through_all_of_it() -> None:
+def test_one_device_passes_the_whole_battery() -> None:
     device = plain()
     bus = bus_with(device)
     subject = bus.run(probe(NODE, timeout=0.1, large=LARGE))
@@ -49,14 +59,14 @@ def test_one_device_goes_through_all_of_it() -> None:
     assert device.sdo.counters.timed_out == 0
 
 
-def test_how_many_there_are() -> None:
+def test_the_battery_covers_all_services() -> None:
     held = Counter(case.name[:3] for case in PLAIN if not case.lacks)
     assert held.total() >= 130
     assert {"SDO", "SEG", "BLK", "NMT", "HB-", "GRD", "HBC", "EMC", "SYN", "TIM", "RPD", "TPD", "LSS"} <= set(held)
     assert sum(not case.lacks for case in AZ3) >= 130
 
 
-def test_names_are_told_once_and_every_frame_can_be_said() -> None:
+def test_case_names_are_unique_and_every_frame_can_be_parsed() -> None:
     assert len({case.name for case in PLAIN}) == len(PLAIN)
     for case in PLAIN:
         assert case.title
@@ -66,16 +76,16 @@ def test_names_are_told_once_and_every_frame_can_be_said() -> None:
             assert [str(CanFrame.parse(text)) for text in step.sends] == list(step.sends), case.name
 
 
-def test_what_reads_only_says_nothing_that_changes_a_device() -> None:
+def test_cases_that_only_read_send_nothing_that_changes_a_device() -> None:
     for case in PLAIN:
         if case.effect == "reads":
-            said = [CanFrame.parse(text) for step in case.steps for text in step.sends]
-            assert not any(frame.id in (0x000, 0x080) for frame in said), case.name
-            sdo = [frame.data[0] for frame in said if frame.key == (0x600 + NODE, False) and frame.data]
+            sent = [CanFrame.parse(text) for step in case.steps for text in step.sends]
+            assert not any(frame.id in (0x000, 0x080) for frame in sent), case.name
+            sdo = [frame.data[0] for frame in sent if frame.key == (0x600 + NODE, False) and frame.data]
             assert not any(command & 0xE0 == 0x20 or command & 0xE1 == 0xC0 for command in sdo), case.name
 
 
-def test_what_a_device_lacks_is_said_and_not_asked() -> None:
+def test_cases_name_the_objects_that_a_device_lacks() -> None:
     lacking = {case.name: case.lacks for case in AZ3 if case.lacks}
     assert lacking["LSS-01"] == "LSS"
     assert lacking["SYN-04"] == "1005h, 1006h, 1019h"
@@ -83,65 +93,65 @@ def test_what_a_device_lacks_is_said_and_not_asked() -> None:
     assert lacking["BLK-53"] == "large object"
 
 
-def test_where_nobody_is() -> None:
+def test_probing_a_missing_node() -> None:
     with pytest.raises(NoAnswer):
         bus_with(plain()).run(probe(NODE + 1, timeout=0.1))
 
 
-# The battery finds what is wrong -----------------------------------------------------------------------------------
+# Faulty devices are found -----------------------------------------------------------------------------------
 
 
-Spoil = Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
+Change = Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
 
 
-def without(identifier: int) -> Spoil:
-    """Nothing comes out on this identifier."""
-    return lambda device, heard, said: [frame for frame in said if frame.id != identifier]
+def without(identifier: int) -> Change:
+    """No frame is sent with this identifier."""
+    return lambda device, received, sent: [frame for frame in sent if frame.id != identifier]
 
 
-def other(old: str, new: str) -> Spoil:
-    """These digits at the beginning of a frame come out as those."""
+def other(old: str, new: str) -> Change:
+    """Frames that begin with the digits `old` are sent with `new`."""
 
-    def spoil(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
-        texts = [new + str(frame)[len(old) :] if str(frame).startswith(old) else str(frame) for frame in said]
+    def change(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+        texts = [new + str(frame)[len(old) :] if str(frame).startswith(old) else str(frame) for frame in sent]
         return [CanFrame.parse(text) for text in texts]
 
-    return spoil
+    return change
 
 
-def talks_when_stopped(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
-    if device.state is NmtState.STOPPED and heard is not None and heard.id == 0x600 + NODE:
-        return [*said, CanFrame(0x580 + NODE, heard.data)]
-    return said
+def answers_when_stopped(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    if device.state is NmtState.STOPPED and received is not None and received.id == 0x600 + NODE:
+        return [*sent, CanFrame(0x580 + NODE, received.data)]
+    return sent
 
 
-def answers_twice(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
-    return [one for frame in said for one in ([frame, frame] if frame.id == 0x580 + NODE else [frame])]
+def answers_twice(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    return [one for frame in sent for one in ([frame, frame] if frame.id == 0x580 + NODE else [frame])]
 
 
-def answers_aborts(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
-    if heard is not None and heard.key == (0x600 + NODE, False) and heard.data[:1] == b"\x80":
-        return [CanFrame(0x580 + NODE, heard.data)]
-    return said
+def answers_aborts(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    if received is not None and received.key == (0x600 + NODE, False) and received.data[:1] == b"\x80":
+        return [CanFrame(0x580 + NODE, received.data)]
+    return sent
 
 
-def sends_with_every_sync(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
-    if heard is not None and heard.id == 0x080 and not said:
+def sends_with_every_sync(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    if received is not None and received.id == 0x080 and not sent:
         return [CanFrame(0x180 + NODE, bytes(2))]
-    return said
+    return sent
 
 
-def boots_twice(device: LocalNode, heard: CanFrame | None, said: list[CanFrame]) -> list[CanFrame]:
-    return [*said, said[0]] if said and said[0] == CanFrame(0x700 + NODE, b"\0") else said
+def boots_twice(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    return [*sent, sent[0]] if sent and sent[0] == CanFrame(0x700 + NODE, b"\0") else sent
 
 
 SILENT_LSS = without(0x7E4)
 
 
 @pytest.mark.parametrize(
-    ("spoil", "found"),
+    ("change", "found"),
     [
-        pytest.param(talks_when_stopped, {"NMT-02", "NMT-03", "NMT-06", "NMT-12"}, id="talks when stopped"),
+        pytest.param(answers_when_stopped, {"NMT-02", "NMT-03", "NMT-06", "NMT-12"}, id="talks when stopped"),
         pytest.param(answers_twice, {"SDO-01", "SDO-06", "SDO-45"}, id="answers twice"),
         pytest.param(answers_aborts, {"SDO-27", "SEG-06", "BLK-17"}, id="answers aborts"),
         pytest.param(sends_with_every_sync, {"TPD-31", "TPD-33", "TPD-34", "TPD-36"}, id="a PDO with every SYNC"),
@@ -160,27 +170,27 @@ SILENT_LSS = without(0x7E4)
         pytest.param(other("7E4#5A", "7E4#5B"), {"LSS-02"}, id="another LSS answer"),
     ],
 )
-def test_a_device_that_is_wrong_is_found(spoil: Spoil, found: set[str]) -> None:
+def test_a_faulty_device_fails_the_expected_cases(change: Change, found: set[str]) -> None:
     device = plain()
-    bus = bus_with(Spoiled(device, spoil))
+    bus = bus_with(FaultyDevice(device, change))
     bus.pass_time(0.01)
     for frame in device.start(bus.now):
         assert frame == CanFrame(0x700 + NODE, b"\0")
-    subject = bus.run(probe(NODE, timeout=0.1, large=LARGE)) if spoil is SILENT_LSS else PLAIN_SUBJECT
+    subject = bus.run(probe(NODE, timeout=0.1, large=LARGE)) if change is SILENT_LSS else PLAIN_SUBJECT
     wrong = failures(bus, subject, prefixes=tuple({name[:3] for name in found}) or ("",)).keys()
     assert found <= wrong if found else not wrong
 
 
-def test_a_difference_is_told_in_one_sentence() -> None:
-    case = replace_turns(NodeStep(("605#4000100000000000",), ("585#43......", "585#80")), NodeStep(("080#",), ("",)))
+def test_a_failure_is_described_in_one_sentence() -> None:
+    case = case_of(NodeStep(("605#4000100000000000",), ("585#43......", "585#80")), NodeStep(("080#",), ("",)))
     answers = {"605#4000100000000000": "585#80", "080#": "185#01"}
     outcome, _ = play(run_case(case), lambda frame, now: [(now + 0.1, CanFrame.parse(answers[str(frame)]))])
     assert outcome.received == (("585#80",), ("185#01",))
     assert outcome.failure == "after 080#: 185#01, expected silence"
 
 
-def test_a_flood_is_an_answer_that_is_too_long() -> None:
-    """Frames without end, each of them one that the case listens for: it comes to an end, and so does the sentence."""
+def test_a_flood_of_frames_ends_the_case() -> None:
+    """Endless frames that the case listens for: the step ends after FLOOD of them, and the message stays short."""
     case = NodeCase(
         "X-1", "any", "CiA 301", "reads", ("585",), (NodeStep(("605#4000100000000000",), ("585#43......",)),)
     )
@@ -197,31 +207,29 @@ def test_a_flood_is_an_answer_that_is_too_long() -> None:
 
 
 def test_an_accepted_end_ends_the_case() -> None:
-    case = replace_turns(
-        NodeStep(("605#A400100014000000",), ("585#C6",), ("585#80",)), NodeStep(("605#A3",), ("585#81",))
-    )
+    case = case_of(NodeStep(("605#A400100014000000",), ("585#C6",), ("585#80",)), NodeStep(("605#A3",), ("585#81",)))
     outcome, _ = play(run_case(case), lambda frame, now: [(now + 0.1, CanFrame.parse("585#80"))])
     assert (outcome.received, outcome.failure) == ((("585#80",),), None)
 
 
-def test_weather_is_passed_over() -> None:
-    case = replace_turns(NodeStep(("605#4000100000000000",), ("585#43",)))
+def test_other_frames_are_ignored() -> None:
+    case = case_of(NodeStep(("605#4000100000000000",), ("585#43",)))
     answers = ["705#7F", "181#0000", "00000585#80", "585#43"]
     coming = [(0.1 * multiplexer, CanFrame.parse(text)) for multiplexer, text in enumerate(answers)]
     outcome, _ = play(run_case(case), lambda frame, now: coming)
     assert outcome.failure is None
 
 
-def replace_turns(*steps: NodeStep) -> NodeCase:
+def case_of(*steps: NodeStep) -> NodeCase:
     return PLAIN[0]._replace(steps=steps, listens=("585#", "185#"))
 
 
-def test_an_answer_is_padded_and_classes_count_as_one_digit() -> None:
+def test_answers_are_padded_and_a_class_of_digits_is_one_digit() -> None:
     assert Sdo(5).answer("A[04]171000") == "585#A[04]171000........"
     assert Sdo(5).value(0x1001, 0, b"\x11") == "585#4F01100011......|585#4201100011......"
 
 
-def test_a_subject_without_pdos_or_texts_still_has_rows() -> None:
+def test_a_subject_without_pdos_or_texts_still_has_all_cases() -> None:
     subject = Subject(NODE, {})
     assert {case.name for case in cases(subject)} >= {"SDO-01", "TPD-30", "LSS-01"}
     assert all(case.lacks for case in cases(subject) if case.name[:3] in ("TPD", "RPD", "LSS", "EMC"))

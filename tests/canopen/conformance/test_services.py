@@ -1,12 +1,12 @@
-"""What a conformance test asks of NMT, error control, EMCY, SYNC and PDO: one row, one case.
+"""Exchanges of a conformance test for NMT, error control, EMCY, SYNC and PDO: one row is one case.
 
 A case is a script against a fresh device, node 5, pre-operational at 0 s. A line of it:
 
-        at 1.5   605#4017100000000000  ->  585#4B171000........      said, and what must be answered; a dot is any digit
-        at 2.0   -                     ->  705#7F                    nothing is said; time passes
-        at 2.0   000#0105              ->  -                         and nothing must be answered
+        at 1.5   605#4017100000000000  ->  585#4B171000........      sent, and the required answer; a dot is any digit
+        at 2.0   -                     ->  705#7F                    nothing is sent; time passes
+        at 2.0   000#0105              ->  -                         no answer is allowed
 
-Several answers are divided by a comma, accepted alternatives by a bar.
+Several answers are separated by a comma, accepted alternatives by a bar.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ CASES: dict[str, str] = {
     "605#4040600000000000 -> 585#4B40600000000000",
     # error control
     "heartbeat": f"{write(0x1017, 0, 1000, 2)} -> {OK}, 705#7F; at 0.9 - -> -; at 1.0 - -> 705#7F; at 2.0 - -> 705#7F",
-    "heartbeat tells the state": f"{write(0x1017, 0, 1000, 2)} -> {OK}, 705#7F; at 0.5 000#0105 -> -; "
+    "heartbeat with the state": f"{write(0x1017, 0, 1000, 2)} -> {OK}, 705#7F; at 0.5 000#0105 -> -; "
     "at 1.0 - -> 705#05; at 1.5 000#0205 -> -; at 2.0 - -> 705#04",
     "heartbeat off": f"{write(0x1017, 0, 1000, 2)} -> {OK}, 705#7F; {write(0x1017, 0, 0, 2)} -> {OK}; at 9.0 - -> -",
     "guarding toggles": "705#R1 -> 705#7F; 705#R1 -> 705#FF; 705#R1 -> 705#7F",
@@ -77,10 +77,10 @@ CASES: dict[str, str] = {
     f"{write(0x1017, 0, 0, 2)} -> {OK}; 705#R1 -> 705#7F",
     "consumer: node lost": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#05 -> -; at 0.09 - -> -; "
     "at 0.1 - -> 085#3081110200000000; at 5.0 - -> -",
-    "consumer: heard again": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#05 -> -; "
+    "consumer: node returns": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#05 -> -; "
     "at 0.1 - -> 085#3081110200000000; at 1.0 702#05 -> 085#00000002........|085#0000000200000000",
-    "consumer: a boot-up starts no watch": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#00 -> -; at 9.0 - -> -",
-    "consumer: never heard": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; at 9.0 - -> -",
+    "consumer: a boot-up message does not start the monitoring": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#00 -> -; at 9.0 - -> -",
+    "consumer: no heartbeat yet": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; at 9.0 - -> -",
     "consumer: the same node twice": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; "
     f"{write(0x1016, 2, 0x00020064, 4)} -> 585#8016100243000406",
     "consumer: two unused entries": f"{write(0x1016, 1, 0, 4)} -> {OK}; {write(0x1016, 2, 0, 4)} -> {OK}",
@@ -106,8 +106,7 @@ CASES: dict[str, str] = {
     "1019h: 1": f"{write(0x1019, 0, 1, 1)} -> {BAD_VALUE}",
     "1019h: 241": f"{write(0x1019, 0, 241, 1)} -> {BAD_VALUE}",
     "1019h: with a period": f"{write(0x1006, 0, 1000, 4)} -> {OK}; {write(0x1019, 0, 10, 1)} -> 585#8019100022000008",
-    "a counter that nobody expects": "000#0105 -> -; 080#01 -> 085#4082110100000000; "
-    "080# -> 085#0000000000000000, 185#3706",
+    "an unexpected counter": "000#0105 -> -; 080#01 -> 085#4082110100000000; 080# -> 085#0000000000000000, 185#3706",
     "a counter is missing": f"{write(0x1019, 0, 10, 1)} -> {OK}; 000#0105 -> -; 080# -> 085#4082110000000000; "
     "080#01 -> 085#0000000000000000, 185#3706",
     "SYNC in pre-operational": "080# -> -",
@@ -156,20 +155,20 @@ def device() -> LocalNode:
     return device
 
 
-def fits(answers: str, said: list[str]) -> bool:
-    """Whether what was said is one of the accepted answers."""
+def fits(answers: str, received: list[str]) -> bool:
+    """Whether the received frames are one of the accepted answers."""
     wanted = [] if answers == "-" else [answer.strip() for answer in answers.split(",")]
-    if len(wanted) != len(said):
+    if len(wanted) != len(received):
         return False
-    return all(any(re.fullmatch(one, text) for one in answer.split("|")) for answer, text in zip(wanted, said))
+    return all(any(re.fullmatch(one, text) for one in answer.split("|")) for answer, text in zip(wanted, received))
 
 
 @pytest.mark.parametrize("script", CASES.values(), ids=CASES)
-def test_case(script: str) -> None:
+def test_exchange(script: str) -> None:
     one, now = device(), 0.0
     for line in script.split(";"):
         question, _, answers = line.partition("->")
         at, _, frame = question.strip().rpartition(" ")
         now = float(at.removeprefix("at ")) if at else now
-        said = one.feed(None if frame == "-" else CanFrame.parse(frame), now)
-        assert fits(answers.strip(), [str(said_) for said_ in said]), (line, [str(said_) for said_ in said])
+        received = one.feed(None if frame == "-" else CanFrame.parse(frame), now)
+        assert fits(answers.strip(), [str(answer) for answer in received]), (line, [str(answer) for answer in received])

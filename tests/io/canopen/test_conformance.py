@@ -89,7 +89,7 @@ def test_the_command() -> None:
         done = barewire("conform", f"{url}&timeout=1", "--only", "sdo-0,sdo-31,seg-01")
         assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
         assert "FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#40181000" in done.stdout
-        assert "-       SDO-31  a remote frame is no request (needs remote frames, which socketcand" in done.stdout
+        assert "-       SDO-31  a remote frame is not answered (needs remote frames, which socketcand" in done.stdout
         assert done.stdout.splitlines()[-1] == "5 of 7 as the standard says, 4 left out"
         assert done.returncode == 1
         done = barewire("conform", f"{url}&timeout=5", "--only", "SDO-05", "--json", "--gentle")

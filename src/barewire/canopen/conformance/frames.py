@@ -1,10 +1,10 @@
-"""The words of which the rows of the conformance battery are made: requests and answers of one device as text.
+"""Frames of the conformance cases as text: requests to one device, and accepted answers.
 
-        Sdo(5).upload(0x1000)                 605#4000100000000000        said
-        Sdo(5).value(0x1001, 0, b"\\0")        585#4F01100000......        accepted: reserved bytes may be anything
+        Sdo(5).upload(0x1000)                 605#4000100000000000        sent
+        Sdo(5).value(0x1001, 0, b"\\0")        585#4F01100000......        accepted: reserved bytes may have any value
         Sdo(5).refused(0x1000, 0, 0x06010002) 585#8000100002000106|585#8000100000000008
 
-I know: how SDO frames are written.  I never know: which cases there are.
+Depends on: the model.  Used by: the files with the cases.
 """
 
 from __future__ import annotations
@@ -31,67 +31,67 @@ class Sdo(NamedTuple):
     node: int
 
     def request(self, text: str) -> str:
-        """A request of these bytes, filled up with 00."""
+        """A request of these bytes, padded with 00."""
         return f"{0x600 + self.node:03X}#{text.replace(' ', '').ljust(16, '0')}"
 
     def answer(self, text: str) -> str:
-        """An answer that begins with these digits; [26] is one of the two."""
+        """An answer that begins with these digits; [26] is one of the two digits."""
         digits = re.sub(r"\[[^]]*\]", ".", text.replace(" ", ""))
         return f"{0x580 + self.node:03X}#{text.replace(' ', '')}{'.' * (16 - len(digits))}"
 
     def upload(self, index: int, sub: int = 0) -> str:
-        """Ask for an object."""
+        """The request to read an object."""
         return self.request("40" + multiplexer(index, sub))
 
     def download(self, index: int, sub: int, value: int, size: int) -> str:
-        """Write a number."""
+        """The request to write a number."""
         return self.request(f"{_DOWNLOADS[size]:02X}{multiplexer(index, sub)}{little(value, size)}")
 
     def accepted(self, index: int, sub: int = 0) -> str:
-        """A download was taken, or may go on."""
+        """The answer that a download is done, or may continue."""
         return self.answer("60" + multiplexer(index, sub))
 
     def value(self, index: int, sub: int, data: bytes) -> str:
-        """An expedited answer with just this value; 42h, of no indicated size, is as good."""
+        """The expedited answer with this value; 42h, without a size, is accepted too."""
         return f"{self.answer(_UPLOADS[len(data)] + multiplexer(index, sub) + data.hex().upper())}|" + self.answer(
             "42" + multiplexer(index, sub) + data.hex().upper()
         )
 
     def any_value(self, index: int, sub: int = 0) -> str:
-        """An expedited answer with whatever value."""
+        """The expedited answer with any value."""
         return self.answer("4[2-9A-F]" + multiplexer(index, sub) + "........")
 
     def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
-        """The first and a later step of a case in which an object of two bytes must keep its value."""
+        """Two steps of a case in which an object of two bytes must keep its value: write it first, read it later."""
         before = NodeStep((self.download(index, 0, value, 2),), (self.accepted(index),))
         return before, NodeStep((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
-        """An abort with one of these codes, or without a reason."""
+        """An abort with one of these codes, or with the general error."""
         return "|".join(self.answer(f"80{multiplexer(index, sub)}{little(code, 4)}") for code in (*codes, _GENERAL))
 
     def aborted(self, *codes: int) -> str:
-        """The same with any multiplexer: where nothing names an object, devices differ."""
+        """The same with any multiplexer: where a request names no object, devices differ."""
         return "|".join(self.answer(f"80......{little(code, 4)}") for code in (*codes, _GENERAL))
 
     @property
     def any_abort(self) -> str:
-        """An abort for whatever reason."""
+        """An abort with any code."""
         return self.answer("80")
 
     @property
     def abort(self) -> str:
-        """The client gives up."""
+        """The abort of the client."""
         return self.request("80 0010 00 0000 0008")
 
 
 def multiplexer(index: int, sub: int) -> str:
-    """The multiplexer as it stands in a frame."""
+    """The multiplexer as in a frame."""
     return f"{index & 0xFF:02X}{index >> 8:02X}{sub:02X}"
 
 
 def little(value: int, size: int) -> str:
-    """A number as it stands in a frame."""
+    """A number as in a frame."""
     return value.to_bytes(size, "little").hex().upper()
 
 
@@ -128,7 +128,7 @@ def make_case(
     needs: tuple[str, ...] = (),
     why: str = "",
 ) -> NodeCase:
-    """One case; what the subject lacks of `needs` is said in it."""
+    """A case; `lacks` of the case has those of `needs` that the subject does not have."""
     missing = [one for one in needs if not _is_there(subject, one)]
     return NodeCase(name, title, clause, effect, listens, steps, why, ", ".join(missing))
 

@@ -29,8 +29,8 @@ BOOT = 3.0
 
 
 class NodeStep(NamedTuple):
-    """One step. It is over when a way is complete, at the latest after `wait` seconds (None: the patience of whoever
-    asks); a `whole` one listens all that time. `ends` are ways that are accepted as well, and end the case."""
+    """One step. It ends when a way is complete, at the latest after `wait` seconds (None: the patience of the runner);
+    with `full_wait` it listens all that time. `ends` are further accepted ways, which end the case."""
 
     sends: tuple[str, ...]
     accepts: tuple[str, ...]
@@ -40,7 +40,7 @@ class NodeStep(NamedTuple):
 
 
 class NodeCase(NamedTuple):
-    """One case. `listens` are beginnings of frames as text; `lacks` is what the device would need to have."""
+    """One case. `listens` are beginnings of the frames that it regards; `lacks` is what the device does not have."""
 
     name: str
     title: str
@@ -53,7 +53,7 @@ class NodeCase(NamedTuple):
 
 
 class NodeOutcome(NamedTuple):
-    """How a case went: what came in each step, and None or the difference as a sentence."""
+    """How a case went: the frames received in each step, and None or the difference as a sentence."""
 
     case: NodeCase
     received: tuple[tuple[str, ...], ...]
@@ -61,7 +61,7 @@ class NodeOutcome(NamedTuple):
 
 
 class SubjectPdo(NamedTuple):
-    """A PDO that is switched on: its records, its COB-ID and how many bytes it maps."""
+    """A valid PDO: its records, its COB-ID, the bytes that it maps, and how many mapping entries it can have."""
 
     communication: int
     mapping: int
@@ -71,7 +71,7 @@ class SubjectPdo(NamedTuple):
 
 
 class Subject(NamedTuple):
-    """The device under test and what it has. `large` is an object that takes any bytes, if somebody named one."""
+    """The device under test and its objects. `large` is an object for any bytes, if the user names one."""
 
     node: int
     values: Mapping[tuple[int, int], bytes]
@@ -96,11 +96,11 @@ class Subject(NamedTuple):
 
     @property
     def other_node(self) -> int:
-        """Another node-ID, in whose name something is said."""
+        """The ID of another node, in whose name frames are sent."""
         return 126 if self.node != 126 else 125
 
     def pdo(self, communication: int, mapping: int) -> SubjectPdo | None:
-        """The first PDO from these records on that is switched on and maps something, on a base identifier."""
+        """The first PDO from these records on that is valid, maps something and has a base identifier."""
         for number in range(4):
             word = self.number(communication + number, 1)
             count = self.number(mapping + number)

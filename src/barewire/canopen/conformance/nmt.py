@@ -1,4 +1,7 @@
-"""Conformance of NMT and error control: the states, who may speak in which, and who says so.   [CiA 301 7.2.8]"""
+"""Conformance cases of NMT and error control: the states, the services in each state, heartbeat and node guarding.
+
+[CiA 301 7.2.8]
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ def nmt_cases(subject: Subject) -> Iterator[NodeCase]:
 
 
 def nmt_command(command: str, node: int) -> str:
-    """An NMT command."""
+    """The frame of an NMT command."""
     return f"000#{command}{node:02X}"
 
 
@@ -46,8 +49,8 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     yield case("NMT-03", "stop, then pre-operational: SDO works", do(STOP), silent, do(PRE), works)
     yield case("NMT-04", "stop, then start: SDO works", do(STOP), silent, do(START), works)
     yield case("NMT-05", "start, then pre-operational: SDO works", do(START), do(PRE), works)
-    yield case("NMT-06", "stop, for all", do(STOP, 0), silent, do(PRE, 0), works)
-    yield case("NMT-07", "stop, for another node", do(STOP, subject.other_node), works)
+    yield case("NMT-06", "stop, to all nodes", do(STOP, 0), silent, do(PRE, 0), works)
+    yield case("NMT-07", "stop, to another node", do(STOP, subject.other_node), works)
     hasty = NodeStep(
         (nmt_command(START, node), nmt_command(STOP, node), nmt_command(START, node)), (SILENCE,), wait=0.02
     )
@@ -60,20 +63,20 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     yield case("NMT-14", "reset node from OPERATIONAL", do(START), boots, works)
     yield case("NMT-15", "reset communication from OPERATIONAL", do(START), boots_communication, works)
     elsewhere = NodeStep((nmt_command(RESET_COMMUNICATION, subject.other_node),), (SILENCE,), wait=0.3)
-    yield case("NMT-16", "reset communication, for another node", elsewhere, works)
+    yield case("NMT-16", "reset communication, to another node", elsewhere, works)
     write = NodeStep((s.download(0x1017, 0, 12_345, 2),), (s.accepted(0x1017),))
     default = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, subject.number(0x1017).to_bytes(2, "little")),))
-    yield case("NMT-17", "reset communication brings the value of 1017h back", write, boots_communication, default,
-               needs=_BEAT, why="1000h to 1FFFh are as at power-on")  # fmt: skip
-    yield case("NMT-18", "reset node brings the value of 1017h back", write, boots, default, needs=_BEAT)
+    yield case("NMT-17", "reset communication restores 1017h", write, boots_communication, default,
+               needs=_BEAT, why="1000h to 1FFFh have their power-on values")  # fmt: skip
+    yield case("NMT-18", "reset node restores 1017h", write, boots, default, needs=_BEAT)
     for name, text, what in (
-        ("NMT-20", f"000#03{node:02X}", "a command that is none"),
+        ("NMT-20", f"000#03{node:02X}", "an undefined command"),
         ("NMT-21", "000#02", "a command of one byte"),
         ("NMT-22", f"000#02{node:02X}00", "a command of three bytes"),
         ("NMT-23", f"00000000#02{node:02X}", "a stop with 29 bits"),
         ("NMT-24", "000#R2", "a remote frame"),
     ):
-        yield case(name, f"{what} is passed over", NodeStep((text,), (SILENCE,), wait=0.02), works)
+        yield case(name, f"{what} is ignored", NodeStep((text,), (SILENCE,), wait=0.02), works)
 
 
 def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
@@ -81,7 +84,7 @@ def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(node)
     own = f"{0x700 + node:03X}#"
     effect: Effect = "commands"
-    # A heartbeat of the period before may still come first, and one of the new period at once.
+    # A heartbeat of the previous period may still come first, and one of the new period at once.
     taken = f"{own}7F{{0,3}}, {s.accepted(0x1017)}, {own}7F{{0,1}}"
     set_100, off = (NodeStep((s.download(0x1017, 0, period, 2),), (taken,)) for period in (100, 0))
 
@@ -93,7 +96,7 @@ def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
         return NodeStep((), (f"{own}{state}{{{fewest},{most}}}",), wait=seconds, full_wait=True)
 
     def change(command: str, state: str, before: str = "7F") -> NodeStep:
-        # What is on its way may still tell the state before; some devices say the new one at once.
+        # A heartbeat may still have the previous state; some devices send the new one at once.
         ways = (f"{own}{before}{{0,1}}, {own}{state}{{1,2}}",)
         return NodeStep((nmt_command(command, node),), ways, wait=0.3)
 
@@ -103,11 +106,11 @@ def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
                window("04", 1, 4, 0.25))  # fmt: skip
     yield case("HB-04", "PRE-OPERATIONAL is 7F again", set_100, change(START, "05"), change(PRE, "7F", "05"),
                window("7F", 1, 4, 0.25))  # fmt: skip
-    yield case("HB-05", "a period of 0 is none", set_100, window("7F", 1, 4, 0.25), off,
+    yield case("HB-05", "a period of 0: no heartbeat", set_100, window("7F", 1, 4, 0.25), off,
                NodeStep((), (SILENCE,), wait=0.3))  # fmt: skip
     faster = NodeStep((s.download(0x1017, 0, 50, 2),), (taken,))
-    yield case("HB-06", "another period works at once", set_100, faster, window("7F", 6, 13, 0.5), why="50 ms")
-    yield case("HB-07", "an extended frame of the same number asks for nothing", off,
+    yield case("HB-06", "a new period applies at once", set_100, faster, window("7F", 6, 13, 0.5), why="50 ms")
+    yield case("HB-07", "a 29-bit frame of the same number is not answered", off,
                NodeStep((f"{0x700 + node:08X}#R1",), (SILENCE,), wait=0.1))  # fmt: skip
 
 
@@ -135,21 +138,21 @@ def _guarding(subject: Subject) -> Iterator[NodeCase]:
     again = (off,) if subject.has(0x1017) else ()
     yield case("GRD-03", "the toggle bit is 0 again after a reset", ask("7F"), boots, *again, ask("7F"), ask("FF"))
     slow = NodeStep((s.download(0x1017, 0, 30_000, 2),), (f"{taken}, {own}7F{{0,1}}",), wait=0.1, full_wait=True)
-    yield case("GRD-04", "with a heartbeat nobody is guarded", slow, ask(SILENCE), needs=(*_GUARD, "1017h"),
-               why="not both at a time")  # fmt: skip
-    yield case("GRD-05", "a heartbeat of 0 brings guarding back", slow, off, ask("7F"), needs=(*_GUARD, "1017h"))
+    yield case("GRD-04", "with a heartbeat, guarding requests are not answered", slow, ask(SILENCE),
+               needs=(*_GUARD, "1017h"), why="only one of the two is active")  # fmt: skip
+    yield case("GRD-05", "with a heartbeat of 0, guarding works again", slow, off, ask("7F"), needs=(*_GUARD, "1017h"))
     life = (
         NodeStep((s.download(0x100C, 0, 50, 2),), (s.accepted(0x100C),)),
         NodeStep((s.download(0x100D, 0, 2, 1),), (s.accepted(0x100D),)),
     )
     missed = f"{0x80 + node:03X}#3081"
-    heard = NodeStep((), (f"{missed}............",), wait=0.5)
+    emergency = NodeStep((), (f"{missed}............",), wait=0.5)
     watched = make_case(
         subject,
         "GRD-06",
-        "life guarding: the master falls silent, and is missed",
+        "life guarding: emergency when the master stops",
         CONTROL,
-        (*((off,) if subject.has(0x1017) else ()), *life, ask("7F"), heard),
+        (*((off,) if subject.has(0x1017) else ()), *life, ask("7F"), emergency),
         effect="commands",
         listens=(own, s.answer("")[:4], missed[:4]),
         needs=(*_GUARD, "1014h"),
@@ -157,5 +160,5 @@ def _guarding(subject: Subject) -> Iterator[NodeCase]:
     )
     yield watched
     unasked = NodeStep((), (SILENCE,), wait=0.3)
-    yield watched._replace(name="GRD-07", title="life guarding begins with the first question", steps=(
+    yield watched._replace(name="GRD-07", title="life guarding begins with the first request", steps=(
         *((off,) if subject.has(0x1017) else ()), *life, unasked), why="")  # fmt: skip

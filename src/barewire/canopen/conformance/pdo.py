@@ -1,6 +1,6 @@
-"""Conformance of PDOs: their records and the order in which they change, and process data in motion.   [CiA 301 7.2.2]
+"""Conformance cases of PDOs: their records, the order in which these change, and process data.   [CiA 301 7.2.2]
 
-The first RPDO and the first TPDO that are switched on are tried. What is sent to the RPDO is zeros.
+The first valid RPDO and the first valid TPDO are tested. The RPDO gets zeros.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def pdo_cases(subject: Subject) -> Iterator[NodeCase]:
 
 
 def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterator[NodeCase]:
-    """The two records, and what may be written to them when."""
+    """The two records of a PDO, and when their objects can be written."""
     s = Sdo(subject.node)
     at, mapping, word = pdo.communication, pdo.mapping, pdo.cob.pack()
     elsewhere = (0x1FE if what == "TPDO" else 0x27E) | word & 0x4000_0000
@@ -54,7 +54,7 @@ def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterat
         return NodeStep((s.download(index, sub, value, size),), (s.refused(index, sub, *codes),))
 
     off, on = write(at, 1, word | _OFF, 4), write(at, 1, word, 4)
-    # A mapping that cannot be changed refuses its count, and that is the end of such a case.
+    # A fixed mapping refuses a write of its count; this ends the case.
     fixed = s.refused(mapping, 0, _ACCESS, 0x0601_0002, _VALUE, 0x0800_0022)
     empty = write(mapping, 0, 0, 1)._replace(ends=(fixed,))
     first = subject.number(mapping, 1)
@@ -62,16 +62,16 @@ def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterat
     yield case(1, "sub-index 0 of the communication record", highest, effect="reads", why="2 to 6")
     yield case(2, "type 245 is reserved", refuse(at, 2, 245, 1, _VALUE, _HIGH), why="06090030")
     if what == "RPDO":
-        yield case(3, "nobody asks for an RPDO: type 253", refuse(at, 2, 253, 1, _VALUE, _HIGH), why="06090030")
-    yield case(4, "type 1 and type 255 are taken", write(at, 2, 1, 1), write(at, 2, 255, 1),
+        yield case(3, "type 253 is not for RPDOs", refuse(at, 2, 253, 1, _VALUE, _HIGH), why="06090030")
+    yield case(4, "type 1 and type 255 are accepted", write(at, 2, 1, 1), write(at, 2, 255, 1),
                NodeStep((s.upload(at, 2),), (s.value(at, 2, b"\xff"),)))  # fmt: skip
     yield case(5, "another COB-ID while it is on", refuse(at, 1, elsewhere, 4, _VALUE), why="06090030")
     yield case(6, "switched off and on again", off,
                NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word | _OFF)),)), on,
                NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word)),)))  # fmt: skip
-    yield case(7, "switched off, it takes another COB-ID", off, write(at, 1, elsewhere, 4),
+    yield case(7, "switched off, it accepts another COB-ID", off, write(at, 1, elsewhere, 4),
                NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(elsewhere)),)))  # fmt: skip
-    yield case(8, "no COB-ID that is reserved", off, refuse(at, 1, 0x580 + subject.node, 4, _VALUE, _HIGH),
+    yield case(8, "a reserved COB-ID is refused", off, refuse(at, 1, 0x580 + subject.node, 4, _VALUE, _HIGH),
                why="06090030")  # fmt: skip
     yield case(9, "the inhibit time while it is on", refuse(at, 3, 100, 2, _VALUE, 0x0800_0022),
                needs=(f"{at:04X}h:03",), why="06090030")  # fmt: skip
@@ -82,13 +82,13 @@ def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterat
                why="06010000: switched off first")  # fmt: skip
     counted = refuse(mapping, 1, first, 4, _ACCESS, 0x0601_0002, _NOT_MAPPABLE)
     yield case(13, "an entry of the mapping while its count is not 0", off, counted, why="06010000 or 06040041")
-    yield case(14, "an entry that names no object", off, empty,
+    yield case(14, "an entry for an object that does not exist", off, empty,
                refuse(mapping, 1, 0x0FFF_0008, 4, _NO_OBJECT, _NOT_MAPPABLE), why="06020000 or 06040041")  # fmt: skip
-    yield case(15, "an entry that names no sub-index", off, empty,
+    yield case(15, "an entry for a sub-index that does not exist", off, empty,
                refuse(mapping, 1, 0x1000_FE20, 4, _NO_OBJECT, _NOT_MAPPABLE, _NO_SUB), why="06040041")  # fmt: skip
     count = subject.number(mapping)
     restored = [write(mapping, sub, subject.number(mapping, sub), 4) for sub in range(1, count + 1)]
-    yield case(16, "the whole mapping written anew, in the safe order", off, empty, *restored,
+    yield case(16, "the whole mapping rewritten in the safe order", off, empty, *restored,
                write(mapping, 0, count, 1), on, why="off, 0, entries, count, on")  # fmt: skip
     beyond = refuse(mapping, 0, 65, 1, _TOO_LONG, _ACCESS, _NO_OBJECT, _NOT_MAPPABLE, _VALUE, _HIGH)
     yield case(17, "more entries than there can be", off, empty, beyond, why="06040042")
@@ -100,7 +100,7 @@ def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterat
                needs=(f"{mapping:04X}h:{times:02X}",), why="06040042")  # fmt: skip
     boots = NodeStep((f"000#82{subject.node:02X}",), (SILENCE,), wait=BOOT / 3, full_wait=True)
     back = NodeStep((s.upload(mapping),), (s.value(mapping, 0, bytes([count])),))
-    yield case(19, "a reset of the communication brings the mapping back", off, empty, boots, back,
+    yield case(19, "a reset of the communication restores the mapping", off, empty, boots, back,
                NodeStep((s.upload(at, 1),), (s.value(at, 1, _four(word)),)), effect="commands")  # fmt: skip
 
 
@@ -108,8 +108,8 @@ def _four(word: int) -> bytes:
     return word.to_bytes(4, "little")
 
 
-class _Motion:
-    """The steps of process data."""
+class _ProcessData:
+    """Steps of process data."""
 
     def __init__(self, subject: Subject, pdo: SubjectPdo) -> None:
         self.s = Sdo(subject.node)
@@ -124,8 +124,8 @@ class _Motion:
 
 
 def _received(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
-    motion = _Motion(subject, pdo)
-    s, name = motion.s, motion.name
+    process = _ProcessData(subject, pdo)
+    s, name = process.s, process.name
     alarm = f"{0x80 + subject.node:03X}#"
     whole, short = "00" * pdo.size, "00" * (pdo.size - 1)
 
@@ -138,41 +138,41 @@ def _received(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
 
     quiet = (SILENCE,)
     good = NodeStep((f"{name}{whole}",), quiet, wait=0.1)
-    yield case(30, "of the mapped length", motion.start, good, motion.works)
+    yield case(30, "of the mapped length", process.start, good, process.works)
     yield case(
-        31, "too short: emergency 8210h", motion.start, NodeStep((f"{name}{short}",), (f"{alarm}1082............",))
+        31, "too short: emergency 8210h", process.start, NodeStep((f"{name}{short}",), (f"{alarm}1082............",))
     )
     twice = NodeStep((f"{name}{short}",), quiet, wait=0.2)
-    yield case(32, "too short twice: said once", motion.start,
+    yield case(32, "too short twice: one emergency", process.start,
                NodeStep((f"{name}{short}",), (f"{alarm}1082............",)), twice)  # fmt: skip
     if pdo.size < 8:
-        yield case(33, "too long: emergency 8220h, or the first bytes are used", motion.start,
+        yield case(33, "too long: emergency 8220h, or the first bytes are used", process.start,
                    NodeStep((f"{name}{whole}00",), (f"{alarm}2082............", SILENCE), wait=0.2))  # fmt: skip
-    yield case(34, "passed over in PRE-OPERATIONAL", NodeStep((f"{name}{short}",), quiet, wait=0.2), motion.works)
+    yield case(34, "ignored in PRE-OPERATIONAL", NodeStep((f"{name}{short}",), quiet, wait=0.2), process.works)
     stopped = NodeStep((f"{name}{short}",), quiet, wait=0.2)
-    yield case(35, "passed over in STOPPED", motion.start, motion.stop, stopped)
-    yield case(36, "a remote frame is none", motion.start, NodeStep((f"{name}R{pdo.size}",), quiet, wait=0.2))
+    yield case(35, "ignored in STOPPED", process.start, process.stop, stopped)
+    yield case(36, "a remote frame is ignored", process.start, NodeStep((f"{name}R{pdo.size}",), quiet, wait=0.2))
     extended = NodeStep((f"{pdo.cob.identifier:08X}#{short}",), quiet, wait=0.2)
-    yield case(37, "the same number with 29 bits is another identifier", motion.start, extended)
+    yield case(37, "a frame of the same number with 29 bits is ignored", process.start, extended)
     word = pdo.cob.pack()
-    off = motion.write(pdo.communication, 1, word | _OFF, 4)
-    yield case(38, "switched off it is passed over", off, motion.start, NodeStep((f"{name}{short}",), quiet, wait=0.2))
-    moved = motion.write(pdo.communication, 1, 0x27E, 4)
+    off = process.write(pdo.communication, 1, word | _OFF, 4)
+    yield case(38, "switched off it is ignored", off, process.start, NodeStep((f"{name}{short}",), quiet, wait=0.2))
+    moved = process.write(pdo.communication, 1, 0x27E, 4)
     alarmed = NodeStep((f"27E#{short}",), (f"{alarm}1082............",))
-    yield case(39, "on another COB-ID it is heard there, and only there", off, moved, motion.start,
+    yield case(39, "with another COB-ID it is received there, and only there", off, moved, process.start,
                NodeStep((f"{name}{short}",), quiet, wait=0.2), alarmed)  # fmt: skip
-    # Only from the first one on is the next one missed.
-    timer = motion.write(pdo.communication, 5, 100, 2)
-    at_once = motion.write(pdo.communication, 2, 255, 1)
+    # The device monitors the RPDO from the first one on.
+    timer = process.write(pdo.communication, 5, 100, 2)
+    at_once = process.write(pdo.communication, 2, 255, 1)
     missed = NodeStep((), (f"{alarm}5082............", SILENCE), wait=0.5)
     needs = ("RPDO", "1014h", f"{pdo.communication:04X}h:05")
-    yield case(40, "the event timer: it is missed, emergency 8250h", at_once, timer, motion.start, good, missed,
-               needs=needs, why="or the device has no such watch")  # fmt: skip
+    yield case(40, "event timer: emergency 8250h when the RPDO stops", at_once, timer, process.start, good, missed,
+               needs=needs, why="or the device does not monitor RPDOs")  # fmt: skip
 
 
 def _sent(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
-    motion = _Motion(subject, pdo)
-    s, name, at = motion.s, motion.name, pdo.communication
+    process = _ProcessData(subject, pdo)
+    s, name, at = process.s, process.name, pdo.communication
     data = f"{name}{'.' * 2 * pdo.size}"
     word = pdo.cob.pack()
     refused = s.refused(at, 2, _VALUE, _HIGH)
@@ -183,28 +183,28 @@ def _sent(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
                    needs=needs, why=why)  # fmt: skip
 
     def kind(number: int) -> NodeStep:
-        return motion.write(at, 2, number, 1, refused)
+        return process.write(at, 2, number, 1, refused)
 
     sync = NodeStep(("080#",), (data,))
     no = NodeStep(("080#",), (SILENCE,), wait=0.1)
-    start = motion.start
+    start = process.start
     yield case(30, "type 1: one with every SYNC, of the mapped length", kind(1), start, sync, sync, sync)
     yield case(31, "type 2: one with every second SYNC", kind(2), start, no, sync, no, sync)
     yield case(32, "type 240: none with the first SYNC", kind(240), start, no)
     yield case(33, "none in PRE-OPERATIONAL", kind(1), no, no)
-    yield case(34, "none in STOPPED", kind(1), start, sync, motion.stop, no)
+    yield case(34, "none in STOPPED", kind(1), start, sync, process.stop, no)
     back = NodeStep((f"000#80{subject.node:02X}",), (SILENCE,), wait=0.02)
     yield case(35, "none in PRE-OPERATIONAL again", kind(1), start, sync, back, no)
-    off = motion.write(at, 1, word | _OFF, 4)
-    yield case(36, "switched off there is none", kind(1), off, start._replace(accepts=(SILENCE,)), no)
-    elsewhere = motion.write(at, 1, 0x1FE | word & 0x4000_0000, 4)
+    off = process.write(at, 1, word | _OFF, 4)
+    yield case(36, "switched off: none", kind(1), off, start._replace(accepts=(SILENCE,)), no)
+    elsewhere = process.write(at, 1, 0x1FE | word & 0x4000_0000, 4)
     moved = NodeStep(("080#",), (f"1FE#{'.' * 2 * pdo.size}",))
     yield case(37, "on another COB-ID", kind(1), off, elsewhere, start._replace(accepts=(SILENCE,)), moved)
-    timer = motion.write(at, 5, 100, 2)
+    timer = process.write(at, 5, 100, 2)
     running = NodeStep((), (f"{data}{{3,7}}",), wait=0.5, full_wait=True)
     yield case(38, "type 255 and an event timer of 100 ms", kind(255), timer, start, running,
                needs=("TPDO", f"{at:04X}h:05"), why="3 to 7 in 500 ms; more where values change")  # fmt: skip
-    none = motion.write(at, 5, 0, 2)
+    none = process.write(at, 5, 0, 2)
     still = NodeStep((), (SILENCE, f"{data}{{1,30}}"), wait=0.3, full_wait=True)
     yield case(39, "the event timer off again, while it runs", kind(255), timer, start, running,
                none._replace(accepts=(*none.accepts, f"{data}, {none.accepts[0]}")), still,
@@ -216,6 +216,6 @@ def _sent(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
     else:
         yield case(40, "type 253: a remote frame is answered, SYNC is not", kind(253), start, no, ask,
                    why="or the type is refused: 06090030")  # fmt: skip
-    yield case(41, "SYNC with 29 bits is another identifier", kind(1), start,
+    yield case(41, "SYNC with 29 bits is ignored", kind(1), start,
                NodeStep(("00000080#",), (SILENCE,), wait=0.1), sync)  # fmt: skip
-    yield case(42, "start twice: one with every SYNC still", kind(1), start, start, sync, sync)
+    yield case(42, "start twice: still one with every SYNC", kind(1), start, start, sync, sync)

@@ -24,25 +24,25 @@ _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 def probe(
     node: int, *, timeout: float = PATIENCE, large: tuple[int, int] | None = None
 ) -> Conversation[CanFrame, Subject]:
-    """Read which communication objects a device has, and whether it knows LSS. Raises NoAnswer where nobody is.
+    """Read the communication objects of a device, and whether it supports LSS. Raises NoAnswer if there is no node.
 
-    What is refused counts as not there. Nothing is changed.
+    An object whose upload is refused counts as missing. Nothing is changed.
     """
     channel = Channel(check_node(node))
     values: dict[tuple[int, int], bytes] = {}
     for index in _SINGLES:
-        yield from _look(channel, index, 0, values, timeout)
+        yield from _read(channel, index, 0, values, timeout)
     for index in (*_RECORDS, *(first + number for first in _PDOS for number in range(4))):
-        yield from _look(channel, index, 0, values, timeout)
+        yield from _read(channel, index, 0, values, timeout)
         highest = 6 if index & 0xFC00 == 0x1400 or 0x1800 <= index < 0x1A00 else 8
         if 0x1600 <= index < 0x1800 or index >= 0x1A00:
-            highest = 8  # how many are mapped now says nothing about how many could be
+            highest = 8  # the number of mapped entries is not the number of possible ones
         elif index == 0x1003:
-            highest = 0  # what is in the history changes
+            highest = 0  # the history changes
         elif (index, 0) in values:
             highest = min(highest, values[index, 0][0])
         for sub in range(1, highest + 1 if (index, 0) in values else 1):
-            yield from _look(channel, index, sub, values, timeout)
+            yield from _read(channel, index, sub, values, timeout)
     subject = Subject(node, values, large)
     if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
         return subject
@@ -53,7 +53,7 @@ def probe(
     return subject._replace(lss=address if found else None)
 
 
-def _look(
+def _read(
     channel: Channel, index: int, sub: int, values: dict[tuple[int, int], bytes], timeout: float
 ) -> Conversation[CanFrame, None]:
     try:
@@ -63,7 +63,7 @@ def _look(
 
 
 def is_there(node: int, index: int, sub: int, *, timeout: float = PATIENCE) -> Conversation[CanFrame, bool]:
-    """Whether a device has an object: it is asked for, and given up at once, for it may be long."""
+    """Whether a device has an object: its upload is requested and aborted at once, since it may be long."""
     place = bytes((index & 0xFF, index >> 8, sub))
     heard = yield Send(CanFrame(0x600 + check_node(node), b"\x40" + place + bytes(4)))
     until = heard.now + timeout

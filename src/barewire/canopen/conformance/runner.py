@@ -24,14 +24,14 @@ _SHOWN = 8
 
 
 def wants_reset(case: NodeCase, before: NodeCase | None) -> bool:
-    """Whether the device is to be reset before this case: if it is going to be changed, or was."""
+    """Whether the device is reset before this case: if this case changes it, or the one before did."""
     return case.effect != "reads" or (before is not None and before.effect != "reads")
 
 
 def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, bool]:
-    """Reset the communication of the device and wait for its boot-up message; whether it came.
+    """Reset the communication of the device and wait up to `boot` seconds for its boot-up message; whether it came.
 
-    A device that says none is told to be pre-operational, so that it can be asked on.
+    A device without a boot-up message is switched to pre-operational, so that it answers further requests.
     """
     heard = yield Send(CanFrame(0, bytes([NmtCommand.RESET_COMMUNICATION, subject.node])))
     until = heard.now + boot
@@ -45,8 +45,8 @@ def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, b
 
 
 def run_case(case: NodeCase, *, patience: float = PATIENCE) -> Conversation[CanFrame, NodeOutcome]:
-    """Say the steps of a case and compare what comes with the accepted ways."""
-    told: list[tuple[str, ...]] = []
+    """Send the steps of a case and compare the answers with the accepted ways. `patience` is in seconds."""
+    received: list[tuple[str, ...]] = []
     for number, step in enumerate(case.steps):
         heard = None
         for text in step.sends:
@@ -62,16 +62,16 @@ def run_case(case: NodeCase, *, patience: float = PATIENCE) -> Conversation[CanF
                     break
                 until = min(until, heard.now + _SETTLE)
             if len(came) >= FLOOD:
-                return NodeOutcome(case, (*told, tuple(came)), _difference(step, came))
+                return NodeOutcome(case, (*received, tuple(came)), _difference(step, came))
             heard = yield Listen(until)
             if heard.item is not None and str(heard.item).startswith(case.listens):
                 came.append(str(heard.item))
-        told.append(tuple(came))
+        received.append(tuple(came))
         if any(_matches(way, came) for way in step.ends):
             break
         if not any(_matches(way, came) for way in step.accepts):
-            return NodeOutcome(case, tuple(told), _difference(step, came))
-    return NodeOutcome(case, tuple(told), None)
+            return NodeOutcome(case, tuple(received), _difference(step, came))
+    return NodeOutcome(case, tuple(received), None)
 
 
 def _fits(step: NodeStep, came: list[str]) -> bool:
@@ -79,7 +79,7 @@ def _fits(step: NodeStep, came: list[str]) -> bool:
 
 
 def _matches(way: str, came: list[str]) -> bool:
-    """Whether what came is this way.
+    """Whether the received frames are this way.
 
     >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
     False
@@ -99,9 +99,9 @@ def _pattern(frame: str) -> str:
 
 
 def _difference(step: NodeStep, came: list[str]) -> str:
-    said = ", ".join(step.sends) or "a while"
+    sent = ", ".join(step.sends) or "a while"
     expected = " or ".join(way or "silence" for way in dict.fromkeys((*step.accepts, *step.ends)))
-    heard = ", ".join(came[:_SHOWN]) or "silence"
+    answers = ", ".join(came[:_SHOWN]) or "silence"
     if len(came) > _SHOWN:
-        heard += f" ... {len(came)} frames{' and more' if len(came) >= FLOOD else ''}"
-    return f"after {said}: {heard}, expected {expected}"
+        answers += f" ... {len(came)} frames{' and more' if len(came) >= FLOOD else ''}"
+    return f"after {sent}: {answers}, expected {expected}"

@@ -1,4 +1,4 @@
-"""Conformance of SDO, block transfers: numbers, acknowledgements, block sizes, the CRC.   [CiA 301 7.2.4]
+"""Conformance cases of SDO block transfers: segment numbers, acknowledgements, block sizes, the CRC.   [CiA 301 7.2.4]
 
 A device without block transfers answers 0504 0001h to the first request, and has passed.
 """
@@ -43,37 +43,37 @@ class _Block:
         self.none = s.aborted(_COMMAND)
         self.works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
         self.done = NodeStep((s.request("A1"),), (SILENCE,), wait=0.02)
-        self.hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
+        self.abort = NodeStep((s.abort,), (SILENCE,), wait=0.02)
 
     def begin_up(self, index: int, size: int, blksize: int = 20, *, crc: bool = True, switch: int = 0) -> NodeStep:
-        """Ask for an upload in blocks of so many segments."""
+        """Request an upload in blocks of `blksize` segments."""
         at = multiplexer(index, 0)
         request = self.s.request(f"{'A4' if crc else 'A0'}{at}{blksize:02X}{switch:02X}")
-        told = self.s.answer(f"C[26]{at}{little(size, 4)}")
-        return NodeStep((request,), (f"{told}|{self.s.answer(f'C[04]{at}')}",), (self.none,))
+        answer = self.s.answer(f"C[26]{at}{little(size, 4)}")
+        return NodeStep((request,), (f"{answer}|{self.s.answer(f'C[04]{at}')}",), (self.none,))
 
-    def blocks(self, value: bytes, first: int, count: int, says: str) -> NodeStep:
-        """Say something and get these segments, numbered from 1."""
+    def blocks(self, value: bytes, first: int, count: int, request: str) -> NodeStep:
+        """Send a request and expect these segments, numbered from 1."""
         pieces = parts(value)
         ways = [
             self.s.answer(block_segment(number + 1, pieces[first + number], first + number == len(pieces) - 1))
             for number in range(count)
         ]
-        return NodeStep((self.s.request(says),), (", ".join(ways),))
+        return NodeStep((self.s.request(request),), (", ".join(ways),))
 
     def up(self, index: int, value: bytes, *, crc: bool = True, blksize: int = 20) -> list[NodeStep]:
-        """A whole upload."""
-        count, first, steps, says = len(parts(value)), 0, [self.begin_up(index, len(value), blksize, crc=crc)], "A3"
+        """A complete upload."""
+        count, first, steps, sends = len(parts(value)), 0, [self.begin_up(index, len(value), blksize, crc=crc)], "A3"
         while first < count:
             now = min(blksize, count - first)
-            steps.append(self.blocks(value, first, now, says))
-            first, says = first + now, f"A2{now:02X}{blksize:02X}"
+            steps.append(self.blocks(value, first, now, sends))
+            first, sends = first + now, f"A2{now:02X}{blksize:02X}"
         ends = self.s.answer(block_end(value, 0))
         ways = f"{self.s.answer(block_end(value))}|{ends}" if crc else ends
-        return [*steps, NodeStep((self.s.request(says),), (ways,)), self.done]
+        return [*steps, NodeStep((self.s.request(sends),), (ways,)), self.done]
 
     def begin_down(self, index: int, sub: int, size: int | None, *, crc: bool = True, more: str = "") -> NodeStep:
-        """Ask for a download in blocks; `more` is another accepted answer."""
+        """Request a download in blocks; `more` is another accepted answer."""
         at = multiplexer(index, sub)
         request = f"{0xC0 | crc << 2 | (size is not None) << 1:02X}{at}{little(size or 0, 4)}"
         ways = (self.s.answer(f"A[04]{at}"), *([more] if more else []))
@@ -93,7 +93,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         )
 
     yield case("BLK-01", "upload of four bytes without CRC", *block.up(0x1000, device_type, crc=False), works,
-               why="the CRC is 0 if one side has none")  # fmt: skip
+               why="the CRC is 0 if one side does not support it")  # fmt: skip
     yield case("BLK-02", "upload of four bytes with CRC", *block.up(0x1000, device_type), works)
     yield case("BLK-03", "upload of a text with CRC", *block.up(index, text), works, needs=_TEXT)
     yield case("BLK-04", "upload in blocks of one segment", *block.up(index, text, blksize=1), works, needs=_TEXT)
@@ -110,23 +110,23 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     begin = block.begin_up(0x1000, 4, switch=4)
     yield case(
         "BLK-11",
-        "upload with a switch to segments from four bytes down",
+        "upload with protocol switch for up to four bytes",
         begin._replace(accepts=(*begin.accepts, s.any_value(0x1000))),
-        block.hung,
+        block.abort,
         works,
-        why="the device may answer as to 40h, or go on in blocks",
+        why="the device answers as to 40h, or continues in blocks",
     )
     start = [block.begin_up(index, len(text)), block.blocks(text, 0, count, "A3")]
-    yield case("BLK-12", "nothing of the block arrived: it comes again", *start,
-               block.blocks(text, 0, count, "A20014"), block.hung, works, needs=_TEXT,
+    yield case("BLK-12", "no segment acknowledged: the block is repeated", *start,
+               block.blocks(text, 0, count, "A20014"), block.abort, works, needs=_TEXT,
                why="ackseq 0")  # fmt: skip
-    yield case("BLK-13", "only the first segment arrived: the rest comes, numbered from 1", *start,
-               block.blocks(text, 1, count - 1, "A20114"), block.hung, works, needs=_TEXT)  # fmt: skip
+    yield case("BLK-13", "only the first segment acknowledged: the rest follows, numbered from 1", *start,
+               block.blocks(text, 1, count - 1, "A20114"), block.abort, works, needs=_TEXT)  # fmt: skip
     one = block.blocks(text, 0, 1, "A20001")
-    yield case("BLK-14", "another block size with the acknowledgement", *start, one, block.hung, works, needs=_TEXT)
+    yield case("BLK-14", "another block size with the acknowledgement", *start, one, block.abort, works, needs=_TEXT)
     yield case(
         "BLK-15",
-        "more acknowledged than was sent",
+        "more segments acknowledged than sent",
         *start,
         NodeStep((s.request(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)),
         works,
@@ -142,13 +142,13 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         needs=_TEXT,
         why="05040002",
     )
-    yield case("BLK-17", "the client gives up before the start", start[0], block.hung, works, needs=_TEXT)
-    yield case("BLK-18", "the client gives up instead of acknowledging", *start, block.hung, works, needs=_TEXT)
+    yield case("BLK-17", "the client aborts before the start", start[0], block.abort, works, needs=_TEXT)
+    yield case("BLK-18", "the client aborts instead of acknowledging", *start, block.abort, works, needs=_TEXT)
     whole = block.up(index, text)
-    yield case("BLK-19", "the end is not confirmed, a new request comes", *whole[:-1],
+    yield case("BLK-19", "the end is not confirmed, a new request follows", *whole[:-1],
                NodeStep((s.upload(0x1000),), (s.any_value(0x1000), s.aborted(_COMMAND))), works, needs=_TEXT,
-               why="all has been said; devices serve it or abort once")  # fmt: skip
-    yield case("BLK-20", "the next segment of a segmented upload in the middle", start[0],
+               why="the transfer is complete; devices serve the request or abort once")  # fmt: skip
+    yield case("BLK-20", "a segment request of a segmented upload during the block", start[0],
                NodeStep((s.request("60"),), (s.aborted(_COMMAND),)), works, needs=_TEXT, why="05040001")  # fmt: skip
 
 
@@ -178,7 +178,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     strict = NodeStep(begin.sends, (s.answer("A4171000"),), (block.none, s.answer("A0171000")))
     yield case(
         "BLK-33",
-        "a wrong CRC, if the device has one",
+        "a wrong CRC, if the device supports CRC",
         strict,
         send,
         NodeStep((s.request(block_end(value, 0x1234)),), (s.refused(0x1017, 0, _CRC),)),
@@ -188,19 +188,19 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     for name, number in (("BLK-34", "82"), ("BLK-35", "80")):
         what = "a block begins with segment 2" if number == "82" else "a segment 0 with the last bit is an abort"
         ways = (s.aborted(_SEQUENCE, _COMMAND), s.answer("A200"), SILENCE) if number == "82" else (SILENCE,)
-        yield case(name, what, begin, NodeStep((s.request(f"{number} 1027"),), ways), block.hung, kept,
+        yield case(name, what, begin, NodeStep((s.request(f"{number} 1027"),), ways), block.abort, kept,
                    why="05040003, or acknowledged as 0" if number == "82" else "80h")  # fmt: skip
     yield case(
         "BLK-36",
         "a segment 0",
         begin,
         NodeStep((s.request("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)),
-        block.hung,
+        block.abort,
         kept,
-        why="05040003, or passed over",
+        why="05040003, or ignored",
     )
     for name, at, sub, codes, what in (
-        ("BLK-37", 0x1000, 0, _READ_ONLY, "an object that can only be read"),
+        ("BLK-37", 0x1000, 0, _READ_ONLY, "a read-only object"),
         ("BLK-38", NOWHERE, 0, (0x0602_0000,), "an object that does not exist"),
         ("BLK-39", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
@@ -227,15 +227,15 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
             kept,
             why="0607001x, and nothing is changed",
         )
-    yield case("BLK-42", "the client gives up before the first segment", begin, block.hung, kept)
-    yield case("BLK-43", "the client gives up before the end", begin, send, block.hung, kept, works)
+    yield case("BLK-42", "the client aborts before the first segment", begin, block.abort, kept)
+    yield case("BLK-43", "the client aborts before the end", begin, send, block.abort, kept, works)
     again = NodeStep((s.request("81 1027"),), (SILENCE, s.answer("A201")), wait=0.05)
-    yield case("BLK-44", "the last segment again, then the end", begin, send, again, end(value), read_back,
+    yield case("BLK-44", "the last segment repeated, then the end", begin, send, again, end(value), read_back,
                why="its acknowledgement may have been lost")  # fmt: skip
 
 
 def _large(subject: Subject) -> Iterator[NodeCase]:
-    """Downloads of several segments, to the object that was named for it."""
+    """Downloads of several segments to the object that the user has named."""
     block = _Block(subject)
     s = block.s
     index, sub = subject.large or (0x2000, 0)
@@ -245,19 +245,19 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
             subject, name, title, _CLAUSE, steps, effect="writes", listens=(s.answer("")[:4],), needs=_LARGE, why=why
         )
 
-    def say(value: bytes, first: int, last: int, ack: int, *more: str) -> NodeStep:
+    def segments(value: bytes, first: int, last: int, ack: int, *more: str) -> NodeStep:
         pieces = parts(value)
-        says = [s.request(block_segment(n - first + 1, pieces[n], n == len(pieces) - 1)) for n in range(first, last)]
-        return NodeStep(tuple(says), (s.answer(f"A2{ack:02X}"), *more))
+        sends = [s.request(block_segment(n - first + 1, pieces[n], n == len(pieces) - 1)) for n in range(first, last)]
+        return NodeStep(tuple(sends), (s.answer(f"A2{ack:02X}"), *more))
 
     for name, length in (("BLK-50", 7), ("BLK-51", 20), ("BLK-52", 100)):
         value = bytes(number % 251 + 1 for number in range(length))
         count = len(parts(value))
         yield case(
             name,
-            f"{length} bytes there and back",
+            f"{length} bytes written and read back",
             block.begin_down(index, sub, length),
-            say(value, 0, count, count),
+            segments(value, 0, count, count),
             NodeStep((s.request(block_end(value)),), (s.answer("A1"),)),
             *block.up(index, value) if sub == 0 else (),
         )
@@ -268,17 +268,18 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     begin = block.begin_down(index, sub, len(value))
     for name, kept, acked in (("BLK-53", (0, 2), 1), ("BLK-54", (1, 2), 0)):
         lost = "second" if acked else "first"
-        # Acknowledged at the block's end, at the first gap, or when nothing more comes: all three are in use.
+        # Devices acknowledge at the end of the block, at the first gap, or after a pause.
         gap = NodeStep(tuple(texts[one] for one in kept), (s.answer(f"A20{acked}"),), wait=2.5)
-        yield case(name, f"the {lost} segment is lost: what is missing is asked for", begin, gap,
-                   say(value, acked, 3, 3 - acked), finish, *block.up(index, value) if sub == 0 else (),
-                   why="numbered from 1 again; how soon is not laid down")  # fmt: skip
+        yield case(name, f"the {lost} segment is lost: the device requests it again", begin, gap,
+                   segments(value, acked, 3, 3 - acked), finish, *block.up(index, value) if sub == 0 else (),
+                   why="numbered from 1 again; the standard does not define how soon")  # fmt: skip
     wrong = NodeStep((s.request(block_end(value, 0x1234)),), (s.refused(index, sub, _CRC),))
     strict = NodeStep(
         begin.sends, (s.answer(f"A4{multiplexer(index, sub)}"),), (block.none, s.answer(f"A0{multiplexer(index, sub)}"))
     )
-    yield case("BLK-55", "a wrong CRC of several segments", strict, say(value, 0, 3, 3), wrong, block.works,
+    yield case("BLK-55", "a wrong CRC of several segments", strict, segments(value, 0, 3, 3), wrong, block.works,
                why="05040004")  # fmt: skip
-    yield case("BLK-56", "more bytes than told", block.begin_down(index, sub, 14), say(value, 0, 3, 3, s.any_abort),
+    yield case("BLK-56", "more bytes than announced",
+               block.begin_down(index, sub, 14), segments(value, 0, 3, 3, s.any_abort),
                NodeStep((s.request(block_end(value)),), (s.aborted(*_LENGTHS, _COMMAND), SILENCE)), block.works,
-               why="06070012, 06070010; some devices notice with the segments")  # fmt: skip
+               why="06070012, 06070010; some devices report it at a segment")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Conformance of SDO, one frame there and one back: read, written, refused and passed over.   [CiA 301 7.2.4]"""
+"""Conformance cases of SDO with one request and one response: reads, writes, refusals.   [CiA 301 7.2.4]"""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         data = bytes.fromhex(little(subject.number(index, sub), size))
         answer = s.answer(f"4F{multiplexer(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
         yield case(name, f"upload of {index:04X}h:{sub:02X}, {what}", NodeStep((s.upload(index, sub),), (answer,)),
-                   why="every device has it")  # fmt: skip
+                   why="mandatory object")  # fmt: skip
     again = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     yield case("SDO-05", "the same object five times in a row", *[again] * 5)
     yield case(
@@ -68,7 +68,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         value = (first + subject.node).to_bytes(4, "little")
         yield case(
             name,
-            f"1200h:0{sub} tells the default COB-ID",
+            f"1200h:0{sub} is the default COB-ID",
             NodeStep((s.upload(0x1200, sub),), (s.value(0x1200, sub, value),)),
             needs=(f"1200h:0{sub}",),
         )
@@ -92,7 +92,7 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
         return make_case(subject, name, title, _CLAUSE, steps, effect="reads", listens=(s.answer("")[:4],), why=why)
 
     for name, command in (("SDO-20", "E0"), ("SDO-21", "FF")):
-        yield case(name, f"command {command}h, which is none",
+        yield case(name, f"undefined command {command}h",
                    NodeStep((s.request(command + "0010 00"),), (unknown,)), works,
                    why="05040001; devices differ in the object that they name")  # fmt: skip
     for name, command, what in (
@@ -103,7 +103,7 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
         ("SDO-26", "A3", "the start of a block upload"),
     ):
         step = NodeStep((s.request(command),), (s.any_abort, SILENCE))
-        yield case(name, f"{what} without a transfer", step, works, why="an abort, or passed over")
+        yield case(name, f"{what} without a transfer", step, works, why="an abort, or no answer")
     yield case(
         "SDO-27",
         "an abort without a transfer is not answered",
@@ -115,23 +115,28 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
     for name, bytes_ in (("SDO-28", 7), ("SDO-29", 4), ("SDO-30", 0)):
         ways = (SILENCE, s.any_abort, s.any_value(0x1000)) if bytes_ >= 4 else (SILENCE, s.any_abort)
         cut = NodeStep((short[: 4 + 2 * bytes_],), ways)
-        yield case(name, f"an upload request of {bytes_} bytes harms nothing", cut, works,
-                   why="SDO frames have 8 bytes; devices pass shorter ones over, refuse or serve them")  # fmt: skip
-    yield case("SDO-31", "a remote frame is no request", NodeStep((f"{0x600 + node:03X}#R8",), (SILENCE,)), works)
+        yield case(name, f"an upload request of {bytes_} bytes has no lasting effect", cut, works,
+                   why="SDO frames have 8 bytes; devices ignore, refuse or serve shorter ones")  # fmt: skip
+    yield case("SDO-31", "a remote frame is not answered", NodeStep((f"{0x600 + node:03X}#R8",), (SILENCE,)), works)
     extended = f"{0x600 + node:08X}#{short[4:]}"
-    yield case("SDO-32", "the same number with 29 bits is another identifier", NodeStep((extended,), (SILENCE,)), works,
-               why="a frame is known by its identifier and its format")  # fmt: skip
-    yield case("SDO-33", "an answer is no request", NodeStep((f"{0x580 + node:03X}#{short[4:]}",), (SILENCE,)), works)
+    yield case("SDO-32", "a frame of the same number with 29 bits is ignored", NodeStep((extended,), (SILENCE,)), works,
+               why="identifier and format together identify a frame")  # fmt: skip
+    yield case(
+        "SDO-33",
+        "a response is not taken for a request",
+        NodeStep((f"{0x580 + node:03X}#{short[4:]}",), (SILENCE,)),
+        works,
+    )
     yield case(
         "SDO-34",
-        "reserved bits in the command 43h are read over",
+        "reserved bits in the command 43h are ignored",
         NodeStep((s.request("43 0010 00"),), (s.any_value(0x1000), s.refused(0x1000, 0, _COMMAND))),
         works,
-        why="a guide of a drive prints this request; devices serve it or answer 05040001",
+        why="the guide of a drive prints this request; devices serve it or answer 05040001",
     )
     yield case(
         "SDO-35",
-        "what stands in the reserved bytes of an upload request does not matter",
+        "the reserved bytes of an upload request are ignored",
         NodeStep((s.request("40 0010 00 FF FF FF FF"),), (s.any_value(0x1000),)),
     )
 
@@ -151,7 +156,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
         request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
         answer = s.refused(index, sub, *_READ_ONLY)
-        yield case(name, f"download to {index:04X}h:{sub:02X}, which can only be read", NodeStep((request,), (answer,)),
+        yield case(name, f"download to {index:04X}h:{sub:02X}, which is read-only", NodeStep((request,), (answer,)),
                    needs=() if index != 0x1018 else ("1018h:01",), why="06010002 or 06010000")  # fmt: skip
     yield case(
         "SDO-43",
@@ -177,7 +182,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SDO-46",
-        "download with 22h, size not told: the low bytes count",
+        "download with 22h, without a size: the low bytes are the value",
         NodeStep((s.request("22 1710 00 1027"),), (s.accepted(0x1017),)),
         read_back,
         needs=beat,
@@ -208,7 +213,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SDO-50",
-        "two downloads, the second one counts",
+        "two downloads: the second value remains",
         NodeStep((s.download(0x1017, 0, 20_000, 2),), (s.accepted(0x1017),)),
         NodeStep((s.download(0x1017, 0, 10_000, 2),), (s.accepted(0x1017),)),
         read_back,

@@ -1,6 +1,6 @@
-"""Conformance of SDO, long transfers in segments: the toggle bit, sizes, ends and interruptions.   [CiA 301 7.2.4]
+"""Conformance cases of segmented SDO transfers: the toggle bit, sizes, ends and interruptions.   [CiA 301 7.2.4]
 
-Without an object named by the user that takes any bytes, downloads go to 1017h, in one segment.
+Downloads go to 1017h in one segment, and in several to an object for any bytes if the user names one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         for number, (ask, piece) in enumerate(zip(asks, pieces))
     ]
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
-    hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
+    abort = NodeStep((s.abort,), (SILENCE,), wait=0.02)
 
     def case(name: str, title: str, *steps: NodeStep, why: str = "") -> NodeCase:
         return make_case(
@@ -48,12 +48,16 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         )
 
     yield case(
-        "SEG-01", "upload of a text, toggle 0 first", begin, *fetch, why="every segment has the toggle asked for"
+        "SEG-01",
+        "upload of a text, toggle 0 first",
+        begin,
+        *fetch,
+        why="every segment repeats the toggle bit of its request",
     )
     yield case("SEG-02", "the same again: the toggle begins with 0", begin, *fetch, begin, *fetch)
     yield case(
         "SEG-03",
-        "the first segment asked with toggle 1",
+        "the first segment requested with toggle 1",
         begin,
         NodeStep((s.request("70"),), (s.refused(index, 0, _TOGGLE),)),
         works,
@@ -70,18 +74,18 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SEG-05",
-        "another segment asked after the last",
+        "a segment requested after the last",
         begin,
         *fetch,
         NodeStep((s.request("60" if len(pieces) % 2 == 0 else "70"),), (s.aborted(_COMMAND, _TOGGLE), SILENCE)),
         works,
         why="the transfer is over",
     )
-    yield case("SEG-06", "the client gives up after a segment", begin, fetch[0], hung, works)
-    yield case("SEG-07", "the client gives up at once", begin, hung, works)
+    yield case("SEG-06", "the client aborts after a segment", begin, fetch[0], abort, works)
+    yield case("SEG-07", "the client aborts at once", begin, abort, works)
     yield case(
         "SEG-08",
-        "a download segment in the middle of an upload",
+        "a download segment during an upload",
         begin,
         NodeStep((s.request("00 AA"),), (s.aborted(_COMMAND),)),
         works,
@@ -89,7 +93,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SEG-09",
-        "a command that is none in the middle of an upload",
+        "an undefined command during an upload",
         begin,
         NodeStep((s.request("E0"),), (s.aborted(_COMMAND),)),
         works,
@@ -97,7 +101,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SEG-10",
-        "a new request in the middle of an upload",
+        "a new request during an upload",
         begin,
         NodeStep((s.upload(0x1000),), (s.aborted(_COMMAND), s.any_value(0x1000))),
         works,
@@ -119,10 +123,10 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     begin = NodeStep((s.request("21 1710 00 02"),), (s.accepted(0x1017),))
     send = NodeStep((s.request("0B 1027"),), (s.answer("20"),))
     read_back = NodeStep((s.upload(0x1017),), (s.value(0x1017, 0, b"\x10\x27"),))
-    hung = NodeStep((s.abort,), (SILENCE,), wait=0.02)
+    abort = NodeStep((s.abort,), (SILENCE,), wait=0.02)
     yield case("SEG-20", "download of two bytes in one segment", begin, send, read_back)
     unsized = NodeStep((s.request("20 1710 00"),), (s.accepted(0x1017),))
-    yield case("SEG-21", "the same without a size", unsized, send, read_back, why="a size need not be told")
+    yield case("SEG-21", "the same without a size", unsized, send, read_back, why="the size is optional")
     yield case(
         "SEG-22",
         "the first segment with toggle 1",
@@ -133,17 +137,17 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     )
     wrong = s.refused(0x1017, 0, *_LENGTHS)
     for name, announced, data, what in (
-        ("SEG-23", 4, "07 10270000", "four bytes told and sent to an object of two"),
-        ("SEG-24", 2, "07 10270000", "two bytes told and four sent"),
-        ("SEG-25", 2, "0D 10", "two bytes told and one sent"),
-        ("SEG-26", 1, "0D 10", "one byte told and sent to an object of two"),
+        ("SEG-23", 4, "07 10270000", "four bytes announced and sent to an object of two"),
+        ("SEG-24", 2, "07 10270000", "two bytes announced and four sent"),
+        ("SEG-25", 2, "0D 10", "two bytes announced and one sent"),
+        ("SEG-26", 1, "0D 10", "one byte announced and sent to an object of two"),
     ):
         start = NodeStep((s.request(f"21 1710 00 0{announced}"),), (s.accepted(0x1017), wrong))
-        # A device that refuses at once has no transfer left: the segment is then a stray.
+        # A device that refuses at once has no transfer: the segment then belongs to none.
         sent = NodeStep((s.request(data),), (wrong, s.aborted(_COMMAND), SILENCE))
         yield case(name, what, start, sent, kept, why="0607001x at the start or at the end, and nothing is changed")
     for name, index, sub, codes, what in (
-        ("SEG-27", 0x1000, 0, _READ_ONLY, "an object that can only be read"),
+        ("SEG-27", 0x1000, 0, _READ_ONLY, "a read-only object"),
         ("SEG-28", NOWHERE, 0, (0x0602_0000,), "an object that does not exist"),
         ("SEG-29", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
@@ -151,10 +155,10 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         start = NodeStep((s.request(f"21 {multiplexer(index, sub)} 04"),), (s.accepted(index, sub),), (refused,))
         yield case(name, f"download to {what}", start, NodeStep((s.request("07 01000000"),), (refused,)), needs=(),
                    why="refused at the start or at the end")  # fmt: skip
-    yield case("SEG-30", "the client gives up: nothing is changed", begin, hung, kept)
+    yield case("SEG-30", "the client aborts: nothing is changed", begin, abort, kept)
     yield case(
         "SEG-31",
-        "the next segment of an upload in the middle of a download",
+        "the next segment of an upload during a download",
         begin,
         NodeStep((s.request("60"),), (s.aborted(_COMMAND),)),
         kept,
@@ -162,7 +166,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SEG-32",
-        "a new request in the middle of a download",
+        "a new request during a download",
         begin,
         NodeStep((s.upload(0x1000),), (s.aborted(_COMMAND), s.any_value(0x1000))),
         works,
@@ -173,7 +177,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
 
 
 def _large(subject: Subject) -> Iterator[NodeCase]:
-    """Downloads of several segments, to the object that was named for it."""
+    """Downloads of several segments to the object that the user has named."""
     s = Sdo(subject.node)
     index, sub = subject.large or (0x2000, 0)
     at = multiplexer(index, sub)
@@ -183,15 +187,15 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
             subject, name, title, _CLAUSE, steps, effect="writes", listens=(s.answer("")[:4],), needs=_LARGE, why=why
         )
 
-    def down(value: bytes, told: int | None = None) -> list[NodeStep]:
+    def down(value: bytes, announced: int | None = None) -> list[NodeStep]:
         pieces = parts(value)
-        says = [segment(number, piece, piece is pieces[-1]) for number, piece in enumerate(pieces)]
-        size = len(value) if told is None else told
+        sends = [segment(number, piece, piece is pieces[-1]) for number, piece in enumerate(pieces)]
+        size = len(value) if announced is None else announced
         return [
             NodeStep((s.request(f"21 {at}{little(size, 4)}"),), (s.accepted(index, sub),)),
             *(
                 NodeStep((s.request(said),), (s.answer("30" if number % 2 else "20"),))
-                for number, said in enumerate(says)
+                for number, said in enumerate(sends)
             ),
         ]
 
@@ -209,7 +213,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
 
     for name, length in (("SEG-40", 7), ("SEG-41", 8), ("SEG-42", 14), ("SEG-43", 100)):
         value = bytes(number % 251 + 1 for number in range(length))
-        yield case(name, f"{length} bytes there and back", *down(value), *up(value))
+        yield case(name, f"{length} bytes written and read back", *down(value), *up(value))
     value = bytes(range(1, 21))
     begin, first, second, _ = down(value)
     toggled = NodeStep((s.request(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
@@ -218,7 +222,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     short = s.refused(index, sub, *_LENGTHS)
     yield case(
         "SEG-45",
-        "more bytes sent than told",
+        "more bytes sent than announced",
         *down(value, 14)[:3],
         NodeStep((s.request(segment(2, value[14:], True)),), (short,)),
         works,
@@ -226,7 +230,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     )
     yield case(
         "SEG-46",
-        "fewer bytes sent than told",
+        "fewer bytes sent than announced",
         *down(value, 21)[:3],
         NodeStep((s.request(segment(2, value[14:], True)),), (short,)),
         works,
@@ -238,7 +242,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
         NodeStep((s.request(f"21 {at}"),), (s.accepted(index, sub),), (s.any_abort,)),
         NodeStep((s.request("0F"),), (s.answer("20"), s.any_abort)),
         works,
-        why="devices take it, or refuse it",
+        why="devices accept or refuse it",
     )
-    yield case("SEG-48", "the client gives up between two segments", begin, first, second,
+    yield case("SEG-48", "the client aborts between two segments", begin, first, second,
                NodeStep((s.abort,), (SILENCE,), wait=0.02), works, *down(value), *up(value))  # fmt: skip
