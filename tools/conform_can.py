@@ -20,8 +20,8 @@ HEAD = """\
 # CANopen conformance, case by case
 
 `barewire conform can://...` tests any CANopen device against CiA 301 and CiA 305 with {total} cases. Each case sends
-some frames and compares the answers with those that the standard allows. Where devices differ within the standard (which
-abort code a refusal has, whether a segment without a transfer is answered), every allowed answer is accepted; an
+some frames and compares the answers with those that the standard allows. Where devices differ within the standard
+(which abort code a refusal has, whether a segment without a transfer is answered), every allowed answer is accepted; an
 abort 0800 0000h, *general error*, is accepted for every refusal.
 
 ```text
@@ -93,8 +93,8 @@ The simulated AZ3 passes all cases for its objects but four, where it follows it
 (SDO-03, SDO-04), accepts every number in four bytes (SDO-47) and stores without a signature (SDO-51).
 
 A LocalNode of the `canopen` library (2.4.1) answers in STOPPED (NMT-02, -03, -04, -06), sends no boot-up message after
-a reset (NMT-10, -11, -13, -15), answers a frame with 29 bits like one with 11 (SDO-32), has every sub-index of a variable
-(SDO-07, SDO-44), refuses 22h (SDO-46), and answers a block upload with segments although no switch was allowed (BLK-01
+a reset (NMT-10, -11, -13, -15), answers a frame with 29 bits like one with 11 (SDO-32), has every sub-index of a
+variable (SDO-07, SDO-44), refuses 22h (SDO-46), and answers a block upload with segments although no switch was allowed (BLK-01
 to -05). `tests/interop/test_canopen_conform.py` runs the battery against it.
 
 ## The cases

@@ -79,7 +79,7 @@ CASES: dict[str, str] = {
     "at 0.1 - -> 085#3081110200000000; at 5.0 - -> -",
     "consumer: node returns": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#05 -> -; "
     "at 0.1 - -> 085#3081110200000000; at 1.0 702#05 -> 085#00000002........|085#0000000200000000",
-    "consumer: a boot-up message does not start the monitoring": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#00 -> -; at 9.0 - -> -",
+    "consumer: boot-up message only": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; 702#00 -> -; at 9.0 - -> -",
     "consumer: no heartbeat yet": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; at 9.0 - -> -",
     "consumer: the same node twice": f"{write(0x1016, 1, 0x00020064, 4)} -> {OK}; "
     f"{write(0x1016, 2, 0x00020064, 4)} -> 585#8016100243000406",
