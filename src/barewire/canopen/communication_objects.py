@@ -25,7 +25,7 @@ from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import BarewireError
 
-IDENTITY_OBJECT = 0x1018
+_IDENTITY = 0x1018
 
 
 def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
@@ -40,7 +40,7 @@ def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: 
 
 def lss_address(objects: ObjectDictionary) -> LssAddress:
     """The identity object 1018h as the 128-bit address that LSS uses."""
-    return LssAddress(*(integer_value(objects, IDENTITY_OBJECT, sub) for sub in (1, 2, 3, 4)))
+    return LssAddress(*(integer_value(objects, _IDENTITY, sub) for sub in (1, 2, 3, 4)))
 
 
 def validate_writes(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int], None]) -> None:
@@ -131,7 +131,7 @@ def standard_objects(
         *(Entry(0x1016, sub, f"consumer heartbeat time {sub}", "u32", "rw") for sub in range(1, watched + 1)),
         Entry(0x1017, 0, "producer heartbeat time", "u16", "rw", heartbeat),
         *(
-            Entry(IDENTITY_OBJECT, sub, what, "u32", "const", value)
+            Entry(_IDENTITY, sub, what, "u32", "const", value)
             for sub, (what, value) in enumerate(
                 zip(("vendor-ID", "product code", "revision number", "serial number"), address), start=1
             )

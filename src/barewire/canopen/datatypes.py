@@ -5,8 +5,7 @@
         0008h REAL32    f32    32 bits
         000Ch TIME_OF_DAY      48 bits, milliseconds and days: see `time_types`
 
-Types of variable size (strings, domains) have 0 bits here. `RECORDS` are the types of whole records, which have no
-value of their own.
+Types of variable size (strings, domains) have 0 bits here. Types of whole records (0020h to 0023h) have no codec.
 """
 
 from __future__ import annotations
@@ -54,14 +53,6 @@ DATA_TYPES: tuple[DataType, ...] = (
     DataType(0x1A, "UNSIGNED56", "u56", 56),
     DataType(0x1B, "UNSIGNED64", "u64", 64),
 )
-
-RECORDS = {
-    0x20: "PDO_COMMUNICATION_PARAMETER",
-    0x21: "PDO_MAPPING",
-    0x22: "SDO_PARAMETER",
-    0x23: "IDENTITY",
-}
-"""Number in the dictionary -> name. They have no codec."""
 
 BY_NAME = {row.name: row for row in DATA_TYPES}
 BY_CODE = {row.code: row for row in DATA_TYPES}

@@ -30,7 +30,7 @@ DATA_MAX = 8
 
 
 class CanFrame(NamedTuple):
-    """A classical CAN frame: a data frame, or a remote frame that asks for `requested` bytes.
+    """A classical CAN frame: a data frame, or a remote frame that requests `requested` bytes.
 
     The plain constructor checks nothing, because a port makes thousands a second out of what the controller has checked
     already. `CanFrame.checked` validates a frame made of the caller's own numbers.
@@ -113,10 +113,10 @@ class CanFrame(NamedTuple):
             raise DecodeError("value", seen, 0, f"identifier {identifier} has too many bits")
         at = len(identifier) + 1
         if body[:1] in ("R", "r"):
-            asked = body[1:] or "0"
-            if len(asked) != 1 or asked not in "012345678":
-                raise DecodeError("value", seen, at + 1, f"remote frame requests {asked!r} bytes: expected 0..8")
-            return cls(number, b"", extended, True, int(asked))
+            size = body[1:] or "0"
+            if len(size) != 1 or size not in "012345678":
+                raise DecodeError("value", seen, at + 1, f"remote frame requests {size!r} bytes: expected 0..8")
+            return cls(number, b"", extended, True, int(size))
         digits = body.replace(".", "")
         if len(digits) % 2:
             raise DecodeError("length", seen, len(seen), f"half a byte is left over in {body!r}")

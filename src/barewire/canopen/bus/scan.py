@@ -93,7 +93,7 @@ def scan(
     [(5, '00020192h', 'answered')]
     """
     result = ScanResult()
-    asked: dict[int, float] = {}  # node -> time of the request
+    pending: dict[int, float] = {}  # node -> time of the request
     left = [check_node(node) for node in nodes] if ask else []
     left.reverse()
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
@@ -101,21 +101,21 @@ def scan(
     ready = quiet_until  # when the next request may be sent
     while True:
         if heard.item is not None:
-            abort = _evaluate(result, heard.item, asked, heard.now)
+            abort = _evaluate(result, heard.item, pending, heard.now)
             if abort is not None:
                 yield Send(abort)
-        asked = {node: when for node, when in asked.items() if heard.now < when + timeout}
-        if left and heard.now >= ready and len(asked) < outstanding:
+        pending = {node: when for node, when in pending.items() if heard.now < when + timeout}
+        if left and heard.now >= ready and len(pending) < outstanding:
             node = left.pop()
             if progress is not None:
                 progress(node, result)
             sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _REQUEST))
-            asked[node] = sent.now
+            pending[node] = sent.now
             ready = sent.now + gap
-        if not left and not asked and heard.now >= quiet_until:
+        if not left and not pending and heard.now >= quiet_until:
             break
-        first_timeout = min((when + timeout for when in asked.values()), default=quiet_until)
-        heard = yield Listen(ready if left and len(asked) < outstanding else max(first_timeout, heard.now))
+        first_timeout = min((when + timeout for when in pending.values()), default=quiet_until)
+        heard = yield Listen(ready if left and len(pending) < outstanding else max(first_timeout, heard.now))
     result.nodes = dict(sorted(result.nodes.items()))
     return result
 
@@ -123,7 +123,7 @@ def scan(
 _REQUEST = InitiateUpload(_DEVICE_TYPE, 0).encode()
 
 
-def _evaluate(result: ScanResult, frame: CanFrame, asked: dict[int, float], now: float) -> CanFrame | None:
+def _evaluate(result: ScanResult, frame: CanFrame, pending: dict[int, float], now: float) -> CanFrame | None:
     """Add the evidence of a frame. Returns the abort to send, if the frame starts a transfer that is not wanted."""
     result.frames += 1
     result.extended += frame.extended
@@ -144,7 +144,7 @@ def _evaluate(result: ScanResult, frame: CanFrame, asked: dict[int, float], now:
             found.emergency = emergency
             found.add_evidence("emergency")
         elif service.name == "SDO answer":
-            return _evaluate_response(result, node, frame, asked, now)
+            return _evaluate_response(result, node, frame, pending, now)
         else:
             result.unknown += 1
     except DecodeError:
@@ -153,15 +153,15 @@ def _evaluate(result: ScanResult, frame: CanFrame, asked: dict[int, float], now:
 
 
 def _evaluate_response(
-    result: ScanResult, node: int, frame: CanFrame, asked: dict[int, float], now: float
+    result: ScanResult, node: int, frame: CanFrame, pending: dict[int, float], now: float
 ) -> CanFrame | None:
     response = decode_sdo_response(frame.data)
     found = _entry(result, node)
     address = (getattr(response, "index", None), getattr(response, "sub", None))
-    if node not in asked or address != (_DEVICE_TYPE, 0):
+    if node not in pending or address != (_DEVICE_TYPE, 0):
         found.add_evidence("SDO response to another client")
         return None
-    found.answered_after = now - asked.pop(node)
+    found.answered_after = now - pending.pop(node)
     found.add_evidence("answered")
     if isinstance(response, Abort):
         found.abort = response.code
