@@ -111,7 +111,7 @@ def test_nothing_grows_without_a_bound() -> None:
     assert len(monitor.pdos._last) <= 512
     assert len(monitor.nodes.nodes) <= 127
     assert len(monitor.channels._channels) <= 512
-    assert len(monitor._broken) <= 4096
+    assert len(monitor._reported) <= 4096
     # Many long values at once.
     for node in range(1, 61):
         monitor.feed(CanFrame(0x600 + node, b"\x21\0\x21\0" + bytes(4)), 5.0)

@@ -43,7 +43,7 @@ def fd_64(data: bytes, length: int, code: int, flags: int, behind: int = 0) -> b
     return logged(101, body, version=2)
 
 
-def told(data: bytes) -> list[str]:
+def items_of(data: bytes) -> list[str]:
     return [str(item.frame) if isinstance(item, Recorded) else type(item).__name__ for item in read_blf(data)]
 
 
@@ -51,7 +51,7 @@ BEAT = classical(0x705, b"\x05")
 
 
 @pytest.mark.parametrize(
-    ("piece", "says"),
+    ("piece", "expected"),
     [
         (BEAT, ["705#05"]),
         (classical(0x705, b"\x7f", kind=86), ["705#7F"]),
@@ -78,10 +78,10 @@ BEAT = classical(0x705, b"\x05")
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("packing", [0, 2, None])
-def test_an_object_of_blf_is_read_packed_or_not(piece: bytes, says: list[str], packing: int | None) -> None:
-    """Packed, not packed, and without a container at all."""
+def test_an_object_of_blf_is_read_packed_or_not(piece: bytes, expected: list[str], packing: int | None) -> None:
+    """Compressed, not compressed, and outside a container."""
     wrapped = piece if packing is None else container(piece, packing)
-    assert told(blf(wrapped)) == says
+    assert items_of(blf(wrapped)) == expected
 
 
 def test_objects_continue_in_the_next_container_and_times_have_two_units() -> None:
@@ -99,15 +99,15 @@ def test_objects_continue_in_the_next_container_and_times_have_two_units() -> No
 def test_damage_in_a_blf_is_reported_and_the_rest_is_read() -> None:
     broken = bytearray(container(BEAT * 3))
     broken[40:44] = b"\xff\xff\xff\xff"
-    assert told(blf(container(BEAT), bytes(broken), container(BEAT))) == ["705#05", "Unread", "705#05"]
-    assert told(blf(container(BEAT, packing=9), container(BEAT))) == ["Unread", "705#05"]
-    assert told(blf(container(bytes(65 << 20)), container(BEAT))) == ["Unread", "705#05"]
+    assert items_of(blf(container(BEAT), bytes(broken), container(BEAT))) == ["705#05", "Unread", "705#05"]
+    assert items_of(blf(container(BEAT, packing=9), container(BEAT))) == ["Unread", "705#05"]
+    assert items_of(blf(container(bytes(65 << 20)), container(BEAT))) == ["Unread", "705#05"]
     # The recorder lost power: of the last container only the beginning is there.
     many = blf(container(b"".join(classical(0x705, bytes([at % 251]), at=at * 7919) for at in range(2000))))
     items = list(read_blf(many[: len(many) // 2]))
     assert sum(isinstance(item, Recorded) for item in items) > 500
     assert isinstance(items[-1], Unread)
-    # It says so itself: on every bus that was heard.
+    # The recorder reports lost frames on every bus that has frames.
     lost = logged(125, bytes(8), 2_000_000_000)
     items = list(read_blf(blf(container(BEAT + classical(0x701, b"\5", channel=2) + lost))))
     assert sorted(item for item in items if isinstance(item, Dropped)) == [

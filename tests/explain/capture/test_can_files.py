@@ -72,14 +72,14 @@ def test_random_frames_are_read_as_python_can_reads_them(form: str, tmp_path: Pa
     with WRITERS[form](str(file)) as writer:
         for place, frame in enumerate(made):
             writer.on_message_received(message(BEGAN + place / 1000, frame))
-    told = [item for item in read_recording(file.read_bytes()) if isinstance(item, Recorded)]
+    ours = [item for item in read_recording(file.read_bytes()) if isinstance(item, Recorded)]
     with READERS[form](str(file)) as reader:
         them = list(reader)
-    assert [shown(item.frame) for item in told] == [theirs(one) for one in them] == [shown(one) for one in made]
-    began = told[0].at - float(them[0].timestamp)
-    assert all(abs(item.at - began - float(one.timestamp)) < 2e-6 for item, one in zip(told, them))
+    assert [shown(item.frame) for item in ours] == [theirs(one) for one in them] == [shown(one) for one in made]
+    began = ours[0].at - float(them[0].timestamp)
+    assert all(abs(item.at - began - float(one.timestamp)) < 2e-6 for item, one in zip(ours, them))
     if form != "asc":
-        assert [item.frame.dlc for item in told if isinstance(item.frame, CanFrame)] == [
+        assert [item.frame.dlc for item in ours if isinstance(item.frame, CanFrame)] == [
             one.dlc for one in them if not one.is_fd and not one.is_error_frame
         ]
 
@@ -158,7 +158,7 @@ def test_a_capture_of_several_interfaces_in_both_byte_orders_is_read(order: str)
     data += block(6, struct.pack(f"{order}5I", 0, 0, 1_500_000, size, size) + frame)
     data += block(6, struct.pack(f"{order}5I", 1, 0, 7 * 1024, size, size) + frame)
     data += block(2, struct.pack(f"{order}HHIIII", 0, 3, 0, 2_000_000, size, size) + frame)  # of old: 3 lost before it
-    data += block(0xBAD, b"what nobody knows")
+    data += block(0xBAD, b"an unknown block")
     assert [item[:2] for item in read_recording(data)] == [
         *((1_700_000_001.5, "can0"), (2.0, "vcan10"), (1_700_000_002.0, "can0"), (1_700_000_002.0, "can0")),
     ]

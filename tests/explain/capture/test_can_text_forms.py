@@ -49,15 +49,15 @@ def frames() -> tuple[tuple[float, CanFrame], ...]:
 
 def events(items: Iterator[RecordedItem]) -> list[dict[str, Any]]:
     """The events as dicts, with times since the first frame."""
-    told = [event_as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
-    first = told[0]["at"]
-    for event in told:
+    found = [event_as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
+    first = found[0]["at"]
+    for event in found:
         for key in ("at", "began", "since", "seconds", "period", "shortest", "longest"):
             if isinstance(event.get(key), float):
                 whole = event[key] - (first if key in ("at", "began", "since") else 0)
                 event[key] = round(whole, 5)
         event["text"] = "" if "ago" in str(event.get("text")) else event.get("text")
-    return told
+    return found
 
 
 @cache
@@ -227,8 +227,8 @@ def test_asc_of_log2asc_gives_the_same_events(options: list[str], tmp_path: Path
         ["log2asc", "-I", str(file), *options, "can0"], capture_output=True, timeout=30, check=True
     ).stdout
 
-    def values(told: list[dict[str, Any]]) -> list[Any]:
-        return [(one["event"], one.get("data"), one.get("values")) for one in told if one["event"] in ("sdo", "pdo")]
+    def values(found: list[dict[str, Any]]) -> list[Any]:
+        return [(one["event"], one.get("data"), one.get("values")) for one in found if one["event"] in ("sdo", "pdo")]
 
     assert values(events(read_recording(done))) == values(expected())
 
@@ -260,10 +260,10 @@ def test_every_kind_of_frame_in_blf_and_asc(tmp_path: Path) -> None:
                 writer.on_message_received(message(BEGAN + place, frame))
         data = file.read_bytes()
         items = read_blf(data) if name == "a.blf" else read_recording(data)
-        told = [item.frame for item in items if isinstance(item, Recorded)]
+        found = [item.frame for item in items if isinstance(item, Recorded)]
         wanted = [frame for frame in MIXED if not isinstance(frame, ErrorFrame)]
-        assert [frame for frame in told if not isinstance(frame, ErrorFrame)] == wanted
-        assert sum(isinstance(frame, ErrorFrame) for frame in told) == 1
+        assert [frame for frame in found if not isinstance(frame, ErrorFrame)] == wanted
+        assert sum(isinstance(frame, ErrorFrame) for frame in found) == 1
 
 
 CANDUMP = """\
@@ -312,8 +312,8 @@ def test_a_bad_line_of_candump_is_reported_and_skipped(line: str, why: str) -> N
     bad = items[1]
     assert isinstance(bad, Unread)
     assert why in bad.why
-    told = [event for _, event in replay_can(iter(items))]
-    assert bad in told
+    found = [event for _, event in replay_can(iter(items))]
+    assert bad in found
 
 
 @pytest.mark.parametrize(
@@ -377,9 +377,9 @@ def test_a_blf_that_is_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
 
 def test_several_buses_have_monitors_of_their_own() -> None:
     lines = ["(1.0) can0 605#4041600000000000", "(1.1) can1 585#4B41600037060000", "(1.2) can0 585#4B41600038060000"]
-    told = list(replay_can(read_recording("\n".join(lines).encode())))
+    found = list(replay_can(read_recording("\n".join(lines).encode())))
     assert {
-        (bus, event_as_dict(event).get("data")) for bus, event in told if event_as_dict(event)["event"] == "sdo"
+        (bus, event_as_dict(event).get("data")) for bus, event in found if event_as_dict(event)["event"] == "sdo"
     } == {
         ("can0", "3806"),
         ("can1", "3706"),

@@ -30,8 +30,8 @@ from tests.helpers import modest, refused, unhex
 READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")
 
 
-def names(told: list[SnifferEvent]) -> list[str]:
-    return [type(event).__name__ for event in told]
+def names(events: list[SnifferEvent]) -> list[str]:
+    return [type(event).__name__ for event in events]
 
 
 # Files of packets --------------------------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_other_link_types_carry_ip() -> None:
 def test_packets_without_modbus_are_skipped() -> None:
     whole = PacketBuilder().tcp(b"frame", from_client=True)
     for data, link in (
-        (whole, 147),  # a link type that nobody here knows
+        (whole, 147),  # an unknown link type
         (whole[:12] + b"\x86\xdd" + whole[14:], 1),  # IPv6
         (whole[:20], 1),
         (whole[:20] + b"\x20\x00" + whole[22:], 1),  # a fragment
@@ -163,14 +163,14 @@ def test_a_capture_of_tcp_with_segments_out_of_order_repeated_and_missing() -> N
     requests = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(4)]
     answers = [packer.tcp(tcp_frame(1, VALUES, number), from_client=False) for number in range(4)]
     order = [requests[0], answers[0], requests[2], requests[1], requests[1], answers[1], answers[2], b"", requests[3]]
-    told = list(replay(capture(*((place / 100, data) for place, data in enumerate(order)))))
-    assert [(type(event).__name__, getattr(event, "transaction", None)) for event in told] == [
+    events = list(replay(capture(*((place / 100, data) for place, data in enumerate(order)))))
+    assert [(type(event).__name__, getattr(event, "transaction", None)) for event in events] == [
         ("RequestSeen", 0), ("ResponseSeen", 0), ("RequestSeen", 1), ("RequestSeen", 2),
         ("ResponseSeen", 1), ("ResponseSeen", 2), ("RequestSeen", 3), ("ResponseMissing", None),
     ]  # fmt: skip
     many = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(100)]
-    told = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
-    assert names(told).count("RequestSeen") == 99
+    events = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
+    assert names(events).count("RequestSeen") == 99
 
 
 def test_the_port_of_the_server_can_be_given() -> None:
@@ -215,8 +215,8 @@ def test_an_unreadable_line_is_reported_with_its_number() -> None:
 
 def test_a_log_of_rtu_and_one_of_ascii() -> None:
     log = f"1.0 {FRAME.hex(' ')}\n1.1 {rtu_frame(1, VALUES).hex(' ')}\n5.0 {FRAME.hex(' ')}\n9.0 FF"
-    told = list(replay(log.encode()))
-    assert names(told) == ["RequestSeen", "ResponseSeen", "RequestSeen", "ResponseMissing", "NoiseSeen"]
+    events = list(replay(log.encode()))
+    assert names(events) == ["RequestSeen", "ResponseSeen", "RequestSeen", "ResponseMissing", "NoiseSeen"]
     text = b"".join(ascii_frame(1, pdu).replace(b"\r\n", b"\n") for pdu in (READ, VALUES))
     assert names(list(replay(text))) == ["RequestSeen", "ResponseSeen"]
 
@@ -265,9 +265,9 @@ def test_noise_has_a_line() -> None:
 def test_events_for_programs() -> None:
     lines = [(1.0, 1, "03 0000 0001"), (1.5, 1, "83 02"), (3.0, 1, "06 0001 0003"), (9.0, 0, "06 0001 0003")]
     log = "\n".join(f"{at} {rtu_frame(unit, unhex(pdu)).hex()}" for at, unit, pdu in lines)
-    told = list(replay(f"{log}\n9.5 FF 00".encode()))
-    assert names(told) == ["RequestSeen", "ResponseSeen", "AmbiguousFrame", "RequestSeen", "NoiseSeen"]
-    dicts = [json.loads(json.dumps(exchange_as_dict(event))) for event in told]
+    events = list(replay(f"{log}\n9.5 FF 00".encode()))
+    assert names(events) == ["RequestSeen", "ResponseSeen", "AmbiguousFrame", "RequestSeen", "NoiseSeen"]
+    dicts = [json.loads(json.dumps(exchange_as_dict(event))) for event in events]
     assert [one["event"] for one in dicts] == ["request", "response", "half", "broadcast", "noise"]
     assert dicts[0]["fields"] == {"function_code": 3, "address": 0, "quantity": 1}
     assert (dicts[1]["exception"], dicts[1]["request_at"], dicts[1]["seconds"]) == (2, 1.0, 0.5)

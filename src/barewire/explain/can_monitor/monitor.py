@@ -83,7 +83,7 @@ class CanMonitor:
         dialects = {one.node: one.commands for one in described}
         self.channels = SdoChannels(self.held, give_up, dialects, self.pdos)
         self.violations: Counter[str] = Counter()
-        self._broken: set[tuple[str, int, str]] = set()
+        self._reported: set[tuple[str, int, str]] = set()
         self._first: float | None = None
         self._last = 0.0
         self._foreign: set[str] = set()
@@ -108,10 +108,10 @@ class CanMonitor:
         """Count a violation, and mark it if the same was reported before."""
         self.violations[violation.rule] += 1
         same = violation.rule, violation.node, violation.text
-        if same in self._broken:
+        if same in self._reported:
             return violation._replace(repeated=True)
-        if len(self._broken) < _VIOLATIONS_MAX:
-            self._broken.add(same)
+        if len(self._reported) < _VIOLATIONS_MAX:
+            self._reported.add(same)
         return violation
 
     def _feed(self, item: AnyFrame | Dropped | None, now: float) -> list[MonitorEvent]:
@@ -141,7 +141,7 @@ class CanMonitor:
         elif isinstance(item, ErrorFrame):
             events += self._error_frame(item, now)
         else:
-            events += self._strange("CAN FD", item, now)
+            events += self._report_foreign("CAN FD", item, now)
         return events
 
     def end(self, now: float) -> list[MonitorEvent]:
@@ -195,7 +195,7 @@ class CanMonitor:
         channel = self.channels.find(frame)
         owner = classify(frame)
         if frame.extended and self.pdos.owner(frame) is None:
-            return self._strange("extended identifier", frame, now)
+            return self._report_foreign("extended identifier", frame, now)
         if channel is None and owner is None and not frame.extended and is_restricted(frame.id):
             self.counts["reserved"] += 1
             if frame.id == _GFC:
@@ -225,9 +225,9 @@ class CanMonitor:
             case "TIME":
                 return time_events(frame, now)
             case "EMCY":
-                return [*self.nodes.allowed(node, "EMCY", True, frame, now), *emergency_events(node, frame, now)]
+                return [*self.nodes.check_allowed(node, "EMCY", True, frame, now), *emergency_events(node, frame, now)]
             case "error control" if frame.remote:
-                self.nodes.guard(node)
+                self.nodes.guarding_request(node)
                 return []
             case "error control":
                 events = self.nodes.feed(node, frame, now)
@@ -241,13 +241,13 @@ class CanMonitor:
         owner = self.pdos.owner(frame)
         events: list[MonitorEvent] = []
         if owner is not None and owner[1].startswith("T") and not frame.remote:
-            events += self.nodes.allowed(owner[0], owner[1], True, frame, now)
+            events += self.nodes.check_allowed(owner[0], owner[1], True, frame, now)
         return [*events, *self.pdos.feed(frame, now)]
 
     # SDO, and the configuration that it shows
 
     def _sdo(self, channel: SdoTracker, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        events = self.nodes.allowed(channel.node, "SDO", not from_client, frame, now)
+        events = self.nodes.check_allowed(channel.node, "SDO", not from_client, frame, now)
         events += self.channels.feed(channel, from_client, frame, now)
         for event in list(events):
             if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
@@ -265,7 +265,7 @@ class CanMonitor:
 
     # Frames that are not classical CAN
 
-    def _strange(self, what: str, frame: CanFrame | FdFrame, now: float) -> list[MonitorEvent]:
+    def _report_foreign(self, what: str, frame: CanFrame | FdFrame, now: float) -> list[MonitorEvent]:
         self.counts[what] += 1
         if what in self._foreign:
             return []

@@ -144,7 +144,9 @@ class NodeTracker:
             return int(after) if after and now - node.commanded_at > _GRACE else None
         return None if node.missing else node.state
 
-    def allowed(self, number: int, what: str, sent_by_node: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
+    def check_allowed(
+        self, number: int, what: str, sent_by_node: bool, frame: CanFrame, now: float
+    ) -> list[MonitorEvent]:
         """Check that the node may send this in its state. Reported once per state."""
         state = self.state(number, now) if sent_by_node else None
         rule = ""
@@ -158,7 +160,7 @@ class NodeTracker:
         reported.add(rule)
         return [Violation(now, rule, number, f"it is {state_name(state)}, and sends {what}", str(frame))]
 
-    def guard(self, number: int) -> None:
+    def guarding_request(self, number: int) -> None:
         """A remote frame requests the state."""
         node = self._node(number)
         node.guarded = True

@@ -117,7 +117,7 @@ def _meaning(field: Field, pdu: bytes) -> str:
             return _QUANTITY_OF.get(pdu[0], "")
         case "byte_count":
             present = len(pdu) - field.offset - field.length
-            return "so many bytes follow" if present == value else f"{value} bytes announced, {present} follow"
+            return "bytes that follow" if present == value else f"{value} bytes announced, {present} follow"
         case "mei_type":
             return f"{value:02X} {_MEI_TYPES.get(value, 'reserved')}"
         case "read_code":

@@ -72,7 +72,7 @@ def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
     >>> print(*explain_rtu(bytes.fromhex("010404000001103BC3"), "response").lines(), sep="\\n")
     0  01     unit           1            unit 1
     1  04     function code  4            04 Read Input Registers
-    2  04     byte count     4            so many bytes follow
+    2  04     byte count     4            bytes that follow
     3  00 00  register 0     0
     5  01 10  register 1     0110h (272)
     7  3B C3  CRC                         CRC wrong, should be FB D8
@@ -86,7 +86,7 @@ def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
         frame, behind = data[:end], "perhaps the next frame"
         # The CRC does not detect a byte 00 after a good frame; only the length of the message does.
         reason: Reason = "checksum" if fault else "long"
-        text = f"a whole frame ends before this, {counted(len(data) - end)} left over"
+        text = f"a complete frame ends before this, {counted(len(data) - end)} left over"
         fault = DecodeError(reason, data, end, text)
     elif fault is not None and fault.reason in ("checksum", "short") and _is_bare(data, 2, role):
         return _without_crc(data, role)
