@@ -109,13 +109,13 @@ def test_which_way_our_server_takes_where_several_are_accepted() -> None:
     assert answers["10 cut short"] == ["90 03"]
     assert answers["length 0"] == [CLOSED, "03 02 00 00"]
     assert answers["another protocol identifier is discarded"] == [CLOSED, "03 02 00 00"]
-    assert answers["unit 0, if it is unknown"] == said["unit 255, if it is unknown"] == ["83 0B"]
+    assert answers["unit 0, if it is unknown"] == answers["unit 255, if it is unknown"] == ["83 0B"]
     assert answers["08/0B bus message count, if it has diagnostics"] == ["88 01"]
     assert answers["2B/0D, which is rarely implemented"] == ["AB 01"]
-    said = {case.name: [answer_text(one) for one in over_ascii(case)] for case in CASES_ASCII}
+    answers = {case.name: [answer_text(one) for one in over_ascii(case)] for case in CASES_ASCII}
     assert answers["lower-case digits: answered or not, and the next one is"] == ["03 02 00 00"] * 2
     assert answers["08/03 another delimiter, if it can be changed, until 08/01"][0] == "08 00 03 3B 00"
-    said = {case.name: [answer_text(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
+    answers = {case.name: [answer_text(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
     assert answers["08/04 listen only: silence from then on, until 08/01"] == [SILENCE, SILENCE, SILENCE, "03 02 00 00"]
     assert answers["08/0B bus message count, if it has diagnostics"] == ["08 00 0B 00 01"]
     assert answers["03 cut short"] == ["83 03"]
