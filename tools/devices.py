@@ -1,10 +1,10 @@
-"""Keeps docs/devices.md: `python tools/devices.py` after every change of the catalogue.
+"""Writes docs/devices.md: run `python tools/devices.py` after every change of the catalogue.
 
-    counts        each table of the manuals: how many rows the page has, how many stand in the catalogue
-    corrections   every `printed`: what the page says, and what stands here instead
+    counts        each table of the manuals: how many rows the page has, and how many the catalogue has
+    corrections   every `printed`: the text of the page, and the value in the catalogue
 
-The numbers of the manuals are written down here, once, as they were counted on the pages; the others are counted. The
-tests call the same functions and fail when the two differ, or when the page is not as this tool would leave it.
+The numbers of the manuals are constants here, as counted on the pages; the others are counted by this tool. The tests
+call the same functions, and fail if the two differ or if the page is out of date.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Row = dict[str, Any]
 
 
 class Count(NamedTuple):
-    """One table of a manual: how many rows it has, and how they are counted here."""
+    """One table of a manual: the number of its rows, and how to count those of the catalogue."""
 
     device: str
     table: str
@@ -33,7 +33,7 @@ class Count(NamedTuple):
 
 
 def rows(device: str, *files: str) -> list[Row]:
-    """The [[parameter]] rows of some files of a device, of all if none is named."""
+    """The [[parameter]] rows of some files of a device, of all files without names."""
     found: list[Row] = []
     for file in sorted((CATALOG / device).glob("*.toml")):
         if not files or file.stem in files:
@@ -47,7 +47,7 @@ def head(device: str) -> Row:
 
 
 def guide_objects() -> list[Row]:
-    """The rows of chapter 5 of the CANopen guide: those with an object, and those whose printed index is another's."""
+    """The rows of chapter 5 of the CANopen guide: those with an object, and those with the printed index of another."""
     return [
         row for row in rows("az3", "holding", "input", "coils") if "object" in row or "object" in row.get("printed", {})
     ]
@@ -60,7 +60,7 @@ def addresses(device: str) -> int:
 
 
 def commands(number: str) -> int:
-    """The rows of table 3 of the ADXL; Save and reboot stands in the table of the parameter setting."""
+    """The rows of table 3 of the ADXL; Save and reboot is in the table of the parameter setting."""
     return sum((row["name"] == "Save and reboot") == (number == "setting") for row in rows("adxl", "commands"))
 
 
@@ -130,14 +130,14 @@ def _placed() -> Iterator[str]:
     pdo, others = rows("az3", "pdo"), rows("az3", "canopen_only")
     yield f"Of the {len(found)} rows of the CANopen guide {len(placed)} have their object here, each as one parameter"
     yield "with the register or coil of the same value. One has none, because its printed index is that of another"
-    yield f"object: {lost}. Besides them stand {len(pdo)} rows of the PDO records (4.5) and {len(others)} objects that"
+    yield f"object: {lost}. There are also {len(pdo)} rows of the PDO records (4.5) and {len(others)} objects that"
     yield f"the guide uses but does not list: {', '.join(row['name'] for row in others)}."
 
 
 _CORRECTIONS = (
-    "What a manual prints wrongly, or one guide otherwise than the other, is kept in `printed`; `barewire devices NAME",
-    "--json` shows it with every parameter, and the note beside it says how the right value is known. `canopen_` or",
-    "`modbus_` before a field tells which of two guides prints it.",
+    "Errors of a manual, and differences between two guides, are kept in `printed`. `barewire devices NAME --json`",
+    "shows them with every parameter, and the note beside them explains how the right value is known. `canopen_` or",
+    "`modbus_` before a field names the guide.",
 )
 
 
@@ -163,7 +163,7 @@ def _own_tables(device: str) -> Iterator[Row]:
 
 
 def _here(row: Row, field: str) -> str:
-    """What the row holds in place of what is printed."""
+    """The value of the row in place of the printed one."""
     key = field.removeprefix("canopen_").removeprefix("modbus_")
     if key == "range":
         return f"{row.get('min', '')}..{row.get('max', '')}" if "min" in row or "max" in row else ""
@@ -188,7 +188,7 @@ def _name(device: str) -> str:
 
 
 def main() -> None:
-    """Bring the page up to date; say so if it was not."""
+    """Write the page if it is out of date, and print its name."""
     after = page()
     if not PAGE.exists() or PAGE.read_text(encoding="utf-8") != after:
         PAGE.write_text(after, encoding="utf-8")

@@ -22,14 +22,14 @@ Effect = Literal["reads", "writes", "commands"]
 starts, stops and resets it, sends process data, and sends in the name of another node."""
 
 SILENCE = ""
-PATIENCE = 0.5
+ANSWER_TIMEOUT = 0.5
 """Seconds without an answer after which none is expected any more."""
 BOOT = 3.0
 """Seconds that a reset may take."""
 
 
 class NodeStep(NamedTuple):
-    """One step. It ends when a way is complete, at the latest after `wait` seconds (None: the patience of the runner);
+    """One step. It ends when a way is complete, at the latest after `wait` seconds (None: the time-out of the runner);
     with `full_wait` it listens all that time. `ends` are further accepted ways, which end the case."""
 
     sends: tuple[str, ...]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.model import BOOT, PATIENCE, NodeCase, NodeOutcome, NodeStep, Subject
+from barewire.canopen.conformance.model import ANSWER_TIMEOUT, BOOT, NodeCase, NodeOutcome, NodeStep, Subject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire.conversation import Conversation, Listen, Send
@@ -44,8 +44,8 @@ def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, b
     return False
 
 
-def run_case(case: NodeCase, *, patience: float = PATIENCE) -> Conversation[CanFrame, NodeOutcome]:
-    """Send the steps of a case and compare the answers with the accepted ways. `patience` is in seconds."""
+def run_case(case: NodeCase, *, timeout: float = ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
+    """Send the steps of a case and compare the answers with the accepted ways. `timeout` is in seconds."""
     received: list[tuple[str, ...]] = []
     for number, step in enumerate(case.steps):
         heard = None
@@ -55,7 +55,7 @@ def run_case(case: NodeCase, *, patience: float = PATIENCE) -> Conversation[CanF
         came: list[str] = []
         if heard.item is not None and str(heard.item).startswith(case.listens):
             came.append(str(heard.item))
-        until = heard.now + (patience if step.wait is None else step.wait)
+        until = heard.now + (timeout if step.wait is None else step.wait)
         while heard.now < until:
             if came and not step.full_wait and _fits(step, came):
                 if number + 1 < len(case.steps):

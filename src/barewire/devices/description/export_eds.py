@@ -1,15 +1,15 @@
-"""A device description as an EDS, for the tools that speak nothing else.
+"""Exports a device description as an EDS, for tools that read no other format.
 
         Parameter  name, type, range, default, access  --.
-        several of one index, with sub-indices         ---+--> EdsObject --> compose --> Eds --> bytes
+        several of one index, with sub-indices         ---+--> EdsObject --> compose --> document --> bytes
         bits of one object                             --'
-        CanopenSettings.pdos: the objects in PDOs      ----> PDOMapping=1
+        CanopenSettings.pdos  objects in PDOs          ----> PDOMapping=1
 
-An EDS has raw numbers, so ranges and defaults are told without scale and unit. COB-IDs of PDO records become formulas
-of the node-ID again. What a description does not tell is not made up: names of whole records are what the names of
-their entries have in common, and vendor and product are 0. Objects that every node has (1000h, 1001h, 1018h) are added.
+An EDS has raw numbers, so ranges and defaults lose scale and unit. COB-IDs of PDO records become formulas of the
+node-ID again. Fields without a source in the description stay neutral: the name of a record is the common part
+of the names of its entries, vendor and product are 0. The objects of every node (1000h, 1001h, 1018h) are added.
 
-I know: descriptions and what an EDS wants of them.  I never know: files, buses.
+Depends on: Device, canopen.eds.  Used by: the command `barewire eds`.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter
 from barewire.errors import EncodeError
 
-SERVO_402 = 0x0002_0192
-"""Device type: profile 402, servo drive. 0, no profile, for what has no status word."""
+_SERVO_DRIVE = 0x0002_0192
+"""Device type: profile 402, servo drive. A device without a status word has 0, no profile."""
 
-STATUS_WORD = 0x6041
-COMMUNICATION_RECORDS = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
-MAPPING_RECORDS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
+_STATUS_WORD = 0x6041
+_COMMUNICATION_RECORDS = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
+_MAPPING_RECORDS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
 _RATE = re.compile(r"([0-9]+) ([kM])bit/s")
-RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+_RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
 
 def export(device: Device, file_name: str = "") -> Eds:
-    """The EDS of a device. EncodeError if its description tells of no CANopen.
+    """The EDS of a device. EncodeError if its description has no CANopen.
 
     >>> from barewire.devices import load
     >>> document = export(load("az3"))
@@ -66,7 +66,7 @@ def export(device: Device, file_name: str = "") -> Eds:
         },
         {
             "ProductName": device.title,
-            **{f"BaudRate_{rate // 1000}": str(int(rate in rates)) for rate in RATES},
+            **{f"BaudRate_{rate // 1000}": str(int(rate in rates)) for rate in _RATES},
             "SimpleBootUpSlave": "1",
             "Granularity": "8",
             "NrOfRXPDO": str(receive),
@@ -77,16 +77,16 @@ def export(device: Device, file_name: str = "") -> Eds:
 
 
 def _selectable_rates(device: Device) -> Iterator[int]:
-    """The bit rates that the values of a parameter on CANopen name, as in "7: 500 kbit/s"."""
-    for parameter in _told(device):
+    """The bit rates in the names of values of parameters on CANopen, as in "7: 500 kbit/s"."""
+    for parameter in _with_object(device):
         for text in parameter.values.values():
             if match := _RATE.fullmatch(text):
                 yield int(match[1]) * (1_000_000 if match[2] == "M" else 1000)
 
 
 def _basic(device: Device) -> Iterator[EdsObject]:
-    """What every node has; the description may tell the same objects, and then counts."""
-    profile = SERVO_402 if any(_place(one)[0] == STATUS_WORD for one in _told(device)) else 0
+    """The objects of every node; those in the description replace them."""
+    profile = _SERVO_DRIVE if any(_place(one)[0] == _STATUS_WORD for one in _with_object(device)) else 0
     yield _variable(0x1000, EdsItem(0, "Device type", "u32", "ro", profile))
     yield _variable(0x1001, EdsItem(0, "Error register", "u8", "ro", 0))
     vendor = EdsItem(1, "Vendor-ID", "u32", "ro", 0)
@@ -94,9 +94,9 @@ def _basic(device: Device) -> Iterator[EdsObject]:
 
 
 def _objects(device: Device) -> Iterator[EdsObject]:
-    """One object for each index that the parameters name."""
+    """One object for each index of the parameters."""
     by_index: dict[int, dict[int, Parameter]] = {}
-    for parameter in _told(device):
+    for parameter in _with_object(device):
         index, sub = _place(parameter)
         by_index.setdefault(index, {}).setdefault(sub, parameter)
     mapped = {(index, sub) for pdo in device.canopen.pdos for index, sub, _ in pdo.map} if device.canopen else set()
@@ -107,12 +107,12 @@ def _objects(device: Device) -> Iterator[EdsObject]:
             continue
         if 0 not in subs:
             first = EdsItem(0, "Number of mapped objects", "u8", "rw", len(items))
-            items.insert(0, first if index in MAPPING_RECORDS else _highest(max(subs)))
+            items.insert(0, first if index in _MAPPING_RECORDS else _highest(max(subs)))
         yield EdsObject(index, _record_name(index, subs.values()), RECORD, tuple(items))
 
 
-def _told(device: Device) -> Iterator[Parameter]:
-    """The parameters that own an object: whole ones first, so that bits stand only for what nobody tells as a whole."""
+def _with_object(device: Device) -> Iterator[Parameter]:
+    """The parameters with an object; whole objects first, so that their bits are not exported beside them."""
     of_objects = [parameter for parameter in device.parameters if parameter.object is not None]
     return iter(sorted(of_objects, key=lambda parameter: _bit(parameter) is not None))
 
@@ -137,8 +137,8 @@ def _highest(sub: int) -> EdsItem:
 def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
     words = zip(*(parameter.name.split() for parameter in parameters))
     common = " ".join(row[0] for row in takewhile(lambda row: len({*row}) == 1, words))
-    if index in COMMUNICATION_RECORDS or index in MAPPING_RECORDS:
-        kind = "communication" if index in COMMUNICATION_RECORDS else "mapping"
+    if index in _COMMUNICATION_RECORDS or index in _MAPPING_RECORDS:
+        kind = "communication" if index in _COMMUNICATION_RECORDS else "mapping"
         return f"{common.partition(' ')[0]} {kind} parameter".strip()
     return common or f"Object {index:04X}h"
 
@@ -148,7 +148,7 @@ def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
     if _bit(parameter) is not None:
         return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mapped)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
-    if index in COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
+    if index in _COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
         default = Formula(default - device.canopen.node)
     type = "string" if parameter.type == "text" else parameter.type
     low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
@@ -156,7 +156,7 @@ def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
 
 
 def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:
-    """A limit as a raw number; of a text it is a length, which an EDS has no key for."""
+    """A limit as a raw number; that of a text is a length, for which an EDS has no key."""
     if limit is None or parameter.type == "text":
         return None
     raw = parameter.to_raw(limit)

@@ -127,7 +127,7 @@ def scalar(value: Any) -> None:
         finite_number(value)
 
 
-def seconds(value: Any) -> None:
+def short_time(value: Any) -> None:
     """A time of up to a minute."""
     finite_number(value)
     if not 0 <= value <= 60:
@@ -289,7 +289,7 @@ DRIVE: dict[str, KeyRule] = {
     **dict.fromkeys((*READ_ROLES, *WRITTEN_ROLES), text),
     "modes": table_of(dict.fromkeys(("position", "velocity", "homing"), whole(-128, 127))),
     "stays_in_quick_stop": boolean,
-    "settle": seconds,
+    "settle": short_time,
 }
 DRIVE_REQUIRED = ("status_word", "control_word")
 

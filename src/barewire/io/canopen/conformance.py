@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from barewire.canopen.conformance.battery import cases
-from barewire.canopen.conformance.model import BOOT, PATIENCE, NodeCase, NodeOutcome
+from barewire.canopen.conformance.model import ANSWER_TIMEOUT, BOOT, NodeCase, NodeOutcome
 from barewire.canopen.conformance.probe import is_there, probe
 from barewire.canopen.conformance.runner import prepare, run_case, wants_reset
 from barewire.canopen.frame import CanFrame
@@ -52,7 +52,7 @@ def conform_can(
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
     from barewire.io.ports.python_can import CanPort
 
-    node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", PATIENCE)
+    node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", ANSWER_TIMEOUT)
     port: Port[CanFrame] = CanPort(endpoint)
     try:
         boot = BOOT
@@ -76,7 +76,7 @@ def conform_can(
                     # A device that says no boot-up message (NMT-11 tells so) is not waited for any more.
                     boot = patience
                     _hear_it(node, patience, port, not_run, before)
-                outcome = run(run_case(case, patience=patience), port)
+                outcome = run(run_case(case, timeout=patience), port)
             except PortError as error:
                 raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
             yield Result(case, outcome)
