@@ -86,13 +86,13 @@ def goals() -> list[Goal]:
         word = "memory" if memory else "time"
         for room in ("rtu", "ascii", "tcp", "codecs"):
             who, what = f"barewire.{room}", "in a new interpreter"
-            text = f"import {who}, {word}: a tenth of pymodbus.client"
-            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 0.1, who, memory))
+            text = f"import {who}, {word}: a quarter of pymodbus.client"
+            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 4, who, memory))
             found.append(Goal("... below minimalmodbus", "Import", what, "each", "minimalmodbus", 1.0, who, memory))
         for more in ("", ", a URL and its first message"):
             who = f"barewire blocking TCP client{more}"
-            text = f"{who}, {word}: a third of pymodbus.client"
-            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 3, who, memory))
+            text = f"{who}, {word}: half of pymodbus.client"
+            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 2, who, memory))
     start = ("Start", "in a new interpreter", "once", "python, import click")
     found.append(Goal('load("az3"): 40 where python and click take 60', *start, 40 / 60, 'load("az3")'))
     found.append(Goal("barewire read, first line: 250 where they take 60", *start, 250 / 60, "barewire read"))

@@ -152,7 +152,7 @@ def all_that_can_be_seen(ask: Ask, bus: Bus, port: Wrong, asked: tuple[Request[A
         port.now,
         port.said,
         repr(bus.counters),
-        repr(bus.state.units),
+        {unit: vars(state).copy() for unit, state in bus.state.units.items()},
         repr(bus.state.pending),
     )
     return result, *told

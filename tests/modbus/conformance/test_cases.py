@@ -1,4 +1,4 @@
-"""The battery that is held against strangers, held against ourselves: Server and Table, in virtual time."""
+"""The conformance cases, run against Server and Table in virtual time; and the comparison of answers itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TIMING = Timing.of(9600)
 
 
 def over_tcp(case: ServerCase, unit: int = UNIT) -> list[StepAnswer]:
-    """Every step in one segment; after a hang-up the next one has a new connection."""
+    """The answers over TCP: every step in one segment; a step after a closed connection has a new one."""
     units = {UNIT: Table(100)}
     server, heard, number = Server(TcpLine(), units, serial=False), list[StepAnswer](), 0
     for step in case.steps:
@@ -36,7 +36,7 @@ def over_tcp(case: ServerCase, unit: int = UNIT) -> list[StepAnswer]:
 
 
 def over_rtu(case: ServerCase, *, strict: bool, chunk: int = 256) -> list[StepAnswer]:
-    """Every step at the speed of the line, in chunks of so many bytes, and then silence."""
+    """The answers over RTU: every step at the speed of the line, in chunks of `chunk` bytes, and then silence."""
     units = {UNIT: Table(100)}
     line = RtuLine(TIMING, role="server", units=units, patience=None if strict else 0.03)
     server, heard, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
@@ -60,11 +60,11 @@ def over_rtu(case: ServerCase, *, strict: bool, chunk: int = 256) -> list[StepAn
 
 
 def over_ascii(case: ServerCase, chunk: int = 600) -> list[StepAnswer]:
-    """Every step in chunks of so many characters, and then nothing for a while."""
+    """The answers over ASCII: every step in chunks of `chunk` characters, and then 0.2 s of silence."""
     units = {UNIT: Table(100)}
     line = AsciiLine()
     server, heard, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
-    ears = AsciiLine()
+    client_line = AsciiLine()
     for step in case.steps:
         now += step.after
         replies = []
@@ -74,7 +74,9 @@ def over_ascii(case: ServerCase, chunk: int = 600) -> list[StepAnswer]:
             replies += server.feed(data[at : at + chunk], now)
         now += 0.2
         replies += server.feed(None, now)
-        heard.append([event for reply in replies for event in ears.feed(reply.data, now) if isinstance(event, Adu)])
+        heard.append(
+            [event for reply in replies for event in client_line.feed(reply.data, now) if isinstance(event, Adu)]
+        )
         assert len(heard[-1] or ()) == len(replies)
     return heard
 
@@ -91,7 +93,7 @@ def test_an_rtu_server(case: ServerCase, chunk: int) -> None:
 
 
 @pytest.mark.parametrize("case", CASES_RTU, ids=lambda case: case.name)
-def test_an_rtu_server_by_the_letter(case: ServerCase) -> None:
+def test_an_rtu_server_with_strict_t35(case: ServerCase) -> None:
     assert difference(case, over_rtu(case, strict=True), UNIT) is None
 
 
@@ -101,60 +103,59 @@ def test_an_ascii_server(case: ServerCase, chunk: int) -> None:
     assert difference(case, over_ascii(case, chunk), UNIT) is None
 
 
-def test_what_ours_does_where_there_is_a_choice() -> None:
-    """The ways that the battery leaves open, decided."""
-    said = {case.name: [answer_text(one) for one in over_tcp(case)] for case in CASES_TCP}
-    assert said["80h is no function"] == [SILENCE]
-    assert said["10 cut short"] == ["90 03"]
-    assert said["length 0"] == [CLOSED, "03 02 00 00"]
-    assert said["another protocol identifier is discarded"] == [CLOSED, "03 02 00 00"]
-    assert said["unit 0, if it is nobody"] == said["unit 255, if it is nobody"] == ["83 0B"]
-    assert said["08/0B bus message count, if it has diagnostics"] == ["88 01"]
-    assert said["2B/0D, which hardly anybody has"] == ["AB 01"]
-    said = {case.name: [answer_text(one) for one in over_ascii(case)] for case in CASES_ASCII}
-    assert said["lower-case digits: answered or not, and the next one is"] == ["03 02 00 00"] * 2
-    assert said["08/03 another delimiter, if it can be changed, until 08/01"][0] == "08 00 03 3B 00"
-    said = {case.name: [answer_text(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
-    assert said["08/04 listen only: silence from then on, until 08/01"] == [SILENCE, SILENCE, SILENCE, "03 02 00 00"]
-    assert said["08/0B bus message count, if it has diagnostics"] == ["08 00 0B 00 01"]
-    assert said["03 cut short"] == ["83 03"]
+def test_which_way_our_server_takes_where_several_are_accepted() -> None:
+    answers = {case.name: [answer_text(one) for one in over_tcp(case)] for case in CASES_TCP}
+    assert answers["80h is no function"] == [SILENCE]
+    assert answers["10 cut short"] == ["90 03"]
+    assert answers["length 0"] == [CLOSED, "03 02 00 00"]
+    assert answers["another protocol identifier is discarded"] == [CLOSED, "03 02 00 00"]
+    assert answers["unit 0, if it is unknown"] == answers["unit 255, if it is unknown"] == ["83 0B"]
+    assert answers["08/0B bus message count, if it has diagnostics"] == ["88 01"]
+    assert answers["2B/0D, which is rarely implemented"] == ["AB 01"]
+    answers = {case.name: [answer_text(one) for one in over_ascii(case)] for case in CASES_ASCII}
+    assert answers["lower-case digits: answered or not, and the next one is"] == ["03 02 00 00"] * 2
+    assert answers["08/03 another delimiter, if it can be changed, until 08/01"][0] == "08 00 03 3B 00"
+    answers = {case.name: [answer_text(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
+    assert answers["08/04 listen only: silence from then on, until 08/01"] == [SILENCE, SILENCE, SILENCE, "03 02 00 00"]
+    assert answers["08/0B bus message count, if it has diagnostics"] == ["08 00 0B 00 01"]
+    assert answers["03 cut short"] == ["83 03"]
 
 
-# The checker checked ---------------------------------------------------------------------------------------------
+# The comparison of answers ---------------------------------------------------------------------------------------
 
 BY_NAME = {case.name: case for case in (*CASES_RTU, *CASES_ASCII, *CASES_TCP)}
 
 
 @pytest.mark.parametrize(
-    ("name", "answers", "said"),
+    ("name", "answers", "text"),
     [
         ("03 with quantity 0", ["80 01"], "03 with quantity 0: 80 01, expected 83 03"),
         ("03 with quantity 0", [None], "03 with quantity 0: closed, expected 83 03"),
         ("03 cut short", [""], "03 cut short: silence, expected 83 03 or closed"),
         ("five requests in one segment", ["03 02 00 00"], "five requests in one segment: 03 02 00 00, expected"),
         ("17 writes before it reads", ["06 00 00 12 34", "17 02 12 34"], "17 writes before it reads: 06 00 00 12 34, "),
-        ("a request to nobody is not answered", ["83 04", "03 02 00 00"], "a request to nobody is not answered: 83 04"),
+        ("a wrong CRC is not answered", ["83 04", "03 02 00 00"], "a wrong CRC is not answered: 83 04"),
         ("80h is no function", ["00 01"], "80h is no function: 00 01, expected silence or closed or 80 01"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_in_one_sentence(name: str, answers: list[str | None], said: str) -> None:
+def test_a_difference_is_one_sentence(name: str, answers: list[str | None], text: str) -> None:
     heard: list[StepAnswer] = [None if one is None else [Adu(UNIT, unhex(one))] * bool(one) for one in answers]
-    assert (difference(BY_NAME[name], heard, UNIT) or "").startswith(said)
+    assert (difference(BY_NAME[name], heard, UNIT) or "").startswith(text)
 
 
-def test_a_server_that_is_silent_must_stay_so() -> None:
+def test_a_server_in_listen_only_mode_must_stay_silent() -> None:
     case = BY_NAME["08/04 listen only: silence from then on, until 08/01"]
     value, silence = [Adu(UNIT, unhex("03 02 0000"))], list[Adu]()
     assert difference(case, [silence, silence, silence, value], UNIT) is None
     assert difference(case, [silence, value, silence, value], UNIT) is not None
 
 
-def test_an_answer_in_another_units_name_is_found() -> None:
+def test_an_answer_from_another_unit_is_a_difference() -> None:
     heard: list[StepAnswer] = [[Adu(9, unhex("83 03"))]]
     assert difference(CASES_TCP[0], heard, UNIT) == "03 with quantity 0: an answer from unit 9"
 
 
-def test_cases_have_names_of_their_own_and_a_clause() -> None:
+def test_every_case_has_a_unique_name_and_a_clause() -> None:
     for cases in (CASES_TCP, CASES_RTU, CASES_ASCII):
         assert len({case.name for case in cases}) == len(cases)
     for case in BY_NAME.values():

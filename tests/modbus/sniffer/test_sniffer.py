@@ -11,7 +11,7 @@ from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.modbus import Noise, ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer.numbered import KEPT, NumberedSniffer
+from barewire.modbus.sniffer.numbered import OPEN_LIMIT, NumberedSniffer
 from barewire.modbus.sniffer.sniffer import (
     AmbiguousFrame,
     NoiseSeen,
@@ -358,12 +358,12 @@ def test_numbered_answers_in_any_order() -> None:
 def test_numbered_silence_noise_and_bounds() -> None:
     listener = NumberedSniffer(*lines())
     told: list[SnifferEvent] = []
-    for number in range(KEPT + 3):
+    for number in range(OPEN_LIMIT + 3):
         told += listener.feed(True, tcp_frame(1, unhex(READ), number), 1.0)
     assert names(told).count("ResponseMissing") == 3
     assert names(listener.feed(True, tcp_frame(1, unhex(READ), 5), 1.0)) == ["ResponseMissing", "RequestSeen"]
     told = listener.feed(False, unhex("0001 0007 0000"), 2.5)
-    assert names(told) == ["ResponseMissing"] * KEPT + ["NoiseSeen"]
+    assert names(told) == ["ResponseMissing"] * OPEN_LIMIT + ["NoiseSeen"]
     assert listener.end(3.0) == []
     assert isinstance(told[-1], NoiseSeen)
     assert isinstance(told[-1].noise, Noise)

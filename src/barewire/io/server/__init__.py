@@ -1,1 +1,10 @@
-"""."""
+"""Servers: units on Modbus, nodes on a CAN bus, and what limits their connections.
+
+    base                 the thread of a server, and how it ends
+    connection_limits    how many clients, and how long one may be silent
+    modbus               ModbusServer; by kind of port: tcp (without asyncio), serial, asyncio_thread
+    asyncio_modbus       AsyncModbusServer; by kind of port: asyncio_stream, asyncio_ports
+    can                  a node on a CAN bus
+
+Depends on: `ports`, `engine`, `modbus.carriers`, `fault_injection`.  Used by: `barewire`, the commands.
+"""

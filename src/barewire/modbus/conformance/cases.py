@@ -1,12 +1,14 @@
-"""What every server must do, as data: three batteries, for TCP, RTU and ASCII, to be held against ours and anybody's.
+"""The conformance cases of Modbus servers, as data: three batteries, for TCP, RTU and ASCII, for any server.
 
-    ANYWHERE      what is answered, whatever is around it: the figures of the application protocol
-    CASES_TCP     anywhere, and what a stream with headers may look like (TLS and UDP too)
-    CASES_RTU     a line with others on it, noise and broken frames, and anywhere
-    CASES_ASCII   the same, and what colons, digits and line ends may look like
+    ANYWHERE      for every framing: the figures of the application protocol
+    CASES_TCP     ANYWHERE, and headers of a stream (TLS and UDP too)
+    CASES_RTU     a line with other units, noise and damaged frames, and ANYWHERE
+    CASES_ASCII   the same, and colons, digits and line ends
 
-The unit under test has registers and coils 0 to 9 that can be read and written. No more than that is expected of it: a
-function that it does not have is exception 01.
+The unit under test needs registers and coils 0 to 9 that can be read and written, and nothing else: a function that it
+does not support is exception 01.
+
+Depends on: model. Used by: io.modbus.conformance, `barewire conform`, docs/conform.md.
 """
 
 from __future__ import annotations
@@ -24,13 +26,13 @@ def _raw(text: str) -> Stimulus:
 
 
 def _one(name: str, clause: str, request: str, *answers: str) -> ServerCase:
-    """One request, and what may be answered."""
+    """One request, and each response that is accepted."""
     return ServerCase(name, clause, (Step((_pdu(request),)),), tuple((answer,) for answer in answers))
 
 
 READ, VALUE = "03 0000 0001", "03 02 .. .."
 _READ = Step((_pdu(READ),))
-_TIDY = "06 0000 1234"
+_SET = "06 0000 1234"
 _ECHO = "06 00 00 12 34"
 _DISCARDED = ((SILENCE, VALUE), (CLOSED, VALUE))
 
@@ -56,26 +58,26 @@ ANYWHERE: tuple[ServerCase, ...] = (
     ServerCase(
         "16 keeps the bits that the AND mask keeps",
         "MB-APP 6.16",
-        (Step((_pdu(_TIDY),)), Step((_pdu("16 0000 00F2 0025"),)), _READ),
+        (Step((_pdu(_SET),)), Step((_pdu("16 0000 00F2 0025"),)), _READ),
         ((_ECHO, "16 00 00 00 F2 00 25", "03 02 00 35"), (_ECHO, "96 01", "03 02 12 34")),
     ),
     ServerCase(
         "17 writes before it reads",
         "MB-APP 6.17",
-        (Step((_pdu(_TIDY),)), Step((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
+        (Step((_pdu(_SET),)), Step((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
         ((_ECHO, "17 02 AB CD"), (_ECHO, "97 01")),
     ),
     _one("17 with 126 to read", "MB-APP 6.17", "17 0000 007E 0000 0001 02 0001", "97 03", "97 01"),
     _one("2B/0E with read code 05", "MB-APP 6.21", "2B 0E 05 00", "AB 03", "AB 01"),
     _one("2B/0E with read code 00", "MB-APP 6.21", "2B 0E 00 00", "AB 03", "AB 01"),
-    _one("2B/0D, which hardly anybody has", "MB-APP 6.19", "2B 0D 00 1F 1005 00 0000 0008", "AB 01", "AB FF ..."),
-    _one("40h, which nobody has", "MB-APP figure 9", "40 00", "C0 01"),
+    _one("2B/0D, which is rarely implemented", "MB-APP 6.19", "2B 0D 00 1F 1005 00 0000 0008", "AB 01", "AB FF ..."),
+    _one("40h, an undefined function", "MB-APP figure 9", "40 00", "C0 01"),
 )
-"""For a server on whatever wire."""
+"""For every server."""
 
 
 def _cut_short(otherwise: str) -> tuple[ServerCase, ...]:
-    """Requests that end too early, in a good envelope: 03, or what a server does that takes them for no request."""
+    """Requests that end too early, in a valid frame: 03, or `otherwise` if the server takes them for no request."""
     return (
         _one("10 cut short", "MB-APP figure 22", "10 0000 0002 04 0001", "90 03", otherwise),
         _one("03 cut short", "MB-APP figure 13", "03 0000", "83 03", otherwise),
@@ -104,7 +106,7 @@ CASES_TCP: tuple[ServerCase, ...] = (
     ),
     *(
         ServerCase(
-            f"unit {unit}, if it is nobody",
+            f"unit {unit}, if it is unknown",
             "MB-TCP 4.4.2",
             (Step((_pdu(READ, unit),)),),
             ((VALUE,), ("83 0A",), ("83 0B",), (SILENCE,)),
@@ -114,7 +116,7 @@ CASES_TCP: tuple[ServerCase, ...] = (
 )
 """For a server on TCP, TLS or UDP."""
 
-_OTHER, _NOBODY = 2, 77
+_OTHER, _UNKNOWN = 2, 77
 
 
 def _first_four(frame: bytes) -> bytes:
@@ -129,23 +131,23 @@ _LINE: tuple[ServerCase, ...] = (
     ServerCase(
         "a broadcast is carried out and not answered",
         "MB-SERIAL 2.1",
-        (Step((_pdu(_TIDY),)), Step((_pdu("06 0000 0055", BROADCAST),)), Step(_READ.stimuli, 0.3)),
+        (Step((_pdu(_SET),)), Step((_pdu("06 0000 0055", BROADCAST),)), Step(_READ.stimuli, 0.3)),
         ((_ECHO, SILENCE, "03 02 00 55"),),
     ),
     ServerCase(
-        "a request to nobody is not answered",
+        "a request to an unknown unit is not answered",
         "MB-SERIAL 2.2",
-        (Step((_pdu(READ, _NOBODY),)), _READ),
+        (Step((_pdu(READ, _UNKNOWN),)), _READ),
         ((SILENCE, VALUE),),
     ),
     ServerCase(
-        "somebody else's request and its answer, then ours",
+        "another unit's request and its answer, then a read",
         "MB-SERIAL 2.4.1",
         (Step((_pdu(READ, _OTHER),)), Step((_pdu("03 02 1234", _OTHER),), 0.02), Step(_READ.stimuli, 0.02)),
         ((SILENCE, SILENCE, VALUE),),
     ),
     ServerCase(
-        "somebody else's function 10 and its answer, then ours",
+        "another unit's function 10 and its answer, then a read",
         "MB-SERIAL 2.4.1",
         (
             Step((_pdu("10 0000 0002 04 0001 0002", _OTHER),)),
@@ -167,14 +169,14 @@ _LINE: tuple[ServerCase, ...] = (
         ((SILENCE, VALUE),),
     ),
     ServerCase(
-        "noise right before a frame spoils no more than that one",
+        "noise right before a frame damages at most that frame",
         "MB-SERIAL 2.5.1.1",
         (Step((_raw("FF 00 55"), _pdu(READ))), Step(_READ.stimuli, 0.3)),
         ((VALUE, VALUE), (SILENCE, VALUE)),
     ),
-    _one("41h, which nobody has", "MB-APP figure 9", "41 00", "C1 01"),
+    _one("41h, an undefined function", "MB-APP figure 9", "41 00", "C1 01"),
 )
-"""For a server on a line with others."""
+"""For a server on a serial line with other units."""
 
 CASES_RTU: tuple[ServerCase, ...] = (
     *_LINE,
@@ -197,9 +199,9 @@ CASES_RTU: tuple[ServerCase, ...] = (
 
 
 def _broken(name: str, how: str, *first: str) -> ServerCase:
-    """A read whose characters are changed, then a good one. `first` is what may be answered to the first."""
-    turns = (Step((Stimulus(bytes.fromhex(READ), how=_HOW[how]),)), Step(_READ.stimuli, 0.1))
-    return ServerCase(name, "MB-SERIAL 2.5.2.1", turns, tuple((answer, VALUE) for answer in first or (SILENCE,)))
+    """A read whose characters are changed, then a valid one. `first` are the accepted answers to the changed one."""
+    steps = (Step((Stimulus(bytes.fromhex(READ), how=_HOW[how]),)), Step(_READ.stimuli, 0.1))
+    return ServerCase(name, "MB-SERIAL 2.5.2.1", steps, tuple((answer, VALUE) for answer in first or (SILENCE,)))
 
 
 _HOW = {
@@ -219,7 +221,7 @@ CASES_ASCII: tuple[ServerCase, ...] = (
     _broken("a wrong LRC is not answered", "wrong LRC"),
     _broken("lower-case digits: answered or not, and the next one is", "lower case", VALUE, SILENCE),
     _broken("no colon, no frame", "no colon"),
-    _broken("LF without CR ends nothing", "no CR"),
+    _broken("LF without CR does not end a frame", "no CR"),
     _broken("a G is no digit", "no digit"),
     _broken("a byte with one digit", "a digit less"),
     _broken("a colon inside a frame begins it anew", "twice", VALUE),

@@ -1,14 +1,15 @@
-"""What a server must do, held against what it does: the words of a battery of cases (`conform_cases`).
+"""The model of a conformance case: what is sent to a server, and which answers are accepted.
 
-    Case    a name, the clause, what is said turn by turn, and the ways in which it may go
-    Turn    after a pause, some frames at once: PDUs to the unit under test or to another one, or raw bytes
-    way     for each turn one answer as text: "83 03", with .. for a byte that may be anything, "; " between several
-            answers, SILENCE, or CLOSED
+    ServerCase    a name, the clause, the steps, and the accepted ways
+    Step          after a pause, some stimuli at once
+    Stimulus      a PDU to the unit under test or to another one, or raw bytes
+    way           for each step one answer as text: "83 03", with .. for any byte, ... for any rest, "; " between
+                  several responses, SILENCE, or CLOSED
 
-Whoever runs a case puts the PDUs into the envelope, says them, and collects what comes back before it is silent; where
-the peer hung up it opens the next connection for the next turn. `difference` compares.
+A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
+closed the connection, it opens a new one for the next step. `difference` compares the answers with the ways.
 
-I know: what is said and what may be answered.  I never know: envelopes, ports, clocks.
+Depends on: adu. Used by: cases, io.modbus.conformance.
 """
 
 from __future__ import annotations
@@ -22,8 +23,7 @@ SILENCE, CLOSED = "", "closed"
 
 
 class Stimulus(NamedTuple):
-    """One frame: a PDU to a unit (None: the one under test), changed by `how` where it is not to be a good one; or raw
-    bytes that are no frame."""
+    """A PDU to `unit` (None: the one under test), its frame changed by `how` if given; or raw bytes."""
 
     pdu: bytes = b""
     unit: int | None = None
@@ -31,7 +31,7 @@ class Stimulus(NamedTuple):
     how: Callable[[bytes], bytes] | None = None
 
     def framed(self, frame: Callable[[int, bytes], bytes], unit: int) -> bytes:
-        """The bytes on the wire: `frame` puts a PDU into the envelope, `unit` is the one under test."""
+        """The bytes on the wire: `frame(unit, pdu)` makes a frame, `unit` is the one under test."""
         if self.raw:
             return self.raw
         whole = frame(unit if self.unit is None else self.unit, self.pdu)
@@ -39,14 +39,14 @@ class Stimulus(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What is said at once, after so many seconds of silence."""
+    """The stimuli that are sent at once, after `after` seconds of silence."""
 
     stimuli: tuple[Stimulus, ...]
     after: float = 0.0
 
 
 class ServerCase(NamedTuple):
-    """One case: `ways` are the accepted ones, each with an answer for each turn."""
+    """One case: `ways` are the accepted ones, each with one answer for each step."""
 
     name: str
     clause: str
@@ -55,11 +55,11 @@ class ServerCase(NamedTuple):
 
 
 StepAnswer = Sequence[Adu] | None
-"""What came back in one turn; None if the peer hung up."""
+"""The responses in one step; None if the server closed the connection."""
 
 
-def difference(case: ServerCase, heard: Sequence[StepAnswer], unit: int) -> str | None:
-    """None if the peer did as the standard says, the difference as a sentence otherwise.
+def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> str | None:
+    """None if the answers are accepted, the difference as a sentence otherwise.
 
     >>> from barewire.modbus.conformance.cases import CASES_TCP
     >>> case = CASES_TCP[0]
@@ -67,27 +67,27 @@ def difference(case: ServerCase, heard: Sequence[StepAnswer], unit: int) -> str 
     >>> difference(case, [[Adu(1, bytes.fromhex("8001"), 1)]], unit=1)
     '03 with quantity 0: 80 01, expected 83 03'
     """
-    told = [answer_text(one) for one in heard]
-    if accepted_way(case, heard) is not None:
-        strangers = {adu.unit for answers in heard for adu in answers or ()} - _asked(case, unit)
-        return f"{case.name}: an answer from unit {min(strangers)}" if strangers else None
+    if accepted_way(case, answers) is not None:
+        others = {adu.unit for answer in answers for adu in answer or ()} - _addressed(case, unit)
+        return f"{case.name}: an answer from unit {min(others)}" if others else None
+    received = ", then ".join(answer_text(one) or "silence" for one in answers)
     expected = " or ".join(dict.fromkeys(", then ".join(one or "silence" for one in way) for way in case.ways))
-    return f"{case.name}: {', then '.join(one or 'silence' for one in told)}, expected {expected}"
+    return f"{case.name}: {received}, expected {expected}"
 
 
-def accepted_way(case: ServerCase, heard: Sequence[StepAnswer]) -> tuple[str, ...] | None:
-    """The way that it went, of those that are accepted."""
-    told = [answer_text(one) for one in heard]
-    return next((way for way in case.ways if len(way) == len(told) and all(map(_fits, way, told))), None)
+def accepted_way(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[str, ...] | None:
+    """The accepted way that fits the answers; None if there is none."""
+    texts = [answer_text(one) for one in answers]
+    return next((way for way in case.ways if len(way) == len(texts) and all(map(_fits, way, texts))), None)
 
 
-def answer_text(heard: StepAnswer) -> str:
-    """What was heard in the words of a way."""
-    return CLOSED if heard is None else "; ".join(adu.pdu.hex(" ").upper() for adu in heard)
+def answer_text(answer: StepAnswer) -> str:
+    """An answer in the notation of a way."""
+    return CLOSED if answer is None else "; ".join(adu.pdu.hex(" ").upper() for adu in answer)
 
 
-def _fits(expected: str, told: str) -> bool:
-    wanted, found = expected.split(), told.split()
+def _fits(expected: str, received: str) -> bool:
+    wanted, found = expected.split(), received.split()
     if wanted[-1:] == ["..."]:
         wanted, found = wanted[:-1], found[: len(wanted) - 1]
     return len(wanted) == len(found) and all(
@@ -95,6 +95,6 @@ def _fits(expected: str, told: str) -> bool:
     )
 
 
-def _asked(case: ServerCase, unit: int) -> set[int]:
-    says = [say for step in case.steps for say in step.stimuli]
-    return {unit if say.unit is None else say.unit for say in says if say.pdu}
+def _addressed(case: ServerCase, unit: int) -> set[int]:
+    stimuli = [one for step in case.steps for one in step.stimuli]
+    return {unit if one.unit is None else one.unit for one in stimuli if one.pdu}

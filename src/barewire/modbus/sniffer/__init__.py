@@ -1,1 +1,7 @@
-"""."""
+"""Sniffers: machines that pair the requests and responses of other stations.
+
+    sniffer     for serial lines, where neither direction nor request can be seen in a response
+    numbered    for TCP connections, whose responses carry the number of their request
+
+Depends on: modbus.framing, modbus.messages. Used by: io.modbus.sniff, explain.
+"""

@@ -1,9 +1,11 @@
-"""Listening in on a connection whose answers bear the number of their question: nothing to guess.
+"""A sniffer for TCP connections, where responses carry the transaction number of their request.
 
-client ->   1 03 00 00 00 02        Asked(transaction=1)
-client ->   2 06 00 01 00 03        Asked(transaction=2)
-       <-   2 06 00 01 00 03        Answered(transaction=2)
-       <-   1 03 04 ...             Answered(transaction=1)
+    client ->   1 03 00 00 00 02        RequestSeen(transaction=1)
+    client ->   2 06 00 01 00 03        RequestSeen(transaction=2)
+           <-   2 06 00 01 00 03        ResponseSeen(transaction=2)
+           <-   1 03 04 ...             ResponseSeen(transaction=1)
+
+Depends on: framing, sniffer. Used by: explain (captures).
 """
 
 from __future__ import annotations
@@ -21,12 +23,12 @@ from barewire.modbus.sniffer.sniffer import (
     readable,
 )
 
-KEPT = 256
-"""So many questions may be open; the oldest one is told as unanswered when there are more."""
+OPEN_LIMIT = 256
+"""The most open requests; beyond that the oldest one is reported as unanswered."""
 
 
 class NumberedSniffer:
-    """A machine around the two directions of one connection, each with a line of its own.
+    """A machine around the two directions of one connection, each with its own line. `window` as in `Sniffer`.
 
     >>> from barewire.tcp import TcpLine, encode
     >>> sniffer = NumberedSniffer(TcpLine(), TcpLine())
@@ -42,27 +44,27 @@ class NumberedSniffer:
         self._open: dict[int | None, RequestSeen] = {}
 
     def feed(self, from_client: bool, data: bytes, now: float) -> list[SnifferEvent]:
-        """Bytes of one direction, heard at `now`. Never raises."""
-        told: list[SnifferEvent] = [*self._expire(now - self._window, now)]
+        """The events of bytes of one direction, received at `now`. Never raises."""
+        events: list[SnifferEvent] = [*self._expire(now - self._window, now)]
         for event in self._lines[from_client].feed(data, now):
             if isinstance(event, Noise):
-                told.append(NoiseSeen(event, now))
+                events.append(NoiseSeen(event, now))
                 continue
             unit, pdu, number = event
             if from_client:
                 asked = RequestSeen(unit, pdu, now, readable(decode_request, pdu), number)
                 before = self._open.pop(number, None)
-                told += [asked] if before is None else [ResponseMissing(before, now), asked]
+                events += [asked] if before is None else [ResponseMissing(before, now), asked]
                 self._open[number] = asked
             else:
                 to = self._open.pop(number, None)
-                told.append(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), to, transaction=number))
-        while len(self._open) > KEPT:
-            told.append(ResponseMissing(self._open.pop(next(iter(self._open))), now))
-        return told
+                events.append(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), to, transaction=number))
+        while len(self._open) > OPEN_LIMIT:
+            events.append(ResponseMissing(self._open.pop(next(iter(self._open))), now))
+        return events
 
     def end(self, now: float) -> list[SnifferEvent]:
-        """Nothing more will come."""
+        """The end of the recording: every open request is unanswered."""
         return [*self._expire(float("inf"), now)]
 
     def _expire(self, before: float, now: float) -> list[ResponseMissing]:

@@ -1,17 +1,21 @@
-"""Listening in: what a client and its units say on a line that we take no part in, put together to exchanges.
+"""A sniffer for serial lines: it pairs the requests and responses of other stations, and takes no part itself.
 
-    heard    | 01 request | 01 response | 02 request |      1 s of silence     | 02 response | noise | 03 response |
-    told       Asked        Answered      Asked        Unanswered                Answered(to=None)     Answered(to=None)
+    on the line   01 request    01 response    02 request    1 s of silence    02 response     noise      03 response
+    event         RequestSeen   ResponseSeen   RequestSeen   ResponseMissing   ResponseSeen*   NoiseSeen  ResponseSeen*
 
-Nothing on a serial line says which way a frame goes. In this order:
+    * with `request` None: its request is over, or was not received
 
-    shape    most messages are either a request or a response: their lengths differ, and so do exceptions
-    fit      an answer fits the question before it: unit, function, byte count, echoed fields
-    time     a write is answered with its own bytes. Of three equal frames the two that are nearer to each other belong
-             together, unless the unit is known to be slower than that; a single one is an `AmbiguousFrame`
+Frames on a serial line do not show their direction. It is decided by, in this order:
 
-So a frame that is lost, on the line or to us, never shifts the pairs that follow. What is assumed: one client, and one
-question at a time. An answer that comes when the next unit has been asked already is told as `late`.
+    shape    most PDUs can only be a request or only a response: their lengths differ, and exceptions are responses
+    fit      a response fits the request before it: unit, function, byte count, echoed fields
+    time     the response to a single write is the same bytes as the request. Of three equal frames the two that are
+             nearer to each other are a pair, unless the unit is known to be slower; a single one is an `AmbiguousFrame`
+
+So a lost frame never shifts the pairs after it. The assumption is one client with one open request at a time. A
+response that arrives when the client has already sent its next request is marked `late`.
+
+Depends on: framing, messages (registry). Used by: numbered, io.modbus.sniff, explain.
 """
 
 from __future__ import annotations
@@ -27,15 +31,15 @@ from barewire.modbus.messages.base import EXCEPTION_BIT, Request, Response
 from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 
 WINDOW = 1.0
-"""Seconds after a question in which its answer may come."""
+"""Seconds after a request in which its response may come."""
 
 _SLOWER = 1.5
 _JITTER = 0.005
-"""A unit that was never slower than t may take this much longer: t * 1.5 + 5 ms."""
+"""A response may take this much longer than the slowest one, t, of its unit so far: t * 1.5 + 5 ms."""
 
 
 class RequestSeen(NamedTuple):
-    """A request, heard at `at`. `message` is None for what nobody here can read. Unit 0 is a broadcast."""
+    """A request, received at `at`. `message` is None if it cannot be decoded. Unit 0 is a broadcast."""
 
     unit: int
     pdu: bytes
@@ -45,7 +49,7 @@ class RequestSeen(NamedTuple):
 
 
 class ResponseSeen(NamedTuple):
-    """A response. `to` is its request, None if that was not heard; `late` if the client had given it up by then."""
+    """A response. `request` is None if it was not received; `late`: the client had sent its next request by then."""
 
     unit: int
     pdu: bytes
@@ -57,19 +61,19 @@ class ResponseSeen(NamedTuple):
 
     @property
     def seconds(self) -> float | None:
-        """From the end of the request to the end of the response."""
+        """The time from the end of the request to the end of the response."""
         return None if self.request is None else self.at - self.request.at
 
 
 class ResponseMissing(NamedTuple):
-    """The request that got no answer, told `at` the time when that was certain."""
+    """A request without a response; `at` is the time when that was certain."""
 
     request: RequestSeen
     at: float
 
 
 class AmbiguousFrame(NamedTuple):
-    """A frame that can be a request or its echo, heard once: the other one was lost, and nothing says which."""
+    """A frame that can be a request or the equal response to it, received once: the other one was lost."""
 
     unit: int
     pdu: bytes
@@ -88,7 +92,7 @@ SnifferEvent: TypeAlias = RequestSeen | ResponseSeen | ResponseMissing | Ambiguo
 
 
 class Sniffer:
-    """A machine around a line in the role of a listener. `window` is the longest time, in seconds, to an answer.
+    """A machine around a line in the role of a listener. `window` is the longest time to a response, in seconds.
 
     >>> from barewire.rtu import RtuLine, Timing, encode
     >>> sniffer = Sniffer(RtuLine(Timing.of(19200), role="listener"))
@@ -98,7 +102,7 @@ class Sniffer:
     >>> sniffer.feed(answer, 1.5)[0].request is None
     True
 
-    It remembers one question, one that was given up, and how slow each unit has been: never more.
+    Its memory is bounded: the open request, the one before, two undecided frames, and one time for each unit.
     """
 
     def __init__(self, line: Line, *, window: float = WINDOW) -> None:
@@ -106,70 +110,70 @@ class Sniffer:
             raise EncodeError(f"window {window}: expected seconds, above 0", "window")
         self.line = line
         self._window = window
-        self._asked: RequestSeen | None = None  # told, and not answered yet
-        self._late: RequestSeen | None = None  # given up by the client, which asked the next one
-        self._half: AmbiguousFrame | None = None  # not told: it may be a request or an echo
-        self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = (
-            None  # not told: a third one may be nearer to the second
-        )
+        self._open: RequestSeen | None = None  # reported, and not answered yet
+        self._late: RequestSeen | None = None  # the one before, without a response
+        self._single: AmbiguousFrame | None = None  # not reported yet: a request or an echo
+        # Two equal frames, not reported yet: a third one may be nearer to the second.
+        self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = None
         self._slowest: dict[int, float] = {}
 
     @property
     def deadline(self) -> float | None:
-        """When to feed None if nothing came."""
+        """When to feed None if nothing arrived."""
         if self.line.held:
-            return self.line.deadline  # what lies there may be the answer: nothing expires before it is decided
+            return self.line.deadline  # it may hold the response: nothing expires before that is decided
         times: list[float] = []
-        if self._asked is not None:
-            times.append(self._asked.at + self._window)
-        if self._half is not None:
-            times.append(self._half.at + self._window)
+        if self._open is not None:
+            times.append(self._open.at + self._window)
+        if self._single is not None:
+            times.append(self._single.at + self._window)
         if self._pair is not None:
             times.append(2 * self._pair[1].at - self._pair[0].at)
         return min(times, default=None)
 
     def feed(self, data: bytes | None, now: float) -> list[SnifferEvent]:
-        """Bytes that came, the last of them at `now`, or None: nothing came until then. Never raises."""
-        told: list[SnifferEvent] = []
+        """The events of bytes that arrived, the last at `now`, or of time that passed (None). Never raises."""
+        events: list[SnifferEvent] = []
         for event in self.line.feed(data, now):
             if isinstance(event, Noise):
-                told.append(NoiseSeen(event, now))
+                events.append(NoiseSeen(event, now))
             else:
-                told += self._frame(event, now)
-        # What still lies in the line was on its way before the time was up.
+                events += self._frame(event, now)
+        # Held bytes were sent before the time was over.
         if not self.line.held:
-            told += self._expire(now)
-        return told
+            events += self._expire(now)
+        return events
 
     def end(self, now: float) -> list[SnifferEvent]:
-        """Nothing more will come: whatever is held is told."""
-        told = self.feed(None, max(now, self.line.deadline or now))
-        return told + self._give_up(now)
+        """The end of the recording: the events of everything still undecided."""
+        events = self.feed(None, max(now, self.line.deadline or now))
+        return events + self._give_up(now)
 
     # Time
 
     def _expire(self, now: float) -> list[SnifferEvent]:
-        if self._asked is not None and now >= self._asked.at + self._window:
-            told, self._asked, self._late = [ResponseMissing(self._asked, now)], None, None
-            return list[SnifferEvent](told)
+        if self._open is not None and now >= self._open.at + self._window:
+            missing = ResponseMissing(self._open, now)
+            self._open = self._late = None
+            return [missing]
         if self._pair is not None and now >= 2 * self._pair[1].at - self._pair[0].at:
             return self._settle()
-        if self._half is not None and now >= self._half.at + self._window:
+        if self._single is not None and now >= self._single.at + self._window:
             return self._give_up(now)
         return []
 
     def _give_up(self, now: float) -> list[SnifferEvent]:
-        """Somebody speaks anew, or never again: what waits for its other half waits no more."""
-        told = self._settle()
-        if self._half is not None:
-            told.append(self._half)
-        if self._asked is not None:
-            told.append(ResponseMissing(self._asked, now))
-        self._late, self._asked, self._half = self._asked, None, None
-        return told
+        """A new request was sent, or nothing more will be: close everything that waits for a response."""
+        events = self._settle()
+        if self._single is not None:
+            events.append(self._single)
+        if self._open is not None:
+            events.append(ResponseMissing(self._open, now))
+        self._late, self._open, self._single = self._open, None, None
+        return events
 
     def _settle(self) -> list[SnifferEvent]:
-        """The two equal frames are a request and its answer."""
+        """The two equal frames are a request and its response."""
         if self._pair is None:
             return []
         (first, second), self._pair = self._pair, None
@@ -183,57 +187,57 @@ class Sniffer:
         request, response = shapes(pdu)
         if unit == BROADCAST:
             return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
-        asked = self._asked
+        asked = self._open
         if response and asked is not None and now <= asked.at + self._window and _answers(asked, unit, pdu):
-            self._asked = self._late = None
-            self._learn(unit, now - asked.at)
+            self._open = self._late = None
+            self._note_time(unit, now - asked.at)
             return [ResponseSeen(unit, pdu, now, readable(decode_response, pdu), asked)]
         if request and response:
             return self._either(AmbiguousFrame(unit, pdu, now, readable(decode_request, pdu)))
         if request:
-            told = self._give_up(now)
-            self._asked = RequestSeen(unit, pdu, now, readable(decode_request, pdu))
-            return [*told, self._asked]
+            events = self._give_up(now)
+            self._open = RequestSeen(unit, pdu, now, readable(decode_request, pdu))
+            return [*events, self._open]
         return self._stray(unit, pdu, now)
 
     def _stray(self, unit: int, pdu: bytes, now: float) -> list[SnifferEvent]:
-        """A response, and not to the question that is open."""
+        """A response that does not answer the open request."""
         message = readable(decode_response, pdu)
-        late, half = self._late, self._half
+        late, single = self._late, self._single
         if late is not None and now <= late.at + self._window and _answers(late, unit, pdu):
             self._late = None
             return [ResponseSeen(unit, pdu, now, message, late, late=True)]
-        # An exception declines a write that was heard as a half.
-        if half is not None and self._pair is None and now <= half.at + self._window:
-            asked = RequestSeen(half.unit, half.pdu, half.at, half.message)
+        # An exception response to a write that is still an ambiguous frame.
+        if single is not None and self._pair is None and now <= single.at + self._window:
+            asked = RequestSeen(single.unit, single.pdu, single.at, single.message)
             if _answers(asked, unit, pdu):
-                self._half = None
-                self._learn(unit, now - half.at)
+                self._single = None
+                self._note_time(unit, now - single.at)
                 return [asked, ResponseSeen(unit, pdu, now, message, asked)]
         return [*self._give_up(now), ResponseSeen(unit, pdu, now, message)]
 
-    def _either(self, heard: AmbiguousFrame) -> list[SnifferEvent]:
-        """A frame that can be a request or its echo."""
+    def _either(self, frame: AmbiguousFrame) -> list[SnifferEvent]:
+        """A frame that can be a request or the equal response to it."""
         if self._pair is not None:
             first, second = self._pair
-            if _twins(second, heard) and heard.at - second.at < second.at - first.at:
-                # Nearer to the second than the first was: so the first one lost its other half.
-                self._pair = second, heard
+            if _twins(second, frame) and frame.at - second.at < second.at - first.at:
+                # It is nearer to the second than the first is: so the response to the first one was lost.
+                self._pair = second, frame
                 return [first]
-            return [*self._settle(), *self._either(heard)]
-        half = self._half
-        if half is None or heard.at > half.at + self._window or not _twins(half, heard):
-            told = self._give_up(heard.at)
-            self._half = heard
-            return told
-        self._half, self._pair = None, (half, heard)
-        slowest = self._slowest.get(heard.unit)
-        if slowest is not None and heard.at - half.at <= _SLOWER * slowest + _JITTER:
+            return [*self._settle(), *self._either(frame)]
+        single = self._single
+        if single is None or frame.at > single.at + self._window or not _twins(single, frame):
+            events = self._give_up(frame.at)
+            self._single = frame
+            return events
+        self._single, self._pair = None, (single, frame)
+        slowest = self._slowest.get(frame.unit)
+        if slowest is not None and frame.at - single.at <= _SLOWER * slowest + _JITTER:
             return self._settle()
         return []
 
-    def _learn(self, unit: int, seconds: float) -> None:
-        """A unit's slowest answer, slowly forgotten."""
+    def _note_time(self, unit: int, seconds: float) -> None:
+        """Keep the slowest response time of a unit; it decays by a tenth with each response."""
         self._slowest[unit] = max(seconds, 0.9 * self._slowest.get(unit, 0.0))
 
 
@@ -248,13 +252,13 @@ def shapes(pdu: bytes) -> tuple[bool, bool]:
     reads = readable(decode_request, pdu) is not None, readable(decode_response, pdu) is not None
     if any(reads):
         return reads
-    # A wrong value in it is more usual than a wrong length; and functions that nobody knows can be both.
+    # A wrong value is more likely than a wrong length; and an unknown function can be both.
     measures = measure_request(pdu) == len(pdu), measure_response(pdu) == len(pdu)
     return measures if any(measures) else (True, True)
 
 
-def fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
-    """Whether a PDU answers a request; of one that nobody can read, the function code must do."""
+def _fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
+    """Whether `pdu` answers the request `asked`; if that could not be decoded, by the function code alone."""
     if pdu[:1] == bytes([asked[0] | EXCEPTION_BIT]):
         return True
     if request is None:
@@ -269,16 +273,16 @@ def fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
 
 
 def _answers(asked: RequestSeen, unit: int, pdu: bytes) -> bool:
-    return unit == asked.unit and fits(asked.message, asked.pdu, pdu)
+    return unit == asked.unit and _fits(asked.message, asked.pdu, pdu)
 
 
 def _twins(first: AmbiguousFrame, second: AmbiguousFrame) -> bool:
-    """Whether one can be the answer to the other: its echo, or of a function that nobody knows anything."""
-    return first.unit == second.unit and fits(first.message, first.pdu, second.pdu)
+    """Whether the second can be the response to the first: an equal frame, or any of an unknown function."""
+    return first.unit == second.unit and _fits(first.message, first.pdu, second.pdu)
 
 
 def readable(decode: Callable[[bytes], Any], pdu: bytes) -> Any:
-    """The message, or None for what is none."""
+    """The message, or None if the PDU cannot be decoded."""
     try:
         return decode(pdu)
     except DecodeError:

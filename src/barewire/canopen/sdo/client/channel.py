@@ -122,7 +122,7 @@ class Channel:
         "request_extended",
         "request_id",
         "total",
-    )  # fmt: skip
+    )
 
     def __init__(
         self,
