@@ -50,7 +50,7 @@ def test_a_light_room_loads_no_other_room(room: str, needs: set[str]) -> None:
     assert {name for name in found if name.startswith("barewire")} - files == needs
 
 
-def test_the_line_of_rtu_is_loaded_when_it_is_asked_for() -> None:
+def test_the_rtu_line_is_loaded_when_it_is_first_used() -> None:
     assert "barewire.rtu.line" not in loaded("import barewire.rtu")
     assert "barewire.rtu.line" in loaded("import barewire.rtu; barewire.rtu.RtuLine")
 
@@ -84,7 +84,7 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
     }
 
 
-def test_a_client_that_has_its_answer_has_loaded_no_more() -> None:
+def test_a_client_with_an_answer_has_loaded_no_more() -> None:
     """Over a real connection: the URL is taken apart, the name looked up, a register read."""
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table(1)}) as host:
         asked = f"ModbusClient('{host.url}?timeout=30').read_holding_registers(0, 1)"
@@ -93,7 +93,7 @@ def test_a_client_that_has_its_answer_has_loaded_no_more() -> None:
     assert not set(OTHER_ROOMS) & found
 
 
-def test_the_first_message_loads_its_file_and_what_makes_a_message() -> None:
+def test_the_first_message_loads_its_file_and_the_base_of_messages() -> None:
     found = loaded(MESSAGE)
     assert not (HEAVY - {"dataclasses", "inspect", "ast"}) & found
     assert files(found, "barewire.modbus") == {"adu", "exceptions", "messages", "messages.base", "messages.registers"}
@@ -104,7 +104,7 @@ def test_the_first_message_loads_its_file_and_what_makes_a_message() -> None:
     }
 
 
-def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
+def test_the_asyncio_client_loads_asyncio_and_little_more() -> None:
     """What asyncio brings differs by version. Nothing but our own may come on top, as little as for the other one."""
     found = loaded("import asyncio; there = set(sys.modules); from barewire import AsyncModbusClient")
     assert not (NO_CLIENT_NEEDS - {"asyncio", "ssl", "logging", "subprocess"}) & found - {"pathlib", "random"}
@@ -121,7 +121,7 @@ def test_the_asyncio_client_is_asyncio_and_little_more() -> None:
     }
 
 
-def test_the_tcp_server_needs_no_loop_either() -> None:
+def test_the_tcp_server_loads_no_asyncio() -> None:
     server = "ModbusServer('tcp://127.0.0.1:0', units={1: Table()}).close()"
     found = loaded(f"from barewire import ModbusServer, Table; {server}")
     assert not NO_CLIENT_NEEDS & found
@@ -168,7 +168,7 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
     assert not found & {"bus.scan", "emcy.message", "nmt.node_guarding"}
 
 
-def test_a_name_of_the_shells_loads_no_other_client() -> None:
+def test_a_client_or_server_loads_no_other() -> None:
     for name, strangers in {
         "io.Endpoint": ("engine", "modbus", "canopen", "server"),
         "ModbusClient": ("engine.asyncio", "modbus.async_client", "canopen", "server"),
@@ -180,7 +180,7 @@ def test_a_name_of_the_shells_loads_no_other_client() -> None:
         assert not found & set(strangers), name
 
 
-def test_reading_registers_loads_the_file_of_that_message_only_when_said() -> None:
+def test_a_method_loads_the_file_of_its_message_only() -> None:
     found = loaded(
         "from barewire import ModbusClient; "
         "client = ModbusClient('tcp://127.0.0.1:1', lazy=True)\n"

@@ -69,7 +69,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("can://socketcand/127.0.0.1:99999/can0", "is not a number in 0..65535"),
     ],
 )
-def test_a_wrong_url_is_told_in_one_line(url: str, said: str) -> None:
+def test_a_wrong_url_is_an_error_of_one_line(url: str, said: str) -> None:
     with pytest.raises(EncodeError) as caught:
         Endpoint.parse(url)
     assert said in str(caught.value)
@@ -90,12 +90,12 @@ def test_host_and_port(url: str, host: str, port: int) -> None:
 
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:x", "tcp://127.0.0.1:70000"])
-def test_a_port_that_is_none(url: str) -> None:
+def test_a_wrong_port_number_is_an_error(url: str) -> None:
     with pytest.raises(EncodeError, match=r"is not a number in 0\.\.65535"):
         Endpoint.parse(url)
 
 
-def test_options_have_kinds() -> None:
+def test_options_are_integers_seconds_or_choices() -> None:
     endpoint = Endpoint.parse("rtu:///dev/x?unit=0x11&timeout=0.5&parity=e")
     assert endpoint.integer("unit", 1) == 17
     assert endpoint.seconds("timeout", 1.0) == 0.5
@@ -103,12 +103,12 @@ def test_options_have_kinds() -> None:
     assert endpoint.integer("baudrate", 19200) == 19200
 
 
-def test_the_letter_of_the_standard_is_a_patience() -> None:
+def test_patience_strict_is_accepted_for_rtu_only() -> None:
     assert Endpoint.parse("rtu:///dev/x?patience=strict").options["patience"] == "strict"
     assert Endpoint.parse("rtu+tcp://10.0.0.5:4001?patience=strict").options["patience"] == "strict"
 
 
 @pytest.mark.parametrize("query", ["unit=x", "timeout=-1", "timeout=soon", "timeout=nan", "parity=Q"])
-def test_a_wrong_option_is_told_with_its_name(query: str) -> None:
+def test_an_error_names_the_wrong_option(query: str) -> None:
     with pytest.raises(EncodeError, match=query.partition("=")[0]):
         Endpoint.parse(f"rtu:///dev/x?{query}")

@@ -43,7 +43,7 @@ def travels(device: Device, parameter: Parameter, url: str) -> bool:
 
 
 @pytest.mark.parametrize(("name", "url"), LINES, ids=[f"{name}-{url.partition(':')[0]}" for name, url in LINES])
-def test_every_parameter_over_every_real_port(name: str, url: str) -> None:
+def test_every_writable_parameter_over_every_transport(name: str, url: str) -> None:
     device, machine = load(name), simulator(name, time.monotonic())
     where = f"can://socketcand/127.0.0.1:{free_port()}/can0" if url == "can" else url
     server: ThreadedServer

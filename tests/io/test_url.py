@@ -47,10 +47,10 @@ def test_the_three_parts(scheme: str, rest: str) -> None:
     assert split(url) == (theirs.scheme, theirs.netloc + theirs.path, theirs.query)
 
 
-def test_without_its_mark_it_is_no_url() -> None:
+def test_a_text_without_colon_and_slashes_is_no_url() -> None:
     assert split("tcp:127.0.0.1") == ("", "", "")
 
 
-def test_a_lone_surrogate_of_a_strange_path_is_no_error() -> None:
+def test_a_lone_surrogate_in_a_path_is_no_error() -> None:
     assert unquote("/dev/\udcff") == "/dev/\udcff"
     assert unquote("/dev/\udcff%41").endswith("A")

@@ -67,7 +67,7 @@ def said(port: Port) -> list[str]:
 
 
 @engines
-def test_what_is_said_in_one_breath_goes_out_in_its_order_and_is_answered_once(run: Run) -> None:
+def test_send_all_sends_in_order_and_is_answered_once(run: Run) -> None:
     def talk() -> Talk:
         heard = [(yield Send("a")), (yield SendAll(("b", "c", "d"))), (yield SendAll(()))]
         for _ in range(5):
@@ -82,7 +82,7 @@ def test_what_is_said_in_one_breath_goes_out_in_its_order_and_is_answered_once(r
     assert times == sorted(times)
 
 
-def test_asyncio_waits_once_until_all_of_one_breath_is_out() -> None:
+def test_asyncio_waits_once_until_all_of_a_send_all_is_sent() -> None:
     def talk() -> Talk:
         yield Send("a")
         yield SendAll(("b", "c"))
@@ -94,7 +94,7 @@ def test_asyncio_waits_once_until_all_of_one_breath_is_out() -> None:
 
 
 @engines
-def test_a_port_that_fails_in_the_middle_of_one_breath_is_given_the_last_words(run: Run) -> None:
+def test_a_port_that_fails_within_a_send_all_is_given_the_abort_frames(run: Run) -> None:
     def talk() -> Talk:
         try:
             yield SendAll(("a", "b", "c"))

@@ -163,7 +163,9 @@ def all_that_can_be_seen(ask: Ask, bus: Bus, port: Wrong, asked: tuple[Request[A
 @pytest.mark.parametrize("kind", [TcpLine, DatagramLine])
 @modest
 @given(talk=st.lists(QUESTION, min_size=2, max_size=6))
-def test_it_is_what_bus_ask_is(fast: Ask, options: dict[str, Any], kind: type[TcpLine], talk: Any) -> None:
+def test_the_fast_path_has_the_results_and_effects_of_bus_ask(
+    fast: Ask, options: dict[str, Any], kind: type[TcpLine], talk: Any
+) -> None:
     slow_bus, fast_bus = Bus(kind(), **options), Bus(kind(), **options)
     slow_port, fast_port = Wrong(), Wrong()
     for asked, sending, script in talk:
@@ -175,7 +177,7 @@ def test_it_is_what_bus_ask_is(fast: Ask, options: dict[str, Any], kind: type[Tc
             slow_bus.line, fast_bus.line = kind(), kind()
 
 
-def test_no_conversation_is_made_where_none_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_regular_exchange_makes_no_conversation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Or all of the above would compare a thing with itself."""
     bus, port = Bus(TcpLine()), Wrong()
     port.expect("out", [("good", 0.25, 0)])

@@ -41,7 +41,7 @@ class Watched(Table):
         return []
 
 
-def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
+def test_several_servers_of_one_machine_enter_it_one_at_a_time() -> None:
     machine = Watched()
     with ExitStack() as stack:
         urls = [
@@ -72,7 +72,7 @@ def test_two_ports_of_one_machine_enter_it_in_turn() -> None:
     assert machine.visits >= 30
 
 
-def test_both_faces_of_a_simulator_have_the_lock_of_the_machine() -> None:
+def test_both_adapters_of_a_simulator_have_the_lock_of_the_machine() -> None:
     machine = simulator("az3")
     assert exclusive(machine) is exclusive(machine.modbus) is exclusive(machine.canopen)
     assert exclusive(machine) is not exclusive(simulator("az3"))
@@ -101,12 +101,12 @@ def test_a_machine_has_one_lock_for_all_threads() -> None:
         assert locks_taken_at_once(machine) == {id(exclusive(machine))}
 
 
-def test_what_cannot_have_a_lock_of_its_own_shares_one() -> None:
+def test_objects_without_attributes_share_one_lock() -> None:
     assert exclusive(object()) is exclusive(5)
     assert exclusive(Table()) is not exclusive(5)
 
 
-def test_what_a_unit_has_besides_is_seen_through_the_door() -> None:
+def test_a_shared_unit_has_the_other_attributes_of_its_unit() -> None:
     units = SharedUnits({1: Table(), 2: simulator("adxl").modbus})  # type: ignore[dict-item]
     assert getattr(units[2], "diagnostics", True) is False
     assert getattr(units[1], "diagnostics", None) is None
@@ -114,7 +114,7 @@ def test_what_a_unit_has_besides_is_seen_through_the_door() -> None:
     assert units[1] is units[1]
 
 
-def test_the_same_values_on_both_buses_at_the_same_time() -> None:
+def test_values_written_on_one_bus_are_read_on_the_other_at_the_same_time() -> None:
     """One AZ3 in two threads: what is written on one wire is read on the other, hundreds of times."""
     machine, az3 = simulator("az3", time.monotonic()), load("az3")
     assert isinstance(machine, Az3)

@@ -80,7 +80,7 @@ def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.Fixtur
 
 
 @CARRIERS
-def test_noise_and_flipped_bits_never_become_values(scheme: str, request: pytest.FixtureRequest) -> None:
+def test_noise_and_flipped_bits_do_not_become_values(scheme: str, request: pytest.FixtureRequest) -> None:
     files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
     told: list[str] = []
     values, errors = set(), 0
@@ -98,7 +98,7 @@ def test_noise_and_flipped_bits_never_become_values(scheme: str, request: pytest
     assert values <= {(50, 0)} or scheme in ("tcp", "tls", "udp")
 
 
-def test_a_late_answer_comes_and_is_not_taken_for_another() -> None:
+def test_a_late_answer_is_not_taken_for_that_to_another_request() -> None:
     answered: list[float] = []
     # Several late ones in a row hold each other up, so the window is long.
     faulty = spoiled("rtu+tcp", Path(), faults={"late": 0.4}, fault_seed=2, fault_delay=0.2)

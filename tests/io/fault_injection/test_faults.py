@@ -31,29 +31,29 @@ def always(*kinds: str, wire: Any = None) -> Faults[Any]:
 # Each fault
 
 
-def test_none_is_none() -> None:
+def test_without_faults_an_answer_is_unchanged() -> None:
     assert always().pass_on(ANSWER, 5.0) == [(5.0, ANSWER)]
 
 
-def test_drop_and_late() -> None:
+def test_drop_removes_and_late_delays_an_answer() -> None:
     assert always("drop").pass_on(ANSWER, 5.0) == []
     assert always("late").pass_on(ANSWER, 5.0) == [(5.0 + LATE, ANSWER)]
 
 
-def test_a_late_answer_holds_up_the_next_on_a_line_and_not_on_tcp() -> None:
+def test_a_late_answer_delays_the_next_on_a_line_and_not_on_tcp() -> None:
     for envelope, second_at in (("rtu", 5.0 + LATE), ("ascii", 5.0 + LATE), ("tcp", 5.1)):
         faults: Faults[bytes] = Faults(ModbusWire(envelope), {"late": 0.5}, Random(7))
         (first,), (second,) = faults.pass_on(ANSWER, 5.0), faults.pass_on(ANSWER, 5.1)
         assert (first, second) == ((5.0 + LATE, ANSWER), (second_at, ANSWER))
 
 
-def test_flip_is_one_bit() -> None:
+def test_flip_inverts_one_bit() -> None:
     ((_, spoiled),) = always("flip").pass_on(ANSWER, 0.0)
     difference = int.from_bytes(spoiled, "big") ^ int.from_bytes(ANSWER, "big")
     assert difference.bit_count() == 1
 
 
-def test_noise_comes_before_and_a_split_answer_in_two() -> None:
+def test_noise_precedes_the_answer_and_split_makes_two_parts() -> None:
     (_, noise), (at, whole) = always("noise").pass_on(ANSWER, 0.0)
     assert 1 <= len(noise) <= 8
     assert (at, whole) == (0.0, ANSWER)
@@ -66,7 +66,7 @@ def test_noise_comes_before_and_a_split_answer_in_two() -> None:
     ("envelope", "frame"),
     [("rtu", rtu_frame), ("ascii", ascii_frame), ("tcp", tcp_frame)],
 )
-def test_a_refusal_and_a_wrong_address_have_good_check_sums(envelope: str, frame: Any) -> None:
+def test_an_exception_and_a_wrong_address_have_correct_check_sums(envelope: str, frame: Any) -> None:
     answer = frame.encode(247, bytes.fromhex("03 02 12 34"))
     ((_, refusal),) = always("exception", wire=ModbusWire(envelope)).pass_on(answer, 0.0)
     assert frame.decode(refusal).pdu == bytes.fromhex("83 06")
@@ -75,13 +75,13 @@ def test_a_refusal_and_a_wrong_address_have_good_check_sums(envelope: str, frame
     assert always("exception", "wrong-unit", wire=ModbusWire(envelope)).pass_on(b"?", 0.0) == [(0.0, b"?")]
 
 
-def test_the_number_of_a_tcp_answer_is_kept() -> None:
+def test_a_changed_tcp_answer_keeps_its_transaction_number() -> None:
     answer = tcp_frame.encode(1, bytes.fromhex("03 02 12 34"), transaction=0x1234)
     ((_, refusal),) = always("exception", wire=ModbusWire("tcp")).pass_on(answer, 0.0)
     assert tcp_frame.decode(refusal).transaction == 0x1234
 
 
-def test_on_a_can_bus() -> None:
+def test_faults_on_a_can_bus() -> None:
     ((_, abort),) = always("exception", wire=CanWire()).pass_on(SDO, 0.0)
     assert str(abort) == "581#8041600000000008"
     ((_, astray),) = always("wrong-unit", wire=CanWire()).pass_on(SDO, 0.0)
@@ -109,13 +109,13 @@ def test_the_same_seed_has_the_same_faults() -> None:
     assert strikes(7, **everything) == strikes(7, **everything) != strikes(8, **everything)
 
 
-def test_a_fault_strikes_the_same_answers_with_and_without_others() -> None:
+def test_a_fault_hits_the_same_answers_with_and_without_others() -> None:
     alone = [said == [] for said in strikes(7, drop=0.1)]
     assert alone == [said == [] for said in strikes(7, drop=0.1, noise=0.9, flip=0.5)]
     assert 5 < sum(alone) < 40
 
 
-def test_what_struck_is_counted_and_told() -> None:
+def test_faults_are_counted_and_reported() -> None:
     told: list[str] = []
     faults: Faults[bytes] = Faults(ModbusWire("rtu"), {"late": 1.0, "split": 1.0}, Random(), on_fault=told.append)
     faults.pass_on(ANSWER, 0.0)
@@ -132,7 +132,7 @@ def test_what_struck_is_counted_and_told() -> None:
         ("", "fault '': expected some of"),
     ],
 )
-def test_what_is_no_fault(text: str, said: str) -> None:
+def test_an_unknown_fault_or_wrong_probability_is_an_error(text: str, said: str) -> None:
     with refused(EncodeError, said):
         parse_faults(text)
 
@@ -157,7 +157,7 @@ def asked(*kinds: str, line: Callable[[], Any] = TcpLine, wire: str = "tcp") -> 
 
 
 @pytest.mark.parametrize("wire", ["rtu", "tcp"])
-def test_a_client_survives_a_split_answer_and_believes_no_spoiled_one(wire: str) -> None:
+def test_a_client_reads_a_split_answer_and_rejects_the_others(wire: str) -> None:
     assert asked("split", wire=wire) == (0, 0)
     for kind in ("late", "drop", "wrong-unit"):
         with pytest.raises(NoAnswer):
@@ -166,7 +166,7 @@ def test_a_client_survives_a_split_answer_and_believes_no_spoiled_one(wire: str)
         asked("exception", wire=wire)
 
 
-def test_noise_before_an_answer_is_passed_over_on_a_serial_line_and_a_flipped_bit_is_found() -> None:
+def test_on_a_serial_line_noise_is_skipped_and_a_flipped_bit_is_detected() -> None:
     assert asked("noise", wire="rtu") == (0, 0)
     with pytest.raises(NoAnswer, match="heard instead"):
         asked("flip", wire="rtu")
@@ -193,7 +193,7 @@ class Clocked:
         self.now = -1.0
 
 
-def test_what_is_late_is_sent_while_the_port_listens() -> None:
+def test_a_late_answer_is_sent_while_the_port_receives() -> None:
     behind = Clocked()
     port: FaultyPort[bytes] = FaultyPort(behind, always("late", "split"), clock=lambda: behind.now)
     port.send(ANSWER)

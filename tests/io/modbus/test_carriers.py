@@ -80,7 +80,7 @@ def waiting(url: str, talk: Callable[[Any], Any]) -> None:
 @pytest.mark.needs("openssl")
 @pytest.mark.parametrize("how", [blocking, waiting])
 @pytest.mark.parametrize("scheme", NETWORK + SERIAL)
-def test_the_words_are_the_same_everywhere(urls: URLs, scheme: str, how: Callable[..., None]) -> None:
+def test_both_clients_have_the_same_results_on_every_carrier(urls: URLs, scheme: str, how: Callable[..., None]) -> None:
     async def talk(client: Any) -> None:
         await client.write_multiple_registers(0, tuple(range(100)))
         await client.write_single_register(0, 7)
@@ -100,7 +100,7 @@ def test_the_words_are_the_same_everywhere(urls: URLs, scheme: str, how: Callabl
 
 
 @pytest.mark.parametrize("scheme", ["rtu+tcp", "ascii+tcp"])
-def test_a_serial_line_behind_tcp_is_a_serial_line(urls: URLs, scheme: str) -> None:
+def test_a_serial_line_behind_tcp_has_broadcasts_and_time_outs(urls: URLs, scheme: str) -> None:
     with ModbusClient(urls[scheme]) as client:
         client.broadcast(WriteSingleRegister(50, 5), turnaround=0.05)
         assert client.read_holding_registers(50, 1) == (5,)
@@ -109,7 +109,7 @@ def test_a_serial_line_behind_tcp_is_a_serial_line(urls: URLs, scheme: str) -> N
             client.ask(ReadHoldingRegisters(0, 1), unit=9, timeout=0.1)
 
 
-def test_the_types_of_the_words() -> None:
+def test_the_types_of_the_methods() -> None:
     """Read by mypy: what comes out is a value of one client and a coroutine of the other."""
 
     def blocking_client(client: ModbusClient) -> None:
@@ -153,7 +153,7 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
 
 @pytest.mark.needs("openssl")
 @pytest.mark.parametrize("scheme", ["tcp", "udp", "tls"])
-def test_sixteen_questions_under_way(urls: URLs, scheme: str) -> None:
+def test_sixteen_requests_under_way(urls: URLs, scheme: str) -> None:
     async def talk() -> None:
         async with AsyncModbusClient(urls[scheme], in_flight=16) as client:
             await asyncio.gather(*(client.write_single_register(at, 2 * at) for at in range(200)))
@@ -163,7 +163,7 @@ def test_sixteen_questions_under_way(urls: URLs, scheme: str) -> None:
     asyncio.run(talk())
 
 
-def test_answers_in_any_order_find_their_questions() -> None:
+def test_answers_in_any_order_are_matched_to_their_requests() -> None:
     def backwards(connection: socket.socket) -> None:
         """Collects sixteen questions and answers the last one first."""
         while True:
@@ -179,7 +179,7 @@ def test_answers_in_any_order_find_their_questions() -> None:
         asyncio.run(talk(port))
 
 
-def test_a_header_that_cannot_be_right_fails_everybody_who_waits_and_the_next_question_works() -> None:
+def test_a_wrong_header_fails_all_pending_requests_and_the_next_request_works() -> None:
     def wrong(connection: socket.socket) -> None:
         read_exactly(connection, 3 * 12)
         connection.sendall(bytes.fromhex("0001 1234 0005 01 03 02 0000"))
@@ -207,7 +207,7 @@ def test_a_header_that_cannot_be_right_fails_everybody_who_waits_and_the_next_qu
         ("tcp://127.0.0.1", 17, "expected 1..16"),
     ],
 )
-def test_more_questions_under_way_than_can_be_told_apart(url: str, in_flight: int, said: str) -> None:
+def test_in_flight_above_one_needs_transaction_numbers(url: str, in_flight: int, said: str) -> None:
     with refused(EncodeError, said):
         AsyncModbusClient(url, in_flight=in_flight)
 
@@ -225,5 +225,5 @@ def test_more_questions_under_way_than_can_be_told_apart(url: str, in_flight: in
         ("rtu+tcp://host:4001", "keeps no silence, forgives pauses of 200 ms inside a frame"),
     ],
 )
-def test_a_latency_preset_says_its_numbers(url: str, said: str) -> None:
+def test_the_times_of_a_line_in_words(url: str, said: str) -> None:
     assert said in timing_in_words(Endpoint.parse(url))

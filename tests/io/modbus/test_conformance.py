@@ -57,14 +57,14 @@ held = cache(hold)
 
 
 @pytest.mark.parametrize("url", [*OURS.values(), *OTHERS])
-def test_our_servers_pass(url: str) -> None:
+def test_barewire_servers_pass_their_cases(url: str) -> None:
     results = held(url)
     assert [result.failure for result in results if result.failure] == []
     assert [result.case for result in results] == list(CASES[Endpoint.parse(url).framing])
 
 
 @pytest.mark.needs("openssl")
-def test_our_tls_server_passes(certificates: Path) -> None:
+def test_the_barewire_tls_server_passes_its_cases(certificates: Path) -> None:
 
     def run(patience: str) -> list[CaseResult]:
         with ModbusServer(tls_url(certificates, "server", roles="any"), units={1: Table(100)}) as host:
@@ -76,7 +76,7 @@ def test_our_tls_server_passes(certificates: Path) -> None:
     assert len(results) == len(CASES_TCP)
 
 
-def test_the_page_says_what_we_answer_today() -> None:
+def test_the_page_has_the_present_results_of_barewire() -> None:
     """docs/conform.md: our columns, made anew; those of others are as they were measured."""
     spec = importlib.util.spec_from_file_location("conform_page", ROOT / "tools" / "conform_page.py")
     assert spec is not None
@@ -93,7 +93,7 @@ def test_the_page_says_what_we_answer_today() -> None:
     assert named <= {case.name for cases in CASES.values() for case in cases}
 
 
-def test_a_line_that_echoes() -> None:
+def test_an_echo_is_not_taken_for_an_answer() -> None:
     """Everything that is said comes back first, as a two-wire adapter has it: it is no answer."""
     stop, terminal = threading.Event(), PseudoTerminal()
     line = RtuLine(Timing.of(115200), role="server", units=(1,))
@@ -119,7 +119,7 @@ def test_a_line_that_echoes() -> None:
     assert [result.failure for result in results if result.failure] == []
 
 
-def test_a_server_that_answers_whatever_it_is_asked_fails() -> None:
+def test_a_server_that_always_answers_the_same_fails() -> None:
     with peer(honest) as port:
         said = {}
         for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=1")):
@@ -130,21 +130,21 @@ def test_a_server_that_answers_whatever_it_is_asked_fails() -> None:
     assert said["five requests in one segment"] is None
 
 
-def test_a_server_that_hangs_up_is_told_as_that() -> None:
+def test_a_server_that_closes_the_connection_fails_with_that_reason() -> None:
     with peer(socket.socket.close) as port:
         result = next(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=30")))
     assert result.heard == (None,)
     assert result.failure == "03 with quantity 0: closed, expected 83 03"
 
 
-def test_where_nobody_is_and_what_has_no_cases() -> None:
+def test_no_server_and_an_endpoint_without_cases_are_errors() -> None:
     with refused(PortError, "connection refused"):
         list(conform(Endpoint.parse("tcp://127.0.0.1:1")))
     with refused(EncodeError, "there are cases for tcp://"):
         list(conform(Endpoint.parse("can://socketcan/can0")))
 
 
-def test_the_command() -> None:
+def test_the_conform_command() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
         for patience in ("0.25", "2"):  # as `again`
             url = f"{host.url}?timeout={patience}"
@@ -179,7 +179,7 @@ def drip(connection: socket.socket) -> None:
     ("scheme", "talk"),
     [("tcp", flood), ("rtu+tcp", flood), ("ascii+tcp", flood), ("rtu+tcp", drip), ("ascii+tcp", drip)],
 )
-def test_a_server_that_never_stops_talking_is_given_up(scheme: str, talk: Callable[[socket.socket], None]) -> None:
+def test_a_server_that_does_not_stop_sending_ends_the_run(scheme: str, talk: Callable[[socket.socket], None]) -> None:
     results = []
     with peer(talk) as port, refused(NoAnswer, "never stops talking"):
         for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.1")):
@@ -188,7 +188,7 @@ def test_a_server_that_never_stops_talking_is_given_up(scheme: str, talk: Callab
     assert all("it did not stop talking" in failure and len(failure) < 200 for failure in failures)
 
 
-def test_nothing_can_be_held_against_a_server_that_never_says_anything() -> None:
+def test_a_server_that_never_answers_gets_no_verdict() -> None:
     """Silence is what some cases want, so a wrong unit number would pass them."""
     said = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
     with peer(lambda connection: print(connection.recv(1))) as port, said:
@@ -216,9 +216,7 @@ def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.parametrize(("scheme", "words"), [("tcp", "connection refused"), ("udp", "has stopped answering")])
-def test_a_server_that_dies_in_mid_battery_ends_the_run(
-    monkeypatch: pytest.MonkeyPatch, scheme: str, words: str
-) -> None:
+def test_a_server_that_dies_during_the_run_ends_it(monkeypatch: pytest.MonkeyPatch, scheme: str, words: str) -> None:
     monkeypatch.setattr(shell, "RESTART", 0.1)
     results: list[CaseResult] = []
     told = pytest.raises(Unfinished, match=words)
@@ -228,7 +226,7 @@ def test_a_server_that_dies_in_mid_battery_ends_the_run(
     assert len(results) + caught.value.not_run == len(CASES_TCP)
 
 
-def test_a_server_that_is_started_anew_is_held_on() -> None:
+def test_a_server_that_is_restarted_is_tested_further() -> None:
     def run(patience: str) -> list[CaseResult]:
         results: list[CaseResult] = []
         with ExitStack() as stack:
@@ -247,7 +245,7 @@ def test_a_server_that_is_started_anew_is_held_on() -> None:
     assert [result.failure for result in results if result.failure] == []
 
 
-def test_the_command_says_what_was_not_run() -> None:
+def test_the_conform_command_reports_cases_that_were_not_run() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
         mute.bind(("127.0.0.1", 0))
         done = barewire("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")

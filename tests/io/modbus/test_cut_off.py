@@ -25,7 +25,7 @@ def full(size: int = 300) -> dict[int, Unit]:
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu", "ascii"])
-def test_interrupted_at_every_step_of_a_blocking_exchange(wire: str) -> None:
+def test_an_interrupt_at_every_step_of_a_blocking_exchange(wire: str) -> None:
     """As Ctrl-C does: before the question is out, when its answer begins to come, in the middle of it."""
     left = 0
 
@@ -87,7 +87,7 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
 
 
 @pytest.mark.parametrize("wire", ["rtu://pty?baudrate=115200", "ascii://pty?baudrate=115200", "rtu+tcp://127.0.0.1:0"])
-def test_listen_only_and_back_in_the_words_of_both_clients(wire: str) -> None:
+def test_force_listen_only_and_restart_with_both_clients(wire: str) -> None:
     async def talk(url: str) -> None:
         async with AsyncModbusClient(url) as client:
             assert await client.diagnostics(0x04) == b""
@@ -103,7 +103,7 @@ def test_listen_only_and_back_in_the_words_of_both_clients(wire: str) -> None:
         asyncio.run(talk(url))
 
 
-def test_what_a_unit_counts_it_counts_over_all_connections_to_its_line() -> None:
+def test_counters_of_a_unit_are_shared_by_all_connections_to_its_line() -> None:
     """The line behind a serial server is one, whoever is connected to it: so is listen only mode."""
     with ModbusServer("rtu+tcp://127.0.0.1:0", units=full()) as host, ModbusClient(f"{host.url}?timeout=0.2") as first:
         assert first.read_holding_registers(7, 1) == (7,)

@@ -41,7 +41,7 @@ def host(request: pytest.FixtureRequest) -> Iterator[ModbusServer]:
         yield host
 
 
-def test_what_was_written_is_read(host: ModbusServer) -> None:
+def test_written_values_are_read_back(host: ModbusServer) -> None:
     with ModbusClient(host.url) as client:
         client.ask(WriteSingleRegister(5, 0xBEEF))
         client.ask(WriteMultipleRegisters(6, range(100)))
@@ -51,7 +51,7 @@ def test_what_was_written_is_read(host: ModbusServer) -> None:
         assert b"table" in client.ask(ReportServerId()).data
 
 
-def test_an_exception_answer_is_an_error_of_its_own(host: ModbusServer) -> None:
+def test_an_exception_response_is_a_modbus_exception(host: ModbusServer) -> None:
     with ModbusClient(host.url) as client, pytest.raises(ModbusException, match="illegal data address"):
         client.ask(ReadHoldingRegisters(0xFFFF, 2))
 
@@ -63,7 +63,7 @@ def test_the_line_can_be_opened_again_with_the_same_settings(host: ModbusServer)
             assert client.ask(ReadHoldingRegisters(0, 1)).registers == (value,)
 
 
-def test_the_longest_frames_pass(host: ModbusServer) -> None:
+def test_the_longest_frames_are_transferred(host: ModbusServer) -> None:
     with ModbusClient(host.url) as client:
         client.ask(WriteMultipleRegisters(0, range(123)))
         assert client.ask(ReadHoldingRegisters(0, 125)).registers == (*range(123), 0, 0)
@@ -89,7 +89,7 @@ def test_several_threads_may_use_one_client(host: ModbusServer) -> None:
 
 
 @pytest.mark.parametrize("url", ["rtu://pty", "ascii://pty"])
-def test_nobody_answers_for_another_unit_on_a_serial_line(url: str) -> None:
+def test_a_request_for_another_unit_on_a_serial_line_gets_no_answer(url: str) -> None:
     with (
         ModbusServer(url, units={1: Table()}) as host,
         ModbusClient(host.url) as client,
@@ -122,12 +122,12 @@ def test_a_refused_connection() -> None:
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd"])
-def test_a_file_that_is_no_serial_port_is_told(path: str) -> None:
+def test_a_file_that_is_no_serial_port_is_an_error(path: str) -> None:
     with pytest.raises(PortError, match=f"^{path}: it is there, but no serial port$"):
         ModbusClient(f"rtu://{path}")
 
 
-def test_a_serial_port_that_is_not_there() -> None:
+def test_a_missing_serial_port_is_an_error() -> None:
     with pytest.raises(PortError, match=r"^/dev/tty-nowhere: no such file or directory$"):
         ModbusClient("rtu:///dev/tty-nowhere")
 
@@ -151,7 +151,7 @@ def test_a_port_that_is_unplugged_while_it_is_used() -> None:
         timer.join()
 
 
-def test_a_server_that_hangs_up_while_it_is_asked() -> None:
+def test_a_server_that_closes_the_connection_during_a_request() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         with ModbusClient(url) as client:
@@ -163,7 +163,7 @@ def test_a_server_that_hangs_up_while_it_is_asked() -> None:
             timer.join()
 
 
-def test_a_port_that_is_taken() -> None:
+def test_a_port_in_use_is_an_error() -> None:
     with (
         ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host,
         pytest.raises(PortError, match="address already in use"),
@@ -171,7 +171,7 @@ def test_a_port_that_is_taken() -> None:
         ModbusServer(host.url, units={1: Table()})
 
 
-def test_a_stream_that_is_not_modbus_is_hung_up_on() -> None:
+def test_a_stream_that_is_not_modbus_is_closed() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         port = int(host.url.rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port), timeout=30) as stranger:
@@ -194,7 +194,7 @@ def test_several_requests_in_one_segment_and_one_in_many() -> None:
             assert stranger.recv(100) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
 
 
-def test_a_new_path_becomes_a_pseudo_terminal_and_goes_again(tmp_path: Path) -> None:
+def test_a_new_path_becomes_a_pseudo_terminal_and_is_removed_again(tmp_path: Path) -> None:
     path = tmp_path / "line"
     with ModbusServer(f"rtu://{path}", units={1: Table()}) as host:
         assert host.url == f"rtu://{path}"
@@ -204,7 +204,7 @@ def test_a_new_path_becomes_a_pseudo_terminal_and_goes_again(tmp_path: Path) -> 
     assert not path.is_symlink()
 
 
-def test_what_does_not_fit_together_is_told() -> None:
+def test_a_scheme_without_modbus_and_a_server_without_units_are_errors() -> None:
     with pytest.raises(EncodeError, match="Modbus goes over"):
         ModbusClient("can://virtual/x")
     with pytest.raises(EncodeError, match="expected a dict of unit address and unit"):
@@ -236,7 +236,7 @@ async def _cancelled_then_asked(port: int) -> None:
         assert (await client.ask(ReadHoldingRegisters(1, 1))).registers == (43,)
 
 
-def test_a_cancelled_question_leaves_the_connection_good() -> None:
+def test_a_cancelled_request_leaves_the_connection_usable() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         asyncio.run(_cancelled_then_asked(int(host.url.rpartition(":")[2])))
 
@@ -248,7 +248,7 @@ def test_the_asyncio_client_fails_in_one_line() -> None:
         asyncio.run(AsyncModbusClient(f"tcp://127.0.0.1:{port}").open())
 
 
-def test_a_silent_server_is_no_answer() -> None:
+def test_a_silent_server_raises_no_answer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"tcp://127.0.0.1:{server.getsockname()[1]}?timeout=0.1"
         with ModbusClient(url) as client, pytest.raises(NoAnswer, match=r"within 0\.1 s"):

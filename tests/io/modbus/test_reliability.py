@@ -47,7 +47,7 @@ def restarted(url: str) -> Callable[[], ModbusServer]:
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu+tcp", "udp", "rtu", "ascii"])
-def test_a_server_that_was_killed_and_started_again(wire: str, tmp_path: Path) -> None:
+def test_a_blocking_client_reconnects_to_a_restarted_server(wire: str, tmp_path: Path) -> None:
     place = f"{tmp_path}/line" if wire in ("rtu", "ascii") else "127.0.0.1:0"
     first = restarted(f"{wire}://{place}")()
     start = restarted(first.url)
@@ -65,7 +65,7 @@ def test_a_server_that_was_killed_and_started_again(wire: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu+tcp", "udp", "rtu", "ascii"])
-def test_the_same_for_the_asyncio_client(wire: str, tmp_path: Path) -> None:
+def test_an_asyncio_client_reconnects_to_a_restarted_server(wire: str, tmp_path: Path) -> None:
     place = f"{tmp_path}/line" if wire in ("rtu", "ascii") else "127.0.0.1:0"
     first = restarted(f"{wire}://{place}")()
     start = restarted(first.url)
@@ -108,7 +108,7 @@ def test_a_read_is_repeated_on_a_new_connection_and_a_write_is_not() -> None:
         asyncio.run(talk(port))
 
 
-def test_between_attempts_there_is_a_pause_and_the_error_says_so() -> None:
+def test_between_attempts_there_is_a_pause_and_the_error_names_it() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     with ModbusClient(f"tcp://127.0.0.1:{port}?timeout=0.01", lazy=True, jitter=lambda: 16.5) as client:  # pause 1.1 s
@@ -120,7 +120,7 @@ def test_between_attempts_there_is_a_pause_and_the_error_says_so() -> None:
             client.at(timeout=30.0).ask(ReadHoldingRegisters(0, 1), timeout=0.1)  # waits for the pause, then connects
 
 
-def test_pauses_grow_to_a_longest_and_begin_anew() -> None:
+def test_pauses_grow_to_a_limit_and_start_again_after_success() -> None:
     pauses = BackOff(lambda: 0.5, first=1.0, longest=10.0)
     now, waits = 0.0, []
     for _ in range(8):
@@ -135,7 +135,7 @@ def test_pauses_grow_to_a_longest_and_begin_anew() -> None:
 
 
 @pytest.mark.parametrize("chance", [0.0, 0.25, 1.0])
-def test_pauses_differ_by_chance_and_stay_within_bounds(chance: float) -> None:
+def test_pauses_vary_at_random_within_bounds(chance: float) -> None:
     pauses = BackOff(lambda: chance, first=1.0, longest=10.0, jitter=0.5)
     for _ in range(2000):
         pauses.failed(0.0, "")
@@ -279,7 +279,7 @@ def quirky(change: Callable[[bytes], bytes]) -> Callable[[socket.socket], None]:
         ("any_transaction", lambda frame: b"\0\0" + frame[2:]),
     ],
 )
-def test_a_quirk_is_tolerated_when_said_and_not_otherwise(option: str, change: Callable[[bytes], bytes]) -> None:
+def test_a_quirk_is_tolerated_only_with_its_option(option: str, change: Callable[[bytes], bytes]) -> None:
     with peer(quirky(change)) as port:
         with (
             ModbusClient(f"tcp://127.0.0.1:{port}?timeout=2") as client,
@@ -290,7 +290,7 @@ def test_a_quirk_is_tolerated_when_said_and_not_otherwise(option: str, change: C
             assert client.read_holding_registers(7, 1) == (7,)
 
 
-def test_where_transactions_mean_nothing_a_late_answer_is_still_nobodys() -> None:
+def test_with_any_transaction_a_late_answer_is_not_delivered() -> None:
     def late(connection: socket.socket) -> None:
         held = b""
         while True:

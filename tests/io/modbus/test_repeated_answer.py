@@ -58,7 +58,7 @@ def peer(request: pytest.FixtureRequest) -> Iterator[tuple[str, Echoing]]:
     there.close()
 
 
-def test_a_second_copy_is_not_the_answer_to_the_next_question(peer: tuple[str, Echoing]) -> None:
+def test_a_repeated_answer_is_not_taken_for_the_next_one(peer: tuple[str, Echoing]) -> None:
     url, there = peer
     with ModbusClient(url) as client:
         assert client.read_holding_registers(10, 1) == (1,)
@@ -68,7 +68,7 @@ def test_a_second_copy_is_not_the_answer_to_the_next_question(peer: tuple[str, E
         assert client.bus.counters.strays == 1
 
 
-def test_nor_for_an_asyncio_client_whose_program_was_busy(peer: tuple[str, Echoing]) -> None:
+def test_a_repeated_answer_while_an_asyncio_program_was_busy(peer: tuple[str, Echoing]) -> None:
     url, there = peer
 
     async def talk() -> None:

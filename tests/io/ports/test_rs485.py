@@ -50,14 +50,14 @@ def log(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return written
 
 
-def test_rts_is_on_while_we_send_and_off_when_the_last_bit_is_out(log: list[Any]) -> None:
+def test_rts_is_on_while_sending_and_off_after_the_last_bit(log: list[Any]) -> None:
     with ModbusServer("rtu://pty", units={1: Table()}) as host, ModbusClient(f"{host.url}?rs485=rts") as client:
         log.clear()
         assert client.read_holding_registers(0, 1) == (0,)
         assert log == [True, "write", "flush", False]
 
 
-def test_the_same_under_asyncio_even_when_the_task_is_cancelled(log: list[Any]) -> None:
+def test_rts_with_asyncio_even_if_the_task_is_cancelled(log: list[Any]) -> None:
     async def talk(url: str) -> None:
         async with AsyncModbusClient(url) as client:
             log.clear()
@@ -80,7 +80,7 @@ def test_the_same_under_asyncio_even_when_the_task_is_cancelled(log: list[Any]) 
 # A pin of one's own ----------------------------------------------------------------------------------------------
 
 
-def test_a_function_of_the_users_turns_the_line() -> None:
+def test_a_function_of_the_caller_sets_the_direction() -> None:
     turned: list[bool] = []
     with (
         ModbusServer("rtu://pty", units={1: Table()}) as host,
@@ -93,7 +93,7 @@ def test_a_function_of_the_users_turns_the_line() -> None:
         assert turned == [False, True, False, True, False]
 
 
-def test_the_same_for_the_asyncio_client_and_server() -> None:
+def test_a_function_sets_the_direction_for_the_asyncio_client_and_server() -> None:
     asked: list[bool] = []
     answered: list[bool] = []
 
@@ -110,7 +110,7 @@ def test_the_same_for_the_asyncio_client_and_server() -> None:
         asyncio.run(talk(ours, theirs))
 
 
-def test_a_line_that_is_given_up_in_the_middle_of_sending_is_turned_back() -> None:
+def test_a_port_closed_while_sending_is_set_back_to_receiving() -> None:
     turned: list[bool] = []
 
     async def talk(url: str) -> None:
@@ -129,7 +129,7 @@ def test_a_line_that_is_given_up_in_the_middle_of_sending_is_turned_back() -> No
 
 
 @pytest.mark.parametrize("fails_at", [1, 2, 3])
-def test_a_line_that_cannot_be_turned_is_a_port_that_failed(fails_at: int) -> None:
+def test_a_direction_function_that_raises_is_a_port_error(fails_at: int) -> None:
     calls = 0
 
     def turn(sending: bool) -> None:
@@ -155,7 +155,7 @@ def test_a_line_that_cannot_be_turned_is_a_port_that_failed(fails_at: int) -> No
 
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:1", "rtu+tcp://127.0.0.1:1", "rtu:///dev/null?rs485=rts"])
-def test_where_a_function_has_nothing_to_turn(url: str) -> None:
+def test_set_direction_is_refused_where_there_is_no_direction(url: str) -> None:
     with pytest.raises(EncodeError, match="set_direction"):
         ModbusClient(url, set_direction=lambda sending: None)
     with refused(EncodeError, "a new pseudo-terminal has no direction to set"):
@@ -163,7 +163,7 @@ def test_where_a_function_has_nothing_to_turn(url: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["kernel", "rts"])
-def test_where_the_line_cannot_be_turned_it_is_said_when_it_is_opened(how: str) -> None:
+def test_a_port_without_rs485_modes_is_an_error_when_it_is_opened(how: str) -> None:
     terminal = PseudoTerminal()
     with refused(PortError, f"{terminal.path}: rs485={how} is not possible here"):
         ModbusClient(f"rtu://{terminal.path}?rs485={how}")
@@ -171,7 +171,7 @@ def test_where_the_line_cannot_be_turned_it_is_said_when_it_is_opened(how: str) 
 
 
 @pytest.mark.parametrize("echo", ["1", "auto"])
-def test_a_line_that_echoes(echo: str) -> None:
+def test_an_echo_is_not_taken_for_an_answer(echo: str) -> None:
     """A two-wire adapter on a real pseudo-terminal: everything that is sent comes back first."""
     terminal, stop = PseudoTerminal(), threading.Event()
 

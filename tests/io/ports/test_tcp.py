@@ -47,7 +47,7 @@ def exchanged(ends: tuple[TcpPort, socket.socket], times: int, timeout: float) -
 
 
 @pytest.mark.parametrize("times", [0, 1, 3])
-def test_it_waits_as_long_as_it_is_told_and_no_longer(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+def test_receive_waits_exactly_for_its_time_out(ends: tuple[TcpPort, socket.socket], times: int) -> None:
     port, other = ends
     exchanged(ends, times, LONG)
     assert port.receive(0.0) is None  # a look is no wait of half a minute
@@ -60,7 +60,7 @@ def test_it_waits_as_long_as_it_is_told_and_no_longer(ends: tuple[TcpPort, socke
 
 
 @pytest.mark.parametrize("times", [0, 3])
-def test_the_other_side_hangs_up_while_it_waits(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+def test_the_peer_closes_the_connection_during_receive(ends: tuple[TcpPort, socket.socket], times: int) -> None:
     port, other = ends
     exchanged(ends, times, LONG)
     hanging_up = threading.Timer(SOON, other.shutdown, [socket.SHUT_RDWR])
@@ -71,7 +71,7 @@ def test_the_other_side_hangs_up_while_it_waits(ends: tuple[TcpPort, socket.sock
 
 
 @pytest.mark.parametrize("times", [0, 3])
-def test_a_port_that_was_closed_says_so(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+def test_a_closed_port_raises_that_it_was_closed(ends: tuple[TcpPort, socket.socket], times: int) -> None:
     port, _ = ends
     exchanged(ends, times, LONG)
     port.close()
@@ -83,7 +83,7 @@ def test_a_port_that_was_closed_says_so(ends: tuple[TcpPort, socket.socket], tim
 
 
 @pytest.mark.parametrize("times", [0, 3])
-def test_more_than_the_system_takes_at_once(
+def test_sending_more_than_the_system_takes_at_once(
     ends: tuple[TcpPort, socket.socket], times: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes out as the other side reads; to one that never does it is given up. Both leave the port as it was."""
@@ -114,7 +114,7 @@ def test_more_than_the_system_takes_at_once(
         send_more()
 
 
-def test_what_came_for_a_task_that_was_cancelled_is_heard_by_the_next() -> None:
+def test_data_for_a_cancelled_task_is_received_by_the_next_task() -> None:
     """Also when both happen in the same round of the loop, in either order."""
 
     async def talk(cancelled_first: bool) -> None:
@@ -135,7 +135,7 @@ def test_what_came_for_a_task_that_was_cancelled_is_heard_by_the_next() -> None:
         asyncio.run(talk(cancelled_first))
 
 
-def test_what_came_before_the_connection_was_lost_is_heard_before_that() -> None:
+def test_data_before_the_end_of_a_connection_is_received_first() -> None:
     async def talk() -> None:
         box = Mailbox("somewhere", lambda data: None)
         waiting = asyncio.ensure_future(box.receive(LONG))

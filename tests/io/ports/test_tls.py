@@ -53,7 +53,7 @@ def turned_away(host: ModbusServer) -> str:
     return host.connections.closed[-1]
 
 
-def test_who_may_write_writes(host: ModbusServer, certificates: Path) -> None:
+def test_a_role_that_may_write_writes(host: ModbusServer, certificates: Path) -> None:
     with ModbusClient(tls_url(certificates, "operator", place(host))) as client:
         client.write_single_register(5, 42)
         client.write_multiple_registers(6, (43, 44))
@@ -67,7 +67,7 @@ def test_who_may_write_writes(host: ModbusServer, certificates: Path) -> None:
             client.at(unit=10).write_single_register(5, 1)
 
 
-def test_a_role_that_may_read_only(host: ModbusServer, certificates: Path) -> None:
+def test_a_role_that_may_only_read_gets_exception_01_for_a_write(host: ModbusServer, certificates: Path) -> None:
     with ModbusClient(tls_url(certificates, "viewer", place(host))) as client:
         assert client.read_holding_registers(5, 1) == (0,)
         with pytest.raises(ModbusException) as caught:
@@ -76,9 +76,7 @@ def test_a_role_that_may_read_only(host: ModbusServer, certificates: Path) -> No
         assert client.read_holding_registers(5, 1) == (0,)
 
 
-def test_a_certificate_without_a_role_may_do_what_the_table_says_of_that_nothing(
-    host: ModbusServer, certificates: Path
-) -> None:
+def test_a_certificate_without_a_role_is_refused_by_a_table_of_roles(host: ModbusServer, certificates: Path) -> None:
     with (
         ModbusClient(tls_url(certificates, "norole", place(host))) as client,
         pytest.raises(ModbusException) as caught,
@@ -87,7 +85,7 @@ def test_a_certificate_without_a_role_may_do_what_the_table_says_of_that_nothing
     assert caught.value.code == 1
 
 
-def test_the_asyncio_client_speaks_tls_too(host: ModbusServer, certificates: Path) -> None:
+def test_the_asyncio_client_over_tls(host: ModbusServer, certificates: Path) -> None:
     async def talk() -> None:
         async with AsyncModbusClient(tls_url(certificates, "operator", place(host)), in_flight=16) as client:
             await asyncio.gather(*(client.write_single_register(at, at) for at in range(50)))
@@ -98,7 +96,7 @@ def test_the_asyncio_client_speaks_tls_too(host: ModbusServer, certificates: Pat
     asyncio.run(talk())
 
 
-def test_an_asyncio_client_hears_all_that_came_together(certificates: Path) -> None:
+def test_an_asyncio_client_receives_all_tls_records_that_came_together(certificates: Path) -> None:
     """Answers that lie in the system's buffer, each in a record of its own: asyncio decrypts one behind the other into
     the buffer that it is given, a part of which must be that part and no copy."""
     context = server_context(Endpoint.parse(tls_url(certificates, "server", roles="any")))
@@ -139,7 +137,7 @@ def test_an_asyncio_client_hears_all_that_came_together(certificates: Path) -> N
         ("odd", "ca", "127.0.0.1:", "the role in the certificate is not one UTF8String"),
     ],
 )
-def test_a_wrong_certificate_is_one_line_on_both_sides(
+def test_a_wrong_client_certificate_is_one_line_on_both_sides(
     host: ModbusServer, certificates: Path, name: str, ca: str, client_says: str, server_says: str
 ) -> None:
     with (
@@ -155,7 +153,7 @@ def test_a_wrong_certificate_is_one_line_on_both_sides(
     ("server", "said"),
     [("expired-server", "certificate has expired"), ("stranger-server", "unable to get local issuer certificate")],
 )
-def test_a_wrong_certificate_of_the_server(certificates: Path, server: str, said: str) -> None:
+def test_a_wrong_server_certificate_is_an_error_of_the_client(certificates: Path, server: str, said: str) -> None:
     with ModbusServer(tls_url(certificates, server, roles="any"), units={1: Table()}) as host:
         url = tls_url(certificates, "operator", place(host))
         with refused(PortError, said):
@@ -164,12 +162,12 @@ def test_a_wrong_certificate_of_the_server(certificates: Path, server: str, said
             asyncio.run(AsyncModbusClient(url).open())
 
 
-def test_a_server_of_another_name(host: ModbusServer, certificates: Path) -> None:
+def test_a_certificate_for_another_host_name_is_an_error(host: ModbusServer, certificates: Path) -> None:
     with refused(PortError, "Hostname mismatch, certificate is not valid for 'pump7'"):
         ModbusClient(tls_url(certificates, "operator", place(host), server_name="pump7"))
 
 
-def test_no_certificate_at_all(host: ModbusServer, certificates: Path) -> None:
+def test_a_client_without_certificate_is_an_error(host: ModbusServer, certificates: Path) -> None:
     address, _, port = place(host).partition(":")
     context = ssl.create_default_context(cafile=str(certificates / "ca.crt"))
     with (
@@ -181,7 +179,7 @@ def test_no_certificate_at_all(host: ModbusServer, certificates: Path) -> None:
     assert "the other side showed no certificate" in turned_away(host)
 
 
-def test_what_is_no_tls_is_said_on_both_sides(host: ModbusServer, certificates: Path) -> None:
+def test_a_peer_without_tls_is_an_error_on_both_sides(host: ModbusServer, certificates: Path) -> None:
     with (
         ModbusClient(f"tcp://{place(host)}?timeout=5") as client,
         pytest.raises(PortError),
@@ -192,7 +190,7 @@ def test_what_is_no_tls_is_said_on_both_sides(host: ModbusServer, certificates: 
         ModbusClient(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
 
 
-def test_tls_1_1_is_not_spoken(host: ModbusServer, certificates: Path) -> None:
+def test_tls_1_1_is_refused(host: ModbusServer, certificates: Path) -> None:
     run = subprocess.run(
         ["openssl", "s_client", "-connect", place(host), "-tls1_1", "-cipher", "ALL:@SECLEVEL=0"],
         input=b"",
@@ -217,18 +215,18 @@ def test_tls_1_1_is_not_spoken(host: ModbusServer, certificates: Path) -> None:
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt&roles={0}/ca.crt", "table of roles"),
     ],
 )
-def test_what_is_wrong_with_the_files_is_told_at_once(certificates: Path, url: str, said: str) -> None:
+def test_wrong_certificate_files_are_an_error_at_construction(certificates: Path, url: str, said: str) -> None:
     with refused(EncodeError, said):
         ModbusServer(url.format(certificates), units={1: Table()})
 
 
-def test_roles_that_are_no_text_are_told_in_one_line(certificates: Path, tmp_path: Path) -> None:
+def test_a_table_of_roles_that_is_no_text_is_an_error_of_one_line(certificates: Path, tmp_path: Path) -> None:
     (tmp_path / "roles.json").write_bytes(b'{"Viewer\xff": []}')
     with refused(EncodeError, "not UTF-8 at byte 8"):
         ModbusServer(tls_url(certificates, "server", roles=str(tmp_path / "roles.json")), units={1: Table()})
 
 
-def test_the_page_about_tls_does_what_it_says(tmp_path: Path) -> None:
+def test_the_programs_of_the_tls_page_run(tmp_path: Path) -> None:
     page = Path(__file__, "../../../../docs/tls.md").resolve().read_text(encoding="utf-8")
     shell, table, program = (
         "".join(re.findall(f"```{kind}\n(.*?)```", page, re.S)) for kind in ("sh", "json", "python")
@@ -251,7 +249,7 @@ def test_the_role_in_a_certificate(certificates: Path) -> None:
         role_of(der(certificates / "odd.crt"))
 
 
-def test_half_a_certificate_is_a_decode_error(certificates: Path) -> None:
+def test_part_of_a_certificate_is_a_decode_error(certificates: Path) -> None:
     whole = der(certificates / "operator.crt")
     for length in range(0, len(whole), 7):
         with pytest.raises(DecodeError):

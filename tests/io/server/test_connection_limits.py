@@ -43,7 +43,7 @@ def here(found: ConnectionTable[Fake]) -> str:
 # One too many --------------------------------------------------------------------------------------------------------
 
 
-def test_the_longest_silent_of_those_that_were_never_answered_goes_first() -> None:
+def test_the_longest_silent_unanswered_connection_is_closed_first() -> None:
     found = guests(connections=3)
     a, b, c = came(found, "a", "b", "c")
     a.was_answered = c.was_answered = True
@@ -59,7 +59,7 @@ def test_the_longest_silent_of_those_that_were_never_answered_goes_first() -> No
     assert found.unsent == 21
 
 
-def test_of_equals_the_one_that_came_first_goes() -> None:
+def test_of_equally_silent_connections_the_oldest_is_closed() -> None:
     found = guests(connections=3)
     a, b, c = came(found, "a", "b", "c")
     for guest in (c, b, a):
@@ -68,7 +68,7 @@ def test_of_equals_the_one_that_came_first_goes() -> None:
     assert here(found) == "bcd"
 
 
-def test_where_there_is_room_for_one_the_newest_has_it() -> None:
+def test_with_a_limit_of_one_the_newest_connection_stays() -> None:
     found = guests(connections=1)
     first, _ = came(found, "a", "b")
     assert here(found) == "b"
@@ -78,7 +78,7 @@ def test_where_there_is_room_for_one_the_newest_has_it() -> None:
     assert len(found.closed) == 6
 
 
-def test_a_flood_of_strangers_at_the_limit_takes_nobodys_place() -> None:
+def test_a_flood_of_idle_connections_does_not_displace_working_ones() -> None:
     found = guests(connections=300)
     known = came(found, *map(str, range(299)))
     for guest in known:
@@ -92,7 +92,7 @@ def test_a_flood_of_strangers_at_the_limit_takes_nobodys_place() -> None:
 # Silent for too long -------------------------------------------------------------------------------------------------
 
 
-def test_nobody_goes_before_the_time_and_everybody_at_it() -> None:
+def test_idle_connections_are_closed_exactly_at_the_time_out() -> None:
     found = guests(idle=10)
     assert found.close_idle(0.0) is None
     a, _, c = came(found, "a", "b", "c")
@@ -108,7 +108,7 @@ def test_nobody_goes_before_the_time_and_everybody_at_it() -> None:
     assert found.close_idle(30.0) == 40.0
 
 
-def test_a_time_that_is_set_later_or_made_shorter_holds_at_once() -> None:
+def test_a_changed_idle_time_out_applies_at_once() -> None:
     found = guests()
     came(found, "a", "b")
     assert found.close_idle(1000.0) is None
@@ -124,7 +124,7 @@ def test_a_time_that_is_set_later_or_made_shorter_holds_at_once() -> None:
     assert here(found) == ""
 
 
-def test_who_goes_with_another_is_turned_away_once_at_most() -> None:
+def test_a_connection_that_ends_with_another_is_closed_once() -> None:
     """Two connections of one client: whoever hangs up on one may hang up on both."""
     found = guests(idle=1)
     a, b = came(found, "a", "b")
@@ -147,7 +147,9 @@ STEPS = st.lists(
 
 @modest
 @given(STEPS, st.integers(1, 5), st.sampled_from([0.0, 1.0, 2.5]), st.booleans())
-def test_it_is_the_plain_rule(steps: list[tuple[str, int, float]], most: int, idle: float, tells: bool) -> None:
+def test_the_table_follows_the_simple_rule_for_any_sequence_of_events(
+    steps: list[tuple[str, int, float]], most: int, idle: float, tells: bool
+) -> None:
     """The rule: a list in the order in which they were heard. A step takes time, or none; a guest may leave and, late,
     be heard again."""
     found = guests(connections=most, idle=idle)

@@ -113,7 +113,7 @@ def test_a_thousand_connections_at_once_each_served(way: str, scheme: str) -> No
 
 
 @both
-def test_over_the_limit_the_one_that_was_silent_longest_goes(way: str) -> None:
+def test_over_the_limit_the_longest_silent_connection_is_closed(way: str) -> None:
     async def talk() -> None:
         async with serving(way, connections=3) as server:
             clients = [await Client.of(server) for _ in range(3)]
@@ -132,7 +132,7 @@ def test_over_the_limit_the_one_that_was_silent_longest_goes(way: str) -> None:
 
 @both
 @pytest.mark.parametrize("said", [b"", READ[:7]])
-def test_over_the_limit_those_that_never_asked_anything_go_first(way: str, said: bytes) -> None:
+def test_over_the_limit_connections_without_requests_are_closed_first(way: str, said: bytes) -> None:
     async def talk() -> None:
         async with serving(way, connections=3) as server:
             client = await Client.of(server)
@@ -156,7 +156,7 @@ def test_over_the_limit_those_that_never_asked_anything_go_first(way: str, said:
 
 
 @both
-def test_whoever_is_silent_too_long_goes_and_half_a_request_is_silence_too(way: str) -> None:
+def test_an_idle_connection_is_closed_even_after_half_a_request(way: str) -> None:
     async def talk() -> None:
         async with serving(way, idle=2) as server:
             silent, half, busy = [await Client.of(server) for _ in range(3)]
@@ -176,7 +176,7 @@ def test_whoever_is_silent_too_long_goes_and_half_a_request_is_silence_too(way: 
 
 
 @both
-def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up(way: str) -> None:
+def test_a_client_that_never_reads_takes_no_memory_and_delays_no_other(way: str) -> None:
     async def talk() -> None:
         async with serving(way) as server:
             greedy = socket.socket()
@@ -201,7 +201,7 @@ def test_a_client_that_asks_and_never_reads_takes_no_memory_and_holds_nobody_up(
 
 
 @both
-def test_one_byte_at_a_time_from_many_holds_nobody_up(way: str) -> None:
+def test_many_clients_that_send_single_bytes_delay_no_other(way: str) -> None:
     async def talk() -> None:
         async with serving(way) as server, AsyncModbusClient(f"tcp://127.0.0.1:{server.port}") as client:
             slow = [await Client.of(server) for _ in range(50)]
@@ -217,7 +217,7 @@ def test_one_byte_at_a_time_from_many_holds_nobody_up(way: str) -> None:
 
 
 @both
-def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept(way: str) -> None:
+def test_a_connection_that_is_not_modbus_is_closed_and_the_reason_kept(way: str) -> None:
     async def talk() -> None:
         async with serving(way) as server:
             stranger = await Client.of(server)
@@ -229,14 +229,14 @@ def test_what_is_not_modbus_is_hung_up_on_and_the_reason_kept(way: str) -> None:
     asyncio.run(talk())
 
 
-def test_a_limit_that_is_none() -> None:
+def test_a_wrong_limit_is_an_error() -> None:
     with refused(EncodeError, "connections 0: expected 1 or more"):
         AsyncModbusServer("tcp://127.0.0.1:0?connections=0", {1: Table()})
     with refused(EncodeError, "connections 0: expected 1 or more"):
         ModbusServer("tcp://127.0.0.1:0?connections=0", units={1: Table()})
 
 
-def test_where_no_file_is_left_the_one_that_was_silent_longest_goes() -> None:
+def test_without_free_descriptors_the_longest_silent_connection_is_closed() -> None:
     """A system gives a process so many files and no more: a server at that limit must not spin, and not be deaf."""
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host, contextlib.ExitStack() as closing:
         address = Endpoint.parse(host.url).host_and_port
@@ -264,13 +264,13 @@ def test_where_no_file_is_left_the_one_that_was_silent_longest_goes() -> None:
 
 
 @pytest.mark.parametrize("scheme", [*EXCHANGES, "udp"])
-def test_a_host_that_nobody_started_gives_its_port_back(scheme: str) -> None:
+def test_a_server_that_was_never_started_releases_its_port(scheme: str) -> None:
     host = ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table()})
     host.close()
     ModbusServer(host.url, units={1: Table()}).close()  # the same port
 
 
-def test_who_may_do_what_holds_where_nobody_has_a_role_too() -> None:
+def test_a_table_of_roles_applies_to_connections_without_a_role() -> None:
     """A table of roles on a connection without TLS: nobody has a role. It is said when the server is made; later it
     would be too late for some."""
     nobody = Authorization.parse('{"Viewer": [{}]}')

@@ -18,13 +18,13 @@ def greets(connection: socket.socket) -> None:
     honest(connection)
 
 
-def test_the_blocking_client() -> None:
+def test_the_blocking_client_skips_unrequested_data() -> None:
     with peer(greets) as port, ModbusClient(f"tcp://127.0.0.1:{port}?timeout=5") as client:
         assert client.read_holding_registers(7, 1) == (7,)
 
 
 @pytest.mark.parametrize("in_flight", [1, 4])
-def test_the_asyncio_client(in_flight: int) -> None:
+def test_the_asyncio_client_skips_unrequested_data(in_flight: int) -> None:
     async def talk(port: int) -> None:
         for _ in range(20):  # it comes while the connection is being made, or just after
             async with AsyncModbusClient(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=in_flight) as client:

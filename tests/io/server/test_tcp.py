@@ -124,7 +124,7 @@ def heard(host: ThreadedServer, said: list[list[bytes]]) -> list[bytes]:
         return [to_end(connection) for connection in connections]
 
 
-def test_both_servers_say_what_the_machine_says_to_whatever_comes() -> None:
+def test_both_tcp_services_answer_any_input_as_the_server_machine() -> None:
     with contextlib.ExitStack() as stack:
         servers: list[tuple[ThreadedServer, Fresh]] = []
         for kind in (TcpService, AsyncioService):
@@ -152,7 +152,7 @@ def vars_of(units: Fresh) -> list[Any]:
 
 
 @pytest.mark.parametrize("kind", [TcpService, AsyncioService])
-def test_a_client_s_quirk_in_the_url_does_not_make_the_line_a_serial_one(kind: Any) -> None:
+def test_any_transaction_does_not_make_the_line_a_serial_one(kind: Any) -> None:
     """There a request that another one followed is not answered, and neither is one for nobody."""
     with Served(kind(Endpoint.parse("tcp://127.0.0.1:0?any_transaction=1"), {1: Table()})) as host:
         stranger = frame(5, b"\x07", 9)
@@ -180,7 +180,7 @@ class Forgetful(Mapping[int, Unit]):
         return self[number]
 
 
-def test_whatever_stumbles_over_one_client_leaves_the_others_alone() -> None:
+def test_an_error_with_one_client_does_not_affect_the_others() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units=Forgetful()) as host, client(host) as other:
         other.sendall(READ)
         assert read_exactly(other, len(ANSWER)) == ANSWER
@@ -191,7 +191,7 @@ def test_whatever_stumbles_over_one_client_leaves_the_others_alone() -> None:
 
 
 @pytest.mark.parametrize("error", [ValueError("no"), RecursionError(), MemoryError()])
-def test_a_unit_that_stumbles_is_exception_04_and_the_connection_stays(error: Exception) -> None:
+def test_a_unit_that_raises_is_exception_04_and_the_connection_stays(error: Exception) -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: FailingUnit(error)}) as host:
         assert asked(host, READ + READ) == frame(1, b"\x83\x04", 1) * 2
 
@@ -201,7 +201,7 @@ ONCE = "a server serves once: this one has run, or was closed"
 
 
 @pytest.mark.parametrize("url", SCHEMES)
-def test_close_ends_a_run_in_another_thread_and_nothing_begins_again(url: str) -> None:
+def test_close_ends_a_run_in_another_thread_and_the_server_cannot_start_again(url: str) -> None:
     host = ModbusServer(url, units={1: Table()})
     running = threading.Thread(target=host.run, args=(threading.Event(),), daemon=True)
     running.start()
@@ -217,7 +217,7 @@ def test_close_ends_a_run_in_another_thread_and_nothing_begins_again(url: str) -
 
 
 @pytest.mark.parametrize("url", SCHEMES)
-def test_a_host_begins_once(url: str) -> None:
+def test_a_server_starts_once(url: str) -> None:
     with ModbusServer(url, units={1: Table()}) as host:
         for begin in (host.start, lambda: host.run(threading.Event())):
             with refused(PortError, ONCE):
@@ -226,21 +226,21 @@ def test_a_host_begins_once(url: str) -> None:
             assert asking.read_holding_registers(0, 1) == (0,)
 
 
-def test_a_host_that_nobody_started_gives_its_terminal_back() -> None:
+def test_a_server_that_was_never_started_removes_its_terminal() -> None:
     host = ModbusServer("rtu://pty", units={1: Table()})
     host.close()
     with pytest.raises(PortError):
         ModbusClient(host.url)
 
 
-def test_two_hosts_on_one_port_are_one_too_many() -> None:
+def test_two_servers_on_one_port_are_an_error() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         with pytest.raises(PortError, match=r"^127\.0\.0\.1:\d+: address already in use$"):
             ModbusServer(host.url, units={1: Table()})
         assert asked(host) == ANSWER
 
 
-def test_a_unit_may_close_the_host_that_serves_it() -> None:
+def test_a_unit_may_close_the_server_that_serves_it() -> None:
     class Last(Table):
         def handle(self, request: Any, now: float) -> Any:
             host.close()
@@ -253,7 +253,7 @@ def test_a_unit_may_close_the_host_that_serves_it() -> None:
         client(host)
 
 
-def test_stopping_while_answers_wait_hangs_up() -> None:
+def test_closing_a_server_drops_unsent_answers() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         greedy = client(host)
         greedy.setblocking(False)
@@ -266,7 +266,7 @@ def test_stopping_while_answers_wait_hangs_up() -> None:
     greedy.close()
 
 
-def test_six_of_the_next_version_of_ip() -> None:
+def test_a_server_on_an_ipv6_address() -> None:
     with ModbusServer("tcp://[::1]:0", units={1: Table()}) as host:
         assert host.url.startswith("tcp://[::1]:")
         assert asked(host) == ANSWER
@@ -284,7 +284,7 @@ def spoiled(kind: Any, faults: dict[str, float], **how: Any) -> Served:
 
 
 @pytest.mark.parametrize("kind", [TcpService, AsyncioService])
-def test_nothing_comes_between_the_parts_of_an_answer(kind: Any) -> None:
+def test_the_parts_of_a_split_answer_are_not_interleaved(kind: Any) -> None:
     """Several questions may be under way. A connection keeps the order of its bytes, late ones among them."""
     questions = [frame(1, bytes([3, 0, 0, 0, number]), number) for number in range(1, 13)]
     answers = {frame(1, bytes([3, 2 * number, *bytes(2 * number)]), number) for number in range(1, 13)}
@@ -328,7 +328,7 @@ class Reluctant:
     modify = register
 
 
-def test_late_answers_to_a_client_that_does_not_read_wait_behind_each_other() -> None:
+def test_late_answers_to_a_client_that_does_not_read_are_not_each_tried_again() -> None:
     """Each of them tried again with all that waits already would be a second for everybody, and a minute soon."""
     late: list[Callable[[bytes], None]] = []
     inject: Any = lambda answer, say: late.append(say)  # noqa: E731
