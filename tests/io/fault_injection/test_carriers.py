@@ -19,6 +19,7 @@ from barewire.io.fault_injection.faults import Faults, ModbusWire
 from barewire.modbus import ModbusException
 from tests.certificates import tls_url
 from tests.helpers import refused
+from tests.io.schemes import EVERY_SCHEME, NUMBERED, SERIAL
 
 ADXL = load("adxl")
 
@@ -33,12 +34,6 @@ EXPECTED: dict[str, type[BaseException] | None] = {
 }
 
 
-CARRIERS = pytest.mark.parametrize(
-    "scheme",
-    ["rtu", "ascii", "tcp", pytest.param("tls", marks=pytest.mark.needs("openssl")), "udp", "rtu+tcp", "ascii+tcp"],
-)
-
-
 @contextmanager
 def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iterator[str]:
     """A soft starter with faults; gives the URL of a client."""
@@ -46,7 +41,7 @@ def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iter
     url = f"{scheme}://127.0.0.1:0"
     if scheme == "tls":
         url = tls_url(files, "server", roles="any")
-    elif scheme in ("rtu", "ascii"):
+    elif scheme in SERIAL:
         url = f"{scheme}://pty"
     with ModbusServer(url, MachineUnits(machine, 255, 0), **how) as host:
         at = host.url.partition("?")[0]
@@ -55,7 +50,7 @@ def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iter
 
 
 @pytest.mark.parametrize("kind", EXPECTED)
-@CARRIERS
+@EVERY_SCHEME
 def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.FixtureRequest) -> None:
     files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
     told: list[str] = []
@@ -79,7 +74,7 @@ def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.Fixtur
     assert set(told) == {kind}
 
 
-@CARRIERS
+@EVERY_SCHEME
 def test_noise_and_flipped_bits_do_not_become_values(scheme: str, request: pytest.FixtureRequest) -> None:
     files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
     told: list[str] = []
@@ -95,7 +90,7 @@ def test_noise_and_flipped_bits_do_not_become_values(scheme: str, request: pytes
     assert errors
     assert {"noise", "flip"} <= set(told)
     # Only a CRC or an LRC knows a bit from another; without one a flipped value may pass, and does.
-    assert values <= {(50, 0)} or scheme in ("tcp", "tls", "udp")
+    assert values <= {(50, 0)} or scheme in NUMBERED
 
 
 def test_a_late_answer_is_not_taken_for_that_to_another_request() -> None:

@@ -12,17 +12,16 @@ import pytest
 
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io.endpoint import Endpoint
+from barewire.io.endpoint import CARRIERS, Endpoint
 from barewire.io.modbus.carriers import timing_in_words
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import ReadHoldingRegisters, Table, WriteSingleRegister
 from tests.certificates import tls_url
 from tests.helpers import refused
 from tests.io.peers import answer, honest, peer, read_exactly
+from tests.io.schemes import NETWORK, NUMBERED, SERIAL, TUNNELS
 
 T = TypeVar("T")
-NETWORK = ["tcp", "udp", "rtu+tcp", "ascii+tcp", "tls"]
-SERIAL = ["rtu", "ascii"]
 
 URLs = Mapping[str, str]
 
@@ -79,7 +78,7 @@ def waiting(url: str, talk: Callable[[Any], Any]) -> None:
 
 @pytest.mark.needs("openssl")
 @pytest.mark.parametrize("how", [blocking, waiting])
-@pytest.mark.parametrize("scheme", NETWORK + SERIAL)
+@pytest.mark.parametrize("scheme", CARRIERS)
 def test_both_clients_have_the_same_results_on_every_carrier(urls: URLs, scheme: str, how: Callable[..., None]) -> None:
     async def talk(client: Any) -> None:
         await client.write_multiple_registers(0, tuple(range(100)))
@@ -99,7 +98,7 @@ def test_both_clients_have_the_same_results_on_every_carrier(urls: URLs, scheme:
     how(urls[scheme], talk)
 
 
-@pytest.mark.parametrize("scheme", ["rtu+tcp", "ascii+tcp"])
+@pytest.mark.parametrize("scheme", TUNNELS)
 def test_a_serial_line_behind_tcp_has_broadcasts_and_time_outs(urls: URLs, scheme: str) -> None:
     with ModbusClient(urls[scheme]) as client:
         client.broadcast(WriteSingleRegister(50, 5), turnaround=0.05)
@@ -152,7 +151,7 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
 
 
 @pytest.mark.needs("openssl")
-@pytest.mark.parametrize("scheme", ["tcp", "udp", "tls"])
+@pytest.mark.parametrize("scheme", NUMBERED)
 def test_sixteen_requests_under_way(urls: URLs, scheme: str) -> None:
     async def talk() -> None:
         async with AsyncModbusClient(urls[scheme], in_flight=16) as client:

@@ -14,6 +14,7 @@ from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Diagnostics, Table, Unanswered, Unit
+from tests.io.schemes import SERIAL
 
 
 def full(size: int = 300) -> dict[int, Unit]:
@@ -46,7 +47,7 @@ def test_an_interrupt_at_every_step_of_a_blocking_exchange(wire: str) -> None:
 
 
 @pytest.mark.parametrize("answered", [0, 3])
-@pytest.mark.parametrize("wire", ["rtu", "ascii"])
+@pytest.mark.parametrize("wire", SERIAL)
 def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answered: int, tmp_path: Path) -> None:
     """When the question was heard, or some of its answer was said: an error at once, and the next question works."""
     place = f"{tmp_path}/line"

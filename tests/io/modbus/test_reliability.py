@@ -24,6 +24,7 @@ from barewire.modbus import (
 )
 from tests.helpers import refused
 from tests.io.peers import answer, honest, peer, read_exactly
+from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
 
 
 def full(size: int = 300) -> dict[int, Unit]:
@@ -46,10 +47,10 @@ def restarted(url: str) -> Callable[[], ModbusServer]:
     return start
 
 
-@pytest.mark.parametrize("wire", ["tcp", "rtu+tcp", "udp", "rtu", "ascii"])
-def test_a_blocking_client_reconnects_to_a_restarted_server(wire: str, tmp_path: Path) -> None:
-    place = f"{tmp_path}/line" if wire in ("rtu", "ascii") else "127.0.0.1:0"
-    first = restarted(f"{wire}://{place}")()
+@EVERY_SCHEME_WITHOUT_TLS
+def test_a_blocking_client_reconnects_to_a_restarted_server(scheme: str, tmp_path: Path) -> None:
+    place = f"{tmp_path}/line" if scheme in SERIAL else "127.0.0.1:0"
+    first = restarted(f"{scheme}://{place}")()
     start = restarted(first.url)
     with ModbusClient(first.url) as client:
         assert client.read_holding_registers(7, 1) == (7,)
@@ -64,10 +65,10 @@ def test_a_blocking_client_reconnects_to_a_restarted_server(wire: str, tmp_path:
         third.close()
 
 
-@pytest.mark.parametrize("wire", ["tcp", "rtu+tcp", "udp", "rtu", "ascii"])
-def test_an_asyncio_client_reconnects_to_a_restarted_server(wire: str, tmp_path: Path) -> None:
-    place = f"{tmp_path}/line" if wire in ("rtu", "ascii") else "127.0.0.1:0"
-    first = restarted(f"{wire}://{place}")()
+@EVERY_SCHEME_WITHOUT_TLS
+def test_an_asyncio_client_reconnects_to_a_restarted_server(scheme: str, tmp_path: Path) -> None:
+    place = f"{tmp_path}/line" if scheme in SERIAL else "127.0.0.1:0"
+    first = restarted(f"{scheme}://{place}")()
     start = restarted(first.url)
 
     async def talk() -> None:
@@ -179,8 +180,8 @@ def test_cancelled_after_any_number_of_turns_of_the_loop_over_tcp(in_flight: int
         asyncio.run(talk(port))
 
 
-@pytest.mark.parametrize("wire", ["rtu", "ascii"])
-def test_cancelled_at_any_time_on_a_serial_line(wire: str) -> None:
+@pytest.mark.parametrize("scheme", SERIAL)
+def test_cancelled_at_any_time_on_a_serial_line(scheme: str) -> None:
     async def talk(url: str) -> None:
         async with AsyncModbusClient(url, late_window=0.1) as client:
             for step in range(30):
@@ -191,7 +192,7 @@ def test_cancelled_at_any_time_on_a_serial_line(wire: str) -> None:
                     assert await task == (299 - step,)
                 assert await client.read_holding_registers(step, 1) == (step,)
 
-    with ModbusServer(f"{wire}://pty?baudrate=115200", units=full()) as host:
+    with ModbusServer(f"{scheme}://pty?baudrate=115200", units=full()) as host:
         asyncio.run(talk(host.url))
 
 

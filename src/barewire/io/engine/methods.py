@@ -4,14 +4,15 @@
         @method
         def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]: ...
 
-    client.read_coils(0, 8)            -> (True, ...)       on a client that is a `BlockingRunner`
-    await client.read_coils(0, 8)      -> (True, ...)       on a client that is an `AsyncRunner`
+    client.read_coils(0, 8)            -> (True, ...)       on a client that is a `BlockingClient`
+    await client.read_coils(0, 8)      -> (True, ...)       on a client that is an `AsyncioClient`
 
-A definition does no input or output: it returns an `Operation`, which the client carries out. At run time `method` is
-an ordinary decorator that returns an ordinary function. For a type checker its result is a `Method`, whose parameters
-are those of the definition (a ParamSpec) and whose result is a value or a coroutine, depending on the client.
+A definition does no input or output: it returns a `ClientOperation`, which the client carries out. At run time `method`
+is an ordinary decorator that returns an ordinary function. For a type checker its result is a `Method`, whose
+parameters are those of the definition (a ParamSpec) and whose result is a value or a coroutine, depending on the
+client.
 
-Depends on: nothing. Used by: the methods of Modbus clients; usable for those of CANopen clients.
+Depends on: nothing. Used by: the methods of Modbus clients (those of CANopen have groups, see `io.canopen.methods`).
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ V = TypeVar("V")
 V_co = TypeVar("V_co", covariant=True)
 
 
-class Operation(Generic[V]):
+class ClientOperation(Generic[V]):
     """Something that a client carries out, with a result of type V. Subclasses say what it is."""
 
     __slots__ = ()
 
 
-class BlockingRunner:
+class BlockingClient:
     """Base of the clients whose `carry_out(operation)` returns the result."""
 
 
-class AsyncRunner:
+class AsyncioClient:
     """Base of the clients whose `carry_out(operation)` returns a coroutine."""
 
 
@@ -46,16 +47,16 @@ class Method(Protocol[P, V_co]):
     """What a type checker takes a decorated definition for."""
 
     @overload
-    def __get__(self, client: BlockingRunner, kind: type) -> Callable[P, V_co]: ...
+    def __get__(self, client: BlockingClient, kind: type) -> Callable[P, V_co]: ...
 
     @overload
-    def __get__(self, client: AsyncRunner, kind: type) -> Callable[P, Coroutine[Any, Any, V_co]]: ...
+    def __get__(self, client: AsyncioClient, kind: type) -> Callable[P, Coroutine[Any, Any, V_co]]: ...
 
     @overload
     def __get__(self, client: None, kind: type) -> Callable[..., Any]: ...
 
 
-def method(make: Callable[Concatenate[Any, P], Operation[V]]) -> Method[P, V]:
+def method(make: Callable[Concatenate[Any, P], ClientOperation[V]]) -> Method[P, V]:
     """The method that passes the operation which `make` returns to the client's `carry_out`."""
 
     @wraps(make)

@@ -75,7 +75,7 @@ class FaultyPort(Generic[Item]):
         self._port.close()
 
 
-Send = Callable[[bytes], None]
+SendBytes = Callable[[bytes], None]
 """Sends bytes on one connection."""
 
 
@@ -87,8 +87,8 @@ class FaultInjector:
 
     def __init__(self, faults: Faults[bytes], clock: Clock = time.monotonic) -> None:
         self._faults, self._clock = faults, clock
-        self._late: DelayQueue[tuple[Send, list[tuple[float, bytes]]]] = DelayQueue()
-        self._begun: dict[Send, list[tuple[float, bytes]]] = {}
+        self._late: DelayQueue[tuple[SendBytes, list[tuple[float, bytes]]]] = DelayQueue()
+        self._begun: dict[SendBytes, list[tuple[float, bytes]]] = {}
         """By connection, the rest of an answer in parts: nothing is sent between them."""
 
     @property
@@ -96,13 +96,13 @@ class FaultInjector:
         """When the next bytes are to be sent."""
         return self._late.due
 
-    def __call__(self, answer: bytes, send: Send) -> None:
+    def __call__(self, answer: bytes, send: SendBytes) -> None:
         """Send the answer now or later, changed or not at all."""
         if parts := self._faults.pass_on(answer, self._clock()):
             self._wait(parts[0][0], send, parts)
         self.deliver()
 
-    def _wait(self, at: float, send: Send, parts: list[tuple[float, bytes]]) -> None:
+    def _wait(self, at: float, send: SendBytes, parts: list[tuple[float, bytes]]) -> None:
         self._late.put(at, (send, parts))
         self._wake(at)
 

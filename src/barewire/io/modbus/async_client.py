@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, random_fraction
-from barewire.io.engine.methods import AsyncRunner, Operation
+from barewire.io.engine.methods import AsyncioClient, ClientOperation
 from barewire.io.modbus.async_connection import AsyncConnection
 from barewire.io.modbus.carriers import bus_options, modbus_endpoint, unit_of
 from barewire.io.modbus.methods import BusConversation, Exchange, Exchanges, ModbusMethods, checked_request
@@ -39,7 +39,7 @@ R = TypeVar("R", bound="Response")
 T = TypeVar("T")
 
 
-class AsyncModbusClient(ModbusMethods, AsyncRunner):
+class AsyncModbusClient(ModbusMethods, AsyncioClient):
     """A client on one line or connection, by URL. Its options are those of `ModbusClient`, and `in_flight`: how many
     requests may be under way at once, 1 to 16.
 
@@ -109,7 +109,7 @@ class AsyncModbusClient(ModbusMethods, AsyncRunner):
         """Carry out the conversation that `make` returns for the bus it is given."""
         return await self.connection.run(make, unit, self.timeout)
 
-    async def carry_out(self, operation: Operation[T]) -> T:
+    async def carry_out(self, operation: ClientOperation[T]) -> T:
         """Carry out an operation of `ModbusMethods`."""
         result: T
         if isinstance(operation, Exchange):

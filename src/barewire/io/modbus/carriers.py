@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from barewire.io.ports.base import AsyncLink, Port
     from barewire.modbus.framing import Line
     from barewire.rtu.timing import Timing
-Role = Literal["client", "server"]
+_Role = Literal["client", "server"]
 
 
 def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> Endpoint:
@@ -34,7 +34,7 @@ def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> En
     return endpoint
 
 
-def modbus_line(endpoint: Endpoint, role: Role, units: Container[int] = ()) -> Line:
+def modbus_line(endpoint: Endpoint, role: _Role, units: Container[int] = ()) -> Line:
     """The framing state of a new connection."""
     line: Line
     if endpoint.framing == "tcp":

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from barewire.errors import BarewireError, NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, random_fraction
-from barewire.io.engine.methods import BlockingRunner, Operation
+from barewire.io.engine.methods import BlockingClient, ClientOperation
 from barewire.io.modbus.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
 from barewire.io.modbus.connection import Connection
 from barewire.io.modbus.methods import BusConversation, Exchange, Exchanges, ModbusMethods, checked_request
@@ -36,7 +36,7 @@ R = TypeVar("R", bound="Response")
 T = TypeVar("T")
 
 
-class ModbusClient(ModbusMethods, BlockingRunner):
+class ModbusClient(ModbusMethods, BlockingClient):
     """A client on one line or connection, opened by URL (`barewire.io.endpoint` lists the forms).
 
     `unit` and `timeout` (seconds) hold for every method; `at` gives the same client with others. All other options of a
@@ -102,7 +102,7 @@ class ModbusClient(ModbusMethods, BlockingRunner):
         """Carry out the conversation that `make` returns for the bus it is given."""
         return self.run(make(self.bus), unit=unit)
 
-    def carry_out(self, operation: Operation[T]) -> T:
+    def carry_out(self, operation: ClientOperation[T]) -> T:
         """Carry out an operation of `ModbusMethods`."""
         result: T
         if isinstance(operation, Exchange):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from barewire import modbus
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import shown
-from barewire.io.engine.methods import Operation, method
+from barewire.io.engine.methods import ClientOperation, method
 
 if TYPE_CHECKING:
     from barewire.codecs import Value
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 V = TypeVar("V")
 
 
-class Exchange(Operation[V]):
+class Exchange(ClientOperation[V]):
     """One request to the client's unit, and what is taken of its response."""
 
     __slots__ = ("request", "take")
@@ -45,7 +45,7 @@ class Exchange(Operation[V]):
         self.take = take
 
 
-class Exchanges(Operation[V]):
+class Exchanges(ClientOperation[V]):
     """Requests to one unit, one after the other, and what is taken of their responses.
 
     `notes` has a note for the error of each request.
@@ -62,7 +62,7 @@ class Exchanges(Operation[V]):
         self.take = take
 
 
-class BusConversation(Operation[V]):
+class BusConversation(ClientOperation[V]):
     """The conversation that `make` returns for the bus it is given. It waits in the queue of `unit`."""
 
     __slots__ = ("make", "unit")
