@@ -190,6 +190,19 @@ def test_a_method_loads_the_file_of_its_message_only() -> None:
     assert "barewire.modbus.messages.files" not in found
 
 
+def test_a_device_of_the_catalogue_is_loaded_without_the_checks_and_without_a_bus() -> None:
+    found = loaded("from barewire.devices import load; load('az3')")
+    assert files(found, "barewire.devices") == {
+        *("description", "description.build", "description.load", "device", "parameter"),
+    }
+    assert not files(found, "barewire.modbus") | files(found, "barewire.canopen")
+
+
+def test_reading_by_name_over_modbus_loads_no_canopen() -> None:
+    found = loaded("from barewire.devices import load, read_modbus; load('az3')")
+    assert not [name for name in found if name.startswith("barewire.canopen")]
+
+
 def test_the_reasons_are_those_of_their_type() -> None:
     """Which is written for type checkers only, so a program cannot read it: the source can be."""
     tree = ast.parse((SRC / "barewire" / "errors.py").read_text(encoding="utf-8"))

@@ -148,9 +148,9 @@ def _corrections(device: str) -> Iterator[str]:
     yield "| parameter | field | printed | here | how it is known |"
     yield "|---|---|---|---|---|"
     for row in corrected:
-        for place, (field, says) in enumerate(row["printed"].items()):
+        for place, (field, text) in enumerate(row["printed"].items()):
             note = row.get("note", "") if place == 0 else ""
-            cells = (row["name"], field, says, _here(row, field), note)
+            cells = (row["name"], field, text, _here(row, field), note)
             yield f"| {' | '.join(map(_cell, cells))} |"
 
 

@@ -128,11 +128,11 @@ def test_a_trapezoidal_move_takes_the_computed_time(bench: Bench) -> None:
     way, speed, rate, unit = (240_000, 90_000, 140_000, 1.0)
     if bench.machine.device.name == "az3":
         way, speed, rate, unit = (81_920, 600, 1200, 8192 / 60)
-    began, told = bench.now, len(bench.progress)
+    began, before = bench.now, len(bench.progress)
     look = bench.do(bench.drive.move(way, velocity=speed, acceleration=rate, deceleration=rate))
     assert look.position == way
     assert look.velocity == 0
-    moving = [progress.status for progress in bench.progress[told:] if progress.status.velocity]
+    moving = [progress.status for progress in bench.progress[before:] if progress.status.velocity]
     formula = way / (speed * unit) + speed / rate
     assert moving[-1].now - moving[0].now == pytest.approx(formula, abs=0.2)
     assert bench.now - began == pytest.approx(formula, abs=0.6)

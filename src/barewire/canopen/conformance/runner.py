@@ -29,7 +29,7 @@ def wants_reset(case: NodeCase, before: NodeCase | None) -> bool:
 
 
 def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, bool]:
-    """Reset the communication of the device and wait up to `boot` seconds for its boot-up message; whether it came.
+    """Reset the communication of the device; return whether its boot-up message was received within `boot` seconds.
 
     A device without a boot-up message is switched to pre-operational, so that it answers further requests.
     """
@@ -52,33 +52,33 @@ def run_case(case: NodeCase, *, timeout: float = ANSWER_TIMEOUT) -> Conversation
         for text in step.sends:
             heard = yield Send(CanFrame.parse(text))
         heard = heard or (yield Listen(float("-inf")))
-        came: list[str] = []
+        frames: list[str] = []
         if heard.item is not None and str(heard.item).startswith(case.listens):
-            came.append(str(heard.item))
+            frames.append(str(heard.item))
         until = heard.now + (timeout if step.wait is None else step.wait)
         while heard.now < until:
-            if came and not step.full_wait and _fits(step, came):
+            if frames and not step.full_wait and _fits(step, frames):
                 if number + 1 < len(case.steps):
                     break
                 until = min(until, heard.now + _SETTLE)
-            if len(came) >= FLOOD:
-                return NodeOutcome(case, (*received, tuple(came)), _difference(step, came))
+            if len(frames) >= FLOOD:
+                return NodeOutcome(case, (*received, tuple(frames)), _difference(step, frames))
             heard = yield Listen(until)
             if heard.item is not None and str(heard.item).startswith(case.listens):
-                came.append(str(heard.item))
-        received.append(tuple(came))
-        if any(_matches(way, came) for way in step.ends):
+                frames.append(str(heard.item))
+        received.append(tuple(frames))
+        if any(_matches(way, frames) for way in step.ends):
             break
-        if not any(_matches(way, came) for way in step.accepts):
-            return NodeOutcome(case, tuple(received), _difference(step, came))
+        if not any(_matches(way, frames) for way in step.accepts):
+            return NodeOutcome(case, tuple(received), _difference(step, frames))
     return NodeOutcome(case, tuple(received), None)
 
 
-def _fits(step: NodeStep, came: list[str]) -> bool:
-    return any(_matches(way, came) for way in (*step.accepts, *step.ends))
+def _fits(step: NodeStep, frames: list[str]) -> bool:
+    return any(_matches(way, frames) for way in (*step.accepts, *step.ends))
 
 
-def _matches(way: str, came: list[str]) -> bool:
+def _matches(way: str, frames: list[str]) -> bool:
     """Whether the received frames are this way.
 
     >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
@@ -86,7 +86,7 @@ def _matches(way: str, came: list[str]) -> bool:
     >>> _matches("705#7F{1,3}, 585#43....|585#60....", ["705#7F", "585#600017"])
     True
     """
-    return re.fullmatch("".join(map(_pattern, _frames(way))), "".join(f"{one} " for one in came)) is not None
+    return re.fullmatch("".join(map(_pattern, _frames(way))), "".join(f"{one} " for one in frames)) is not None
 
 
 def _frames(way: str) -> Iterator[str]:
@@ -98,10 +98,10 @@ def _pattern(frame: str) -> str:
     return f"(?:(?:{one.replace('.', '[0-9A-F]')}) ){brace}{often}"
 
 
-def _difference(step: NodeStep, came: list[str]) -> str:
+def _difference(step: NodeStep, frames: list[str]) -> str:
     sent = ", ".join(step.sends) or "a while"
     expected = " or ".join(way or "silence" for way in dict.fromkeys((*step.accepts, *step.ends)))
-    answers = ", ".join(came[:_SHOWN]) or "silence"
-    if len(came) > _SHOWN:
-        answers += f" ... {len(came)} frames{' and more' if len(came) >= FLOOD else ''}"
+    answers = ", ".join(frames[:_SHOWN]) or "silence"
+    if len(frames) > _SHOWN:
+        answers += f" ... {len(frames)} frames{' and more' if len(frames) >= FLOOD else ''}"
     return f"after {sent}: {answers}, expected {expected}"

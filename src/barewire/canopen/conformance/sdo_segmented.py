@@ -194,8 +194,8 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
         return [
             NodeStep((s.request(f"21 {at}{little(size, 4)}"),), (s.accepted(index, sub),)),
             *(
-                NodeStep((s.request(said),), (s.answer("30" if number % 2 else "20"),))
-                for number, said in enumerate(sends)
+                NodeStep((s.request(data),), (s.answer("30" if number % 2 else "20"),))
+                for number, data in enumerate(sends)
             ),
         ]
 
