@@ -37,7 +37,7 @@ def line_of(inside: Line | None = None) -> EchoLine:
 
 
 @pytest.mark.parametrize("cut", range(1, len(REQUEST) + len(ANSWER)))
-def test_the_echo_is_taken_off_however_it_arrives(cut: int) -> None:
+def test_the_echo_is_removed_in_any_pieces(cut: int) -> None:
     line = line_of()
     assert line.request(1, ReadHoldingRegisters(107, 1).encode()) == REQUEST
     line.sent(0.0)
@@ -61,7 +61,7 @@ def test_an_echo_is_not_taken_for_the_answer_that_looks_like_it() -> None:
         play(ask(line_of(), 1, WriteSingleRegister(1, 2)), answering((0.001, write)))
 
 
-def test_a_damaged_echo_is_a_collision_and_says_what_was_heard() -> None:
+def test_a_damaged_echo_is_a_collision_with_the_received_bytes() -> None:
     line = line_of()
     damaged = REQUEST[:4] + b"\xff" + REQUEST[5:]
     with pytest.raises(NoAnswer, match="collision: sent 01 03 00 6B 00 01 F5 D6, heard 01 03 00 6B FF 01 F5 D6"):
@@ -77,7 +77,7 @@ def test_a_good_answer_after_a_damaged_echo_is_found() -> None:
     assert line.collisions == 1
 
 
-def test_where_there_is_no_echo_the_answer_is_found_all_the_same() -> None:
+def test_without_echo_the_answer_is_found() -> None:
     line = line_of()
     for _ in range(3):
         answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))
@@ -97,7 +97,7 @@ def test_an_echo_that_ends_early() -> None:
     assert line.feed(None, 1.0) + rest == [Noise(REQUEST[:5], "checksum", "CRC is 6B 00, should be 20 F0")]
 
 
-def test_a_server_hears_its_own_answers() -> None:
+def test_a_server_on_an_echoing_line() -> None:
     line = EchoLine(RtuLine(TIMING, role="server", units=(1,)))
     server = Server(line, {1: Table()}, serial=True)
     for now in (1.0, 2.0):
@@ -113,7 +113,7 @@ def test_a_server_hears_its_own_answers() -> None:
     chunks=st.lists(st.one_of(st.none(), st.binary(max_size=20), st.just(REQUEST), st.just(ANSWER[:5])), max_size=8),
     ascii_inside=st.booleans(),
 )
-def test_no_byte_vanishes(said: bool, chunks: list[bytes | None], ascii_inside: bool) -> None:
+def test_every_byte_is_a_frame_noise_held_or_echoed(said: bool, chunks: list[bytes | None], ascii_inside: bool) -> None:
     line = line_of(AsciiLine() if ascii_inside else None)
     if said:
         line.request(1, ReadHoldingRegisters(107, 1).encode())
@@ -136,7 +136,7 @@ def unknown() -> EchoLine:
 
 
 @pytest.mark.parametrize("cut", range(1, len(REQUEST) + len(ANSWER)))
-def test_an_echo_is_found_out_by_the_first_question_that_tells(cut: int) -> None:
+def test_an_echo_is_detected_by_the_first_detecting_request(cut: int) -> None:
     line = unknown()
     line.request(1, ReadHoldingRegisters(107, 1).encode())
     line.sent(0.0)
@@ -148,7 +148,7 @@ def test_an_echo_is_found_out_by_the_first_question_that_tells(cut: int) -> None
 
 
 @pytest.mark.parametrize("cut", range(1, len(ANSWER)))
-def test_that_there_is_none_is_found_out_too(cut: int) -> None:
+def test_the_absence_of_an_echo_is_detected(cut: int) -> None:
     line = unknown()
     line.request(1, ReadHoldingRegisters(107, 1).encode())
     line.sent(0.0)
@@ -158,7 +158,7 @@ def test_that_there_is_none_is_found_out_too(cut: int) -> None:
     assert line.collisions == 0
 
 
-def test_an_exception_tells_as_much_as_an_answer() -> None:
+def test_an_exception_response_detects_as_well() -> None:
     line = unknown()
     with pytest.raises(ModbusException):
         play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, encode(1, b"\x83\x02"))))
@@ -170,14 +170,14 @@ def test_an_exception_tells_as_much_as_an_answer() -> None:
     [b"", REQUEST[:5], b"\xff" + REQUEST[1:] + ANSWER, b"\x00" + ANSWER, encode(7, b"\x03\x02\x00\x2a") + ANSWER],
     ids=["nothing", "half of it", "a damaged echo", "noise", "another unit"],
 )
-def test_what_is_not_clear_decides_nothing(heard: bytes) -> None:
+def test_ambiguous_bytes_decide_nothing(heard: bytes) -> None:
     line = unknown()
     with contextlib.suppress(NoAnswer):
         play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, heard)))
     assert line.echoes is None
 
 
-def test_until_it_is_known_a_copy_is_an_echo_and_never_a_wrong_answer() -> None:
+def test_until_detected_a_copy_is_taken_for_an_echo() -> None:
     line = unknown()
     with pytest.raises(WriteOutcomeUnknown):
         play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
@@ -189,7 +189,7 @@ def test_until_it_is_known_a_copy_is_an_echo_and_never_a_wrong_answer() -> None:
 
 
 @pytest.mark.parametrize("code", sorted(DETECTING))
-def test_the_answer_to_a_question_that_tells_is_never_the_question(code: int) -> None:
+def test_a_response_to_a_detecting_function_never_has_the_bytes_of_its_request(code: int) -> None:
     """By length: each kind of request of this function against each answer that fits it."""
     kinds: dict[int, tuple[list[int], list[int]]] = {
         0x03: ([5], [2 + 2 * n for n in range(1, 126)]),

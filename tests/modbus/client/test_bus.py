@@ -37,7 +37,7 @@ def test_a_late_answer_is_recognised_and_never_delivered(recovery: str, late: fl
     assert not bus.state.pending
 
 
-def test_an_exception_that_is_late_is_not_the_next_ones() -> None:
+def test_a_late_exception_is_not_taken_for_the_next_answer() -> None:
     bus = rtu_bus()
     clock = Clock(Slow([1.5]))
     with pytest.raises(NoAnswer):
@@ -45,7 +45,7 @@ def test_an_exception_that_is_late_is_not_the_next_ones() -> None:
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
 
 
-def test_a_unit_that_does_not_know_08_proves_itself_by_its_exception() -> None:
+def test_exception_88_to_a_probe_proves_as_much_as_its_echo() -> None:
     bus = rtu_bus()
     slow = Slow([1.5])
     clock = Clock(slow)
@@ -56,7 +56,7 @@ def test_a_unit_that_does_not_know_08_proves_itself_by_its_exception() -> None:
     assert bus.counters.probes == 1
 
 
-def test_a_unit_that_is_deaf_to_probes_is_given_a_window_of_silence() -> None:
+def test_a_unit_that_ignores_probes_is_asked_after_the_late_window() -> None:
     bus = rtu_bus(late_window=4.0)
     clock = Clock(Slow([2.5], knows_08=False))
     with pytest.raises(NoAnswer):
@@ -64,7 +64,7 @@ def test_a_unit_that_is_deaf_to_probes_is_given_a_window_of_silence() -> None:
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
 
 
-def test_a_question_that_cannot_be_mistaken_goes_out_at_once() -> None:
+def test_a_request_to_another_unit_or_function_is_sent_without_a_probe() -> None:
     bus = rtu_bus()
     slow = Slow([None])
     clock = Clock(slow)
@@ -77,7 +77,7 @@ def test_a_question_that_cannot_be_mistaken_goes_out_at_once() -> None:
     assert clock.now - before < 0.1
 
 
-def test_an_answered_question_settles_what_was_lost_before() -> None:
+def test_an_answer_settles_every_earlier_pending_answer_of_its_unit() -> None:
     bus = rtu_bus()
     clock = Clock(Slow([None]))
     with pytest.raises(NoAnswer):
@@ -88,7 +88,7 @@ def test_an_answered_question_settles_what_was_lost_before() -> None:
     assert bus.counters.probes == 0
 
 
-def test_two_late_answers() -> None:
+def test_two_late_answers_are_both_recognised() -> None:
     bus = rtu_bus()
     clock = Clock(Slow([1.5, 1.5]))
     for address in (10, 11):
@@ -121,7 +121,7 @@ def test_a_late_answer_and_the_right_one_in_one_read() -> None:
     assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
 
 
-def test_a_write_that_got_no_answer_is_an_error_of_its_own_and_not_repeated() -> None:
+def test_a_write_without_answer_is_outcome_unknown_and_not_repeated() -> None:
     bus = rtu_bus()
     slow = Slow([None, None, None])
     with pytest.raises(WriteOutcomeUnknown, match="whether it was carried out is unknown"):
@@ -129,20 +129,20 @@ def test_a_write_that_got_no_answer_is_an_error_of_its_own_and_not_repeated() ->
     assert len(slow.asked) == 1
 
 
-def test_a_write_is_repeated_if_the_caller_says_so() -> None:
+def test_a_write_is_repeated_with_repeat_writes() -> None:
     bus = rtu_bus()
     slow = Slow([None])
     Clock(slow).play(bus.ask(1, WriteSingleRegister(1, 2), retries=2, repeat_writes=True))
     assert [data[1] for data in slow.asked] == [0x06, 0x08, 0x06]
 
 
-def test_a_read_is_repeated() -> None:
+def test_a_read_is_repeated_as_often_as_retries() -> None:
     bus = rtu_bus()
     clock = Clock(Slow([None, 0.01, None, 0.01]))
     assert clock.play(bus.ask(1, ReadHoldingRegisters(9, 1), retries=3)) is not None
 
 
-def test_a_conversation_that_was_abandoned_leaves_the_line_suspect() -> None:
+def test_an_abandoned_request_leaves_a_pending_answer() -> None:
     bus = rtu_bus()
     slow = Slow([0.5])
     clock = Clock(slow)
@@ -160,7 +160,7 @@ def test_a_conversation_that_was_abandoned_leaves_the_line_suspect() -> None:
     assert bus.counters.late == 1
 
 
-def test_what_was_abandoned_while_it_was_being_sent_may_be_late_too() -> None:
+def test_a_request_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
     """Nobody knows how much of it left; its window of silence counts from when sending began."""
     bus = rtu_bus(recovery="wait", late_window=2.0)
     conversation = read(bus, 10)
@@ -176,7 +176,7 @@ def test_what_was_abandoned_while_it_was_being_sent_may_be_late_too() -> None:
     assert bus.counters.late == 1
 
 
-def test_a_unit_gets_the_gap_it_needs() -> None:
+def test_the_gap_of_a_unit_is_kept_between_two_requests() -> None:
     bus = rtu_bus(gaps={1: 0.5})
     clock = Clock(Slow([]))
     clock.play(read(bus, 1))
@@ -215,7 +215,7 @@ delays = st.lists(st.one_of(st.none(), st.floats(0.0, 6.0)), max_size=8)
     questions=st.lists(st.tuples(st.sampled_from([1, 2]), st.integers(0, 300), st.booleans()), max_size=12),
     ascii_line=st.booleans(),
 )
-def test_whatever_is_late_or_lost_no_value_is_ever_another_ones(
+def test_no_late_or_lost_answer_is_delivered_to_another_request(
     delays: list[float | None], questions: list[tuple[int, int, bool]], ascii_line: bool
 ) -> None:
     """A unit that answers in order and within the late window, and a client that asks on whatever happens."""
@@ -250,7 +250,9 @@ ANSWERS = st.one_of(
     answers=st.lists(st.lists(st.tuples(st.floats(0.0, 3.0), ANSWERS), max_size=4), max_size=6),
     kind=st.sampled_from(["rtu", "ascii", "tcp", "echo"]),
 )
-def test_any_bytes_at_all_are_an_answer_a_refusal_or_none(answers: list[list[tuple[float, bytes]]], kind: str) -> None:
+def test_any_received_bytes_end_in_an_answer_an_exception_or_no_answer(
+    answers: list[list[tuple[float, bytes]]], kind: str
+) -> None:
     """Never another exception, and nothing that grows."""
     lines: dict[str, Line] = {
         "rtu": RtuLine(TIMING),
@@ -271,7 +273,7 @@ def test_any_bytes_at_all_are_an_answer_a_refusal_or_none(answers: list[list[tup
     assert len(bus.line.held) <= 520
 
 
-def test_ask_without_a_bus_is_one_question() -> None:
+def test_ask_without_a_bus() -> None:
     from barewire.modbus import ask
 
     answer, _ = play(ask(RtuLine(TIMING), 1, ReadHoldingRegisters(3, 1)), Slow([]))

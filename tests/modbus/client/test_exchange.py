@@ -94,47 +94,47 @@ OTHERS = [
 ]
 
 
-def test_the_right_answer_is_taken_when_it_comes() -> None:
+def test_the_answer_is_returned_when_it_arrives() -> None:
     assert asked((ANSWER, 0.25)) == (VALUE, 0.25)
 
 
-def test_an_answer_in_pieces_is_taken_when_it_is_whole() -> None:
+def test_an_answer_in_pieces_is_returned_when_it_is_complete() -> None:
     assert asked((ANSWER[:4], 0.25), (ANSWER[4:], 0.26)) == (VALUE, 0.26)
 
 
-def test_an_answer_that_arrives_exactly_in_time_is_taken() -> None:
+def test_an_answer_that_arrives_exactly_at_the_timeout_is_returned() -> None:
     assert asked((ANSWER, 1.0)) == (VALUE, 1.0)
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_what_is_not_the_answer_is_passed_over_and_the_answer_taken(other: bytes) -> None:
+def test_other_bytes_before_the_answer_are_ignored(other: bytes) -> None:
     assert asked((other, 0.25), (ANSWER, 0.5)) == (VALUE, 0.5)
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_what_is_not_the_answer_may_come_in_the_same_batch(other: bytes) -> None:
+def test_other_bytes_and_the_answer_may_come_in_one_read(other: bytes) -> None:
     value, end = asked((other + ANSWER, 0.25))
     assert value == VALUE
     assert end <= 0.25 + 0.031
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_what_is_not_the_answer_never_prolongs_the_waiting(other: bytes) -> None:
+def test_other_bytes_do_not_extend_the_timeout(other: bytes) -> None:
     with refused(NoAnswer, "unit 1 did not answer Read Holding Registers within 1 s; heard instead: "):
         asked((other, 0.9), (ANSWER, 1.25))
 
 
-def test_an_exception_is_raised_as_such() -> None:
+def test_an_exception_response_raises_modbus_exception() -> None:
     with pytest.raises(ModbusException) as caught:
         asked((EXCEPTION, 0.25))
     assert (caught.value.code, caught.value.function_code) == (2, 3)
 
 
-def test_an_exception_of_another_unit_is_not_ours() -> None:
+def test_an_exception_response_of_another_unit_is_ignored() -> None:
     assert asked((rtu_frame(2, unhex("83 02")), 0.25), (ANSWER, 0.5)) == (VALUE, 0.5)
 
 
-def test_an_answer_that_only_silence_can_end_is_taken_after_it() -> None:
+def test_on_a_strict_line_an_answer_ends_with_silence() -> None:
     """A strict line ends every frame by silence."""
     line = RtuLine(TIMING, patience=None)
     assert play(ask(line, 1, READ), answering((0.25, ANSWER))) == (VALUE, 0.25 + TIMING.t35)
@@ -143,7 +143,7 @@ def test_an_answer_that_only_silence_can_end_is_taken_after_it() -> None:
 # No answer -------------------------------------------------------------------------------------------------------
 
 
-def test_silence_is_no_answer_when_the_time_is_up() -> None:
+def test_silence_raises_no_answer_at_the_timeout() -> None:
     conversation = ask(rtu(), 7, READ, timeout=0.5)
     with pytest.raises(NoAnswer) as caught:
         play(conversation, answering())
@@ -160,17 +160,17 @@ def test_silence_is_no_answer_when_the_time_is_up() -> None:
         (bytes(20), "20 bytes " + "00 " * 16 + "...: CRC is 00 00, should be"),
     ],
 )
-def test_what_was_heard_instead_stands_in_the_text(heard: bytes, text: str) -> None:
+def test_the_error_lists_what_was_received_instead(heard: bytes, text: str) -> None:
     with refused(NoAnswer, text):
         asked((heard, 0.25))
 
 
-def test_half_an_answer_at_the_very_end_stands_in_the_text_too() -> None:
+def test_the_error_mentions_an_incomplete_answer() -> None:
     with refused(NoAnswer, "heard instead: 4 bytes without an end"):
         asked((ANSWER[:4], 0.99))
 
 
-def test_a_babbling_line_does_not_fill_the_text() -> None:
+def test_the_error_lists_at_most_three_events() -> None:
     with pytest.raises(NoAnswer) as caught:
         asked(*((rtu_frame(2, VALUE.encode()), place / 200) for place in range(100)))
     assert str(caught.value).count("a frame from unit 2") == 3
@@ -196,7 +196,7 @@ def listened_to(
     return step, now
 
 
-def test_a_late_answer_that_is_already_there_is_not_taken_for_ours() -> None:
+def test_a_late_answer_received_before_sending_is_not_taken_for_the_answer() -> None:
     line = rtu()
     step, now = listened_to(line, [(0.5, ANSWER)])
     assert isinstance(step, Send)
@@ -204,13 +204,13 @@ def test_a_late_answer_that_is_already_there_is_not_taken_for_ours() -> None:
     assert line.held == b""
 
 
-def test_half_a_frame_is_heard_out_before_speaking() -> None:
+def test_a_request_waits_until_an_incomplete_frame_ends() -> None:
     step, now = listened_to(rtu(), [(0.5, ANSWER[:4]), (1.02, ANSWER[4:])])
     assert isinstance(step, Send)
     assert now == 1.02 + TIMING.t35
 
 
-def test_half_a_frame_that_never_ends_is_waited_for_as_long_as_patience_says() -> None:
+def test_an_incomplete_frame_delays_a_request_until_its_deadline() -> None:
     line = rtu()
     step, now = listened_to(line, [(0.5, ANSWER[:4])])
     assert isinstance(step, Send)
@@ -218,7 +218,7 @@ def test_half_a_frame_that_never_ends_is_waited_for_as_long_as_patience_says() -
     assert line.held == b""
 
 
-def test_a_line_that_is_never_silent_is_not_spoken_on() -> None:
+def test_nothing_is_sent_on_a_line_that_is_never_silent() -> None:
     with refused(NoAnswer, "the line is never silent: another station has been sending for 1 s"):
         listened_to(rtu(), [(place / 1000, b"\x00") for place in range(3000)])
 
@@ -226,23 +226,23 @@ def test_a_line_that_is_never_silent_is_not_spoken_on() -> None:
 # Other envelopes -------------------------------------------------------------------------------------------------
 
 
-def test_the_same_conversation_speaks_ascii() -> None:
+def test_an_exchange_over_ascii() -> None:
     peer = answering((0.25, ascii_frame(2, VALUE.encode())), (0.5, ascii_frame(1, VALUE.encode())))
     assert play(ask(AsciiLine(), 1, READ), peer) == (VALUE, 0.5)
 
 
-def test_ascii_says_what_was_wrong_with_the_frame() -> None:
+def test_the_error_over_ascii_describes_the_damaged_frame() -> None:
     with refused(NoAnswer, "LRC is 00, should be"):
         play(ask(AsciiLine(), 1, READ), answering((0.25, ascii_frame(1, VALUE.encode())[:-4] + b"00\r\n")))
 
 
-def test_the_same_conversation_speaks_tcp_and_knows_its_transaction() -> None:
+def test_an_exchange_over_tcp_accepts_only_its_transaction() -> None:
     late, right = tcp_frame(1, VALUE.encode(), 0), tcp_frame(1, VALUE.encode(), 1)
     assert play(ask(TcpLine(), 1, READ), answering((0.25, late), (0.5, right))) == (VALUE, 0.5)
 
 
 @pytest.mark.parametrize("serial", [True, False])
-def test_a_client_and_a_server_understand_each_other(serial: bool) -> None:
+def test_a_client_and_a_server_exchange_requests(serial: bool) -> None:
     table = Table()
     line = AsciiLine() if serial else TcpLine()
     server = Server(AsciiLine() if serial else TcpLine(), {1: table}, serial=serial)
@@ -255,7 +255,7 @@ def test_a_client_and_a_server_understand_each_other(serial: bool) -> None:
 # Broadcast -------------------------------------------------------------------------------------------------------
 
 
-def test_a_broadcast_is_sent_to_unit_0_and_given_time_to_act() -> None:
+def test_a_broadcast_is_sent_to_unit_0_and_waits_for_the_turnaround() -> None:
     sent = []
 
     def peer(item: bytes, now: float) -> list[tuple[float, bytes]]:
@@ -268,13 +268,13 @@ def test_a_broadcast_is_sent_to_unit_0_and_given_time_to_act() -> None:
     assert end == 1.2
 
 
-def test_whoever_asks_after_a_broadcast_keeps_the_silence() -> None:
+def test_a_request_after_a_broadcast_keeps_the_silence() -> None:
     line = rtu()
     play(broadcast(line, WriteSingleRegister(0, 1), turnaround=0.0), answering(), start=1.0)
     assert line.quiet_at == 1.0 + TIMING.t35
 
 
 @pytest.mark.parametrize("request_", [READ, ReadCoils(0, 1), ReportServerId(), ReadDeviceIdentification()])
-def test_nobody_answers_a_broadcast_so_reading_makes_no_sense(request_: AnyRequest) -> None:
+def test_a_broadcast_of_a_read_is_refused(request_: AnyRequest) -> None:
     with refused(EncodeError, f"{request_.name} as a broadcast: no unit answers it"):
         play(broadcast(rtu(), request_), answering())

@@ -18,7 +18,7 @@ def order(turns: FairQueue, tickets: dict[Ticket, str]) -> str:
     return found
 
 
-def test_round_about_by_unit_and_in_order_within_one() -> None:
+def test_round_robin_by_unit_and_in_order_within_one() -> None:
     turns = FairQueue()
     first = turns.join(9)
     tickets = {turns.join(unit): name for unit, name in [(1, "a"), (1, "b"), (1, "c"), (1, "d"), (2, "e"), (3, "f")]}
@@ -27,7 +27,7 @@ def test_round_about_by_unit_and_in_order_within_one() -> None:
     assert order(turns, tickets) == "aefbgcd"
 
 
-def test_whoever_gives_up_keeps_nobody_waiting() -> None:
+def test_a_ticket_that_is_given_up_does_not_block_the_queue() -> None:
     turns = FairQueue()
     holder, waiting, gone = turns.join(1), turns.join(2), turns.join(2)
     turns.leave(gone)
@@ -40,7 +40,7 @@ def test_whoever_gives_up_keeps_nobody_waiting() -> None:
 
 @modest
 @given(places=st.integers(1, 16), units=st.lists(st.integers(1, 5), max_size=40), data=st.data())
-def test_never_more_than_there_are_places_and_everybody_gets_a_turn(
+def test_never_more_than_places_are_admitted_and_every_ticket_is(
     places: int, units: list[int], data: st.DataObject
 ) -> None:
     turns = FairQueue(places)
@@ -58,7 +58,7 @@ def test_never_more_than_there_are_places_and_everybody_gets_a_turn(
     assert not turns.holders
 
 
-def test_without_a_ticket_nobody_is_overtaken() -> None:
+def test_enter_does_not_overtake_waiting_tickets() -> None:
     turns = FairQueue()
     assert turns.enter(1)
     assert not turns.enter(1)
@@ -76,7 +76,7 @@ def test_without_a_ticket_nobody_is_overtaken() -> None:
 
 @modest
 @given(places=st.integers(1, 4), steps=st.lists(st.tuples(st.booleans(), st.integers(1, 3)), max_size=60))
-def test_with_and_without_tickets_there_are_as_many_places(places: int, steps: list[tuple[bool, int]]) -> None:
+def test_enter_and_join_share_the_same_places(places: int, steps: list[tuple[bool, int]]) -> None:
     turns = FairQueue(places)
     entered, tickets = 0, list[Ticket]()
     for arrives, unit in steps:

@@ -34,14 +34,14 @@ from tests.modbus.client.faulty import (
 
 
 @pytest.mark.parametrize("row", SURVIVED.values(), ids=SURVIVED)
-def test_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+def test_the_answer_is_found_and_so_is_the_next_one(row: Callable[[bytes], Reply]) -> None:
     unit, bus = unit_of(row), Bus(RtuLine(TIMING))
     assert unit.play(ask(bus, 18)).registers == (18,)
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
 @pytest.mark.parametrize(("row", "said"), REFUSED.values(), ids=REFUSED)
-def test_what_does_not_fit_is_told_and_never_taken(row: Callable[[bytes], Reply], said: str) -> None:
+def test_a_wrong_answer_is_in_the_error_and_never_returned(row: Callable[[bytes], Reply], said: str) -> None:
     unit, bus = unit_of(row), Bus(RtuLine(TIMING))
     with refused(NoAnswer, said):
         unit.play(ask(bus, 18))
@@ -55,13 +55,13 @@ def test_a_local_echo() -> None:
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
-def test_a_local_echo_that_nobody_said_anything_of() -> None:
+def test_an_unconfigured_local_echo() -> None:
     request = rtu("03 0012 0001")
     unit, bus = unit_of(lambda good: [(0.001, request), (0.02, good)]), Bus(RtuLine(TIMING))
     assert unit.play(ask(bus, 18)).registers == (18,)
 
 
-def test_an_exception_is_told_at_once() -> None:
+def test_an_exception_response_is_raised_at_once() -> None:
     unit, bus = unit_of(lambda good: [(0.01, good)]), Bus(RtuLine(TIMING))
     with pytest.raises(ModbusException):
         unit.play(ask(bus, 999))
@@ -78,7 +78,7 @@ def line_of(carrier: str, role: str) -> Line:
 
 @pytest.mark.parametrize("late", [1.2, 1.5, 2.0, 2.9])
 @pytest.mark.parametrize("carrier", ["rtu", "ascii"])
-def test_a_late_answer_is_nobodys(carrier: str, late: float) -> None:
+def test_a_late_answer_is_not_delivered(carrier: str, late: float) -> None:
     unit, bus = Unit(lambda good: [(late, good)], line_of(carrier, "server")), Bus(line_of(carrier, "client"))
     with pytest.raises(NoAnswer):
         unit.play(ask(bus, 16))
@@ -86,7 +86,7 @@ def test_a_late_answer_is_nobodys(carrier: str, late: float) -> None:
         assert unit.play(ask(bus, address)).registers == (address,)
 
 
-def test_a_late_answer_behind_another_units_frame_is_nobodys_either() -> None:
+def test_a_late_answer_after_another_units_frame_is_not_delivered() -> None:
     unit, bus = unit_of(lambda good: [(0.2, rtu("03 02 0063", 7)), (1.5, good)]), Bus(RtuLine(TIMING))
     with refused(NoAnswer, "a frame from unit 7"):
         unit.play(ask(bus, 16))
@@ -127,7 +127,7 @@ def slowly(good: bytes) -> Reply:
 
 @pytest.mark.parametrize("recovery", ["probe", "wait"])
 @pytest.mark.parametrize("carrier", ["rtu", "ascii", "tcp"])
-def test_abandoned_at_every_point_of_an_exchange_the_next_one_is_right(recovery: Any, carrier: str) -> None:
+def test_the_exchange_after_one_abandoned_at_any_point_is_right(recovery: Any, carrier: str) -> None:
     steps = 0
     goes_on = True
     while goes_on:
@@ -144,14 +144,14 @@ def test_abandoned_at_every_point_of_an_exchange_the_next_one_is_right(recovery:
 
 
 @pytest.mark.parametrize("row", ASCII_SURVIVED.values(), ids=ASCII_SURVIVED)
-def test_ascii_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+def test_over_ascii_the_answer_is_found_and_so_is_the_next_one(row: Callable[[bytes], Reply]) -> None:
     unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
     assert unit.play(ask(bus, 18)).registers == (18,)
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
 @pytest.mark.parametrize(("row", "said"), ASCII_REFUSED.values(), ids=ASCII_REFUSED)
-def test_ascii_what_does_not_fit_is_told_and_never_taken(row: Callable[[bytes], Reply], said: str) -> None:
+def test_over_ascii_a_wrong_answer_is_in_the_error_and_never_returned(row: Callable[[bytes], Reply], said: str) -> None:
     unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
     with refused(NoAnswer, said):
         unit.play(ask(bus, 18))
@@ -162,14 +162,14 @@ def test_ascii_what_does_not_fit_is_told_and_never_taken(row: Callable[[bytes], 
 
 
 @pytest.mark.parametrize("row", TCP_SURVIVED.values(), ids=TCP_SURVIVED)
-def test_tcp_the_right_answer_is_found_and_so_is_the_next(row: Callable[[bytes], Reply]) -> None:
+def test_over_tcp_the_answer_is_found_and_so_is_the_next_one(row: Callable[[bytes], Reply]) -> None:
     unit, bus = Unit(row, TcpLine()), Bus(TcpLine())
     assert unit.play(ask(bus, 18)).registers == (18,)
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
 @pytest.mark.parametrize(("reply", "said"), TCP_REFUSED.values(), ids=TCP_REFUSED)
-def test_tcp_what_does_not_fit_is_told_and_never_taken(reply: bytes, said: str) -> None:
+def test_over_tcp_a_wrong_answer_is_in_the_error_and_never_returned(reply: bytes, said: str) -> None:
     unit, bus = Unit(lambda good: [(0.01, reply)], TcpLine()), Bus(TcpLine())
     with refused(NoAnswer, said):
         unit.play(ask(bus, 18))
@@ -179,7 +179,7 @@ def test_tcp_what_does_not_fit_is_told_and_never_taken(reply: bytes, said: str) 
         assert unit.now < 0.1  # told at once, not after the time-out
 
 
-def test_tcp_a_late_answer_is_nobodys_and_nothing_is_sent_but_the_question() -> None:
+def test_over_tcp_a_late_answer_is_not_delivered_and_no_probe_is_sent() -> None:
     unit, bus = Unit(lambda good: [(1.5, good)], TcpLine()), Bus(TcpLine())
     with pytest.raises(NoAnswer):
         unit.play(ask(bus, 16))

@@ -38,14 +38,14 @@ def asked(objects: dict[int, bytes], read_code: int) -> DeviceIdentification:
     ("objects", "conformity"), [(BASIC, 0x81), (REGULAR, 0x82), (EXTENDED, 0x83)], ids=["basic", "regular", "extended"]
 )
 @pytest.mark.parametrize(("read_code", "last"), [(1, 2), (2, 6), (3, 0xFF)])
-def test_every_level_of_every_device_arrives_whole(
+def test_every_level_of_every_device_is_read_completely(
     objects: dict[int, bytes], conformity: int, read_code: int, last: int
 ) -> None:
     wanted = {number: value for number, value in objects.items() if number <= last}
     assert asked(objects, read_code) == DeviceIdentification(conformity, wanted)
 
 
-def test_an_object_of_244_bytes_goes_alone() -> None:
+def test_an_object_of_244_bytes_fills_a_response() -> None:
     identity = Identity(EXTENDED)
     parts = []
     request = ReadDeviceIdentification(3, 0)
@@ -82,12 +82,12 @@ def test_single_objects_of_any_level() -> None:
         ({0: b"", 1: b""}, "objects 00h, 01h and 02h (vendor, product, revision) are not optional"),
     ],
 )
-def test_what_could_not_be_sent_is_refused_when_it_is_configured(objects: dict[int, bytes], text: str) -> None:
+def test_an_object_that_could_never_be_sent_is_refused_by_identity(objects: dict[int, bytes], text: str) -> None:
     with refused(EncodeError, text):
         Identity(objects)
 
 
-def test_texts() -> None:
+def test_texts_name_the_objects() -> None:
     assert DeviceIdentification(1, {0: b"ACME", 6: b"x", 0x81: b"\xe9"}).texts() == {
         "VendorName": "ACME",
         "UserApplicationName": "x",
@@ -99,9 +99,7 @@ def test_texts() -> None:
 
 
 @pytest.mark.parametrize(("objects", "following"), [(((0, b"x"),), 0), (((0, b"x"), (3, b"y")), 2), ((), 0)])
-def test_a_device_that_goes_round_and_round_is_found_out(
-    objects: tuple[tuple[int, bytes], ...], following: int
-) -> None:
+def test_a_next_object_that_does_not_grow_is_an_error(objects: tuple[tuple[int, bytes], ...], following: int) -> None:
     def peer(item: bytes, now: float) -> Iterable[tuple[float, bytes]]:
         answer = ReadDeviceIdentificationResponse(1, 1, objects, True, following)
         return [(now, tcp_frame(1, answer.encode(), tcp_decode(item).transaction or 0))]
@@ -110,7 +108,7 @@ def test_a_device_that_goes_round_and_round_is_found_out(
         play(read_device_identification(Bus(TcpLine()), 1), peer)
 
 
-def test_a_device_that_gives_nothing_but_goes_on_ends_all_the_same() -> None:
+def test_reading_ends_although_every_response_is_empty_and_promises_more() -> None:
     asked: list[int] = []
 
     def peer(item: bytes, now: float) -> Iterable[tuple[float, bytes]]:
@@ -125,6 +123,6 @@ def test_a_device_that_gives_nothing_but_goes_on_ends_all_the_same() -> None:
     assert asked == list(range(256))
 
 
-def test_a_single_object_is_no_stream() -> None:
+def test_individual_access_is_refused() -> None:
     with refused(EncodeError, "read_code = 4: expected 1..3"):
         read_device_identification(Bus(TcpLine()), 1, 4)

@@ -26,7 +26,7 @@ LISTEN_ONLY, RESTART = Diagnostics(0x04), Diagnostics(0x01)
 
 
 @pytest.mark.parametrize("kind", ["rtu", "ascii"])
-def test_a_unit_that_was_told_to_listen_only_is_silent_and_so_it_should_be(kind: str) -> None:
+def test_force_listen_only_returns_unanswered(kind: str) -> None:
     bus = Bus(AsciiLine()) if kind == "ascii" else rtu_bus()
     clock = Clock(Slow([], AsciiLine() if kind == "ascii" else None))
     for _ in range(2):
@@ -39,7 +39,7 @@ def test_a_unit_that_was_told_to_listen_only_is_silent_and_so_it_should_be(kind:
     assert bus.counters.lost == 1
 
 
-def test_a_unit_that_declines_to_listen_only_says_so() -> None:
+def test_an_exception_to_force_listen_only_is_raised() -> None:
     class Plain(Table):
         diagnostics = False
 
@@ -50,7 +50,7 @@ def test_a_unit_that_declines_to_listen_only_says_so() -> None:
         Clock(slow).play(bus.ask(1, LISTEN_ONLY))
 
 
-def test_a_unit_that_answers_all_the_same_is_told_from_one_that_is_silent() -> None:
+def test_a_response_to_force_listen_only_is_returned() -> None:
     class Answers:
         def handle(self, request: Diagnostics, now: float) -> DiagnosticsResponse:
             return DiagnosticsResponse(request.sub_function, request.data)
@@ -62,7 +62,7 @@ def test_a_unit_that_answers_all_the_same_is_told_from_one_that_is_silent() -> N
     assert not isinstance(answer, Unanswered)
 
 
-def test_a_late_exception_to_listen_only_is_not_the_restarts() -> None:
+def test_a_late_exception_to_listen_only_is_not_taken_for_the_restarts() -> None:
     slow, bus = Slow([1.5]), rtu_bus()
 
     class Plain(Table):
@@ -75,7 +75,7 @@ def test_a_late_exception_to_listen_only_is_not_the_restarts() -> None:
     assert bus.counters.late == 1
 
 
-def test_silence_is_said_by_nobody() -> None:
+def test_unanswered_cannot_be_encoded() -> None:
     with pytest.raises(EncodeError, match="stands for silence and cannot be encoded"):
         Unanswered(0x04).encode()
 
@@ -93,6 +93,6 @@ def test_a_delimiter_is_changed_by_a_client_and_used_by_both() -> None:
 
 
 @pytest.mark.parametrize("line", [RtuLine(TIMING, role="server", units=(1,)), TcpLine()], ids=["rtu", "tcp"])
-def test_elsewhere_there_is_no_delimiter(line: Line) -> None:
+def test_only_ascii_lines_have_a_delimiter(line: Line) -> None:
     server = Server(line, {1: table()}, serial=not line.numbered)
     assert server.answer(Adu(1, Diagnostics(0x03, b";\0").encode()), 1.0) == b"\x88\x01"

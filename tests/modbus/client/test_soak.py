@@ -8,7 +8,7 @@ from tests.modbus.client.soak import CARRIERS, SERIAL, TCP, soak
 
 
 @pytest.mark.parametrize("carrier", CARRIERS)
-def test_no_answer_is_ever_anothers(carrier: str) -> None:
+def test_no_answer_is_delivered_to_another_request(carrier: str) -> None:
     ends = soak(carrier, 34_000)
     assert ends["its own answer"] > 25_000
     faults = TCP if carrier == "tcp" else SERIAL

@@ -168,7 +168,7 @@ def test_requests_are_listed_by_function_code() -> None:
 
 @modest
 @given(ANY_REQUEST)
-def test_a_request_comes_back(request: AnyRequest) -> None:
+def test_a_request_is_decoded_as_it_was_encoded(request: AnyRequest) -> None:
     pdu = request.encode()
     assert pdu[0] == request.function_code
     assert len(pdu) <= 253
@@ -177,7 +177,7 @@ def test_a_request_comes_back(request: AnyRequest) -> None:
 
 @modest
 @given(ANY_RESPONSE)
-def test_a_response_comes_back(response: Response) -> None:
+def test_a_response_is_decoded_as_it_was_encoded(response: Response) -> None:
     pdu = response.encode()
     assert pdu[0] == response.function_code
     assert len(pdu) <= 253
@@ -210,7 +210,7 @@ def test_a_response_comes_back(response: Response) -> None:
         ("2B 0E 01 00", "2B 0E 01 01 00 00 01 00 03 54454D"),
     ],
 )
-def test_the_examples_that_everybody_knows(request_pdu: str, response_pdu: str) -> None:
+def test_the_examples_of_the_standard(request_pdu: str, response_pdu: str) -> None:
     request = decode_request(unhex(request_pdu))
     assert request.encode() == unhex(request_pdu)
     assert isinstance(request.read_response(unhex(response_pdu)), request.response)
@@ -228,7 +228,7 @@ def test_any_bytes_are_a_message_or_a_decode_error(message: type[Message], data:
 
 @modest
 @given(st.binary(max_size=260))
-def test_any_bytes_are_measured_without_stumbling(pdu: bytes) -> None:
+def test_measuring_any_bytes_never_raises(pdu: bytes) -> None:
     for measured in (measure_request(pdu), measure_response(pdu)):
         assert measured is None or measured >= 1
 
@@ -276,7 +276,7 @@ def test_any_bytes_are_measured_without_stumbling(pdu: bytes) -> None:
         pytest.param(lambda n: ExceptionResponse(0x83, n), "exception_code", 0, 0xFF, id="exception"),
     ],
 )
-def test_both_limits_can_be_said_and_one_beyond_cannot(make: Any, field: str, low: int, high: int) -> None:
+def test_both_limits_are_accepted_and_one_beyond_is_refused(make: Any, field: str, low: int, high: int) -> None:
     for value in (low, high):
         assert decode_of(make(value)) == make(value)
     for value in (low - 1, high + 1):
@@ -299,7 +299,7 @@ def decode_of(message: Message) -> Message:
         pytest.param(lambda n: ReadHoldingRegistersResponse((0,) * n), 125, id="ReadHoldingRegistersResponse"),
     ],
 )
-def test_rows_have_at_least_one_and_at_most_as_many_as_fit(make: Any, high: int) -> None:
+def test_rows_have_at_least_one_value_and_at_most_as_many_as_fit(make: Any, high: int) -> None:
     for quantity in (1, high):
         assert len(make(quantity).encode()) <= 253
     for quantity in (0, high + 1):
@@ -322,7 +322,7 @@ def test_each_register_is_checked_when_the_message_is_made(value: int) -> None:
         pytest.param(lambda n: GetCommEventLogResponse(0, 0, 0, bytes(n)), 0, 64, "events", id="0C answered"),
     ],
 )
-def test_rows_of_the_rarer_functions(make: Any, low: int, high: int, name: str) -> None:
+def test_row_limits_of_the_rarer_functions(make: Any, low: int, high: int, name: str) -> None:
     for quantity in (low, high):
         assert len(make(quantity).encode()) <= 253
         assert decode_of(make(quantity)) == make(quantity)
@@ -331,7 +331,7 @@ def test_rows_of_the_rarer_functions(make: Any, low: int, high: int, name: str) 
             make(quantity)
 
 
-def test_as_many_groups_of_records_as_fit() -> None:
+def test_file_requests_accept_as_many_groups_as_fit() -> None:
     assert len(ReadFileRecord(((1, 0, 1),) * 35).encode()) == 2 + 245
     with refused(EncodeError, "byte_count = 252: expected 7..245"):
         ReadFileRecord(((1, 0, 1),) * 36)
@@ -358,7 +358,7 @@ def test_a_read_of_records_whose_answer_would_not_fit_is_refused() -> None:
     ("sub_function", "data"),
     [(0x01, "0001"), (0x01, "00FF"), (0x02, "0001"), (0x03, "0D0A"), (0x04, "0100"), (0x0B, "0001"), (0x14, "FFFF")],
 )
-def test_the_data_of_a_diagnosis_is_what_its_sub_function_allows(sub_function: int, data: str) -> None:
+def test_diagnostics_refuses_data_that_its_sub_function_does_not_allow(sub_function: int, data: str) -> None:
     with refused(EncodeError, f"for sub-function {sub_function:02X}: expected") as caught:
         Diagnostics(sub_function, unhex(data))
     assert isinstance(caught.value, EncodeError)
@@ -435,7 +435,7 @@ def measures_well(pdu: bytes, measure: Any) -> None:
 
 @modest
 @given(ANY_REQUEST, st.binary(max_size=4))
-def test_the_length_of_a_request_is_told_by_its_beginning(request: AnyRequest, behind: bytes) -> None:
+def test_the_length_of_a_request_follows_from_its_first_bytes(request: AnyRequest, behind: bytes) -> None:
     pdu = request.encode()
     measures_well(pdu, measure_request)
     assert measure_request(pdu + behind) == len(pdu)
@@ -443,14 +443,14 @@ def test_the_length_of_a_request_is_told_by_its_beginning(request: AnyRequest, b
 
 @modest
 @given(ANY_RESPONSE, st.binary(max_size=4))
-def test_the_length_of_a_response_is_told_by_its_beginning(response: Response, behind: bytes) -> None:
+def test_the_length_of_a_response_follows_from_its_first_bytes(response: Response, behind: bytes) -> None:
     pdu = response.encode()
     measures_well(pdu, measure_response)
     assert measure_response(pdu + behind) == len(pdu)
 
 
 @pytest.mark.parametrize("pdu", ["", "00", "41", "65 00", "2B 0C", "2B FF 01"])
-def test_nobody_can_count_what_nobody_knows(pdu: str) -> None:
+def test_the_length_of_an_unknown_function_is_unknown(pdu: str) -> None:
     assert measure_request(unhex(pdu)) is None
     assert measure_response(unhex(pdu)) is None
 
@@ -470,7 +470,7 @@ def test_the_fields_cover_each_byte_once(message: Message) -> None:
 
 @modest
 @given(st.one_of(ANY_REQUEST, ANY_RESPONSE), st.data())
-def test_the_fields_of_half_a_message_lie_inside_it(message: Message, data: st.DataObject) -> None:
+def test_the_fields_of_a_truncated_message_lie_inside_it(message: Message, data: st.DataObject) -> None:
     pdu = message.encode()
     half = pdu[: data.draw(st.integers(0, len(pdu)))]
     end = 0
@@ -502,7 +502,7 @@ def test_the_fields_of_half_a_message_lie_inside_it(message: Message, data: st.D
         (ReadDeviceIdentificationResponse, "2B 0E 01 01 00 00 01 80 01 31", "object_id", "private"),
     ],
 )
-def test_a_field_says_what_its_value_means(message: type[Message], pdu: str, name: str, meaning: str) -> None:
+def test_the_meaning_of_a_field(message: type[Message], pdu: str, name: str, meaning: str) -> None:
     assert {field.name: field.meaning for field in message.fields(unhex(pdu))}[name] == meaning
 
 
@@ -557,7 +557,7 @@ def test_a_field_says_what_its_value_means(message: type[Message], pdu: str, nam
         ("2B 0E 01", "short", 3, "object_id is byte 3"),
     ],
 )
-def test_what_is_no_request_says_where_and_why(pdu: str, reason: str, at: int, text: str) -> None:
+def test_a_request_that_cannot_be_decoded_gives_place_and_reason(pdu: str, reason: str, at: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         decode_request(unhex(pdu))
     assert isinstance(caught.value, DecodeError)
@@ -592,14 +592,14 @@ def test_what_is_no_request_says_where_and_why(pdu: str, reason: str, at: int, t
         ("2B 0E 07 01 00 00 00", "value", 2, "read_code = 7: expected 1..4"),
     ],
 )
-def test_what_is_no_response_says_where_and_why(pdu: str, reason: str, at: int, text: str) -> None:
+def test_a_response_that_cannot_be_decoded_gives_place_and_reason(pdu: str, reason: str, at: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         decode_response(unhex(pdu))
     assert isinstance(caught.value, DecodeError)
     assert (caught.value.reason, caught.value.at) == (reason, at)
 
 
-def test_another_mei_type_is_another_message() -> None:
+def test_another_mei_type_is_a_mismatch() -> None:
     with refused(DecodeError, "MEI type 0Dh where 0Eh was expected"):
         ReadDeviceIdentification.decode(unhex("2B 0D 01 00"))
     with refused(DecodeError, "MEI type 0Dh where 0Eh was expected"):
@@ -612,7 +612,7 @@ def test_an_exception_response_has_bit_7() -> None:
 
 
 @pytest.mark.parametrize("value", [2, -1, 0xFF00, None, "on", 0.5])
-def test_a_coil_is_on_or_off_and_nothing_else(value: Any) -> None:
+def test_a_coil_value_other_than_true_or_false_is_refused(value: Any) -> None:
     """FF00h is what the wire has for on; said as a value it was sent, and its echo was not recognised."""
     for make in (WriteSingleCoil, WriteSingleCoilResponse):
         with refused(EncodeError, f"value = {value!r}: expected True or False") as caught:
@@ -625,7 +625,7 @@ def test_a_coil_is_on_or_off_and_nothing_else(value: Any) -> None:
         ReadCoilsResponse((True, value)).encode()
 
 
-def test_a_coil_may_be_said_as_a_number() -> None:
+def test_a_coil_value_may_be_0_or_1() -> None:
     one: Any = 1  # typed as bool; a number is what programs without a type checker give
     assert WriteSingleCoil(0, one) == WriteSingleCoil(0, True)
     assert WriteSingleCoil(0, one - 1).read_response(unhex("05 0000 0000")) == WriteSingleCoilResponse(0, False)

@@ -25,7 +25,7 @@ from barewire.modbus.messages.registry import AnyRequest
 from tests.helpers import modest, refused, unhex
 
 
-def test_bits_are_cut_to_as_many_as_were_asked() -> None:
+def test_bits_are_cut_to_the_quantity_of_the_request() -> None:
     assert ReadCoils(0, 10).read_response(unhex("01 02 CD FF")) == ReadCoilsResponse(
         (True, False, True, True, False, False, True, True, True, True)
     )
@@ -35,7 +35,7 @@ def test_a_counter_is_not_an_echo() -> None:
     assert Diagnostics(0x0B).read_response(unhex("08 000B 0011")).count == 17
 
 
-def test_registers_are_as_many_as_were_asked() -> None:
+def test_another_number_of_registers_is_a_mismatch() -> None:
     assert ReadHoldingRegisters(0, 2).read_response(unhex("03 04 0001 0002")) == ReadHoldingRegistersResponse((1, 2))
 
 
@@ -64,7 +64,7 @@ def test_registers_are_as_many_as_were_asked() -> None:
         (ReportServerId(), "07 00", 0, "function 07 where 11 (Report Server ID)"),
     ],
 )
-def test_an_answer_to_another_question_is_a_mismatch(request_: AnyRequest, pdu: str, at: int, text: str) -> None:
+def test_a_response_to_another_request_is_a_mismatch(request_: AnyRequest, pdu: str, at: int, text: str) -> None:
     with refused(DecodeError, text) as caught:
         request_.read_response(unhex(pdu))
     assert isinstance(caught.value, DecodeError)
@@ -72,21 +72,21 @@ def test_an_answer_to_another_question_is_a_mismatch(request_: AnyRequest, pdu: 
 
 
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 6, 11, 99, 0, 255])
-def test_an_exception_of_ones_own_function_is_raised(code: int) -> None:
+def test_an_exception_response_to_the_function_is_raised(code: int) -> None:
     with pytest.raises(ModbusException) as caught:
         ReadHoldingRegisters(0, 2).read_response(bytes([0x83, code]))
     assert (caught.value.code, caught.value.function_code) == (code, 3)
 
 
 @pytest.mark.parametrize("pdu", ["83", "83 02 00"])
-def test_half_an_exception_is_none(pdu: str) -> None:
+def test_a_truncated_exception_response_is_a_decode_error(pdu: str) -> None:
     with pytest.raises(DecodeError):
         ReadHoldingRegisters(0, 2).read_response(unhex(pdu))
 
 
 @modest
 @given(st.one_of(st.binary(max_size=20), st.binary(max_size=20).map(lambda rest: b"\x03" + rest)))
-def test_any_bytes_are_the_answer_or_are_refused(pdu: bytes) -> None:
+def test_any_bytes_are_the_response_or_raise(pdu: bytes) -> None:
     try:
         answer = ReadHoldingRegisters(0, 2).read_response(pdu)
     except (DecodeError, ModbusException):

@@ -46,7 +46,7 @@ def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(functions, "_encapsulated", dict(functions._encapsulated))
 
 
-def test_a_function_of_ones_own_is_known_everywhere_at_once() -> None:
+def test_a_registered_function_is_decoded_and_measured() -> None:
     assert register(Blink) is Blink
     assert Blink in known_requests()
     assert decode_request(unhex("41 0003")) == Blink(3)
@@ -57,7 +57,7 @@ def test_a_function_of_ones_own_is_known_everywhere_at_once() -> None:
     assert line.feed(encode(1, unhex("41 0003")), 1.0) == [Adu(1, unhex("41 0003"))]
 
 
-def test_an_echo_of_ones_own_is_checked_without_a_word_of_code() -> None:
+def test_the_echoed_fields_of_an_own_message_are_checked() -> None:
     with refused(DecodeError, "times 4 where 3 was asked (Blink)"):
         Blink(3).read_response(unhex("41 0004"))
 
@@ -77,7 +77,7 @@ def test_an_mei_type_belongs_to_2b_and_2b_needs_one(monkeypatch: pytest.MonkeyPa
         register(Blink)
 
 
-def test_a_code_that_is_taken_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_registered_code_can_be_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Blink, "function_code", 0x07)
     register(Blink)
     assert decode_request(unhex("07 0003")) == Blink(3)
@@ -90,7 +90,7 @@ def test_only_a_request_can_be_registered(what: Any) -> None:
 
 
 @pytest.mark.parametrize("wrong", [ZeroDivisionError("division"), IndexError("index"), "3", 2.5, -1])
-def test_a_measure_that_fails_is_as_if_nobody_could_count(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_measure_that_raises_leaves_the_length_unknown(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is the user's code, called with the first bytes of anything at all: a line must not stumble over it."""
 
     def measure(pdu: bytes) -> Any:

@@ -52,7 +52,7 @@ def came_of(what: Callable[..., Any], *args: Any) -> object:
 @pytest.mark.parametrize("cls", READS)
 @modest
 @given(pdu=PDUS)
-def test_a_request_is_decoded_as_every_message_is(cls: type[ReadHoldingRegisters], pdu: bytes) -> None:
+def test_the_decode_shortcut_gives_the_result_of_the_general_path(cls: type[ReadHoldingRegisters], pdu: bytes) -> None:
     long_way = Message.decode.__func__  # type: ignore[attr-defined]
     assert came_of(cls.decode, pdu) == came_of(long_way, cls, pdu)
 
@@ -67,12 +67,14 @@ def test_a_request_is_decoded_as_every_message_is(cls: type[ReadHoldingRegisters
     ) | st.integers(0, 4).flatmap(lambda n: st.binary(min_size=2 * n, max_size=2 * n).map(
         lambda rest: bytes([3 + n % 2, len(rest)]) + rest)),
 )  # fmt: skip
-def test_an_answer_is_read_as_every_answer_is(cls: type[ReadHoldingRegisters], quantity: int, pdu: bytes) -> None:
+def test_the_response_shortcut_gives_the_result_of_the_general_path(
+    cls: type[ReadHoldingRegisters], quantity: int, pdu: bytes
+) -> None:
     request = cls(0, quantity)
     assert came_of(request.read_response, pdu) == came_of(Request.read_response, request, pdu)
 
 
-def test_every_quantity_takes_the_short_way_and_says_the_same() -> None:
+def test_both_paths_agree_for_every_quantity() -> None:
     for cls in READS:
         for quantity in range(1, READ_REGISTERS_LIMIT + 1):
             row = tuple(range(0xFFFF, 0xFFFF - quantity, -1))
@@ -84,14 +86,14 @@ def test_every_quantity_takes_the_short_way_and_says_the_same() -> None:
 @pytest.mark.parametrize("cls", ANSWERS)
 @modest
 @given(row=st.lists(st.sampled_from([0, 7, 0xFFFF, -1, 0x10000, 1 << 70, 0.5, "1", None, b"2", True]), min_size=1))
-def test_registers_that_do_not_fit_are_refused_as_ever(cls: type[ReadHoldingRegistersResponse], row: list[Any]) -> None:
+def test_registers_out_of_range_are_refused_by_encode(cls: type[ReadHoldingRegistersResponse], row: list[Any]) -> None:
     def long_way() -> bytes:
         return cls.layout.pack(cls.function_code, 2 * len(row), tail=from_registers(row))
 
     assert came_of(lambda: cls(tuple(row)).encode()) == came_of(lambda: long_way() if cls(tuple(row)) else b"")
 
 
-def test_a_row_that_grew_behind_our_back_is_an_error_of_ours() -> None:
+def test_a_row_that_was_lengthened_after_creation_is_refused_by_encode() -> None:
     row = [1]
     response = ReadHoldingRegistersResponse(row)  # type: ignore[arg-type]
     row += [2] * READ_REGISTERS_LIMIT
@@ -148,7 +150,7 @@ class ReadWide(ReadHoldingRegisters):
     response: ClassVar[type[Response]] = WideResponse
 
 
-def test_a_subclass_is_asked_what_it_makes_of_the_bytes() -> None:
+def test_a_subclass_decodes_with_its_own_checks() -> None:
     assert ReadSwapped.decode(bytes.fromhex("64 0002 0001")) == ReadSwapped(2, 1)
     with pytest.raises(DecodeError, match="address = 3: expected an even one"):
         ReadSwapped.decode(bytes.fromhex("64 0003 0001"))
@@ -160,7 +162,7 @@ def test_a_subclass_is_asked_what_it_makes_of_the_bytes() -> None:
 
 
 @pytest.mark.parametrize("request_", [ReadSwapped(2, 2), ReadWide(2, 2)], ids=["swapped", "wide"])
-def test_a_subclass_is_answered_with_its_own_response_and_nothing_left_out(request_: ReadHoldingRegisters) -> None:
+def test_a_table_answers_a_subclass_with_its_own_response_class(request_: ReadHoldingRegisters) -> None:
     table = Table()
     table.holding_registers[2:4] = table.holding_registers.__class__("H", [5, 6])
     response: Any = table.handle(request_, 0.0)
@@ -172,7 +174,7 @@ def test_a_subclass_is_answered_with_its_own_response_and_nothing_left_out(reque
 @pytest.mark.parametrize(
     ("cls", "asked"), [(ReadSwapped, "64 0002 0002"), (ReadWide, "65 0002 0002 01")], ids=["swapped", "wide"]
 )
-def test_in_a_server_a_subclass_is_a_function_of_its_own(cls: type[ReadHoldingRegisters], asked: str) -> None:
+def test_a_server_treats_a_subclass_as_another_function(cls: type[ReadHoldingRegisters], asked: str) -> None:
     """A table does not have it, whatever it is a subclass of; `Functions` has it if it is given."""
     register(cls)
     try:

@@ -63,7 +63,9 @@ TABLE = Authorization.parse(
         ("Nobody", 1, ReadHoldingRegisters(0, 1), False),
     ],
 )
-def test_what_is_permitted(role: str | None, unit: int, request_: Request[Any], allowed: bool) -> None:
+def test_requests_that_are_permitted_and_refused(
+    role: str | None, unit: int, request_: Request[Any], allowed: bool
+) -> None:
     assert TABLE.allows(role, unit, request_) is allowed
 
 
@@ -87,6 +89,6 @@ def test_what_is_permitted(role: str | None, unit: int, request_: Request[Any], 
         ('{"Viewer": [{"addresses": "1-"}]}', "expected numbers and ranges"),
     ],
 )
-def test_a_table_that_is_none(text: str, said: str) -> None:
+def test_an_invalid_table_is_refused(text: str, said: str) -> None:
     with refused(EncodeError, said):
         Authorization.parse(text)

@@ -87,11 +87,11 @@ class Plant:
         ("08 0000 A537", "8801"),
     ],
 )
-def test_each_function_is_called_and_answers(pdu: str, answer: str) -> None:
+def test_each_function_is_called_and_its_result_sent(pdu: str, answer: str) -> None:
     assert answered(Plant().unit(), pdu) == answer
 
 
-def test_writes_arrive() -> None:
+def test_write_functions_receive_the_values() -> None:
     plant = Plant()
     unit = plant.unit()
     for pdu in ("05 0001 FF00", "0F 0004 0003 01 05", "06 0001 0007", "10 0004 0002 04 0008 0009", "16 0000 00F0 0005"):
@@ -111,7 +111,7 @@ def test_writes_arrive() -> None:
         *("03", "17", "2B 0E"),
     ],
 )
-def test_what_is_not_given_is_01_however_it_is_asked(pdu: str) -> None:
+def test_a_function_that_is_not_given_is_exception_01_even_for_malformed_requests(pdu: str) -> None:
     assert answered(Functions(), pdu)[2:] == "01"
 
 
@@ -125,7 +125,7 @@ def test_what_is_not_given_is_01_however_it_is_asked(pdu: str) -> None:
         (None, "TypeError: object of type 'NoneType' has no len()"),
     ],
 )
-def test_a_result_that_is_none_is_04_and_is_kept(result: Any, failure: str) -> None:
+def test_an_invalid_result_is_exception_04_and_recorded(result: Any, failure: str) -> None:
     unit = Functions(read_holding_registers=lambda address, quantity: result)
     server = Server(TcpLine(), {1: unit}, serial=False)
     assert server.answer(Adu(1, unhex("03 0000 0002")), 1.0) == unhex("83 04")
@@ -133,7 +133,7 @@ def test_a_result_that_is_none_is_04_and_is_kept(result: Any, failure: str) -> N
     assert kept.startswith(failure)
 
 
-def test_a_queue_that_is_too_long_is_its_own_failure() -> None:
+def test_a_queue_that_is_too_long_is_exception_04() -> None:
     assert answered(Functions(read_queue=lambda address: [0] * 32), "18 0000") == "9804"
 
 
@@ -141,7 +141,7 @@ def test_a_mask_needs_both_a_read_and_a_write() -> None:
     assert answered(Functions(read_holding_registers=lambda address, quantity: [0]), "16 0000 0000 0000") == "9601"
 
 
-def test_own_functions_win() -> None:
+def test_own_functions_take_precedence() -> None:
     from barewire.modbus import ReadExceptionStatus, ReadExceptionStatusResponse
 
     def own(request: ReadExceptionStatus) -> Response | None:

@@ -68,7 +68,7 @@ class Bench:
 # What counts what ------------------------------------------------------------------------------------------------
 
 
-def test_bus_messages_are_all_good_frames_whoever_they_are_for() -> None:
+def test_bus_messages_count_good_frames_for_any_unit() -> None:
     bench = Bench()
     bench.say(READ)
     bench.say(READ, unit=2)
@@ -78,7 +78,7 @@ def test_bus_messages_are_all_good_frames_whoever_they_are_for() -> None:
     assert bench.count(0x0E) == 4, "the others were for this unit or for all, and so was the question before"
 
 
-def test_bus_errors_are_what_is_no_frame() -> None:
+def test_bus_errors_count_bytes_that_are_no_frame() -> None:
     bench = Bench()
     frame = rtu_frame(1, unhex(READ))
     bench.hear(frame[:-1] + b"\x00")
@@ -86,7 +86,7 @@ def test_bus_errors_are_what_is_no_frame() -> None:
     assert bench.count(0x0C) == 2
 
 
-def test_exceptions_are_counted_also_where_nobody_hears_them() -> None:
+def test_exceptions_to_broadcasts_are_counted() -> None:
     bench = Bench()
     assert bench.say("41") == "C101"
     assert bench.say("03 0000 0000") == "8303"
@@ -94,7 +94,7 @@ def test_exceptions_are_counted_also_where_nobody_hears_them() -> None:
     assert bench.count(0x0D) == 3
 
 
-def test_no_responses_are_broadcasts_and_what_is_not_answered() -> None:
+def test_no_responses_count_broadcasts_and_unanswered_requests() -> None:
     bench = Bench()
     bench.say("06 0000 0001", unit=0)
     bench.say("08 0004 0000")
@@ -116,7 +116,7 @@ def test_naks_and_busy_answers(code: int, sub_function: int) -> None:
     assert bench.count(sub_function) == 1
 
 
-def test_overruns_are_told_by_the_port_and_cleared_alone() -> None:
+def test_overruns_are_reported_by_the_port_and_cleared_alone() -> None:
     bench = Bench()
     bench.server.overrun()
     assert bench.count(0x12) == 1
@@ -134,7 +134,7 @@ def test_counters_wrap() -> None:
     assert counters.bus_messages == 1
 
 
-def test_units_on_one_line_count_for_themselves() -> None:
+def test_each_unit_on_a_line_has_its_own_counters() -> None:
     bench = Bench({1: Table(10), 2: Table(10)})
     bench.say(READ)
     bench.say("41", unit=2)
@@ -142,7 +142,7 @@ def test_units_on_one_line_count_for_themselves() -> None:
     assert (bench.server.counters[1].bus_messages, bench.server.counters[2].bus_messages) == (4, 4)
 
 
-def test_the_diagnostic_register_is_the_owners() -> None:
+def test_the_diagnostic_register_is_set_by_its_owner() -> None:
     bench = Bench()
     bench.server.counters[1].diagnostic_register = 0xBEEF
     assert bench.count(0x02) == 0xBEEF
@@ -165,7 +165,7 @@ def test_the_event_counter_counts_what_was_carried_out() -> None:
     assert bench.say("0B") == "0B00000000"
 
 
-def test_the_status_word_says_busy_when_its_owner_does() -> None:
+def test_the_status_word_is_busy_when_is_busy_is_set() -> None:
     counters = SerialCounters()
     counters.is_busy = True
     assert counters.answer(GetCommEventCounter()) == GetCommEventCounterResponse(0xFFFF, 0)
@@ -177,7 +177,7 @@ def test_the_status_word_says_busy_when_its_owner_does() -> None:
 # The log ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_log_tells_the_story_newest_first() -> None:
+def test_the_log_lists_events_newest_first() -> None:
     bench = Bench()
     bench.say(READ)
     bench.say("06 0000 0001", unit=0)
@@ -191,7 +191,7 @@ def test_the_log_tells_the_story_newest_first() -> None:
     ]
 
 
-def test_the_log_holds_64() -> None:
+def test_the_log_has_at_most_64_events() -> None:
     bench = Bench()
     for _ in range(40):
         bench.say(READ)
@@ -239,7 +239,7 @@ def test_listen_only_is_silence_until_a_restart_that_is_not_answered() -> None:
     assert bench.say(READ) == "03020000"
 
 
-def test_a_restart_that_is_heard_is_answered_and_clears_the_counters() -> None:
+def test_a_restart_is_answered_and_clears_the_counters() -> None:
     bench = Bench()
     bench.say("41")
     assert bench.say(RESTART) == "0800010000"
@@ -256,7 +256,7 @@ def test_a_restart_keeps_the_log_or_clears_it() -> None:
     assert bench.events() == ["communications restarted"]
 
 
-def test_the_log_says_what_was_heard_in_silence() -> None:
+def test_the_log_marks_events_in_listen_only_mode() -> None:
     bench = Bench()
     bench.say("08 0004 0000")
     bench.say(READ)
@@ -269,7 +269,7 @@ def test_the_log_says_what_was_heard_in_silence() -> None:
     ]
 
 
-def test_one_unit_is_silenced_and_not_the_others() -> None:
+def test_listen_only_mode_is_per_unit() -> None:
     bench = Bench({1: Table(10), 2: Table(10)})
     bench.say("08 0004 0000", unit=1)
     assert bench.say(READ, unit=1) is None
@@ -280,7 +280,7 @@ def test_one_unit_is_silenced_and_not_the_others() -> None:
 
 
 @pytest.mark.parametrize("pdu", ["08 0003 0D00", "08 0099 0000", "08 0015 0000", "08 FFFF 01"])
-def test_what_it_does_not_do_is_01(pdu: str) -> None:
+def test_unsupported_sub_functions_are_exception_01(pdu: str) -> None:
     assert Bench().say(pdu) == "8801"
 
 
@@ -305,7 +305,7 @@ class AsciiBench(Bench):
 CHANGE = "08 0003 3B00"
 
 
-def test_the_delimiter_of_ascii_changes_behind_the_answer_and_a_restart_brings_lf_back() -> None:
+def test_the_ascii_delimiter_changes_after_the_response_and_a_restart_restores_lf() -> None:
     bench = AsciiBench()
     assert bench.exchange(CHANGE) == "0800033B00\n"
     assert bench.exchange(READ, ";") == "03020000;"
@@ -315,7 +315,7 @@ def test_the_delimiter_of_ascii_changes_behind_the_answer_and_a_restart_brings_l
     assert bench.exchange(READ, ";") is None
 
 
-def test_a_restart_that_is_not_answered_brings_lf_back_too() -> None:
+def test_a_restart_without_response_restores_lf() -> None:
     bench = AsciiBench()
     bench.exchange(CHANGE)
     assert bench.exchange("08 0004 0000", ";") is None
@@ -324,30 +324,30 @@ def test_a_restart_that_is_not_answered_brings_lf_back_too() -> None:
     assert bench.exchange(READ) == "03020000\n"
 
 
-def test_a_delimiter_changed_by_a_broadcast_is_everybodys() -> None:
+def test_a_delimiter_changed_by_a_broadcast_applies_to_all_units() -> None:
     bench = AsciiBench()
     assert bench.exchange(CHANGE, unit=0) is None
     assert bench.exchange(READ, ";") == "03020000;"
 
 
 @pytest.mark.parametrize("pdu", ["08 0003 3A00", "08 0003 8000", "08 0003 3B01", "08 0003 3B"])
-def test_a_delimiter_that_cannot_be_one_is_03(pdu: str) -> None:
+def test_an_invalid_delimiter_is_exception_03(pdu: str) -> None:
     bench = AsciiBench()
     assert bench.exchange(pdu) == "8803\n"
     assert bench.exchange(READ) == "03020000\n"
 
 
 @pytest.mark.parametrize("pdu", ["08 0001 0001", "08 000B 0001", "08 000B 00", "08 0002 FFFF"])
-def test_wrong_data_is_03(pdu: str) -> None:
+def test_wrong_diagnostics_data_is_exception_03(pdu: str) -> None:
     assert Bench().say(pdu) == "8803"
 
 
 @pytest.mark.parametrize("data", ["", "A537", "01 02 03 04 05"])
-def test_query_data_comes_back(data: str) -> None:
+def test_return_query_data_echoes_its_data(data: str) -> None:
     assert Bench().say(f"08 0000 {data}") == f"080000{data}".replace(" ", "")
 
 
-def test_a_unit_that_does_it_itself_wins() -> None:
+def test_a_unit_that_answers_diagnostics_itself_takes_precedence() -> None:
     class Own:
         def handle(self, request: AnyRequest, now: float) -> Response | None:
             assert isinstance(request, Diagnostics)
@@ -356,7 +356,7 @@ def test_a_unit_that_does_it_itself_wins() -> None:
     assert Bench({1: Own()}).count(0x0B) == 0x1234
 
 
-def test_a_unit_whose_01_is_meant_is_not_helped() -> None:
+def test_a_unit_with_diagnostics_false_keeps_its_exception_01() -> None:
     class Plain(Table):
         diagnostics = False
 
@@ -372,7 +372,7 @@ def test_on_tcp_there_are_no_counters() -> None:
     assert not server.counters
 
 
-def test_other_requests_are_not_for_counters() -> None:
+def test_other_requests_raise_exception_01() -> None:
     with pytest.raises(ModbusException) as caught:
         SerialCounters().answer(ReadWriteMultipleRegisters(0, 1, 0, (1,)))
     assert caught.value.code == 1

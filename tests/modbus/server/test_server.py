@@ -154,7 +154,7 @@ def test_a_bad_broadcast_is_not_answered_either() -> None:
         assert answer(server, pdu, unit=0) is None
 
 
-def test_what_is_for_another_unit_is_not_answered_on_a_serial_line() -> None:
+def test_a_request_for_another_unit_is_not_answered_on_a_serial_line() -> None:
     server = rtu_server()
     assert server.feed(rtu_frame(2, unhex("06 0005 1234")), 1.0) == []
     assert (server.statistics.for_others, server.statistics.requests) == (1, 0)
@@ -162,7 +162,7 @@ def test_what_is_for_another_unit_is_not_answered_on_a_serial_line() -> None:
 
 @pytest.mark.parametrize("unit", [0, 255])
 @pytest.mark.parametrize("at", [0, 255])
-def test_a_direct_device_on_tcp_is_unit_0_or_255_and_answers_to_every_name(unit: int, at: int) -> None:
+def test_on_tcp_unit_0_or_255_answers_for_every_unknown_unit(unit: int, at: int) -> None:
     server = tcp_server(address=at)
     assert answer(server, "03 0000 0001", unit) == "03020000"
     assert answer(server, "03 0000 0001", unit=17) == "03020000"
@@ -175,7 +175,7 @@ def test_unit_0_on_tcp_is_no_broadcast() -> None:
     assert server.statistics.broadcasts == 0
 
 
-def test_255_answers_before_0_and_a_units_own_name_before_both() -> None:
+def test_a_known_unit_takes_precedence_over_255_and_255_over_0() -> None:
     def unit(value: int) -> Answering:
         return Answering(ReadHoldingRegistersResponse((value,)))
 
@@ -188,7 +188,7 @@ def test_255_answers_before_0_and_a_units_own_name_before_both() -> None:
     ]
 
 
-def test_a_unit_that_is_false_is_still_a_unit() -> None:
+def test_a_unit_object_that_is_falsy_is_used() -> None:
     class Empty(Answering):
         def __len__(self) -> int:
             return 0
@@ -197,7 +197,7 @@ def test_a_unit_that_is_false_is_still_a_unit() -> None:
     assert answer(server, "03 0000 0001", unit=17) == "03020007"
 
 
-def test_an_unknown_unit_on_tcp_is_a_target_that_does_not_respond() -> None:
+def test_an_unknown_unit_on_tcp_is_exception_0b() -> None:
     server = tcp_server(address=1)
     assert answer(server, "03 0000 0001", unit=2) == "830B"
     assert server.statistics.for_others == 1
@@ -213,7 +213,7 @@ def test_several_requests_in_one_segment_are_all_answered_in_their_order() -> No
     assert server.statistics.replies == 5
 
 
-def test_half_a_request_is_answered_when_the_other_half_comes() -> None:
+def test_a_request_in_two_pieces_is_answered_when_it_is_complete() -> None:
     server = tcp_server()
     frame = tcp_frame(1, unhex("03 0000 0001"), 3)
     assert server.feed(frame[:9], 1.0) == []
@@ -221,7 +221,7 @@ def test_half_a_request_is_answered_when_the_other_half_comes() -> None:
     assert tcp_decode(reply.data) == Adu(1, unhex("03 02 0000"), 3)
 
 
-def test_a_reply_on_rtu_waits_for_the_silence() -> None:
+def test_a_reply_on_rtu_is_due_after_the_silence() -> None:
     (reply,) = rtu_server().feed(rtu_frame(1, unhex("03 0000 0001")), 1.0)
     assert reply.at == 1.0 + TIMING.t35
 
@@ -229,14 +229,14 @@ def test_a_reply_on_rtu_waits_for_the_silence() -> None:
 # A unit's own code -----------------------------------------------------------------------------------------------
 
 
-def test_a_unit_that_stumbles_is_exception_04_and_its_error_is_kept() -> None:
+def test_an_error_of_a_unit_is_exception_04_and_recorded() -> None:
     server = tcp_server(FailingUnit(ValueError("no sensor")))
     assert answer(server, "03 0000 0001") == "8304"
     assert server.statistics.failures == ["ValueError: no sensor"]
     assert server.statistics.exceptions == 1
 
 
-def test_only_the_latest_failures_are_kept() -> None:
+def test_the_latest_ten_failures_are_kept() -> None:
     unit = FailingUnit(ValueError())
     server = tcp_server(unit)
     for number in range(25):
@@ -245,7 +245,7 @@ def test_only_the_latest_failures_are_kept() -> None:
     assert server.statistics.failures == [f"ValueError: {number}" for number in range(15, 25)]
 
 
-def test_an_error_that_cannot_be_shown_is_one_all_the_same() -> None:
+def test_an_error_whose_text_raises_is_recorded_without_text() -> None:
     class Speechless(Exception):
         def __str__(self) -> str:
             raise ValueError
@@ -256,14 +256,14 @@ def test_an_error_that_cannot_be_shown_is_one_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 10, 11, 99])
-def test_a_unit_declines_with_the_code_it_wants(code: int) -> None:
+def test_a_unit_may_decline_with_any_exception_code(code: int) -> None:
     server = tcp_server(FailingUnit(ModbusException(code)))
     assert answer(server, "03 0000 0001") == f"83{code:02X}"
     assert server.statistics.failures == []
 
 
 @pytest.mark.parametrize("code", [-1, 256, 1000])
-def test_a_code_that_is_none_is_a_failure_of_the_unit(code: int) -> None:
+def test_an_exception_code_out_of_range_is_a_failure_of_the_unit(code: int) -> None:
     server = tcp_server(FailingUnit(ModbusException(code)))
     assert answer(server, "03 0000 0001") == "8304"
     assert server.statistics.failures == [f"EncodeError: exception_code = {code}: expected 0..255"]
@@ -285,7 +285,7 @@ class Text(ReportServerIdResponse):
 
 
 @pytest.mark.parametrize("response", [TooLong(b""), Text(b""), b"\x03\x02\x00\x00", 7])
-def test_an_answer_that_is_none_is_a_failure_of_the_unit(response: object) -> None:
+def test_an_invalid_response_is_a_failure_of_the_unit(response: object) -> None:
     server = tcp_server(Answering(response))
     (reply,) = server.feed(tcp_frame(1, unhex("11")), 1.0)
     assert tcp_decode(reply.data).pdu == unhex("91 04")
@@ -329,7 +329,7 @@ TRAFFIC = st.one_of(
 
 @modest
 @given(chunked(TRAFFIC, longest_pause=0.1))
-def test_no_bytes_make_a_server_stumble(chunks: list[Chunk]) -> None:
+def test_feeding_any_bytes_never_raises(chunks: list[Chunk]) -> None:
     lines: list[tuple[Line, bool]] = [
         (RtuLine(TIMING, role="server", units=(1,)), True),
         (RtuLine(TIMING, role="server", patience=None), True),
@@ -364,13 +364,13 @@ def test_of_several_requests_in_one_read_only_the_latest_is_answered() -> None:
     assert (server.statistics.stale, server.statistics.replies, server.statistics.requests) == (2, 1, 1)
 
 
-def test_a_write_that_came_too_late_to_be_answered_is_carried_out() -> None:
+def test_a_stale_write_is_carried_out_without_response() -> None:
     server = rtu_server()
     assert heard(server, WRITE_7 + READ_0) == [rtu_frame(1, unhex("03 02 0007"))]
     assert server.statistics.stale == 1
 
 
-def test_writes_are_carried_out_in_their_order_whoever_is_answered() -> None:
+def test_stale_writes_are_carried_out_in_order() -> None:
     table = Table(10)
     server = rtu_server({1: table})
     assert heard(server, WRITE_7 + TELL_ALL + READ_0) == [rtu_frame(1, unhex("03 02 0009"))]
@@ -379,14 +379,14 @@ def test_writes_are_carried_out_in_their_order_whoever_is_answered() -> None:
 
 
 @pytest.mark.parametrize("behind", [READ_OTHER, TELL_ALL, b"\x55" * 4, READ_0[:5]])
-def test_what_is_followed_by_other_traffic_is_not_answered(behind: bytes) -> None:
+def test_a_request_followed_by_other_traffic_is_not_answered(behind: bytes) -> None:
     server = rtu_server()
     assert heard(server, READ_0 + behind) == []
     assert server.statistics.stale == 1
 
 
 @pytest.mark.parametrize("behind", [b"\x00", b"\xff\xff", b"\x00\x00\x00"])
-def test_a_glitch_behind_a_request_only_delays_its_answer(behind: bytes) -> None:
+def test_a_glitch_after_a_request_only_delays_its_response(behind: bytes) -> None:
     server = rtu_server()
     assert server.feed(READ_0 + behind, 1.0) == []
     assert server.deadline is not None
@@ -395,7 +395,7 @@ def test_a_glitch_behind_a_request_only_delays_its_answer(behind: bytes) -> None
     assert server.statistics.stale == 0
 
 
-def test_a_glitch_that_becomes_a_frame_was_none() -> None:
+def test_a_glitch_that_grows_into_a_frame_makes_the_request_stale() -> None:
     server = rtu_server()
     assert server.feed(READ_0 + READ_OTHER[:2], 1.0) == []
     assert heard(server, READ_OTHER[2:], 1.005) == []
@@ -420,7 +420,7 @@ def test_a_function_with_bit_7_is_no_request(pdu: str) -> None:
 
 
 @pytest.mark.parametrize("pdu", ["06 0000 0007", "08 0000 A537"])
-def test_our_own_answer_heard_at_once_is_no_request(pdu: str) -> None:
+def test_an_echo_of_the_servers_response_is_no_request(pdu: str) -> None:
     """Its bytes are those of its request: taken for one, it would be answered for ever."""
     frame = rtu_frame(1, unhex(pdu))
     server = rtu_server()
@@ -433,7 +433,7 @@ def test_our_own_answer_heard_at_once_is_no_request(pdu: str) -> None:
     assert server.feed(frame, out + 0.1) != [], "the same once more, when everybody may speak again"
 
 
-def test_a_line_that_echoes_is_served_once() -> None:
+def test_each_request_on_an_echoing_line_is_answered_once() -> None:
     line = EchoLine(RtuLine(TIMING, role="server", units={1}))
     server = Server(line, {1: Table(10)}, serial=True)
     now = 1.0
@@ -448,7 +448,7 @@ def test_a_line_that_echoes_is_served_once() -> None:
 # More than it can do ---------------------------------------------------------------------------------------------
 
 
-def test_more_transactions_than_agreed_are_answered_busy() -> None:
+def test_transactions_beyond_the_limit_are_answered_busy() -> None:
     server = Server(TcpLine(), {1: Table(10)}, serial=False, transactions=2)
     request = unhex("03 0000 0001")
     data = b"".join(tcp_frame(1, request, number) for number in range(4))
@@ -458,19 +458,19 @@ def test_more_transactions_than_agreed_are_answered_busy() -> None:
     assert len(server.feed(data[:12], 2.0)) == 1
 
 
-def test_sixteen_transactions_are_agreed() -> None:
+def test_the_default_limit_is_16_transactions() -> None:
     data = b"".join(tcp_frame(1, unhex("03 0000 0001"), number) for number in range(18))
     answers = [tcp_decode(reply.data).pdu.hex() for reply in tcp_server().feed(data, 1.0)]
     assert answers == ["03020000"] * 16 + ["8306"] * 2
 
 
-def test_what_is_not_permitted_is_01() -> None:
+def test_a_request_that_is_not_permitted_is_exception_01() -> None:
     server = Server(TcpLine(), {1: Table(10)}, serial=False, permits=lambda unit, request: not request.writes)
     assert answer(server, "03 0000 0001") == "03020000"
     assert answer(server, "06 0000 0001") == "8601"
     assert answer(server, "06 0000") == "8603", "what cannot be read cannot be permitted"
 
 
-def test_an_object_dictionary_that_refuses_is_an_extended_exception() -> None:
+def test_an_sdo_abort_is_an_extended_exception_response() -> None:
     server = tcp_server(FailingUnit(SdoAborted(0x06020000)))
     assert answer(server, "2B 0D 00 1F 1005 00 0000 0008") == "ABFF00060DEC06020000"

@@ -33,7 +33,7 @@ from barewire.modbus.messages.registry import AnyRequest
 from tests.helpers import refused
 
 
-def test_what_was_written_is_read() -> None:
+def test_written_values_are_read_back() -> None:
     table = Table(20)
     table.handle(WriteSingleCoil(3, True), 0.0)
     table.handle(WriteMultipleCoils(5, (True, False, True)), 0.0)
@@ -66,7 +66,7 @@ def test_the_four_tables_do_not_touch_each_other() -> None:
         WriteMultipleRegisters(3, (1, 1)),
     ],
 )
-def test_beyond_the_end_is_02_and_nothing_is_written(request_: AnyRequest) -> None:
+def test_beyond_the_end_is_exception_02_and_nothing_is_written(request_: AnyRequest) -> None:
     table = Table(4)
     with pytest.raises(ModbusException) as caught:
         table.handle(request_, 0.0)
@@ -76,7 +76,7 @@ def test_beyond_the_end_is_02_and_nothing_is_written(request_: AnyRequest) -> No
     assert (len(table.coils), len(table.holding_registers)) == (4, 4)
 
 
-def test_what_a_table_cannot_do_is_01() -> None:
+def test_an_unsupported_request_is_exception_01() -> None:
     with pytest.raises(ModbusException) as caught:
         Table().handle(Diagnostics(0), 0.0)
     assert caught.value.code == 1
@@ -97,7 +97,7 @@ def identify(read_code: int, object_id: int = 0) -> ReadDeviceIdentificationResp
 
 
 @pytest.mark.parametrize("read_code", [1, 2, 3])
-def test_it_names_its_basic_objects_at_every_level(read_code: int) -> None:
+def test_the_basic_objects_are_returned_at_every_level(read_code: int) -> None:
     assert identify(read_code).objects == NAMES
 
 
@@ -111,26 +111,26 @@ def test_a_stream_from_an_object_that_does_not_exist_begins_again_at_0() -> None
 
 
 @pytest.mark.parametrize("object_id", [0, 1, 2])
-def test_one_object_is_one_object(object_id: int) -> None:
+def test_individual_access_returns_one_object(object_id: int) -> None:
     answer = identify(4, object_id)
     assert answer.objects == (NAMES[object_id],)
     assert answer.conformity == 0x81, "basic, with access to single objects"
 
 
-def test_one_object_that_does_not_exist_is_02() -> None:
+def test_an_unknown_individual_object_is_exception_02() -> None:
     with pytest.raises(ModbusException) as caught:
         identify(4, 3)
     assert caught.value.code == 2
 
 
-def test_its_server_id_says_that_it_runs() -> None:
+def test_the_server_id_has_run_indicator_ff() -> None:
     answer = Table(product="bench").handle(ReportServerId(), 0.0)
     assert answer is not None
     assert answer.encode() == b"\x11\x07\x01\xffbench"
 
 
 @pytest.mark.parametrize(("vendor", "product"), [("x" * 245, "y"), ("x", "y" * 245)])
-def test_a_name_that_could_never_be_sent_is_refused_at_once(vendor: str, product: str) -> None:
+def test_a_name_that_is_too_long_is_refused(vendor: str, product: str) -> None:
     with refused(EncodeError, "bytes"):
         Table(vendor=vendor, product=product)
 
@@ -147,7 +147,7 @@ def test_a_name_that_could_never_be_sent_is_refused_at_once(vendor: str, product
         ({"files": {1: (0, 70000)}}, "file 1: register 1 of 2: 70000 is not a whole number in 0..65535"),
     ],
 )
-def test_what_nobody_could_ever_read_is_refused_at_once(options: dict[str, Any], said: str) -> None:
+def test_objects_and_files_that_could_never_be_read_are_refused(options: dict[str, Any], said: str) -> None:
     with refused(EncodeError, said):
         Table(**options)
 
@@ -162,7 +162,7 @@ def test_a_mask_changes_the_bits_it_does_not_keep() -> None:
     assert table.holding_registers[3] == 0x17
 
 
-def test_write_comes_before_read_and_neither_if_one_is_impossible() -> None:
+def test_function_17_writes_before_it_reads_and_does_neither_beyond_the_end() -> None:
     table = Table(4)
     answer = table.handle(ReadWriteMultipleRegisters(0, 3, 1, (7, 8)), 0.0)
     assert answer == ReadWriteMultipleRegisters.response((0, 7, 8))  # type: ignore[call-arg]
@@ -180,7 +180,7 @@ def test_a_queue_is_read_and_not_emptied() -> None:
         assert table.handle(ReadFifoQueue(0x4DE), 0.0) == ReadFifoQueue.response((440, 4740))  # type: ignore[call-arg]
 
 
-def test_a_queue_of_32_is_03_and_none_is_02() -> None:
+def test_a_queue_of_32_is_exception_03_and_no_queue_is_exception_02() -> None:
     table = Table(4)
     table.queues[0] = [0] * 32
     for address, code in ((0, 3), (1, 2)):
@@ -205,7 +205,7 @@ def test_files_are_read_and_written_group_by_group() -> None:
         WriteFileRecord(((4, 0, (7,)), (4, 9, (7, 7)))),
     ],
 )
-def test_a_file_or_record_that_is_not_there_is_02_and_nothing_is_written(request_: AnyRequest) -> None:
+def test_an_unknown_file_or_record_is_exception_02_and_nothing_is_written(request_: AnyRequest) -> None:
     table = Table(4, files={4: [0] * 10})
     with pytest.raises(ModbusException) as caught:
         table.handle(request_, 0.0)
@@ -213,13 +213,13 @@ def test_a_file_or_record_that_is_not_there_is_02_and_nothing_is_written(request
     assert not any(table.files[4])
 
 
-def test_its_exception_status_is_the_owners() -> None:
+def test_the_exception_status_is_set_by_the_owner() -> None:
     table = Table(4)
     table.exception_status = 0x6D
     assert table.handle(ReadExceptionStatus(), 0.0) == ReadExceptionStatus.response(0x6D)  # type: ignore[call-arg]
 
 
-def test_objects_of_all_levels() -> None:
+def test_objects_of_all_levels_are_returned() -> None:
     table = Table(objects={4: "a table", 0x80: b"\x01"})
     answer = table.handle(ReadDeviceIdentification(3, 4), 0.0)
     assert isinstance(answer, ReadDeviceIdentificationResponse)

@@ -72,7 +72,7 @@ def names(told: list[SnifferEvent]) -> list[str]:
     return [type(event).__name__ for event in told]
 
 
-def test_a_question_and_its_answer() -> None:
+def test_a_request_and_its_response() -> None:
     asked, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, VALUES)])
     assert asked == RequestSeen(1, unhex(READ), 1.0, ReadHoldingRegisters(0, 2))
     assert isinstance(answer, ResponseSeen)
@@ -80,7 +80,7 @@ def test_a_question_and_its_answer() -> None:
     assert (answer.request, answer.seconds, answer.late) == (asked, 0.25, False)
 
 
-def test_an_exception_is_an_answer() -> None:
+def test_an_exception_response_is_a_response() -> None:
     _, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, "83 02")])
     assert isinstance(answer, ResponseSeen)
     assert answer.request is not None
@@ -92,18 +92,18 @@ def test_an_exception_is_an_answer() -> None:
     assert answer.request == asked
 
 
-def test_a_broadcast_waits_for_nobody() -> None:
+def test_a_broadcast_expects_no_response() -> None:
     (event,) = hear(sniffer(), [(1.0, 0, WRITE)])
     assert isinstance(event, RequestSeen)
     assert event.unit == 0
 
 
-def test_silence_is_told_when_the_window_is_over() -> None:
+def test_a_missing_response_is_reported_after_the_window() -> None:
     asked, silent = hear(sniffer(window=0.5), [(1.0, 1, READ)])
     assert silent == ResponseMissing(asked, 1.5)  # type: ignore[arg-type]
 
 
-def test_an_answer_without_its_question() -> None:
+def test_a_response_without_its_request() -> None:
     first, asked, second = hear(sniffer(), [(1.0, 1, VALUES), (1.1, 2, READ), (1.2, 2, VALUES)])
     assert isinstance(first, ResponseSeen)
     assert first.request is None
@@ -112,13 +112,13 @@ def test_an_answer_without_its_question() -> None:
     assert second.request == asked
 
 
-def test_an_answer_of_another_length_answers_nothing() -> None:
+def test_a_response_of_another_length_is_not_paired() -> None:
     told = hear(sniffer(), [(1.0, 1, READ), (1.1, 1, "03 02 0017")])
     assert names(told) == ["RequestSeen", "ResponseMissing", "ResponseSeen"]
     assert told[2].request is None  # type: ignore[union-attr]
 
 
-def test_a_late_answer_is_told_from_that_of_the_next_unit() -> None:
+def test_a_late_response_is_distinguished_from_that_of_the_next_unit() -> None:
     told = hear(sniffer(), [(1.0, 1, READ), (1.3, 2, READ), (1.35, 1, VALUES), (1.4, 2, VALUES)])
     assert names(told) == ["RequestSeen", "ResponseMissing", "RequestSeen", "ResponseSeen", "ResponseSeen"]
     late, answer = told[3], told[4]
@@ -156,7 +156,7 @@ def test_equal_frames_are_paired_by_time(heard: list[float], exchanges: list[tup
     assert pairs(hear(sniffer(), [(at, 1, WRITE) for at in heard])) == exchanges
 
 
-def test_a_unit_that_is_known_to_be_slow_is_given_its_time() -> None:
+def test_equal_frames_of_a_slow_unit_are_paired_by_its_response_time() -> None:
     """Reads showed that it takes 300 ms; the client asks again after 20 ms."""
     frames = [(0.0, 1, READ), (0.3, 1, VALUES)]
     frames += [(0.32 * place + after, 1, WRITE) for place in range(1, 4) for after in (0.0, 0.3)]
@@ -164,17 +164,17 @@ def test_a_unit_that_is_known_to_be_slow_is_given_its_time() -> None:
     assert [round(end - start, 6) for start, end in told] == [0.3] * 4
 
 
-def test_a_write_declined() -> None:
+def test_an_exception_response_to_a_write() -> None:
     told = hear(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "86 02")])
     assert pairs(told) == [(1.0, 1.1)]
 
 
-def test_another_value_is_no_echo() -> None:
+def test_a_write_of_another_value_is_not_paired() -> None:
     told = hear(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "06 0001 0004"), (1.2, 1, "06 0001 0004")])
     assert pairs(told) == [(1.0,), (1.1, 1.2)]
 
 
-def test_functions_that_nobody_knows_are_paired_by_their_code() -> None:
+def test_unknown_functions_are_paired_by_their_code() -> None:
     listener = sniffer()
     told = hear(listener, [(1.0, 1, "41 01"), (1.2, 1, "41 99 98")])
     assert names(told) == ["RequestSeen", "ResponseSeen"]
@@ -216,7 +216,7 @@ def dialogues(draw: st.DrawFn) -> tuple[list[Said], int]:
 
 @modest
 @given(dialogues())
-def test_whatever_is_dropped_the_others_are_attributed_right(drawn: tuple[list[Said], int]) -> None:
+def test_a_dropped_frame_does_not_shift_the_pairs(drawn: tuple[list[Said], int]) -> None:
     said, dropped = drawn
     kept = [one for place, one in enumerate(said) if place != dropped]
     told = overhear(sniffer(), kept)
@@ -263,7 +263,7 @@ def attributed(told: list[SnifferEvent], kept: list[Said]) -> None:
 # Noise, other lines, bounds ----------------------------------------------------------------------------------------
 
 
-def test_noise_is_told_and_the_pair_is_kept() -> None:
+def test_noise_is_reported_and_the_pair_is_kept() -> None:
     listener = sniffer()
     told = listener.feed(encode(1, unhex(READ)), 1.0)
     told += listener.feed(b"\xff\x00\x55", 1.02) + silence(listener, 1.2)
@@ -274,7 +274,7 @@ def test_noise_is_told_and_the_pair_is_kept() -> None:
     assert told[2].request == told[0]  # type: ignore[union-attr]
 
 
-def test_nothing_expires_while_a_frame_is_coming() -> None:
+def test_nothing_expires_while_a_frame_is_arriving() -> None:
     listener, answer = sniffer(window=0.5), encode(1, unhex(VALUES))
     told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(answer[:4], 1.49)
     assert listener.deadline is not None
@@ -288,7 +288,7 @@ def test_an_ascii_line() -> None:
     assert names(told) == ["RequestSeen", "ResponseSeen"]
 
 
-def test_the_end_tells_what_is_held() -> None:
+def test_the_end_reports_what_is_undecided() -> None:
     listener = sniffer()
     told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(b"\x01\x03", 1.01)
     assert names(told + listener.end(1.01)) == ["RequestSeen", "NoiseSeen", "ResponseMissing"]
@@ -297,7 +297,7 @@ def test_the_end_tells_what_is_held() -> None:
 
 @modest
 @given(st.lists(st.tuples(st.one_of(st.none(), st.binary(max_size=40)), st.floats(0, 2)), max_size=20))
-def test_any_bytes_are_told_and_never_raise(chunks: list[tuple[bytes | None, float]]) -> None:
+def test_any_bytes_are_reported_and_never_raise(chunks: list[tuple[bytes | None, float]]) -> None:
     for line in (RtuLine(TIMING, role="listener"), AsciiLine()):
         listener, now, fed, told = Sniffer(line), 0.0, b"", list[SnifferEvent]()
         for data, step in chunks:
@@ -331,7 +331,7 @@ def test_shapes(pdu: str, expected: tuple[bool, bool]) -> None:
     assert shapes(unhex(pdu)) == expected
 
 
-def test_a_window_of_nothing_is_refused() -> None:
+def test_a_window_of_0_is_refused() -> None:
     with refused(EncodeError, "window 0: expected seconds, above 0"):
         sniffer(window=0)
 
@@ -343,7 +343,7 @@ def lines() -> tuple[Line, Line]:
     return TcpLine(), TcpLine()
 
 
-def test_numbered_answers_in_any_order() -> None:
+def test_numbered_responses_in_any_order() -> None:
     listener = NumberedSniffer(*lines())
     told = listener.feed(True, tcp_frame(1, unhex(READ), 1) + tcp_frame(1, unhex(WRITE), 2), 1.0)
     told += listener.feed(False, tcp_frame(1, unhex(WRITE), 2) + tcp_frame(1, unhex(VALUES), 1), 1.1)
@@ -355,7 +355,7 @@ def test_numbered_answers_in_any_order() -> None:
     ]
 
 
-def test_numbered_silence_noise_and_bounds() -> None:
+def test_numbered_missing_responses_noise_and_the_limit_of_open_requests() -> None:
     listener = NumberedSniffer(*lines())
     told: list[SnifferEvent] = []
     for number in range(OPEN_LIMIT + 3):
