@@ -1,4 +1,4 @@
-"""A line that hears itself: the echo is taken off by comparing, and a damaged one is a collision."""
+"""EchoLine: the echo is removed by comparing, and a damaged one is a collision."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_until_detected_a_copy_is_taken_for_an_echo() -> None:
 
 @pytest.mark.parametrize("code", sorted(DETECTING))
 def test_a_response_to_a_detecting_function_never_has_the_bytes_of_its_request(code: int) -> None:
-    """By length: each kind of request of this function against each answer that fits it."""
+    """By length: each kind of request of this function is compared with each response that fits it."""
     kinds: dict[int, tuple[list[int], list[int]]] = {
         0x03: ([5], [2 + 2 * n for n in range(1, 126)]),
         0x04: ([5], [2 + 2 * n for n in range(1, 126)]),

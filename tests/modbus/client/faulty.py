@@ -1,4 +1,4 @@
-"""A peer that does everything wrong, row by row, in virtual time: what the tests of clients and docs/conform.md share.
+"""A faulty peer in virtual time: rows of wrong answers, shared by the tests of clients and docs/conform.md.
 
     SURVIVED       the right answer comes too: it is found, and so is the next one
     REFUSED        it never comes: an error that says what was heard, and the next question is answered right
@@ -25,7 +25,7 @@ Reply = list[tuple[float, bytes]]
 
 
 class Unit(Wire[bytes]):
-    """Answers as a good unit does (each register holds its own address), except where `row` says otherwise."""
+    """Answers correctly (each register holds its own address), except where `row` replaces the answer."""
 
     def __init__(self, row: Callable[[bytes], Reply], line: Line, wrong: int = 1) -> None:
         table = Table(size=256)
@@ -136,7 +136,7 @@ def unit_of(row: Callable[[bytes], Reply], wrong: int = 1) -> Unit:
 
 
 def outcome(unit: Unit, bus: Bus) -> str:
-    """Register 18, then 20: "right" if both came, "error" if the first did not and was told, "wrong" otherwise."""
+    """Reads registers 18 and 20: "right" if both came, "error" if the first read raised, "wrong" otherwise."""
     try:
         first = unit.play(ask(bus, 18)).registers
     except NoAnswer:
@@ -150,7 +150,7 @@ def outcome(unit: Unit, bus: Bus) -> str:
 
 
 def abandon_when_sent(unit: Unit, conversation: Conversation[bytes, Any]) -> None:
-    """Carry a conversation out until its question is sent, then abandon it: what a cancelled task does."""
+    """Run a conversation until its request is sent, then abandon it, as a cancelled task does."""
     step = next(conversation)
     while isinstance(step, Listen):
         unit.now = max(unit.now, step.until)

@@ -1,4 +1,4 @@
-"""A unit that answers when it likes, and a wire on which questions are played to it, one after the other."""
+"""A unit with a delay for each answer, and a wire in virtual time that carries requests to it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TIMING = Timing.of(19200)
 
 
 def table() -> Table:
-    """Every register holds its own address: a wrong value shows."""
+    """Every register holds its own address, so a wrong value is visible."""
     full = Table(size=256)
     for address in range(256):
         full.holding_registers[address] = full.input_registers[address] = address
@@ -22,7 +22,7 @@ def table() -> Table:
 
 
 class Slow:
-    """A unit that answers in order, each answer after a delay of its own; None loses the answer on the way."""
+    """A unit that answers in order, each answer after its own delay; None loses the answer."""
 
     def __init__(self, delays: Iterable[float | None], line: Line | None = None, knows_08: bool = True) -> None:
         server_line = line or RtuLine(TIMING, role="server", units=(1, 2))
@@ -48,7 +48,7 @@ def rtu_bus(**options: object) -> Bus:
 
 
 class Clock(Wire[bytes]):
-    """A wire on which sending takes its time."""
+    """A wire on which sending takes time."""
 
     def __init__(self, peer: Peer) -> None:
         super().__init__(peer, sending_takes=lambda data: TIMING.duration(len(data)))

@@ -1,4 +1,4 @@
-"""Exchanges by the thousand, in virtual time, on a wire that does everything a wire may do to them.
+"""Thousands of exchanges in virtual time, on a wire with every kind of fault.
 
     python -m tests.modbus.client.soak 100000            on RTU, ASCII and TCP; prints what happened
 
@@ -47,7 +47,7 @@ CARRIERS = ("rtu", "ascii", "tcp")
 
 
 class BadWire(Wire[bytes]):
-    """A unit behind a bad wire, in virtual time. One message in `rarity` meets a fault."""
+    """A unit behind a faulty wire, in virtual time. One message in `rarity` meets a fault."""
 
     def __init__(self, carrier: str, dice: random.Random, rarity: int) -> None:
         self.carrier, self.dice, self.rarity = carrier, dice, rarity
@@ -125,7 +125,7 @@ class BadWire(Wire[bytes]):
 
 
 def soak(carrier: str, count: int, *, seed: int = 1, rarity: int = 6) -> Counter[str]:
-    """So many exchanges; what became of them and what was done to them. AssertionError for a wrong answer."""
+    """Run `count` exchanges and count their results and faults. AssertionError for a wrong answer."""
     dice = random.Random(f"{carrier} {seed}")
     wire = BadWire(carrier, dice, rarity)
     bus = Bus(wire.line("client"), late_window=60.0)
@@ -163,7 +163,7 @@ def soak(carrier: str, count: int, *, seed: int = 1, rarity: int = 6) -> Counter
 
 
 def main() -> None:
-    """As many exchanges as the command line says, on each carrier."""
+    """Run the number of exchanges given on the command line, on each carrier."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
     for carrier in CARRIERS:
         begin = time.perf_counter()

@@ -1,4 +1,4 @@
-"""The bus: a late answer never becomes the answer to another question. All of it in virtual time."""
+"""The bus: a late answer is never delivered to another request. In virtual time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_late_answer_is_recognised_and_never_delivered(recovery: str, late: fl
     with pytest.raises(NoAnswer):
         clock.play(read(bus, 10))
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
-    assert bus.counters.late >= 1  # a probe that came too late is one of its own
+    assert bus.counters.late >= 1  # a late answer to a probe counts as well
     assert bus.counters.replies[0].request == ReadHoldingRegisters(10, 1)
     assert not bus.state.pending
 
@@ -161,7 +161,7 @@ def test_an_abandoned_request_leaves_a_pending_answer() -> None:
 
 
 def test_a_request_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
-    """Nobody knows how much of it left; its window of silence counts from when sending began."""
+    """It may have been sent in part; its late window counts from when sending began."""
     bus = rtu_bus(recovery="wait", late_window=2.0)
     conversation = read(bus, 10)
     step = next(conversation)
@@ -218,7 +218,7 @@ delays = st.lists(st.one_of(st.none(), st.floats(0.0, 6.0)), max_size=8)
 def test_no_late_or_lost_answer_is_delivered_to_another_request(
     delays: list[float | None], questions: list[tuple[int, int, bool]], ascii_line: bool
 ) -> None:
-    """A unit that answers in order and within the late window, and a client that asks on whatever happens."""
+    """A unit that answers in order and within the late window, and a client that continues after every error."""
     bus = Bus(AsciiLine() if ascii_line else RtuLine(TIMING), late_window=60.0)
     clock = Clock(Slow(delays, AsciiLine() if ascii_line else None))
     for unit, address, holding in questions:
@@ -253,7 +253,7 @@ ANSWERS = st.one_of(
 def test_any_received_bytes_end_in_an_answer_an_exception_or_no_answer(
     answers: list[list[tuple[float, bytes]]], kind: str
 ) -> None:
-    """Never another exception, and nothing that grows."""
+    """No other exception is raised, and memory stays bounded."""
     lines: dict[str, Line] = {
         "rtu": RtuLine(TIMING),
         "ascii": AsciiLine(),

@@ -1,4 +1,4 @@
-"""The client's turn of talk, in virtual time."""
+"""One exchange of a client, in virtual time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_an_exchange_takes_exactly_the_time_that_its_characters_take() -> None:
 
 @pytest.mark.parametrize("strict", [False, True])
 def test_the_next_exchange_keeps_the_silence_before_it(strict: bool) -> None:
-    """Twice 22.5 characters, 3.5 between; a strict line also waits 3.5 before it believes that a frame is over."""
+    """Twice 22.5 characters, 3.5 between; a strict line also waits 3.5 before a frame is complete."""
     patience = None if strict else 0.03
     line = RtuLine(TIMING, patience=patience)
     server = Server(RtuLine(TIMING, role="server", patience=patience), {1: Table()}, serial=True)
@@ -183,7 +183,7 @@ def test_the_error_lists_at_most_three_events() -> None:
 def listened_to(
     line: RtuLine, coming: list[tuple[float, bytes]], request: AnyRequest = READ
 ) -> tuple[Send[bytes] | SendAll[bytes], float]:
-    """Everything in `coming` arrives before anything is sent: the first step that is a Send, and when."""
+    """With `coming` received before anything is sent: the first step that is a Send, and its time."""
     conversation: Conversation[bytes, object] = ask(line, 1, request)
     now, step = 1.0, next(conversation)
     while isinstance(step, Listen):
@@ -223,7 +223,7 @@ def test_nothing_is_sent_on_a_line_that_is_never_silent() -> None:
         listened_to(rtu(), [(place / 1000, b"\x00") for place in range(3000)])
 
 
-# Other envelopes -------------------------------------------------------------------------------------------------
+# Other framings --------------------------------------------------------------------------------------------------
 
 
 def test_an_exchange_over_ascii() -> None:

@@ -1,4 +1,4 @@
-"""Turns: fair between units, in order within one, and nothing is lost when somebody gives up."""
+"""FairQueue: fair between units, in order within one; tickets can be given up."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from tests.helpers import modest
 
 
-def order(turns: FairQueue, tickets: dict[Ticket, str]) -> str:
-    """Who gets a turn, one after the other."""
+def order(queue: FairQueue, tickets: dict[Ticket, str]) -> str:
+    """The order in which the tickets are admitted."""
     found = ""
-    while holders := turns.holders:
+    while holders := queue.holders:
         (ticket,) = holders
         found += tickets[ticket]
-        turns.leave(ticket)
+        queue.leave(ticket)
     return found
 
 
 def test_round_robin_by_unit_and_in_order_within_one() -> None:
-    turns = FairQueue()
-    first = turns.join(9)
-    tickets = {turns.join(unit): name for unit, name in [(1, "a"), (1, "b"), (1, "c"), (1, "d"), (2, "e"), (3, "f")]}
-    tickets[turns.join(3)] = "g"
-    turns.leave(first)
-    assert order(turns, tickets) == "aefbgcd"
+    queue = FairQueue()
+    first = queue.join(9)
+    tickets = {queue.join(unit): name for unit, name in [(1, "a"), (1, "b"), (1, "c"), (1, "d"), (2, "e"), (3, "f")]}
+    tickets[queue.join(3)] = "g"
+    queue.leave(first)
+    assert order(queue, tickets) == "aefbgcd"
 
 
 def test_a_ticket_that_is_given_up_does_not_block_the_queue() -> None:
-    turns = FairQueue()
-    holder, waiting, gone = turns.join(1), turns.join(2), turns.join(2)
-    turns.leave(gone)
-    turns.leave(gone)  # twice is once
-    turns.leave(holder)
-    assert turns.has(waiting)
-    turns.leave(waiting)
-    assert turns.holders == frozenset()
+    queue = FairQueue()
+    holder, waiting, gone = queue.join(1), queue.join(2), queue.join(2)
+    queue.leave(gone)
+    queue.leave(gone)  # twice is once
+    queue.leave(holder)
+    assert queue.has(waiting)
+    queue.leave(waiting)
+    assert queue.holders == frozenset()
 
 
 @modest
@@ -43,52 +43,52 @@ def test_a_ticket_that_is_given_up_does_not_block_the_queue() -> None:
 def test_never_more_than_places_are_admitted_and_every_ticket_is(
     places: int, units: list[int], data: st.DataObject
 ) -> None:
-    turns = FairQueue(places)
-    waiting = [turns.join(unit) for unit in units]
+    queue = FairQueue(places)
+    waiting = [queue.join(unit) for unit in units]
     had: set[Ticket] = set()
     while waiting:
-        assert len(turns.holders) == min(places, len(waiting))
-        had |= turns.holders
+        assert len(queue.holders) == min(places, len(waiting))
+        had |= queue.holders
         leaving = data.draw(st.sampled_from(waiting))
-        if leaving not in turns.holders:
+        if leaving not in queue.holders:
             had.add(leaving)  # it gave up
         waiting.remove(leaving)
-        turns.leave(leaving)
+        queue.leave(leaving)
     assert len(had) == len(units)
-    assert not turns.holders
+    assert not queue.holders
 
 
 def test_enter_does_not_overtake_waiting_tickets() -> None:
-    turns = FairQueue()
-    assert turns.enter(1)
-    assert not turns.enter(1)
-    waiting = turns.join(1)
-    other = turns.join(2)
-    assert not turns.enter(3)
-    assert turns.exit()
-    assert turns.has(other)  # unit 1 had its turn, if without a ticket
-    assert turns.leave(other)
-    assert turns.has(waiting)
-    assert not turns.enter(2)
-    assert not turns.leave(waiting)
-    assert turns.enter(2)
+    queue = FairQueue()
+    assert queue.enter(1)
+    assert not queue.enter(1)
+    waiting = queue.join(1)
+    other = queue.join(2)
+    assert not queue.enter(3)
+    assert queue.exit()
+    assert queue.has(other)  # unit 1 had its turn, if without a ticket
+    assert queue.leave(other)
+    assert queue.has(waiting)
+    assert not queue.enter(2)
+    assert not queue.leave(waiting)
+    assert queue.enter(2)
 
 
 @modest
 @given(places=st.integers(1, 4), steps=st.lists(st.tuples(st.booleans(), st.integers(1, 3)), max_size=60))
 def test_enter_and_join_share_the_same_places(places: int, steps: list[tuple[bool, int]]) -> None:
-    turns = FairQueue(places)
+    queue = FairQueue(places)
     entered, tickets = 0, list[Ticket]()
     for arrives, unit in steps:
-        if arrives and turns.enter(unit):
+        if arrives and queue.enter(unit):
             entered += 1
         elif arrives:
-            tickets.append(turns.join(unit))
+            tickets.append(queue.join(unit))
         elif entered:
-            turns.exit()
+            queue.exit()
             entered -= 1
         elif tickets:
-            turns.leave(tickets.pop(0))
-        inside = entered + len(turns.holders)
+            queue.leave(tickets.pop(0))
+        inside = entered + len(queue.holders)
         assert inside == min(places, entered + len(tickets))
-        assert turns.holders <= set(tickets)
+        assert queue.holders <= set(tickets)

@@ -1,4 +1,4 @@
-"""A client against a peer that does everything wrong, row by row: right values, or an error that says what was heard.
+"""A client with a faulty peer, row by row: right values, or an error that lists what was received.
 
 Each row is one that other clients were measured with. Nothing wrong is ever delivered, and the question after it works.
 """
@@ -40,10 +40,10 @@ def test_the_answer_is_found_and_so_is_the_next_one(row: Callable[[bytes], Reply
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
-@pytest.mark.parametrize(("row", "said"), REFUSED.values(), ids=REFUSED)
-def test_a_wrong_answer_is_in_the_error_and_never_returned(row: Callable[[bytes], Reply], said: str) -> None:
+@pytest.mark.parametrize(("row", "text"), REFUSED.values(), ids=REFUSED)
+def test_a_wrong_answer_is_in_the_error_and_never_returned(row: Callable[[bytes], Reply], text: str) -> None:
     unit, bus = unit_of(row), Bus(RtuLine(TIMING))
-    with refused(NoAnswer, said):
+    with refused(NoAnswer, text):
         unit.play(ask(bus, 18))
     assert unit.play(ask(bus, 20)).registers == (20,)
 
@@ -98,7 +98,7 @@ def test_a_late_answer_after_another_units_frame_is_not_delivered() -> None:
 
 
 def abandoned_after(steps: int, unit: Unit, conversation: Generator[Any, Any, Any]) -> bool:
-    """Carry the first `steps` turns of a conversation out, then abandon it. False if it ended before."""
+    """Run the first `steps` steps of a conversation, then abandon it. False if it ended before."""
     try:
         step = next(conversation)
         for _ in range(steps):
@@ -150,10 +150,10 @@ def test_over_ascii_the_answer_is_found_and_so_is_the_next_one(row: Callable[[by
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
-@pytest.mark.parametrize(("row", "said"), ASCII_REFUSED.values(), ids=ASCII_REFUSED)
-def test_over_ascii_a_wrong_answer_is_in_the_error_and_never_returned(row: Callable[[bytes], Reply], said: str) -> None:
+@pytest.mark.parametrize(("row", "text"), ASCII_REFUSED.values(), ids=ASCII_REFUSED)
+def test_over_ascii_a_wrong_answer_is_in_the_error_and_never_returned(row: Callable[[bytes], Reply], text: str) -> None:
     unit, bus = Unit(row, AsciiLine()), Bus(AsciiLine())
-    with refused(NoAnswer, said):
+    with refused(NoAnswer, text):
         unit.play(ask(bus, 18))
     assert unit.play(ask(bus, 20)).registers == (20,)
 
@@ -168,10 +168,10 @@ def test_over_tcp_the_answer_is_found_and_so_is_the_next_one(row: Callable[[byte
     assert unit.play(ask(bus, 20)).registers == (20,)
 
 
-@pytest.mark.parametrize(("reply", "said"), TCP_REFUSED.values(), ids=TCP_REFUSED)
-def test_over_tcp_a_wrong_answer_is_in_the_error_and_never_returned(reply: bytes, said: str) -> None:
+@pytest.mark.parametrize(("reply", "text"), TCP_REFUSED.values(), ids=TCP_REFUSED)
+def test_over_tcp_a_wrong_answer_is_in_the_error_and_never_returned(reply: bytes, text: str) -> None:
     unit, bus = Unit(lambda good: [(0.01, reply)], TcpLine()), Bus(TcpLine())
-    with refused(NoAnswer, said):
+    with refused(NoAnswer, text):
         unit.play(ask(bus, 18))
     if bus.line.broken is None:
         assert unit.play(ask(bus, 20)).registers == (20,)

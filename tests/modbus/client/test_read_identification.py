@@ -1,4 +1,4 @@
-"""Who a device is: the objects of a server at all levels, and the conversation that walks them."""
+"""Device identification: the objects of a server at all levels, and the conversation that reads them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where silence is the answer (08/04 and the way out of it), and where the end of a message changes (08/03)."""
+"""Force Listen Only Mode (08/04), whose result is silence, and Change ASCII Input Delimiter (08/03)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hundred thousand exchanges on bad wires: each ends in its own answer or a clear error. `soak` tells how."""
+"""Many exchanges on faulty wires (`soak`): each ends in its own answer or an error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every message: bytes and back, limits at both ends, lengths told from beginnings, fields, and refusals."""
+"""Every message: encode and decode, limits, lengths from the first bytes, fields, and errors."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ PLACE = (NODE, WORD, BYTE, WORD)
 
 
 def canopen(message: Any, has_data: bool) -> st.SearchStrategy[Any]:
-    """Either message of 2B/0D: with data where `has_data` is what it writes, without where not."""
+    """Either message of 2B/0D. `has_data`: a write has data (requests); otherwise a read has (responses)."""
     data = st.binary(max_size=200)
     full = st.builds(lambda d, *rest: message(*rest[:4], len(d), d, has_data, rest[4]), data, *PLACE, DIALECT)
     bare = st.builds(lambda n, *rest: message(*rest[:4], n, b"", not has_data, rest[4]), WORD, *PLACE, DIALECT)
@@ -425,7 +425,7 @@ def test_a_server_id_of_252_bytes_is_refused() -> None:
 
 
 def measures_well(pdu: bytes, measure: Any) -> None:
-    """It asks for more until all is there, never for less than before, and never for too much."""
+    """The measured length never shrinks, never exceeds the PDU, and equals it in the end."""
     told = [measure(pdu[:length]) for length in range(1, len(pdu) + 1)]
     assert told == sorted(told)
     assert told[-1] == len(pdu)
@@ -613,7 +613,7 @@ def test_an_exception_response_has_bit_7() -> None:
 
 @pytest.mark.parametrize("value", [2, -1, 0xFF00, None, "on", 0.5])
 def test_a_coil_value_other_than_true_or_false_is_refused(value: Any) -> None:
-    """FF00h is what the wire has for on; said as a value it was sent, and its echo was not recognised."""
+    """Such as FF00h, the value on the wire: it used to be sent, and its echo was not recognised."""
     for make in (WriteSingleCoil, WriteSingleCoilResponse):
         with refused(EncodeError, f"value = {value!r}: expected True or False") as caught:
             make(0, value)

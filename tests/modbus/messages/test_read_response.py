@@ -1,4 +1,4 @@
-"""A response is a value only if it fits its request; everything else says what does not fit."""
+"""`read_response` returns a response only if it fits its request; otherwise the error names what does not fit."""
 
 from __future__ import annotations
 

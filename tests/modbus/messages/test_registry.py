@@ -1,4 +1,4 @@
-"""The table of contents, and a function code of one's own."""
+"""The registry, and function codes of one's own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.helpers import refused, unhex
 
 @dataclass(frozen=True, slots=True)
 class BlinkResponse(Response):
-    """How often it blinked."""
+    """The number of blinks so far."""
 
     times: int
 
@@ -29,7 +29,7 @@ class BlinkResponse(Response):
 
 @dataclass(frozen=True, slots=True)
 class Blink(Request[BlinkResponse]):
-    """Blink so many times."""
+    """Blink `times` times."""
 
     times: int
 
@@ -41,7 +41,7 @@ class Blink(Request[BlinkResponse]):
 
 @pytest.fixture(autouse=True)
 def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a test registers is forgotten afterwards."""
+    """Restore the registry after each test."""
     monkeypatch.setattr(functions, "_requests", dict(functions._requests))
     monkeypatch.setattr(functions, "_encapsulated", dict(functions._encapsulated))
 
@@ -91,7 +91,7 @@ def test_only_a_request_can_be_registered(what: Any) -> None:
 
 @pytest.mark.parametrize("wrong", [ZeroDivisionError("division"), IndexError("index"), "3", 2.5, -1])
 def test_a_measure_that_raises_leaves_the_length_unknown(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is the user's code, called with the first bytes of anything at all: a line must not stumble over it."""
+    """A user's `measure` is called with the first bytes of any frame, also damaged ones: the line must go on."""
 
     def measure(pdu: bytes) -> Any:
         if isinstance(wrong, Exception):

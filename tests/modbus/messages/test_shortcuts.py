@@ -1,4 +1,4 @@
-"""What is known at one look is what the long way would have found: for any bytes, and for messages of a user's own."""
+"""The shortcuts of register messages give the results of the general path; subclasses use their own checks."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ PDUS = st.binary(max_size=9) | st.builds(
     st.sampled_from([3, 4]), st.integers(0, 255), st.integers(0, 130) | st.integers(0, 0xFFFF),
     st.sampled_from([b"", b"", b"", b"\0"]),
 )  # fmt: skip
-"""Anything, and what is nearly a request."""
+"""Any bytes, and nearly valid requests."""
 
 
-def came_of(what: Callable[..., Any], *args: Any) -> object:
-    """The value, or all that the error says."""
+def outcome_of(what: Callable[..., Any], *args: Any) -> object:
+    """The value, or the type and text of the error."""
     try:
         return what(*args)
     except (BarewireError, ModbusException) as error:
@@ -53,8 +53,8 @@ def came_of(what: Callable[..., Any], *args: Any) -> object:
 @modest
 @given(pdu=PDUS)
 def test_the_decode_shortcut_gives_the_result_of_the_general_path(cls: type[ReadHoldingRegisters], pdu: bytes) -> None:
-    long_way = Message.decode.__func__  # type: ignore[attr-defined]
-    assert came_of(cls.decode, pdu) == came_of(long_way, cls, pdu)
+    general_path = Message.decode.__func__  # type: ignore[attr-defined]
+    assert outcome_of(cls.decode, pdu) == outcome_of(general_path, cls, pdu)
 
 
 @pytest.mark.parametrize("cls", READS)
@@ -71,7 +71,7 @@ def test_the_response_shortcut_gives_the_result_of_the_general_path(
     cls: type[ReadHoldingRegisters], quantity: int, pdu: bytes
 ) -> None:
     request = cls(0, quantity)
-    assert came_of(request.read_response, pdu) == came_of(Request.read_response, request, pdu)
+    assert outcome_of(request.read_response, pdu) == outcome_of(Request.read_response, request, pdu)
 
 
 def test_both_paths_agree_for_every_quantity() -> None:
@@ -86,11 +86,15 @@ def test_both_paths_agree_for_every_quantity() -> None:
 @pytest.mark.parametrize("cls", ANSWERS)
 @modest
 @given(row=st.lists(st.sampled_from([0, 7, 0xFFFF, -1, 0x10000, 1 << 70, 0.5, "1", None, b"2", True]), min_size=1))
-def test_registers_out_of_range_are_refused_by_encode(cls: type[ReadHoldingRegistersResponse], row: list[Any]) -> None:
-    def long_way() -> bytes:
+def test_the_encode_shortcut_gives_the_result_of_the_general_path(
+    cls: type[ReadHoldingRegistersResponse], row: list[Any]
+) -> None:
+    def general_path() -> bytes:
         return cls.layout.pack(cls.function_code, 2 * len(row), tail=from_registers(row))
 
-    assert came_of(lambda: cls(tuple(row)).encode()) == came_of(lambda: long_way() if cls(tuple(row)) else b"")
+    assert outcome_of(lambda: cls(tuple(row)).encode()) == outcome_of(
+        lambda: general_path() if cls(tuple(row)) else b""
+    )
 
 
 def test_a_row_that_was_lengthened_after_creation_is_refused_by_encode() -> None:
@@ -101,7 +105,7 @@ def test_a_row_that_was_lengthened_after_creation_is_refused_by_encode() -> None
         tcp_frame(1, response.encode())
 
 
-# A user's own, over ours ---------------------------------------------------------------------------------------------
+# Subclasses of a user -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +122,7 @@ class SwappedResponse(ReadHoldingRegistersResponse):
 
 @dataclass(frozen=True, slots=True)
 class ReadSwapped(ReadHoldingRegisters):
-    """A function of its own, and even addresses only."""
+    """Another function code, and even addresses only."""
 
     function_code: ClassVar[int] = 0x64
     response: ClassVar[type[Response]] = SwappedResponse
@@ -131,7 +135,7 @@ class ReadSwapped(ReadHoldingRegisters):
 
 @dataclass(frozen=True, slots=True)
 class WideResponse(ReadHoldingRegistersResponse):
-    """With a count of two bytes, and how old it is."""
+    """With a byte count of two bytes, and an age."""
 
     age: int = 9
 
@@ -141,7 +145,7 @@ class WideResponse(ReadHoldingRegistersResponse):
 
 @dataclass(frozen=True, slots=True)
 class ReadWide(ReadHoldingRegisters):
-    """With a byte more."""
+    """With one more byte."""
 
     hurry: int = 1
 
@@ -175,7 +179,7 @@ def test_a_table_answers_a_subclass_with_its_own_response_class(request_: ReadHo
     ("cls", "asked"), [(ReadSwapped, "64 0002 0002"), (ReadWide, "65 0002 0002 01")], ids=["swapped", "wide"]
 )
 def test_a_server_treats_a_subclass_as_another_function(cls: type[ReadHoldingRegisters], asked: str) -> None:
-    """A table does not have it, whatever it is a subclass of; `Functions` has it if it is given."""
+    """A table does not support it, although its base class is supported; `Functions` does if it is in `own`."""
     register(cls)
     try:
         own: Any = {cls: lambda request: request.response((5, 6))}

@@ -1,4 +1,4 @@
-"""Who may do what: nothing is permitted that the table does not say."""
+"""Authorization: requests without a permission are refused; invalid tables are an error."""
 
 from __future__ import annotations
 

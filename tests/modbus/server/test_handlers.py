@@ -13,14 +13,14 @@ from tests.helpers import unhex
 
 
 def answered(unit: Functions, pdu: str) -> str:
-    """What a server with this unit answers, as hex."""
+    """The response of a server with this unit, as hex."""
     found = Server(TcpLine(), {1: unit}, serial=False).answer(Adu(1, unhex(pdu)), 1.0)
     assert found is not None
     return found.hex().upper()
 
 
 class Plant:
-    """Values somewhere else, and functions that reach them."""
+    """Values outside of a table, and functions that access them."""
 
     def __init__(self) -> None:
         self.words = dict(enumerate(range(100, 110)))

@@ -1,4 +1,4 @@
-"""What a unit remembers of the line: the counters of 08, the event counter, the log, and listen only mode."""
+"""SerialCounters: the counters of 08, the event counter, the event log, and listen only mode."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READ = "03 0000 0001"
 
 
 class Bench:
-    """A server on an RTU line, spoken to frame by frame; half a second between two."""
+    """A server on an RTU line; requests are sent frame by frame, half a second apart."""
 
     def __init__(self, units: dict[int, Unit] | None = None) -> None:
         self.units = {1: Table(10)} if units is None else units
@@ -47,21 +47,21 @@ class Bench:
             replies += self.server.feed(None, self.server.deadline)
         return [rtu_decode(reply.data).pdu for reply in replies]
 
-    def say(self, pdu: str, unit: int = 1) -> str | None:
+    def send(self, pdu: str, unit: int = 1) -> str | None:
         """The PDU that answers a PDU, as hex; None for silence."""
         answers = self.hear(rtu_frame(unit, unhex(pdu)))
         return answers[0].hex().upper() if answers else None
 
     def count(self, sub_function: int, unit: int = 1) -> int:
         """A counter, asked for on the line."""
-        answer = self.say(f"08 00{sub_function:02X} 0000", unit)
+        answer = self.send(f"08 00{sub_function:02X} 0000", unit)
         assert answer is not None
         assert answer[:6] == f"0800{sub_function:02X}"
         return int(answer[6:], 16)
 
     def events(self) -> list[str]:
         """The log, without the request that reads it."""
-        response = GetCommEventLogResponse.decode(unhex(self.say("0C") or ""))
+        response = GetCommEventLogResponse.decode(unhex(self.send("0C") or ""))
         return response.texts()[1:]
 
 
@@ -70,9 +70,9 @@ class Bench:
 
 def test_bus_messages_count_good_frames_for_any_unit() -> None:
     bench = Bench()
-    bench.say(READ)
-    bench.say(READ, unit=2)
-    bench.say("06 0000 0001", unit=0)
+    bench.send(READ)
+    bench.send(READ, unit=2)
+    bench.send("06 0000 0001", unit=0)
     bench.hear(b"\xff\xff\xff\xff\xff")
     assert bench.count(0x0B) == 4, "and the question itself"
     assert bench.count(0x0E) == 4, "the others were for this unit or for all, and so was the question before"
@@ -86,19 +86,19 @@ def test_bus_errors_count_bytes_that_are_no_frame() -> None:
     assert bench.count(0x0C) == 2
 
 
-def test_exceptions_to_broadcasts_are_counted() -> None:
+def test_exceptions_are_counted_also_for_broadcasts() -> None:
     bench = Bench()
-    assert bench.say("41") == "C101"
-    assert bench.say("03 0000 0000") == "8303"
-    assert bench.say("06 0064 0000", unit=0) is None
+    assert bench.send("41") == "C101"
+    assert bench.send("03 0000 0000") == "8303"
+    assert bench.send("06 0064 0000", unit=0) is None
     assert bench.count(0x0D) == 3
 
 
 def test_no_responses_count_broadcasts_and_unanswered_requests() -> None:
     bench = Bench()
-    bench.say("06 0000 0001", unit=0)
-    bench.say("08 0004 0000")
-    bench.say(READ)
+    bench.send("06 0000 0001", unit=0)
+    bench.send("08 0004 0000")
+    bench.send(READ)
     counters = bench.server.counters[1]
     assert counters.no_responses == 3
 
@@ -112,7 +112,7 @@ def test_naks_and_busy_answers(code: int, sub_function: int) -> None:
             return super().handle(request, now)
 
     bench = Bench({1: Busy(10)})
-    bench.say(READ)
+    bench.send(READ)
     assert bench.count(sub_function) == 1
 
 
@@ -120,7 +120,7 @@ def test_overruns_are_reported_by_the_port_and_cleared_alone() -> None:
     bench = Bench()
     bench.server.overrun()
     assert bench.count(0x12) == 1
-    assert bench.say("08 0014 0000") == "0800140000"
+    assert bench.send("08 0014 0000") == "0800140000"
     assert bench.count(0x12) == 0
     assert bench.count(0x0B) == 4
 
@@ -136,8 +136,8 @@ def test_counters_wrap() -> None:
 
 def test_each_unit_on_a_line_has_its_own_counters() -> None:
     bench = Bench({1: Table(10), 2: Table(10)})
-    bench.say(READ)
-    bench.say("41", unit=2)
+    bench.send(READ)
+    bench.send("41", unit=2)
     assert (bench.count(0x0D, unit=1), bench.count(0x0D, unit=2)) == (0, 1)
     assert (bench.server.counters[1].bus_messages, bench.server.counters[2].bus_messages) == (4, 4)
 
@@ -146,7 +146,7 @@ def test_the_diagnostic_register_is_set_by_its_owner() -> None:
     bench = Bench()
     bench.server.counters[1].diagnostic_register = 0xBEEF
     assert bench.count(0x02) == 0xBEEF
-    assert bench.say("08 000A 0000") == "08000A0000"
+    assert bench.send("08 000A 0000") == "08000A0000"
     assert bench.count(0x02) == 0
     assert bench.count(0x0B) == 2, "everything since it was cleared"
 
@@ -156,13 +156,13 @@ def test_the_diagnostic_register_is_set_by_its_owner() -> None:
 
 def test_the_event_counter_counts_what_was_carried_out() -> None:
     bench = Bench()
-    bench.say(READ)
-    bench.say("06 0000 0001", unit=0)
-    bench.say("03 0000 0000")
-    bench.say("0B")
-    assert bench.say("0B") == "0B00000002", "no exceptions, and not 0B itself"
-    bench.say("08 000A 0000")
-    assert bench.say("0B") == "0B00000000"
+    bench.send(READ)
+    bench.send("06 0000 0001", unit=0)
+    bench.send("03 0000 0000")
+    bench.send("0B")
+    assert bench.send("0B") == "0B00000002", "no exceptions, and not 0B itself"
+    bench.send("08 000A 0000")
+    assert bench.send("0B") == "0B00000000"
 
 
 def test_the_status_word_is_busy_when_is_busy_is_set() -> None:
@@ -179,10 +179,10 @@ def test_the_status_word_is_busy_when_is_busy_is_set() -> None:
 
 def test_the_log_lists_events_newest_first() -> None:
     bench = Bench()
-    bench.say(READ)
-    bench.say("06 0000 0001", unit=0)
+    bench.send(READ)
+    bench.send("06 0000 0001", unit=0)
     bench.hear(b"\xff\xff\xff\xff\xff")
-    bench.say("03 0000 0000")
+    bench.send("03 0000 0000")
     assert bench.events() == [
         *("sent: exception 1..3", "received"),
         "received: communication error",
@@ -194,7 +194,7 @@ def test_the_log_lists_events_newest_first() -> None:
 def test_the_log_has_at_most_64_events() -> None:
     bench = Bench()
     for _ in range(40):
-        bench.say(READ)
+        bench.send(READ)
     assert len(bench.server.counters[1].events) == 64
     assert len(bench.events()) == 63
 
@@ -202,7 +202,7 @@ def test_the_log_has_at_most_64_events() -> None:
 @pytest.mark.parametrize(("code", "text"), [(4, "exception 4"), (6, "exception 5 or 6"), (7, "exception 7")])
 def test_exceptions_in_the_log(code: int, text: str) -> None:
     bench = Bench({1: FailingUnit(ModbusException(code))})
-    bench.say(READ)
+    bench.send(READ)
     assert event_text(bench.server.counters[1].events[0]) == f"sent: {text}"
 
 
@@ -228,39 +228,39 @@ def test_events_in_words(event: int, text: str) -> None:
 def test_listen_only_is_silence_until_a_restart_that_is_not_answered() -> None:
     table = Table(10)
     bench = Bench({1: table})
-    assert bench.say("08 0004 0000") is None
-    assert bench.say(READ) is None
-    assert bench.say("06 0000 0001") is None
-    assert bench.say("06 0000 0001", unit=0) is None
-    assert bench.say("08 0001 1234") is None
-    assert bench.say("08 000A 0000") is None
+    assert bench.send("08 0004 0000") is None
+    assert bench.send(READ) is None
+    assert bench.send("06 0000 0001") is None
+    assert bench.send("06 0000 0001", unit=0) is None
+    assert bench.send("08 0001 1234") is None
+    assert bench.send("08 000A 0000") is None
     assert table.holding_registers[0] == 0, "nothing was carried out"
-    assert bench.say(RESTART) is None
-    assert bench.say(READ) == "03020000"
+    assert bench.send(RESTART) is None
+    assert bench.send(READ) == "03020000"
 
 
 def test_a_restart_is_answered_and_clears_the_counters() -> None:
     bench = Bench()
-    bench.say("41")
-    assert bench.say(RESTART) == "0800010000"
+    bench.send("41")
+    assert bench.send(RESTART) == "0800010000"
     assert bench.count(0x0D) == 0
     assert bench.server.counters[1].event_count == 1, "the question just asked"
 
 
 def test_a_restart_keeps_the_log_or_clears_it() -> None:
     bench = Bench()
-    bench.say(READ)
-    bench.say(RESTART)
+    bench.send(READ)
+    bench.send(RESTART)
     assert bench.events() == ["communications restarted", "received", "sent", "received"]
-    bench.say(CLEAR_LOG)
+    bench.send(CLEAR_LOG)
     assert bench.events() == ["communications restarted"]
 
 
 def test_the_log_marks_events_in_listen_only_mode() -> None:
     bench = Bench()
-    bench.say("08 0004 0000")
-    bench.say(READ)
-    bench.say(RESTART)
+    bench.send("08 0004 0000")
+    bench.send(READ)
+    bench.send(RESTART)
     assert bench.events() == [
         "communications restarted",
         *("received: in listen only mode", "received: in listen only mode"),
@@ -271,9 +271,9 @@ def test_the_log_marks_events_in_listen_only_mode() -> None:
 
 def test_listen_only_mode_is_per_unit() -> None:
     bench = Bench({1: Table(10), 2: Table(10)})
-    bench.say("08 0004 0000", unit=1)
-    assert bench.say(READ, unit=1) is None
-    assert bench.say(READ, unit=2) == "03020000"
+    bench.send("08 0004 0000", unit=1)
+    assert bench.send(READ, unit=1) is None
+    assert bench.send(READ, unit=2) == "03020000"
 
 
 # Who answers -----------------------------------------------------------------------------------------------------
@@ -281,11 +281,11 @@ def test_listen_only_mode_is_per_unit() -> None:
 
 @pytest.mark.parametrize("pdu", ["08 0003 0D00", "08 0099 0000", "08 0015 0000", "08 FFFF 01"])
 def test_unsupported_sub_functions_are_exception_01(pdu: str) -> None:
-    assert Bench().say(pdu) == "8801"
+    assert Bench().send(pdu) == "8801"
 
 
 class AsciiBench(Bench):
-    """The same on an ASCII line; what is said ends as it is told."""
+    """The same on an ASCII line; the end of frames can be chosen."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -339,12 +339,12 @@ def test_an_invalid_delimiter_is_exception_03(pdu: str) -> None:
 
 @pytest.mark.parametrize("pdu", ["08 0001 0001", "08 000B 0001", "08 000B 00", "08 0002 FFFF"])
 def test_wrong_diagnostics_data_is_exception_03(pdu: str) -> None:
-    assert Bench().say(pdu) == "8803"
+    assert Bench().send(pdu) == "8803"
 
 
 @pytest.mark.parametrize("data", ["", "A537", "01 02 03 04 05"])
 def test_return_query_data_echoes_its_data(data: str) -> None:
-    assert Bench().say(f"08 0000 {data}") == f"080000{data}".replace(" ", "")
+    assert Bench().send(f"08 0000 {data}") == f"080000{data}".replace(" ", "")
 
 
 def test_a_unit_that_answers_diagnostics_itself_takes_precedence() -> None:
@@ -360,7 +360,7 @@ def test_a_unit_with_diagnostics_false_keeps_its_exception_01() -> None:
     class Plain(Table):
         diagnostics = False
 
-    assert Bench({1: Plain(10)}).say("08 000B 0000") == "8801"
+    assert Bench({1: Plain(10)}).send("08 000B 0000") == "8801"
 
 
 def test_on_tcp_there_are_no_counters() -> None:

@@ -1,4 +1,4 @@
-"""The server: the order of its checks, its silences, and no way to make it stumble."""
+"""The server: the order of its checks, its silences, and malformed input."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TIMING = Timing.of(19200)
 
 
 class Answering:
-    """A unit that answers everything with the same response."""
+    """A unit that answers every request with the same response."""
 
     def __init__(self, response: Any) -> None:
         self.response = response
@@ -52,7 +52,7 @@ def rtu_server(units: dict[int, Unit] | None = None) -> Server:
 
 
 def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
-    """The PDU that the server answers to one PDU, as hex."""
+    """The response of the server to one PDU, as hex."""
     found = server.answer(Adu(unit, unhex(pdu)), 1.0)
     return None if found is None else found.hex().upper()
 
@@ -271,14 +271,14 @@ def test_an_exception_code_out_of_range_is_a_failure_of_the_unit(code: int) -> N
 
 
 class TooLong(ReportServerIdResponse):
-    """A user's own response that forgot the limit of a PDU."""
+    """A user's response that exceeds the limit of a PDU."""
 
     def encode(self) -> bytes:
         return bytes(254)
 
 
 class Text(ReportServerIdResponse):
-    """A user's own response that says what it would have said on ASCII."""
+    """A user's response whose `encode` returns text instead of bytes."""
 
     def encode(self) -> Any:
         return "1101FF"
@@ -351,7 +351,7 @@ READ_OTHER, TELL_ALL = rtu_frame(2, unhex("03 0000 0001")), rtu_frame(0, unhex("
 
 
 def heard(server: Server, data: bytes, now: float = 1.0) -> list[bytes]:
-    """What is answered to these bytes in one read, and to the silence behind them."""
+    """The replies to these bytes in one read, and to the silence after them."""
     replies = server.feed(data, now)
     while server.deadline is not None:
         replies += server.feed(None, server.deadline)
@@ -409,7 +409,7 @@ def test_an_ascii_line_does_not_wait_a_second_for_a_glitch() -> None:
     assert server.feed(b":010300000001FB\r\n:0203", 2.0) == []
 
 
-# What is no request ----------------------------------------------------------------------------------------------
+# Frames that are no request -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("pdu", ["83 02", "80", "FF 01"])
@@ -421,7 +421,7 @@ def test_a_function_with_bit_7_is_no_request(pdu: str) -> None:
 
 @pytest.mark.parametrize("pdu", ["06 0000 0007", "08 0000 A537"])
 def test_an_echo_of_the_servers_response_is_no_request(pdu: str) -> None:
-    """Its bytes are those of its request: taken for one, it would be answered for ever."""
+    """It has the bytes of its request: if it were taken for one, the server would answer itself endlessly."""
     frame = rtu_frame(1, unhex(pdu))
     server = rtu_server()
     (reply,) = server.feed(frame, 1.0)

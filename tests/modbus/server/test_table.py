@@ -1,4 +1,4 @@
-"""The ready unit: four tables that do not touch each other."""
+"""Table: the unit of four independent tables in memory."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_an_unsupported_request_is_exception_01() -> None:
 NAMES = ((0, b"ACME"), (1, b"bench"), (2, b"1"))
 
 
-def identify(read_code: int, object_id: int = 0) -> ReadDeviceIdentificationResponse:
+def read_identification(read_code: int, object_id: int = 0) -> ReadDeviceIdentificationResponse:
     table = Table(vendor="ACME", product="bench")
     answer = table.handle(ReadDeviceIdentification(read_code, object_id), 0.0)
     assert isinstance(answer, ReadDeviceIdentificationResponse)
@@ -98,28 +98,28 @@ def identify(read_code: int, object_id: int = 0) -> ReadDeviceIdentificationResp
 
 @pytest.mark.parametrize("read_code", [1, 2, 3])
 def test_the_basic_objects_are_returned_at_every_level(read_code: int) -> None:
-    assert identify(read_code).objects == NAMES
+    assert read_identification(read_code).objects == NAMES
 
 
 @pytest.mark.parametrize("object_id", [0, 1, 2])
 def test_a_stream_begins_at_the_object_asked_for(object_id: int) -> None:
-    assert identify(1, object_id).objects == NAMES[object_id:]
+    assert read_identification(1, object_id).objects == NAMES[object_id:]
 
 
 def test_a_stream_from_an_object_that_does_not_exist_begins_again_at_0() -> None:
-    assert identify(1, 9).objects == NAMES
+    assert read_identification(1, 9).objects == NAMES
 
 
 @pytest.mark.parametrize("object_id", [0, 1, 2])
 def test_individual_access_returns_one_object(object_id: int) -> None:
-    answer = identify(4, object_id)
+    answer = read_identification(4, object_id)
     assert answer.objects == (NAMES[object_id],)
     assert answer.conformity == 0x81, "basic, with access to single objects"
 
 
 def test_an_unknown_individual_object_is_exception_02() -> None:
     with pytest.raises(ModbusException) as caught:
-        identify(4, 3)
+        read_identification(4, 3)
     assert caught.value.code == 2
 
 
@@ -136,7 +136,7 @@ def test_a_name_that_is_too_long_is_refused(vendor: str, product: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "text"),
     [
         ({"size": -1}, "size = -1: expected 0..65536"),
         ({"size": 65537}, "size = 65537: expected 0..65536"),
@@ -147,8 +147,8 @@ def test_a_name_that_is_too_long_is_refused(vendor: str, product: str) -> None:
         ({"files": {1: (0, 70000)}}, "file 1: register 1 of 2: 70000 is not a whole number in 0..65535"),
     ],
 )
-def test_objects_and_files_that_could_never_be_read_are_refused(options: dict[str, Any], said: str) -> None:
-    with refused(EncodeError, said):
+def test_objects_and_files_that_could_never_be_read_are_refused(options: dict[str, Any], text: str) -> None:
+    with refused(EncodeError, text):
         Table(**options)
 
 

@@ -1,4 +1,4 @@
-"""Listening in, in virtual time: dialogues with frames missing, doubled meanings, noise. The pairs never shift."""
+"""The sniffers, in virtual time: missing frames, ambiguous frames and noise never shift the pairs."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ READ, VALUES = "03 0000 0002", "03 04 0017 0007"
 WRITE = "06 0001 0003"
 
 
-class Said(NamedTuple):
-    """A frame of a dialogue: when it is over, who is meant, and the place of its exchange in the dialogue."""
+class Frame(NamedTuple):
+    """A frame of a dialogue: its end, its unit, and the index of its exchange in the dialogue."""
 
     at: float
     unit: int
@@ -45,35 +45,35 @@ def sniffer(window: float = 1.0) -> Sniffer:
     return Sniffer(RtuLine(TIMING, role="listener"), window=window)
 
 
-def hear(listener: Sniffer, frames: list[tuple[float, int, str]]) -> list[SnifferEvent]:
-    """What is told of frames (at, unit, PDU), time passing between them."""
-    said = [Said(at, unit, unhex(pdu), 0, True) for at, unit, pdu in frames]
+def feed_frames(listener: Sniffer, frames: list[tuple[float, int, str]]) -> list[SnifferEvent]:
+    """The events of frames (at, unit, PDU), with the time between them."""
+    said = [Frame(at, unit, unhex(pdu), 0, True) for at, unit, pdu in frames]
     return overhear(listener, said)
 
 
-def overhear(listener: Sniffer, said: list[Said]) -> list[SnifferEvent]:
-    told: list[SnifferEvent] = []
+def overhear(listener: Sniffer, said: list[Frame]) -> list[SnifferEvent]:
+    events: list[SnifferEvent] = []
     for one in said:
-        told += silence(listener, one.at)
-        told += listener.feed(encode(one.unit, one.pdu), one.at)
-    told += silence(listener, float("inf"))
-    return told
+        events += silence(listener, one.at)
+        events += listener.feed(encode(one.unit, one.pdu), one.at)
+    events += silence(listener, float("inf"))
+    return events
 
 
 def silence(listener: Sniffer, until: float) -> list[SnifferEvent]:
-    told: list[SnifferEvent] = []
+    events: list[SnifferEvent] = []
     while (deadline := listener.deadline) is not None and deadline < until:
-        told += listener.feed(None, deadline)
+        events += listener.feed(None, deadline)
         assert listener.deadline is None or listener.deadline > deadline
-    return told
+    return events
 
 
-def names(told: list[SnifferEvent]) -> list[str]:
-    return [type(event).__name__ for event in told]
+def names(events: list[SnifferEvent]) -> list[str]:
+    return [type(event).__name__ for event in events]
 
 
 def test_a_request_and_its_response() -> None:
-    asked, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, VALUES)])
+    asked, answer = feed_frames(sniffer(), [(1.0, 1, READ), (1.25, 1, VALUES)])
     assert asked == RequestSeen(1, unhex(READ), 1.0, ReadHoldingRegisters(0, 2))
     assert isinstance(answer, ResponseSeen)
     assert answer.message == ReadHoldingRegistersResponse((0x17, 7))
@@ -81,11 +81,11 @@ def test_a_request_and_its_response() -> None:
 
 
 def test_an_exception_response_is_a_response() -> None:
-    _, answer = hear(sniffer(), [(1.0, 1, READ), (1.25, 1, "83 02")])
+    _, answer = feed_frames(sniffer(), [(1.0, 1, READ), (1.25, 1, "83 02")])
     assert isinstance(answer, ResponseSeen)
     assert answer.request is not None
     # Also to a request that nobody can read, for its quantity is 0.
-    asked, answer = hear(sniffer(), [(1.0, 1, "03 0000 0000"), (1.25, 1, "83 03")])
+    asked, answer = feed_frames(sniffer(), [(1.0, 1, "03 0000 0000"), (1.25, 1, "83 03")])
     assert isinstance(asked, RequestSeen)
     assert asked.message is None
     assert isinstance(answer, ResponseSeen)
@@ -93,18 +93,18 @@ def test_an_exception_response_is_a_response() -> None:
 
 
 def test_a_broadcast_expects_no_response() -> None:
-    (event,) = hear(sniffer(), [(1.0, 0, WRITE)])
+    (event,) = feed_frames(sniffer(), [(1.0, 0, WRITE)])
     assert isinstance(event, RequestSeen)
     assert event.unit == 0
 
 
 def test_a_missing_response_is_reported_after_the_window() -> None:
-    asked, silent = hear(sniffer(window=0.5), [(1.0, 1, READ)])
+    asked, silent = feed_frames(sniffer(window=0.5), [(1.0, 1, READ)])
     assert silent == ResponseMissing(asked, 1.5)  # type: ignore[arg-type]
 
 
 def test_a_response_without_its_request() -> None:
-    first, asked, second = hear(sniffer(), [(1.0, 1, VALUES), (1.1, 2, READ), (1.2, 2, VALUES)])
+    first, asked, second = feed_frames(sniffer(), [(1.0, 1, VALUES), (1.1, 2, READ), (1.2, 2, VALUES)])
     assert isinstance(first, ResponseSeen)
     assert first.request is None
     assert first.seconds is None
@@ -113,27 +113,27 @@ def test_a_response_without_its_request() -> None:
 
 
 def test_a_response_of_another_length_is_not_paired() -> None:
-    told = hear(sniffer(), [(1.0, 1, READ), (1.1, 1, "03 02 0017")])
-    assert names(told) == ["RequestSeen", "ResponseMissing", "ResponseSeen"]
-    assert told[2].request is None  # type: ignore[union-attr]
+    events = feed_frames(sniffer(), [(1.0, 1, READ), (1.1, 1, "03 02 0017")])
+    assert names(events) == ["RequestSeen", "ResponseMissing", "ResponseSeen"]
+    assert events[2].request is None  # type: ignore[union-attr]
 
 
 def test_a_late_response_is_distinguished_from_that_of_the_next_unit() -> None:
-    told = hear(sniffer(), [(1.0, 1, READ), (1.3, 2, READ), (1.35, 1, VALUES), (1.4, 2, VALUES)])
-    assert names(told) == ["RequestSeen", "ResponseMissing", "RequestSeen", "ResponseSeen", "ResponseSeen"]
-    late, answer = told[3], told[4]
+    events = feed_frames(sniffer(), [(1.0, 1, READ), (1.3, 2, READ), (1.35, 1, VALUES), (1.4, 2, VALUES)])
+    assert names(events) == ["RequestSeen", "ResponseMissing", "RequestSeen", "ResponseSeen", "ResponseSeen"]
+    late, answer = events[3], events[4]
     assert isinstance(late, ResponseSeen)
     assert isinstance(answer, ResponseSeen)
-    assert (late.request, late.late, answer.request, answer.late) == (told[0], True, told[2], False)
+    assert (late.request, late.late, answer.request, answer.late) == (events[0], True, events[2], False)
 
 
 # Writes and their echoes -------------------------------------------------------------------------------------------
 
 
-def pairs(told: list[SnifferEvent]) -> list[tuple[float, ...]]:
-    """The times of each exchange; one time for a half."""
+def pairs(events: list[SnifferEvent]) -> list[tuple[float, ...]]:
+    """The times of each exchange; one time for an ambiguous frame."""
     found: list[tuple[float, ...]] = []
-    for event in told:
+    for event in events:
         if isinstance(event, ResponseSeen):
             found.append((event.request.at, event.at) if event.request else (event.at,))
         elif isinstance(event, AmbiguousFrame):
@@ -153,32 +153,32 @@ def pairs(told: list[SnifferEvent]) -> list[tuple[float, ...]]:
     ],
 )
 def test_equal_frames_are_paired_by_time(heard: list[float], exchanges: list[tuple[float, ...]]) -> None:
-    assert pairs(hear(sniffer(), [(at, 1, WRITE) for at in heard])) == exchanges
+    assert pairs(feed_frames(sniffer(), [(at, 1, WRITE) for at in heard])) == exchanges
 
 
 def test_equal_frames_of_a_slow_unit_are_paired_by_its_response_time() -> None:
-    """Reads showed that it takes 300 ms; the client asks again after 20 ms."""
+    """Earlier reads took 300 ms; the client sends its next request after 20 ms."""
     frames = [(0.0, 1, READ), (0.3, 1, VALUES)]
     frames += [(0.32 * place + after, 1, WRITE) for place in range(1, 4) for after in (0.0, 0.3)]
-    told = pairs(hear(sniffer(), frames))
-    assert [round(end - start, 6) for start, end in told] == [0.3] * 4
+    events = pairs(feed_frames(sniffer(), frames))
+    assert [round(end - start, 6) for start, end in events] == [0.3] * 4
 
 
 def test_an_exception_response_to_a_write() -> None:
-    told = hear(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "86 02")])
-    assert pairs(told) == [(1.0, 1.1)]
+    events = feed_frames(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "86 02")])
+    assert pairs(events) == [(1.0, 1.1)]
 
 
 def test_a_write_of_another_value_is_not_paired() -> None:
-    told = hear(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "06 0001 0004"), (1.2, 1, "06 0001 0004")])
-    assert pairs(told) == [(1.0,), (1.1, 1.2)]
+    events = feed_frames(sniffer(), [(1.0, 1, WRITE), (1.1, 1, "06 0001 0004"), (1.2, 1, "06 0001 0004")])
+    assert pairs(events) == [(1.0,), (1.1, 1.2)]
 
 
 def test_unknown_functions_are_paired_by_their_code() -> None:
     listener = sniffer()
-    told = hear(listener, [(1.0, 1, "41 01"), (1.2, 1, "41 99 98")])
-    assert names(told) == ["RequestSeen", "ResponseSeen"]
-    assert told[1].request == told[0]  # type: ignore[union-attr]
+    events = feed_frames(listener, [(1.0, 1, "41 01"), (1.2, 1, "41 99 98")])
+    assert names(events) == ["RequestSeen", "ResponseSeen"]
+    assert events[1].request == events[0]  # type: ignore[union-attr]
 
 
 # Anything missing --------------------------------------------------------------------------------------------------
@@ -201,45 +201,45 @@ EXCHANGES = [
 
 
 @st.composite
-def dialogues(draw: st.DrawFn) -> tuple[list[Said], int]:
-    """Several units asked one after the other, and which frame is dropped. Answers come sooner than questions."""
-    said: list[Said] = []
+def dialogues(draw: st.DrawFn) -> tuple[list[Frame], int]:
+    """Exchanges with several units, and the index of a dropped frame. Responses come faster than new requests."""
+    said: list[Frame] = []
     now = 1.0
     for number in range(draw(st.integers(2, 8))):
         unit, (request, response) = draw(st.integers(1, 3)), draw(st.sampled_from(EXCHANGES))
-        said.append(Said(now, unit, unhex(request), number, True))
+        said.append(Frame(now, unit, unhex(request), number, True))
         now += draw(st.sampled_from((0.005, 0.02, 0.09)))
-        said.append(Said(now, unit, unhex(response), number, False))
+        said.append(Frame(now, unit, unhex(response), number, False))
         now += draw(st.sampled_from((0.15, 0.4)))
     return said, draw(st.integers(0, len(said) - 1))
 
 
 @modest
 @given(dialogues())
-def test_a_dropped_frame_does_not_shift_the_pairs(drawn: tuple[list[Said], int]) -> None:
+def test_a_dropped_frame_does_not_shift_the_pairs(drawn: tuple[list[Frame], int]) -> None:
     said, dropped = drawn
     kept = [one for place, one in enumerate(said) if place != dropped]
-    told = overhear(sniffer(), kept)
-    attributed(told, kept)
-    halves = [event for event in told if isinstance(event, AmbiguousFrame)]
+    events = overhear(sniffer(), kept)
+    attributed(events, kept)
+    halves = [event for event in events if isinstance(event, AmbiguousFrame)]
     assert all(one.exchange == said[dropped].exchange for one in kept if one.at in [half.at for half in halves])
 
 
 @modest
 @given(dialogues(), st.sets(st.integers(0, 15)))
 def test_with_pauses_longer_than_the_window_anything_may_be_missing(
-    drawn: tuple[list[Said], int], missing: set[int]
+    drawn: tuple[list[Frame], int], missing: set[int]
 ) -> None:
     said = [one._replace(at=one.at + 2 * one.exchange) for one in drawn[0]]
     kept = [one for place, one in enumerate(said) if place not in missing]
     attributed(overhear(sniffer(), kept), kept)
 
 
-def attributed(told: list[SnifferEvent], kept: list[Said]) -> None:
-    """Each frame is told once, on its side, with the question that is its own if that was heard."""
+def attributed(events: list[SnifferEvent], kept: list[Frame]) -> None:
+    """Each frame is reported once, as request or response, with its own request if that was received."""
     by_time = {one.at: one for one in kept}
     seen = []
-    for event in told:
+    for event in events:
         if isinstance(event, ResponseMissing):
             assert (event.request.at, False) not in [(by_time[at].at, one.is_request) for at, one in by_time.items()]
             partner = by_time[event.request.at].exchange
@@ -265,33 +265,33 @@ def attributed(told: list[SnifferEvent], kept: list[Said]) -> None:
 
 def test_noise_is_reported_and_the_pair_is_kept() -> None:
     listener = sniffer()
-    told = listener.feed(encode(1, unhex(READ)), 1.0)
-    told += listener.feed(b"\xff\x00\x55", 1.02) + silence(listener, 1.2)
-    told += listener.feed(encode(1, unhex(VALUES)), 1.2)
-    assert names(told) == ["RequestSeen", "NoiseSeen", "ResponseSeen"]
-    assert isinstance(told[1], NoiseSeen)
-    assert told[1].noise.data == b"\xff\x00\x55"
-    assert told[2].request == told[0]  # type: ignore[union-attr]
+    events = listener.feed(encode(1, unhex(READ)), 1.0)
+    events += listener.feed(b"\xff\x00\x55", 1.02) + silence(listener, 1.2)
+    events += listener.feed(encode(1, unhex(VALUES)), 1.2)
+    assert names(events) == ["RequestSeen", "NoiseSeen", "ResponseSeen"]
+    assert isinstance(events[1], NoiseSeen)
+    assert events[1].noise.data == b"\xff\x00\x55"
+    assert events[2].request == events[0]  # type: ignore[union-attr]
 
 
 def test_nothing_expires_while_a_frame_is_arriving() -> None:
     listener, answer = sniffer(window=0.5), encode(1, unhex(VALUES))
-    told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(answer[:4], 1.49)
+    events = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(answer[:4], 1.49)
     assert listener.deadline is not None
     assert listener.deadline > 1.5
-    assert names(told + listener.feed(None, 1.5) + listener.feed(answer[4:], 1.5)) == ["RequestSeen", "ResponseSeen"]
+    assert names(events + listener.feed(None, 1.5) + listener.feed(answer[4:], 1.5)) == ["RequestSeen", "ResponseSeen"]
 
 
 def test_an_ascii_line() -> None:
     listener = Sniffer(AsciiLine())
-    told = listener.feed(ascii_frame(1, unhex(READ)), 1.0) + listener.feed(ascii_frame(1, unhex(VALUES)), 1.1)
-    assert names(told) == ["RequestSeen", "ResponseSeen"]
+    events = listener.feed(ascii_frame(1, unhex(READ)), 1.0) + listener.feed(ascii_frame(1, unhex(VALUES)), 1.1)
+    assert names(events) == ["RequestSeen", "ResponseSeen"]
 
 
 def test_the_end_reports_what_is_undecided() -> None:
     listener = sniffer()
-    told = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(b"\x01\x03", 1.01)
-    assert names(told + listener.end(1.01)) == ["RequestSeen", "NoiseSeen", "ResponseMissing"]
+    events = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(b"\x01\x03", 1.01)
+    assert names(events + listener.end(1.01)) == ["RequestSeen", "NoiseSeen", "ResponseMissing"]
     assert listener.deadline is None
 
 
@@ -299,14 +299,14 @@ def test_the_end_reports_what_is_undecided() -> None:
 @given(st.lists(st.tuples(st.one_of(st.none(), st.binary(max_size=40)), st.floats(0, 2)), max_size=20))
 def test_any_bytes_are_reported_and_never_raise(chunks: list[tuple[bytes | None, float]]) -> None:
     for line in (RtuLine(TIMING, role="listener"), AsciiLine()):
-        listener, now, fed, told = Sniffer(line), 0.0, b"", list[SnifferEvent]()
+        listener, now, fed, events = Sniffer(line), 0.0, b"", list[SnifferEvent]()
         for data, step in chunks:
             now += step
             fed += data or b""
-            told += listener.feed(data, now)
-        told += listener.end(now + 10)
+            events += listener.feed(data, now)
+        events += listener.end(now + 10)
         if isinstance(line, RtuLine):
-            assert sorted(b"".join(_bytes(event) for event in told)) == sorted(fed)
+            assert sorted(b"".join(_bytes(event) for event in events)) == sorted(fed)
 
 
 def _bytes(event: SnifferEvent) -> bytes:
@@ -345,10 +345,10 @@ def lines() -> tuple[Line, Line]:
 
 def test_numbered_responses_in_any_order() -> None:
     listener = NumberedSniffer(*lines())
-    told = listener.feed(True, tcp_frame(1, unhex(READ), 1) + tcp_frame(1, unhex(WRITE), 2), 1.0)
-    told += listener.feed(False, tcp_frame(1, unhex(WRITE), 2) + tcp_frame(1, unhex(VALUES), 1), 1.1)
-    told += listener.feed(False, tcp_frame(1, unhex(VALUES), 9), 1.2)
-    assert [event.request and event.request.transaction for event in told if isinstance(event, ResponseSeen)] == [
+    events = listener.feed(True, tcp_frame(1, unhex(READ), 1) + tcp_frame(1, unhex(WRITE), 2), 1.0)
+    events += listener.feed(False, tcp_frame(1, unhex(WRITE), 2) + tcp_frame(1, unhex(VALUES), 1), 1.1)
+    events += listener.feed(False, tcp_frame(1, unhex(VALUES), 9), 1.2)
+    assert [event.request and event.request.transaction for event in events if isinstance(event, ResponseSeen)] == [
         2,
         1,
         None,
@@ -357,13 +357,13 @@ def test_numbered_responses_in_any_order() -> None:
 
 def test_numbered_missing_responses_noise_and_the_limit_of_open_requests() -> None:
     listener = NumberedSniffer(*lines())
-    told: list[SnifferEvent] = []
+    events: list[SnifferEvent] = []
     for number in range(OPEN_LIMIT + 3):
-        told += listener.feed(True, tcp_frame(1, unhex(READ), number), 1.0)
-    assert names(told).count("ResponseMissing") == 3
+        events += listener.feed(True, tcp_frame(1, unhex(READ), number), 1.0)
+    assert names(events).count("ResponseMissing") == 3
     assert names(listener.feed(True, tcp_frame(1, unhex(READ), 5), 1.0)) == ["ResponseMissing", "RequestSeen"]
-    told = listener.feed(False, unhex("0001 0007 0000"), 2.5)
-    assert names(told) == ["ResponseMissing"] * OPEN_LIMIT + ["NoiseSeen"]
+    events = listener.feed(False, unhex("0001 0007 0000"), 2.5)
+    assert names(events) == ["ResponseMissing"] * OPEN_LIMIT + ["NoiseSeen"]
     assert listener.end(3.0) == []
-    assert isinstance(told[-1], NoiseSeen)
-    assert isinstance(told[-1].noise, Noise)
+    assert isinstance(events[-1], NoiseSeen)
+    assert isinstance(events[-1].noise, Noise)

@@ -84,7 +84,7 @@ class Request(Message, Generic[R]):
 
     response: ClassVar[type[Response]]
     mei_type: ClassVar[int | None] = None
-    """The second byte that tells the functions of code 2B apart [MB-APP 6.19]."""
+    """The second byte, which distinguishes the functions of code 2B [MB-APP 6.19]."""
     writes: ClassVar[bool] = False
     """Whether carrying it out changes something: then a lost response leaves the outcome unknown."""
 
