@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from barewire.canopen import STANDARD, CanFrame, Channel, SdoDialect, download, fit, upload
+from barewire.canopen import CanFrame, Channel, SdoDialect, download, fit, upload
+from barewire.canopen.sdo.client.channel import channel_to
 from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.devices.device import Device
@@ -49,7 +50,7 @@ def read_canopen(
     parameters = to_read(device, names)
     for parameter in parameters:
         _object(device, parameter)
-    return _read_canopen(_channel(node, dialect), device, parameters, timeout)
+    return _read_canopen(channel_to(node, dialect), device, parameters, timeout)
 
 
 def _read_canopen(
@@ -91,7 +92,7 @@ def write_canopen(
             parameter.to_object(value, bytes(parameter.object_size))
         if place.bit is not None and not parameter.readable and not force:
             raise EncodeError(f"{parameter.name} is one bit of an object that cannot be read: the rest would be lost")
-    return _write_canopen(_channel(node, dialect), device, pairs, timeout)
+    return _write_canopen(channel_to(node, dialect), device, pairs, timeout)
 
 
 def _write_canopen(
@@ -128,13 +129,3 @@ def _object(device: Device, parameter: Parameter) -> ObjectAt:
         raise EncodeError(f"{parameter.name} is no object of CANopen: {elsewhere}", parameter.name)
     _ = parameter.object_size  # text has no size: refused before anything is sent
     return parameter.object
-
-
-def _channel(node: int | Channel, dialect: SdoDialect | None) -> Channel:
-    if isinstance(node, Channel):
-        if dialect is not None and dialect != node.dialect:
-            raise EncodeError(
-                f"the channel to node {node.node} has the SDO dialect {node.dialect.name}, not {dialect.name}"
-            )
-        return node
-    return Channel(node, dialect or STANDARD)

@@ -295,5 +295,5 @@ def test_invalid_arguments_raise_at_once() -> None:
     for block in (BlockSettings(size=0), BlockSettings(size=128), BlockSettings(switch=256)):
         with pytest.raises(EncodeError):
             upload(5, 0x6041, block=block)
-    with pytest.raises(EncodeError, match="uses dialect standard, not az3"):
+    with pytest.raises(EncodeError, match="has the SDO dialect standard, not az3"):
         upload(Channel(5), 0x6041, dialect=AZ3)

@@ -220,5 +220,7 @@ def channel_to(node: int | Channel, dialect: SdoDialect | None) -> Channel:
     if isinstance(node, int):
         return Channel(node, STANDARD if dialect is None else dialect)
     if dialect is not None and dialect != node.dialect:
-        raise EncodeError(f"the channel to node {node.node} uses dialect {node.dialect.name}, not {dialect.name}")
+        raise EncodeError(
+            f"the channel to node {node.node} has the SDO dialect {node.dialect.name}, not {dialect.name}"
+        )
     return node
