@@ -64,7 +64,7 @@ NOTHING = ["605#C4", "605#C6", "585#A4", "605#A4", "585#C6", "080#"]
 """What tshark 4.0 tells nothing of: whatever begins a block transfer with a CRC, and a SYNC without a counter."""
 BITS = {"n": "sdo.n", "e": "sdo.e", "s": "sdo.s", "t": "sdo.toggle", "c": "sdo.c"}
 FIELDS = [
-    *("can.id", "can.len", "can.flags.xtd", "can.flags.rtr", "can.flags.err", "canopen.cob_ids"),
+    *("can.id", "can.len", "can.flags.xtd", "can.flags.rtr", "can.flags.err", "canopen.cob_id"),
     *sorted({f"canopen.{name}" for table in NUMBERS.values() for name in table.values()}),
     *sorted({f"canopen.{name}" for names in PARTS.values() for name in names}),
     *(f"canopen.{name}" for name in BITS.values()),
