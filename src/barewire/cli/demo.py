@@ -26,7 +26,7 @@ from barewire.devices.sim import Simulator, simulator
 from barewire.errors import NoAnswer
 from barewire.explain import Explanation, explain
 from barewire.io.canopen.client import CanopenClient
-from barewire.io.machine import Machine, connect
+from barewire.io.machine import MachineClient, connect
 from barewire.io.ports.trace import Direction
 
 LINE = "baudrate=19200&parity=E&stopbits=1"
@@ -212,7 +212,7 @@ def _until_there(client: CanopenClient) -> None:
             client.node().nmt.wait_for_boot_up(timeout=0.5)
 
 
-def _read(machine: Machine, step: Step, frames: Frames) -> Reading:
+def _read(machine: MachineClient, step: Step, frames: Frames) -> Reading:
     """Read the name; if the device has to get somewhere first, again and again for three seconds."""
     give_up = time.monotonic() + 3.0
     while True:

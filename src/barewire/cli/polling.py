@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from barewire.devices import Device, Reading
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
-from barewire.io.machine import Machine, connect
+from barewire.io.machine import MachineClient, connect
 
 _NONE: Mapping[str, str] = MappingProxyType({})
 
@@ -52,7 +52,7 @@ class Source:
         self.apart: set[str] = set()
         """Names that are read by themselves: those refused, and all where only together they are refused."""
         # The first time a port that is not there is an error; later it may have been unplugged for a while.
-        self.machine: Machine | None = connect(device, endpoint)
+        self.machine: MachineClient | None = connect(device, endpoint)
 
     def poll(self, time: float) -> Poll:
         """Read once."""
@@ -67,7 +67,7 @@ class Source:
                 self.close()
             return Poll(time, (), _words(error))
 
-    def _read(self, machine: Machine, time: float) -> Poll:
+    def _read(self, machine: MachineClient, time: float) -> Poll:
         came: dict[str, Reading] = {}
         refused: dict[str, str] = {}
         together = [name for name in self.names if name not in self.apart]

@@ -23,7 +23,7 @@ from barewire.devices.raw_address import device_with
 from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
 from barewire.errors import BarewireError, NoAnswer
-from barewire.io.machine import Machine, connect
+from barewire.io.machine import MachineClient, connect
 from barewire.io.modbus.client import ModbusClient
 
 
@@ -87,7 +87,7 @@ def write(endpoint: str, device: str, assignments: tuple[str, ...], force: bool,
 
 
 @contextmanager
-def _connected(device: Device, endpoint: str) -> Iterator[Machine]:
+def _connected(device: Device, endpoint: str) -> Iterator[MachineClient]:
     """The machine. A serial line is not left to the next command while a lost answer may still come there."""
     with connect(device, endpoint) as machine:
         try:

@@ -33,18 +33,18 @@ if TYPE_CHECKING:
     from barewire.io.modbus.client import ModbusClient
 
 
-def connect(device: str | Path | Device, url: str, **options: Any) -> Machine:
+def connect(device: str | Path | Device, url: str, **options: Any) -> MachineClient:
     """The machine at `url`: `device` is the name or the path of its description, or the description.
 
     `options` are those of the client: `unit` or `node`, `timeout` in seconds, `watch`, and what the URL may have.
     Raises UnknownName for a name without description, EncodeError for a device without this wire, PortError.
     """
-    return Machine(described(device), url, **options)
+    return MachineClient(described(device), url, **options)
 
 
-def connect_async(device: str | Path | Device, url: str, **options: Any) -> AsyncMachine:
+def connect_async(device: str | Path | Device, url: str, **options: Any) -> AsyncMachineClient:
     """The same for asyncio. The connection is made by `async with`."""
-    return AsyncMachine(described(device), url, **options)
+    return AsyncMachineClient(described(device), url, **options)
 
 
 def _is_canopen(device: Device, url: str) -> bool:
@@ -54,7 +54,7 @@ def _is_canopen(device: Device, url: str) -> bool:
     return canopen
 
 
-class Machine(NamedValues):
+class MachineClient(NamedValues):
     """A machine and the client by which it is reached."""
 
     def __init__(self, device: Device, url: str, **options: Any) -> None:
@@ -97,7 +97,7 @@ class Machine(NamedValues):
         self._access.write(values, force=force)
 
 
-class AsyncMachine(AsyncNamedValues):
+class AsyncMachineClient(AsyncNamedValues):
     """A machine and the client by which it is reached, for asyncio."""
 
     def __init__(self, device: Device, url: str, **options: Any) -> None:

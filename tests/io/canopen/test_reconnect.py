@@ -18,7 +18,7 @@ from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame, NmtCommand, NmtState
 from barewire.errors import NoAnswer, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.event_stream import Frames, Stream
+from barewire.io.canopen.event_stream import FrameListener, Stream
 from barewire.io.canopen.reconnect import LASTED, Reopening
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.socketcand import SocketcandHub
@@ -75,7 +75,7 @@ def until(stream: Stream[CanFrame], kind: type[T]) -> T:
 def test_streams_are_told_and_go_on() -> None:
     adapter = Adapter()
     adapter.failing = 2
-    with adapter.bus() as bus, Stream(bus, Frames(), {(0x80, False)}) as stream:
+    with adapter.bus() as bus, Stream(bus, FrameListener(), {(0x80, False)}) as stream:
         adapter.port.come(frame("080#01"), UNPLUGGED)
         assert stream.get(30.0) == frame("080#01")
         assert stream.get(30.0) == BusDown("the adapter was unplugged")
@@ -91,7 +91,7 @@ def test_streams_are_told_and_go_on() -> None:
 
 def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_node_of_ours_lives_on() -> None:
     adapter = Adapter()
-    with adapter.bus() as bus, Stream(bus, Frames(), None) as stream:
+    with adapter.bus() as bus, Stream(bus, FrameListener(), None) as stream:
         ours = device(6)
         with CanopenClient(bus, node=5, timeout=30.0) as client, client.host(ours):
             client.node(6).sdo.download(0x2001, 0, b"\x07")
@@ -152,12 +152,12 @@ def test_with_asyncio() -> None:
 def test_whoever_comes_while_the_bus_is_gone() -> None:
     adapter = Adapter()
     adapter.may_open.clear()
-    with adapter.bus() as bus, Stream(bus, Frames(), None) as first:
+    with adapter.bus() as bus, Stream(bus, FrameListener(), None) as first:
         adapter.port.come(UNPLUGGED)
         until(first, BusDown)
         with pytest.raises(PortError, match="unplugged"):
             bus.send(frame("080#"))
-        with Stream(bus, Frames(), None) as second:
+        with Stream(bus, FrameListener(), None) as second:
             assert second.get(0.0) == BusDown("the adapter was unplugged")
             adapter.may_open.set()
             assert isinstance(second.get(30.0), BusUp)
@@ -167,7 +167,7 @@ def test_closed_in_the_middle_of_a_pause() -> None:
     adapter = Adapter()
     adapter.failing = 10**9
     bus = adapter.bus()
-    stream = Stream(bus, Frames(), None)
+    stream = Stream(bus, FrameListener(), None)
     adapter.port.come(UNPLUGGED)
     until(stream, BusDown)
     reopening = bus._reopening
@@ -183,7 +183,7 @@ def test_closed_in_the_middle_of_a_pause() -> None:
 
 def test_a_bus_without_a_way_to_open_it_is_over() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, Stream(bus, Frames(), None) as stream:
+    with CanBus(port) as bus, Stream(bus, FrameListener(), None) as stream:
         port.come(UNPLUGGED)
         with pytest.raises(PortError, match="unplugged"):
             stream.get(30.0)
@@ -259,7 +259,7 @@ def test_a_socketcand_server_that_is_restarted() -> None:
             assert until(stream, BusDown).why.endswith("the server hung up")
             hub = SocketcandHub("127.0.0.1", place)
             until(stream, BusUp)
-            other.bus.wait_open(30.0)
+            other.bus.wait_until_open(30.0)
             assert client.node().sdo.upload(0x6041) == b"\x37\x06"
     finally:
         hub.close()

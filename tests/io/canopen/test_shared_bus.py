@@ -12,7 +12,7 @@ from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber
-from barewire.io.canopen.event_stream import Frames, Stream
+from barewire.io.canopen.event_stream import FrameListener, Stream
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import FramesLost, Subscriber
 from tests.io.canopen.memory_bus import MemoryPort, device, memory_bus
@@ -43,7 +43,7 @@ def test_what_one_sends_the_others_on_the_bus_object_hear() -> None:
 
 
 def test_a_slow_hearer_is_told_what_it_lost_and_where() -> None:
-    with memory_bus() as bus, Stream(bus, Frames(), {(0x100, False)}, room=3) as stream:
+    with memory_bus() as bus, Stream(bus, FrameListener(), {(0x100, False)}, room=3) as stream:
         for number in range(5):
             bus.send(CanFrame(0x100, bytes([number])))
         assert stream.get(30.0) == CanFrame(0x100, b"\0")
@@ -70,13 +70,17 @@ def test_an_error_says_what_the_conversation_could_not_know() -> None:
         for _ in range(3):
             bus.send(frame("585#80"))
         error = NoAnswer("nobody")
-        tap.tell(error)
-        assert error.__notes__ == ["2 frames had come that nobody took in time, and were lost"]
+        tap.note_losses(error)
+        assert error.__notes__ == ["2 frames were lost here: they came faster than they were taken"]
 
 
 def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, Stream(bus, Frames(), {(0x1, False)}) as one, Stream(bus, Frames(), None) as two:
+    with (
+        CanBus(port) as bus,
+        Stream(bus, FrameListener(), {(0x1, False)}) as one,
+        Stream(bus, FrameListener(), None) as two,
+    ):
         with Subscriber(bus, None) as conversation:
             fd = FdFrame(0x585, bytes(12))
             port.come(BUS_OFF, fd, frame("001#"))
@@ -89,7 +93,7 @@ def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> N
 
 def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, Stream(bus, Frames(), None) as stream:
+    with CanBus(port) as bus, Stream(bus, FrameListener(), None) as stream:
         client = CanopenClient(bus, node=5, timeout=30.0)
         ends: list[str] = []
 
@@ -117,7 +121,7 @@ def test_closing_ends_the_reader_and_who_iterates() -> None:
     before = threading.active_count()
     port = MemoryPort()
     bus = CanBus(port)
-    stream = Stream(bus, Frames(), None)
+    stream = Stream(bus, FrameListener(), None)
     heard: list[object] = []
 
     def iterate() -> None:
@@ -179,7 +183,7 @@ def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
 
 def test_an_asyncio_tap_is_woken_once_and_hears_all() -> None:
     async def main(bus: CanBus, port: MemoryPort) -> None:
-        with AsyncSubscriber(bus, None) as tap, AsyncStream(bus, Frames(), None) as stream:
+        with AsyncSubscriber(bus, None) as tap, AsyncStream(bus, FrameListener(), None) as stream:
             waiting = asyncio.create_task(tap.receive(10.0))
             await asyncio.sleep(0)
             port.come(*(CanFrame(number) for number in range(1, 100)))
@@ -237,7 +241,7 @@ def test_whoever_sends_to_a_full_controller_waits_for_room() -> None:
 def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) -> None:
     can = pytest.importorskip("can")
     from barewire.io.endpoint import Endpoint
-    from barewire.io.ports import python_can as can_bus
+    from barewire.io.ports import base, python_can as can_bus
 
     port = can_bus.CanPort(Endpoint.parse("can://virtual/full"))
     other = can.Bus(interface="virtual", channel="full")
@@ -256,7 +260,7 @@ def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) 
     assert heard is not None
     assert heard.arbitration_id == 0x80
     left = 1_000_000
-    monkeypatch.setattr(can_bus, "PATIENCE", 0.01)
+    monkeypatch.setattr(base, "SEND_TIMEOUT", 0.01)
     with pytest.raises(PortError, match="no room for a frame"):
         port.send(frame("080#"))
     port.close()

@@ -15,18 +15,18 @@ from barewire.devices.drive.report import DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream
 from barewire.io.canopen.event_stream import Stream
-from barewire.io.canopen.methods.operations import AsyncRunner, BlockingRunner
+from barewire.io.canopen.methods.operations import AsyncBusRunner, BlockingBusRunner
 from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode, EdsNode, Node
 from barewire.io.canopen.node_runner import Running
-from barewire.io.machine import AsyncMachine, Machine
+from barewire.io.machine import AsyncMachineClient, MachineClient
 
 FRAME = CanFrame(0x80)
 
 
 def of_the_blocking_client(bus: CanopenClient, tpdo: RemotePdo) -> None:
-    assert_type(bus.node(5), Node[BlockingRunner])
+    assert_type(bus.node(5), Node[BlockingBusRunner])
     assert_type(bus.node(5, device="az3"), DeviceNode)
-    assert_type(bus.node(5, eds=Path("x.eds")), EdsNode[BlockingRunner])
+    assert_type(bus.node(5, eds=Path("x.eds")), EdsNode[BlockingBusRunner])
     assert_type(bus.receive(), CanFrame | None)
     assert_type(bus.send(FRAME), None)
     assert_type(bus.lss.fastscan(), LssAddress | None)
@@ -51,9 +51,9 @@ def of_the_blocking_client(bus: CanopenClient, tpdo: RemotePdo) -> None:
 
 
 async def of_the_asyncio_client(bus: AsyncCanopenClient, tpdo: RemotePdo) -> None:
-    assert_type(bus.node(5), Node[AsyncRunner])
+    assert_type(bus.node(5), Node[AsyncBusRunner])
     assert_type(bus.node(5, device="az3"), AsyncDeviceNode)
-    assert_type(bus.node(5, eds=Path("x.eds")), EdsNode[AsyncRunner])
+    assert_type(bus.node(5, eds=Path("x.eds")), EdsNode[AsyncBusRunner])
     assert_type(await bus.receive(), CanFrame | None)
     assert_type(await bus.send(FRAME), None)
     assert_type(await bus.lss.fastscan(), LssAddress | None)
@@ -80,19 +80,19 @@ async def of_servers_and_machines() -> None:
     async with AsyncCanopenServer("can://virtual/x?node=5", eds="x.eds") as serving:
         assert_type(serving.url, str)
     with connect("az3", "can://virtual/x?node=5", timeout=0.5) as az3:
-        assert_type(az3, Machine)
+        assert_type(az3, MachineClient)
         assert_type(az3["STATUS WORD"], Reading)
         assert_type(az3.read("A", "B"), list[Reading])
         assert_type(az3.read_all(), list[Reading])
         assert_type(az3.drive.move(100, relative=True), DriveStatus)
     async with connect_async("az3", "tcp://127.0.0.1") as awaited:
-        assert_type(awaited, AsyncMachine)
+        assert_type(awaited, AsyncMachineClient)
         assert_type(await awaited.read("A"), Reading)
         assert_type(await awaited.read_all(["A"]), list[Reading])
         assert_type(await awaited.drive.home(), DriveStatus)
 
 
-def of_wrong_calls(bus: CanopenClient, az3: Machine) -> None:
+def of_wrong_calls(bus: CanopenClient, az3: MachineClient) -> None:
     """Each of these lines is an error; an ignore that is not needed would be one as well."""
     bus.node(5).sdo.upload("6041")  # type: ignore[arg-type]
     bus.node(5).read("STATUS WORD")  # type: ignore[attr-defined]

@@ -1,11 +1,13 @@
-"""A shared bus for asyncio: a tap that wakes a task instead of a thread.
+"""A shared bus for asyncio: a subscriber that wakes a task instead of a thread, and what is built on it.
 
-        reader (thread) --> AsyncTap --call_soon_threadsafe, once for all that came meanwhile--> the task
+        reader (thread) --> AsyncSubscriber --call_soon_threadsafe, once for a whole burst--> the task
 
-One mechanism for every interface of python-can. Of those only some have a file descriptor for `loop.add_reader`, slcan
-may hold half a frame behind it, and `recv` of others blocks. A second mechanism for the few would save them a wake-up
-and lose three things: frames have the time at which they came although the loop is busy, what nobody takes
-is counted here instead of lost in the kernel, and blocking and asyncio clients may share one bus.
+This works with every interface of python-can. Only some of them have a file descriptor for `loop.add_reader`; slcan may
+hold half a frame behind it, and `recv` of others blocks. A second way for those few would save a wake-up and lose three
+things: frames have the time at which they came although the loop is busy, lost frames are counted here instead of being
+lost in the kernel, and blocking and asyncio clients may share one bus.
+
+Depends on: shared_bus, event_stream, node_runner.  Used by: the asyncio client, the text gateway.
 """
 
 from __future__ import annotations
@@ -22,25 +24,34 @@ from typing import Self, TypeVar
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
-from barewire.io.canopen.event_stream import ROOM, Hearing, Listener, Report
-from barewire.io.canopen.node_runner import LOOK, Action, NodeDriver, Speaker, begin
-from barewire.io.canopen.shared_bus import PATIENCE, CanBus, no_room
-from barewire.io.canopen.subscriber import LONGEST, ROOM as TAP_ROOM, Arrived, Key, Subscriber, seconds
+from barewire.io.canopen.event_stream import STREAM_ROOM, Listener, Report, StreamBase
+from barewire.io.canopen.node_runner import CHECK_INTERVAL, Action, NodeDriver, Speaker, begin
+from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.subscriber import (
+    LONGEST_PULL,
+    SUBSCRIBER_ROOM,
+    Arrived,
+    FrameBus,
+    Key,
+    Subscriber,
+    check_timeout,
+)
+from barewire.io.ports.base import SEND_TIMEOUT, no_room
 
 E = TypeVar("E")
 
-RETRY = 0.001
+_SEND_RETRY = 0.001
 
 
 class AsyncSubscriber(Subscriber):
-    """What one task has of a bus: the port of the asyncio engine."""
+    """The port of one task on a shared bus."""
 
     def __init__(
         self,
-        bus: CanBus,
+        bus: FrameBus,
         keys: Iterable[Key] | None,
         *,
-        room: int = TAP_ROOM,
+        room: int = SUBSCRIBER_ROOM,
         reports: bool = False,
         node: bool = False,
     ) -> None:
@@ -48,30 +59,30 @@ class AsyncSubscriber(Subscriber):
         self._thread = threading.get_ident()
         self._waiter: asyncio.Future[None] | None = None
         self._outbox: deque[CanFrame] = deque()
-        self._pressing = False
-        self._until = 0.0  # so long has the first of the outbox, until it is given up
+        self._retrying = False
+        self._give_up_at = 0.0  # for the first frame of the outbox
         self._refused: PortError | None = None
         super().__init__(bus, keys, room=room, reports=reports, node=node)
 
-    def _ring(self) -> None:
+    def _wake(self) -> None:
         if threading.get_ident() == self._thread:
             self.wake()
             return
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is there to wake
+        with contextlib.suppress(RuntimeError):  # the loop is closed: no task waits
             self._loop.call_soon_threadsafe(self.wake)
 
     def wake(self) -> None:
-        """Let the task that waits look again, although nothing may have come."""
+        """Let the task that waits check again, although nothing may have come."""
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
 
     async def pull_async(self, timeout: float) -> Arrived | None:
-        """What came within `timeout` seconds, or None."""
+        """The next item within `timeout` seconds, or None."""
         arrived = self.take(wait=timeout > 0)
         if arrived is not None or timeout <= 0:
             return arrived
         waiter = self._waiter = self._loop.create_future()
-        timer = self._loop.call_later(min(timeout, LONGEST), self.wake)
+        timer = self._loop.call_later(min(timeout, LONGEST_PULL), self.wake)
         try:
             await waiter
         finally:
@@ -80,116 +91,118 @@ class AsyncSubscriber(Subscriber):
         return self.take()
 
     async def receive(self, timeout: float) -> CanFrame | None:  # type: ignore[override]  # the other engine's port
-        """The port of a conversation: a frame that came within `timeout` seconds, or None."""
+        """The port of a conversation: the next frame within `timeout` seconds, or None."""
         arrived = await self.pull_async(timeout)
         return None if arrived is None else arrived.item  # type: ignore[return-value]  # without reports only frames
 
     def write(self, item: CanFrame) -> None:
-        """Hand a frame over. Where the controller has no room it goes out later, whether anybody waits for it or not:
-        it may be the last word of a task that was cancelled."""
+        """Hand a frame over. Where the controller has no room it is sent later, even if no task waits for it: it may be
+        the abort of a task that was cancelled."""
         if self._outbox or not self.bus.try_send(item, self):
             if not self._outbox:
-                self._until = self._loop.time() + PATIENCE
+                self._give_up_at = self._loop.time() + SEND_TIMEOUT
             self._outbox.append(item)
-            if not self._pressing:
-                self._pressing = True
-                self._loop.call_later(RETRY, self._go_on)
+            if not self._retrying:
+                self._retrying = True
+                self._loop.call_later(_SEND_RETRY, self._retry)
 
     async def sent(self) -> float | None:
-        """Wait until the controller has all of it."""
+        """Wait until the controller has all frames."""
         while self._outbox:
-            await asyncio.sleep(RETRY)
-            self._press()
+            await asyncio.sleep(_SEND_RETRY)
+            self._send_outbox()
         refused, self._refused = self._refused, None
         if refused is not None:
             raise refused
         return None
 
-    def _press(self) -> None:
+    def _send_outbox(self) -> None:
         try:
             while self._outbox and self.bus.try_send(self._outbox[0], self, again=True):
                 self._outbox.popleft()
-                self._until = self._loop.time() + PATIENCE  # each has its own
-            if self._outbox and self._loop.time() >= self._until:
-                raise PortError(no_room(self.bus.name))
+                self._give_up_at = self._loop.time() + SEND_TIMEOUT  # each frame has its own
+            if self._outbox and self._loop.time() >= self._give_up_at:
+                raise no_room(self.bus.name)
         except PortError as error:
             self._outbox.clear()
             self._refused = error
 
-    def _go_on(self) -> None:
-        self._press()
-        self._pressing = bool(self._outbox)
-        if self._pressing:
-            self._loop.call_later(RETRY, self._go_on)
+    def _retry(self) -> None:
+        self._send_outbox()
+        self._retrying = bool(self._outbox)
+        if self._retrying:
+            self._loop.call_later(_SEND_RETRY, self._retry)
 
-    def hush(self) -> None:
-        """What waits is not said."""
+    def discard_queued(self) -> None:
+        """Do not send the frames that still wait for room."""
         self._outbox.clear()
 
 
-async def wait_open(bus: CanBus, patience: float) -> None:
-    """Where the bus is being opened anew, give it so many seconds."""
+async def wait_until_open(bus: CanBus, timeout: float) -> None:
+    """While the bus is being opened again, wait for it: `timeout` seconds at most."""
     if bus.failure is None:
         return
-    loop, there = asyncio.get_running_loop(), asyncio.Event()
+    loop, is_open = asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
         with contextlib.suppress(RuntimeError):
-            loop.call_soon_threadsafe(there.set)
+            loop.call_soon_threadsafe(is_open.set)
 
     if not bus.when_open(wake):
         try:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(there.wait(), patience)
+                await asyncio.wait_for(is_open.wait(), timeout)
         finally:
-            bus.wake_no_more(wake)
+            bus.forget(wake)
 
 
 @contextlib.asynccontextmanager
-async def locked(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[None]:
-    """Wait until these channels are free, and hold their locks."""
+async def channels_locked(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[None]:
+    """Wait until these channels are free, and hold their locks. None is the whole bus."""
     loop = asyncio.get_running_loop()
     waiter: asyncio.Future[None] = loop.create_future()
 
-    def go() -> None:
+    def grant() -> None:
         if not waiter.done():
             waiter.set_result(None)
 
     def wake() -> None:
         with contextlib.suppress(RuntimeError):
-            loop.call_soon_threadsafe(go)
+            loop.call_soon_threadsafe(grant)
 
-    claim = bus.join(keys, asyncio.current_task(), wake)
+    lock = bus.request_lock(keys, asyncio.current_task(), wake)
     try:
-        if not claim.granted:
+        if not lock.granted:
             await waiter
         yield
     finally:
-        bus.leave(claim)
+        bus.release_lock(lock)
 
 
-class AsyncStream(Hearing[E]):
+class AsyncStream(StreamBase[E]):
     """`Stream` for a task."""
 
-    _tap: AsyncSubscriber
+    _subscriber: AsyncSubscriber
 
-    def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
+    def __init__(
+        self, bus: FrameBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = STREAM_ROOM
+    ) -> None:
         super().__init__(machine, AsyncSubscriber(bus, keys, room=room, reports=True))
 
     async def get(self, timeout: float | None = None) -> E | Report | None:
-        """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.
+        """The next event within `timeout` seconds, or None; without a time-out it waits for ever.
 
-        Raises PortError if the bus is gone.
+        Raises PortError if the bus is closed.
         """
-        seconds(timeout)
-        events, clock = self._events, time.monotonic
+        check_timeout(timeout)
+        clock = time.monotonic
         until = float("inf") if timeout is None else clock() + timeout
-        while not events.ready:
+        while not self._ready:
             now = clock()
-            events.take(await self._tap.pull_async(events.wait_until(until) - now), clock())
-            if not events.ready and clock() >= until:
+            self._feed(await self._subscriber.pull_async(self._wait_until(until) - now), clock())
+            if not self._ready and clock() >= until:
                 return None
-        return events.ready.popleft()
+        return self._ready.popleft()
 
     async def __aiter__(self) -> AsyncIterator[E | Report]:
         while True:
@@ -204,16 +217,16 @@ class AsyncStream(Hearing[E]):
 
 
 class AsyncRunning:
-    """A machine at work in a task, until it is stopped or the bus is gone for good.
+    """A machine in an asyncio task, until it is stopped or the bus is closed.
 
-    `do` does something with it and says at once what comes of it. `refused` counts what the bus did not take.
+    `do` changes the machine and sends the resulting frames at once. `refused` counts frames that the bus did not take.
     """
 
-    def __init__(self, bus: CanBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
+    def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
         self.refused = 0
-        self._tap = AsyncSubscriber(bus, keys, node=True, reports=True)
-        self._task = asyncio.create_task(self._live())
+        self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
+        self._task = asyncio.create_task(self._run())
 
     def __enter__(self) -> Self:
         return self
@@ -221,38 +234,39 @@ class AsyncRunning:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.stop()
 
-    async def _live(self) -> None:
-        machine, ears, clock = self.machine, NodeDriver(self.machine), time.monotonic
-        with self._tap:
-            said = begin(machine, clock())
+    async def _run(self) -> None:
+        machine, driver, clock = self.machine, NodeDriver(self.machine), time.monotonic
+        with self._subscriber:
+            frames = begin(machine, clock())
             while True:
-                for frame in said:
-                    await self._say(frame)
+                for frame in frames:
+                    await self._send(frame)
                 deadline = machine.deadline
+                wait = CHECK_INTERVAL if deadline is None else min(CHECK_INTERVAL, deadline - clock())
                 try:
-                    arrived = await self._tap.pull_async(LOOK if deadline is None else min(LOOK, deadline - clock()))
+                    arrived = await self._subscriber.pull_async(wait)
                 except PortError:
                     return
-                said = ears.hear(None if arrived is None else arrived.item, clock())
+                frames = driver.feed(None if arrived is None else arrived.item, clock())
                 await asyncio.sleep(0)
 
-    async def _say(self, frame: CanFrame) -> None:
+    async def _send(self, frame: CanFrame) -> None:
         try:
-            self._tap.write(frame)
-            await self._tap.sent()
+            self._subscriber.write(frame)
+            await self._subscriber.sent()
         except PortError:
             self.refused += 1
 
     async def do(self, action: Action) -> None:
-        """`action(now)`; the frames that it returns are said, and what is due then."""
+        """Call `action(now)`; then send the frames that it returns, and those that are due."""
         now = time.monotonic()
         for frame in [*(action(now) or ()), *self.machine.feed(None, now)]:
-            await self._say(frame)
+            await self._send(frame)
 
     def stop(self) -> None:
-        """No further frame."""
-        self._tap.hush()
-        self._tap.close()
+        """Send no further frame."""
+        self._subscriber.discard_queued()
+        self._subscriber.close()
         self._task.cancel()
 
     close = stop

@@ -19,14 +19,14 @@ from barewire.canopen import CanFrame
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream, AsyncSubscriber, locked, wait_open
+from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream, AsyncSubscriber, channels_locked, wait_until_open
 from barewire.io.canopen.client_base import ClientBase
 from barewire.io.canopen.event_stream import Listener
-from barewire.io.canopen.methods.operations import AsyncRunner, BackgroundTask, Operation, Subscription
+from barewire.io.canopen.methods.operations import AsyncBusRunner, BackgroundTask, BusOperation, Subscription
 from barewire.io.canopen.node import AsyncDeviceNode, EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Speaker
-from barewire.io.canopen.shared_bus import CanBus, Watch
-from barewire.io.canopen.subscriber import Key, seconds
+from barewire.io.canopen.shared_bus import CanBus, WatchFrames
+from barewire.io.canopen.subscriber import Key, check_timeout
 from barewire.io.engine.asyncio import run
 from barewire.io.ports.base import Port
 
@@ -41,7 +41,7 @@ T = TypeVar("T")
 E = TypeVar("E")
 
 
-class AsyncCanopenClient(ClientBase[AsyncRunner]):
+class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
     A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the thread that reads.
@@ -54,7 +54,7 @@ class AsyncCanopenClient(ClientBase[AsyncRunner]):
         node: int | None = None,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
-        watch: Watch | None = None,
+        watch: WatchFrames | None = None,
         **options: Any,
     ) -> None:
         super().__init__(self, bus, node, timeout, dialect, watch, options)
@@ -114,11 +114,11 @@ class AsyncCanopenClient(ClientBase[AsyncRunner]):
         eds: str | Path | Eds | ObjectDictionary,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
-    ) -> EdsNode[AsyncRunner]: ...
+    ) -> EdsNode[AsyncBusRunner]: ...
     @overload
     def node(
         self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
-    ) -> Node[AsyncRunner]: ...
+    ) -> Node[AsyncBusRunner]: ...
     def node(
         self,
         number: int | None = None,
@@ -127,7 +127,7 @@ class AsyncCanopenClient(ClientBase[AsyncRunner]):
         eds: str | Path | Eds | ObjectDictionary | None = None,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
-    ) -> Node[AsyncRunner]:
+    ) -> Node[AsyncBusRunner]:
         """One node of the bus: `number` (1..127), or that of the URL, or the device's own. `device` is the name or path
         of a description, or a description; `eds` the path of an EDS, a parsed one, or an ObjectDictionary."""
         described, place = self._described(number, device, eds)
@@ -140,7 +140,7 @@ class AsyncCanopenClient(ClientBase[AsyncRunner]):
 
     async def run(self, conversation: Conversation[CanFrame, T]) -> T:
         """Carry any conversation out. It has the bus alone, because its channels are unknown."""
-        return await self.carry_out(Operation(conversation, None, None))
+        return await self.carry_out(BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
         """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
@@ -156,10 +156,10 @@ class AsyncCanopenClient(ClientBase[AsyncRunner]):
         `frames` gives a stream.
         """
         wait = self.timeout if timeout is None else timeout
-        seconds(wait)
+        check_timeout(wait)
         async with self._receiving:
             if self._everything is None:
-                await wait_open(self.bus, wait)
+                await wait_until_open(self.bus, wait)
                 self._everything = AsyncSubscriber(self.bus, None)
             try:
                 return await self._everything.receive(wait)
@@ -170,15 +170,15 @@ class AsyncCanopenClient(ClientBase[AsyncRunner]):
 
     # The runner of the methods
 
-    async def carry_out(self, operation: Operation[T]) -> T:
+    async def carry_out(self, operation: BusOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. A bus that is being opened again gets `timeout`."""
-        await wait_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
-        async with locked(self.bus, operation.locks):
+        await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
+        async with channels_locked(self.bus, operation.locks):
             with AsyncSubscriber(self.bus, operation.receives) as subscriber:
                 try:
                     return await run(operation.conversation, subscriber)
                 except BarewireError as error:
-                    subscriber.tell(error)
+                    subscriber.note_losses(error)
                     raise
 
     def subscribe(self, subscription: Subscription[E]) -> AsyncStream[E]:

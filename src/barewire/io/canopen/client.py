@@ -27,11 +27,11 @@ from barewire.conversation import Conversation
 from barewire.errors import BarewireError, PortError
 from barewire.io.canopen.client_base import ClientBase
 from barewire.io.canopen.event_stream import Listener, Stream
-from barewire.io.canopen.methods.operations import BackgroundTask, BlockingRunner, Operation, Subscription
+from barewire.io.canopen.methods.operations import BackgroundTask, BlockingBusRunner, BusOperation, Subscription
 from barewire.io.canopen.node import DeviceNode, EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Running, Speaker
-from barewire.io.canopen.shared_bus import CanBus, Watch
-from barewire.io.canopen.subscriber import Key, Subscriber, seconds
+from barewire.io.canopen.shared_bus import CanBus, WatchFrames
+from barewire.io.canopen.subscriber import Key, Subscriber, check_timeout
 from barewire.io.engine.blocking import run
 from barewire.io.ports.base import Port
 
@@ -46,7 +46,7 @@ T = TypeVar("T")
 E = TypeVar("E")
 
 
-class CanopenClient(ClientBase[BlockingRunner]):
+class CanopenClient(ClientBase[BlockingBusRunner]):
     """A client of the nodes on a bus.
 
     `bus` is a can:// URL, a `CanBus` to share, or a port that becomes this client's own. `node` (1..127) and `timeout`
@@ -62,7 +62,7 @@ class CanopenClient(ClientBase[BlockingRunner]):
         node: int | None = None,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
-        watch: Watch | None = None,
+        watch: WatchFrames | None = None,
         **options: Any,
     ) -> None:
         super().__init__(self, bus, node, timeout, dialect, watch, options)
@@ -104,11 +104,11 @@ class CanopenClient(ClientBase[BlockingRunner]):
         eds: str | Path | Eds | ObjectDictionary,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
-    ) -> EdsNode[BlockingRunner]: ...
+    ) -> EdsNode[BlockingBusRunner]: ...
     @overload
     def node(
         self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
-    ) -> Node[BlockingRunner]: ...
+    ) -> Node[BlockingBusRunner]: ...
     def node(
         self,
         number: int | None = None,
@@ -117,7 +117,7 @@ class CanopenClient(ClientBase[BlockingRunner]):
         eds: str | Path | Eds | ObjectDictionary | None = None,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
-    ) -> Node[BlockingRunner]:
+    ) -> Node[BlockingBusRunner]:
         """One node of the bus: `number` (1..127), or that of the URL, or the device's own. `device` is the name or path
         of a description, or a description; `eds` the path of an EDS, a parsed one, or an ObjectDictionary."""
         described, place = self._described(number, device, eds)
@@ -130,7 +130,7 @@ class CanopenClient(ClientBase[BlockingRunner]):
 
     def run(self, conversation: Conversation[CanFrame, T]) -> T:
         """Carry any conversation out. It has the bus alone, because its channels are unknown."""
-        return self.carry_out(Operation(conversation, None, None))
+        return self.carry_out(BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Stream[E]:
         """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
@@ -146,10 +146,10 @@ class CanopenClient(ClientBase[BlockingRunner]):
         `frames` gives a stream.
         """
         wait = self.timeout if timeout is None else timeout
-        seconds(wait)
+        check_timeout(wait)
         with self._receiving:
             if self._everything is None:
-                self.bus.wait_open(wait)
+                self.bus.wait_until_open(wait)
                 self._everything = Subscriber(self.bus, None)
             try:
                 return self._everything.receive(wait)
@@ -160,14 +160,14 @@ class CanopenClient(ClientBase[BlockingRunner]):
 
     # The runner of the methods
 
-    def carry_out(self, operation: Operation[T]) -> T:
+    def carry_out(self, operation: BusOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. A bus that is being opened again gets `timeout`."""
-        self.bus.wait_open(self.timeout if operation.timeout is None else operation.timeout)
-        with locked(self.bus, operation.locks), Subscriber(self.bus, operation.receives) as subscriber:
+        self.bus.wait_until_open(self.timeout if operation.timeout is None else operation.timeout)
+        with channels_locked(self.bus, operation.locks), Subscriber(self.bus, operation.receives) as subscriber:
             try:
                 return run(operation.conversation, subscriber)
             except BarewireError as error:
-                subscriber.tell(error)
+                subscriber.note_losses(error)
                 raise
 
     def subscribe(self, subscription: Subscription[E]) -> Stream[E]:
@@ -184,13 +184,13 @@ class CanopenClient(ClientBase[BlockingRunner]):
 
 
 @contextlib.contextmanager
-def locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
+def channels_locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
     """Wait until these channels are free, and hold their locks."""
     free = threading.Event()
-    claim = bus.join(keys, threading.get_ident(), free.set)
+    claim = bus.request_lock(keys, threading.get_ident(), free.set)
     try:
         if not claim.granted:
             free.wait()
         yield
     finally:
-        bus.leave(claim)
+        bus.release_lock(claim)

@@ -16,12 +16,12 @@ from barewire import canopen
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.event_stream import Frames
+from barewire.io.canopen.event_stream import FrameListener
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL, NetworkNmtMethods
 from barewire.io.canopen.methods.operations import (
     BackgroundTask,
+    BusOperation,
     Methods,
-    Operation,
     R,
     Subscription,
     background,
@@ -31,7 +31,7 @@ from barewire.io.canopen.methods.operations import (
 )
 from barewire.io.canopen.node_runner import Speaker
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
-from barewire.io.canopen.subscriber import Key, seconds
+from barewire.io.canopen.subscriber import Key, check_timeout
 from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from barewire.devices.device import Device
     from barewire.io.canopen.methods.lss import LssMethods
     from barewire.io.canopen.methods.sync_time import SyncMethods, TimeMethods
-    from barewire.io.canopen.shared_bus import Watch
+    from barewire.io.canopen.shared_bus import WatchFrames
     from barewire.io.endpoint import Endpoint
 
 NODES = range(1, 128)
@@ -58,14 +58,14 @@ class ClientBase(Methods[R]):
         node: int | None,
         timeout: float | None,
         dialect: str | SdoDialect | None,
-        watch: Watch | None,
+        watch: WatchFrames | None,
         options: Mapping[str, Any],
     ) -> None:
         super().__init__(runner)
         self._endpoint: Endpoint | None = None
         self._bus: CanBus | None = None
         self._watch = watch
-        seconds(timeout)
+        check_timeout(timeout)
         if isinstance(bus, str):
             endpoint = self._endpoint = can_endpoint(bus, node=node, timeout=timeout, **options)
             node = endpoint.integer("node", 0) or None
@@ -135,7 +135,7 @@ class ClientBase(Methods[R]):
 
     def _settings(self, timeout: float | None, dialect: str | SdoDialect | None) -> dict[str, Any]:
         """The settings of a node: those of its call, or those of the client."""
-        seconds(timeout)
+        check_timeout(timeout)
         return {
             "timeout": self.timeout if timeout is None else timeout,
             "dialect": self.dialect if dialect is None else _dialect(dialect),
@@ -163,7 +163,7 @@ class ClientBase(Methods[R]):
         return TimeMethods(self.runner)
 
     @operation
-    def send(self, frame: canopen.CanFrame) -> Operation[None]:
+    def send(self, frame: canopen.CanFrame) -> BusOperation[None]:
         """Send one frame."""
         return send_frame(frame)
 
@@ -175,10 +175,10 @@ class ClientBase(Methods[R]):
         listen: float = 0.0,
         timeout: float = 0.1,
         progress: Callable[[int, canopen.ScanResult], None] | None = None,
-    ) -> Operation[canopen.ScanResult]:
+    ) -> BusOperation[canopen.ScanResult]:
         """Find the nodes on the bus, with the evidence for each. Waits for SDO transfers with these nodes."""
         locks = frozenset(("SDO", 0x580 + node, False) for node in nodes)
-        return Operation(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), locks, None)
+        return BusOperation(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), locks, None)
 
     @subscription
     def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Subscription[canopen.EmcyEvent]:
@@ -190,7 +190,7 @@ class ClientBase(Methods[R]):
     @subscription
     def frames(self, *keys: Key) -> Subscription[canopen.CanFrame]:
         """All frames, or those with these (identifier, extended), as they come."""
-        return Subscription(Frames(), frozenset(keys) or None)
+        return Subscription(FrameListener(), frozenset(keys) or None)
 
     @subscription
     def pdos(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:

@@ -1,16 +1,16 @@
-"""Streams: what is heard on a bus, as events, taken when one wants them.
+"""Streams: the events of a machine that listens on a bus, taken one by one.
 
-    with client.emergencies() as stream:
+    with bus.emergencies() as stream:
         for event in stream:
             match event:
-                case EmcyEvent(): ...           what the stream is about
-                case Lost(frames): ...          so many frames came while nobody took any, and are gone
-                case ErrorFrame(): ...          the controller says something about the bus
-            case Gone(why): ...             the port failed, and is being opened anew
-            case Back(after): ...           it is there again
+                case EmcyEvent(): ...           the subject of the stream
+                case FramesLost(frames): ...    so many frames were lost, because they were not taken in time
+                case ErrorFrame(): ...          a report of the CAN controller
+                case BusDown(why): ...          the port failed, and is being opened again
+                case BusUp(after): ...          it is open again
 
-A machine listens, and is fed in the thread or task of whoever takes: no callback ever runs in the reader. Frames have
-the time at which they came, so taking late changes no event but those of silence.
+The machine is fed in the thread or task that takes from the stream: no callback runs in the reader of the bus. Frames
+have the time at which they came, so taking late changes no event but those of silence.
 """
 
 from __future__ import annotations
@@ -23,66 +23,52 @@ from typing import Generic, Protocol, Self, TypeAlias, TypeVar
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Arrived, BusDown, BusUp, FramesLost, Key, Subscriber, seconds
+from barewire.io.canopen.subscriber import (
+    Arrived,
+    BusDown,
+    BusUp,
+    FrameBus,
+    FramesLost,
+    Key,
+    Subscriber,
+    check_timeout,
+)
 
-EventOut = TypeVar("EventOut", covariant=True)
+E_co = TypeVar("E_co", covariant=True)
 E = TypeVar("E")
 
-ROOM = 1024
-"""Frames that a stream holds for somebody who is busy with something else."""
+STREAM_ROOM = 1024
+"""Frames that a stream holds until they are taken."""
 
 Report: TypeAlias = FramesLost | ErrorFrame | FdFrame | BusDown | BusUp
 
 
-class Listener(Protocol[EventOut]):
+class Listener(Protocol[E_co]):
     """A machine that listens."""
 
     @property
     def deadline(self) -> float | None: ...
 
-    def feed(self, frame: CanFrame | None, now: float) -> Iterable[EventOut]: ...
+    def feed(self, frame: CanFrame | None, now: float) -> Iterable[E_co]: ...
 
 
-class Frames:
-    """The machine that hears frames and makes nothing of them."""
+class FrameListener:
+    """The machine whose events are the frames themselves."""
 
     deadline = None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frame itself."""
+        """The frame."""
         return [] if frame is None else [frame]
 
 
-class Events(Generic[E]):
-    """What the streams, blocking and asyncio, do between two waits."""
+class StreamBase(Generic[E]):
+    """What both kinds of stream share: a machine, its events that were not taken yet, and a subscriber."""
 
-    def __init__(self, machine: Listener[E]) -> None:
+    def __init__(self, machine: Listener[E], subscriber: Subscriber) -> None:
         self.machine = machine
-        self.ready: deque[E | Report] = deque()
-
-    def wait_until(self, until: float) -> float:
-        """When somebody has to look again."""
-        deadline = self.machine.deadline
-        return until if deadline is None else min(until, deadline)
-
-    def take(self, arrived: Arrived | None, now: float) -> None:
-        """What came, or that time has passed."""
-        if arrived is None:
-            self.ready.extend(self.machine.feed(None, now))
-        elif isinstance(arrived.item, CanFrame):
-            self.ready.extend(self.machine.feed(arrived.item, arrived.at))
-        else:
-            self.ready.append(arrived.item)
-
-
-class Hearing(Generic[E]):
-    """What a stream is, for a thread or for a task: a machine, the events that nobody took yet, and a tap."""
-
-    def __init__(self, machine: Listener[E], tap: Subscriber) -> None:
-        self.machine = machine
-        self._events: Events[E] = Events(machine)
-        self._tap = tap
+        self._ready: deque[E | Report] = deque()
+        self._subscriber = subscriber
         self._open = True
 
     def __enter__(self) -> Self:
@@ -93,35 +79,51 @@ class Hearing(Generic[E]):
 
     @property
     def lost(self) -> int:
-        """How many frames were lost here, all in all."""
-        return self._tap.lost
+        """How many frames were lost here altogether."""
+        return self._subscriber.lost
 
     def close(self) -> None:
-        """Hear no more."""
+        """Receive no more."""
         self._open = False
-        self._tap.close()
+        self._subscriber.close()
+
+    def _wait_until(self, until: float) -> float:
+        """When the machine has to be fed again."""
+        deadline = self.machine.deadline
+        return until if deadline is None else min(until, deadline)
+
+    def _feed(self, arrived: Arrived | None, now: float) -> None:
+        """Feed what arrived, or that time has passed."""
+        if arrived is None:
+            self._ready.extend(self.machine.feed(None, now))
+        elif isinstance(arrived.item, CanFrame):
+            self._ready.extend(self.machine.feed(arrived.item, arrived.at))
+        else:
+            self._ready.append(arrived.item)
 
 
-class Stream(Hearing[E]):
+class Stream(StreamBase[E]):
     """Events of a machine that listens on a bus. For one thread; iterating ends when the stream is closed."""
 
-    def __init__(self, bus: CanBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = ROOM) -> None:
+    def __init__(
+        self, bus: FrameBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = STREAM_ROOM
+    ) -> None:
         super().__init__(machine, Subscriber(bus, keys, room=room, reports=True))
 
     def get(self, timeout: float | None = None) -> E | Report | None:
-        """The next event within `timeout` seconds, or None; without a time-out, whenever it comes.
+        """The next event within `timeout` seconds, or None; without a time-out it waits for ever.
 
-        Raises PortError if the bus is gone.
+        Raises PortError if the bus is closed.
         """
-        seconds(timeout)
-        events, clock = self._events, time.monotonic
+        check_timeout(timeout)
+        clock = time.monotonic
         until = float("inf") if timeout is None else clock() + timeout
-        while not events.ready:
+        while not self._ready:
             now = clock()
-            events.take(self._tap.pull(events.wait_until(until) - now), clock())
-            if not events.ready and clock() >= until:
+            self._feed(self._subscriber.pull(self._wait_until(until) - now), clock())
+            if not self._ready and clock() >= until:
                 return None
-        return events.ready.popleft()
+        return self._ready.popleft()
 
     def __iter__(self) -> Iterator[E | Report]:
         while True:

@@ -25,8 +25,8 @@ from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_bus import AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
-from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, Operation, sdo_transfer
-from barewire.io.canopen.subscriber import LONGEST, FramesLost
+from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
+from barewire.io.canopen.subscriber import LONGEST_PULL, FramesLost
 from barewire.io.ports.tcp import reason
 
 CONNECTIONS = 64
@@ -179,12 +179,12 @@ class _Connection:
             self._tap.wake()  # the line may have changed how long the other task has to wait
         await self._writer.drain()
 
-    def _operation(self, text: str) -> Operation[list[str]]:
+    def _operation(self, text: str) -> BusOperation[list[str]]:
         conversation, whom = self._session.answer(text), self._session.target(text)
         if whom is None:
-            return Operation(conversation, NO_LOCKS, NO_FRAMES)
+            return BusOperation(conversation, NO_LOCKS, NO_FRAMES)
         return (
-            Operation(conversation, LSS_LOCK, LSS_RECEIVES)
+            BusOperation(conversation, LSS_LOCK, LSS_RECEIVES)
             if whom == "LSS"
             else sdo_transfer(whom, conversation, self._client.timeout)
         )
@@ -195,7 +195,7 @@ class _Connection:
         clock = time.monotonic
         while True:
             deadline = self._session.notices.deadline
-            arrived = await self._tap.pull_async(LONGEST if deadline is None else max(0.001, deadline - clock()))
+            arrived = await self._tap.pull_async(LONGEST_PULL if deadline is None else max(0.001, deadline - clock()))
             if arrived is None:
                 self._tell_now(None, clock())
             elif isinstance(arrived.item, CanFrame):

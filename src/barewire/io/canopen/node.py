@@ -18,10 +18,10 @@ from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import EncodeError
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
 from barewire.io.canopen.methods.operations import (
-    AsyncRunner,
-    BlockingRunner,
+    AsyncBusRunner,
+    BlockingBusRunner,
+    BusOperation,
     Methods,
-    Operation,
     R,
     Subscription,
     operation,
@@ -111,14 +111,14 @@ class EdsNode(Node[R]):
         self.objects = objects
 
     @operation
-    def read(self, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None) -> Operation[Value]:
+    def read(self, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None) -> BusOperation[Value]:
         """The value of an object by name, by index, or by (index, sub-index). Raises EncodeError for one that the EDS
         does not have, DecodeError for a value that is not of its type, SdoAbort, NoAnswer, PortError."""
         channel, wait = self.channel, self.timeout if timeout is None else timeout
         return sdo_transfer(channel, canopen.read_object(channel, self.objects, place, block=block, timeout=wait), wait)
 
     @operation
-    def read_all(self, places: Iterable[ObjectRef]) -> Operation[list[Value]]:
+    def read_all(self, places: Iterable[ObjectRef]) -> BusOperation[list[Value]]:
         """The values of several objects, one after the other."""
         reads = [canopen.read_object(self.channel, self.objects, place, timeout=self.timeout) for place in list(places)]
         return sdo_transfer(self.channel, _all(reads), self.timeout)
@@ -126,18 +126,18 @@ class EdsNode(Node[R]):
     @operation
     def write(
         self, place: ObjectRef, value: Value, *, block: BlockMode = False, timeout: float | None = None
-    ) -> Operation[None]:
+    ) -> BusOperation[None]:
         """Give an object this value. Never repeated. What is no value of its type is refused before it is sent."""
         channel, wait = self.channel, self.timeout if timeout is None else timeout
         writing = canopen.write_object(channel, self.objects, place, value, block=block, timeout=wait)
         return sdo_transfer(channel, writing, wait)
 
 
-class DeviceNode(Node[BlockingRunner], NamedValues):
+class DeviceNode(Node[BlockingBusRunner], NamedValues):
     """A node that is a described device."""
 
     def __init__(
-        self, runner: BlockingRunner, number: int, device: Device, *, timeout: float, dialect: SdoDialect
+        self, runner: BlockingBusRunner, number: int, device: Device, *, timeout: float, dialect: SdoDialect
     ) -> None:
         Node.__init__(self, runner, number, timeout=timeout, dialect=dialect, names=device)
         self.device = device
@@ -154,11 +154,11 @@ class DeviceNode(Node[BlockingRunner], NamedValues):
         self.runner.carry_out(_write_device(self, self.device, values, force))
 
 
-class AsyncDeviceNode(Node[AsyncRunner], AsyncNamedValues):
+class AsyncDeviceNode(Node[AsyncBusRunner], AsyncNamedValues):
     """A node that is a described device, for asyncio."""
 
     def __init__(
-        self, runner: AsyncRunner, number: int, device: Device, *, timeout: float, dialect: SdoDialect
+        self, runner: AsyncBusRunner, number: int, device: Device, *, timeout: float, dialect: SdoDialect
     ) -> None:
         Node.__init__(self, runner, number, timeout=timeout, dialect=dialect, names=device)
         self.device = device
@@ -175,13 +175,13 @@ class AsyncDeviceNode(Node[AsyncRunner], AsyncNamedValues):
         await self.runner.carry_out(_write_device(self, self.device, values, force))
 
 
-def _read_device(node: Node[Any], device: Device, names: Sequence[str]) -> Operation[list[Reading]]:
+def _read_device(node: Node[Any], device: Device, names: Sequence[str]) -> BusOperation[list[Reading]]:
     from barewire.devices.canopen_access import read_canopen
 
     return sdo_transfer(node.channel, read_canopen(node.channel, device, names, timeout=node.timeout), node.timeout)
 
 
-def _write_device(node: Node[Any], device: Device, values: Mapping[str, Value], force: bool) -> Operation[None]:
+def _write_device(node: Node[Any], device: Device, values: Mapping[str, Value], force: bool) -> BusOperation[None]:
     from barewire.devices.canopen_access import write_canopen
 
     writing = write_canopen(node.channel, device, values, timeout=node.timeout, force=force)

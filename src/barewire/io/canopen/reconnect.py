@@ -1,15 +1,14 @@
-"""A bus whose port failed: closed, and opened anew after pauses that grow.
+"""A port of a CAN bus that failed is closed, and opened again after pauses that grow.
 
-        port fails                     all who talk are told by PortError, every stream by Gone(why)
-        closed, pause, opened ...      0.125 s, 0.25 s ... 30 s, each a little different (`back_off`)
-        one look at it without error   every stream is told by Back(seconds); whoever asks now, talks
+        port fails                     conversations raise PortError, streams get BusDown(why)
+        closed, pause, opened ...      0.125 s, 0.25 s ... 30 s, each a little different (`engine.backoff`)
+        one receive without error      streams get BusUp(seconds); new requests are sent
 
-What matters on a bus comes unasked, so unlike a Modbus connection it is opened anew without a question. The adapter
-that is plugged in again, the interface that is set up again, the server that was restarted: nobody has to do anything
-here. A port counts as good when it has lasted for some seconds; one that opens and fails at once does not end the
-growth of the pauses.
+Frames of a bus come without a request, so unlike a Modbus connection it is opened again at once: after an adapter was
+plugged in again, an interface was set up, or a server restarted, nothing has to be done. A port counts as good when it
+has lasted for some seconds; a port that opens and fails at once does not end the growth of the pauses.
 
-I know: how to open a port, how long to wait.  I never know: who hears the bus, python-can.
+Depends on: ports.  Used by: shared buses, servers of nodes.
 """
 
 from __future__ import annotations
@@ -19,50 +18,52 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import TypeAlias
 
 from barewire.canopen.frame import CanFrame
-from barewire.io.canopen.subscriber import Item
+from barewire.io.canopen.subscriber import BusItem
 from barewire.io.engine.backoff import BackOff
 from barewire.io.ports.base import Port
 
-Dial = Callable[[], Port[CanFrame]]
+Dial: TypeAlias = Callable[[], Port[CanFrame]]
+"""Opens a port."""
 
 LASTED = 5.0
-"""Seconds after which a port that was opened has proved itself."""
-LOOK = 0.05
-"""Seconds of the first look at a port: an interface that is down can be opened, and fails there."""
+"""Seconds after which a port that was opened counts as good."""
+_FIRST_RECEIVE = 0.05
+"""Seconds of the first receive: an interface that is down can be opened, and fails there."""
 
 
-def taker(port: Port[CanFrame]) -> Callable[[float], Item | None]:
-    """How to take what comes from a port, with the reports of the controller if it has them."""
-    take: Callable[[float], Item | None] = getattr(port, "receive_any", port.receive)
-    return take
+def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
+    """The method that receives from a port, with the reports of the controller if it has them."""
+    receive: Callable[[float], BusItem | None] = getattr(port, "receive_any", port.receive)
+    return receive
 
 
 class Reopening:
-    """The attempts for one bus, made by its reader. `stop` ends them at any time."""
+    """Opens the port of one bus again. `stop` ends the attempts at any time."""
 
-    def __init__(self, dial: Dial, stop: threading.Event, *, chance: Callable[[], float] = random.random) -> None:
-        self.back_off = BackOff(chance)
+    def __init__(self, dial: Dial, stop: threading.Event, *, jitter: Callable[[], float] = random.random) -> None:
+        self.back_off = BackOff(jitter)
         self.stop = stop
         self._dial = dial
         self._good_from = time.monotonic()
 
-    def reopen(self, port: Port[CanFrame], why: str) -> tuple[Port[CanFrame], Item | None] | None:
-        """The new port in place of this one, and what came at the first look; None if it was stopped before."""
+    def reopen(self, port: Port[CanFrame], why: str) -> tuple[Port[CanFrame], BusItem | None] | None:
+        """The new port in place of this one, and what its first receive gave; None if it was stopped before."""
         clock, back_off = time.monotonic, self.back_off
         if clock() - self._good_from >= LASTED:
             back_off.worked()
         else:
             back_off.failed(clock(), why)
         while True:
-            with suppress(Exception):  # it is broken: whatever it says to that is no news
+            with suppress(Exception):  # the port has failed: an error of its `close` is no news
                 port.close()
             if self.stop.wait(back_off.wait(clock())):
                 return None
             try:
                 port = self._dial()
-                first = taker(port)(LOOK)
+                first = receiver(port)(_FIRST_RECEIVE)
             except Exception as error:
                 back_off.failed(clock(), str(error) or type(error).__name__)
                 continue

@@ -1,9 +1,11 @@
-"""A tap: what one hearer has of a bus that many share, as a port of its own.
+"""A subscriber: the frames that one thread or task receives of a shared bus, as a port of its own.
 
-        put -->  [ frame | frame | frame | ... room ]  --> pull       one thread or task takes
-                                              12 lost                 counted, and told to those who want to know
+        put -->  [ frame | frame | frame | ... room ]  --> pull       one thread or task takes them
+                                              12 lost                 counted, and reported as FramesLost
 
-A bounded queue with a bell. The bell rings only where somebody waits, so a burst wakes its hearer once.
+A bounded queue. Its consumer is woken only while it waits, so a burst of frames wakes it once.
+
+Depends on: a bus to add itself to.  Used by: clients, streams, nodes.
 """
 
 from __future__ import annotations
@@ -13,74 +15,82 @@ import time
 from collections import deque
 from collections.abc import Iterable
 from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple, Self, TypeAlias
+from typing import NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import BarewireError, EncodeError, PortError
 
-if TYPE_CHECKING:
-    from barewire.io.canopen.shared_bus import CanBus
-
-ROOM = 4096
-"""Frames that a tap holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
-LONGEST = 86400.0
+SUBSCRIBER_ROOM = 4096
+"""Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
+LONGEST_PULL = 86400.0
 """Seconds of the longest wait in one piece."""
 
 Key: TypeAlias = tuple[int, bool]
-"""Who speaks: (identifier, extended)."""
+"""The sender of a frame: (identifier, extended)."""
 
 
-def seconds(timeout: float | None) -> None:
-    """EncodeError for a time-out that would never be over (nan), or was over before it began."""
+def check_timeout(timeout: float | None) -> None:
+    """Raise EncodeError for a time-out that would never end (nan) or is negative."""
     if timeout is not None and not timeout >= 0:
         raise EncodeError(f"time-out {timeout} s: expected 0 or more")
 
 
 class FramesLost(NamedTuple):
-    """So many frames came here that nobody took in time; they are gone."""
+    """So many frames were lost here, because the queue was full."""
 
     frames: int
 
 
 class BusDown(NamedTuple):
-    """The port of the bus failed: nothing comes and nothing goes until `BusUp`."""
+    """The port of the bus failed: nothing is received or sent until `BusUp`."""
 
     why: str
 
 
 class BusUp(NamedTuple):
-    """The bus is there again, after so many seconds."""
+    """The bus is open again, after so many seconds."""
 
     after: float
 
 
-Item: TypeAlias = CanFrame | ErrorFrame | FdFrame | FramesLost | BusDown | BusUp
+BusItem: TypeAlias = CanFrame | ErrorFrame | FdFrame | FramesLost | BusDown | BusUp
 
 
 class Arrived(NamedTuple):
-    """What came, and when."""
+    """What was received, and when."""
 
-    item: Item
+    item: BusItem
     at: float
 
 
-_arrived = tuple.__new__  # what Arrived(...) comes to, without the function around it: once for each frame
+class FrameBus(Protocol):
+    """What a subscriber needs of a bus."""
+
+    name: str
+
+    def add(self, subscriber: Subscriber, /) -> None: ...
+
+    def remove(self, subscriber: Subscriber, /) -> None: ...
+
+    def send(self, frame: CanFrame, by: Subscriber | None = None, /) -> None: ...
+
+    def try_send(self, frame: CanFrame, by: Subscriber | None = None, /, *, again: bool = False) -> bool: ...
 
 
 class Subscriber:
-    """What one hearer has of a bus: a port of its own. One thread takes from it.
+    """The port of one thread on a shared bus.
 
-    `keys` are the identifiers it hears, None for all. `lost` counts what it had no room for. With `reports` it hears
-    of losses and of the controller too, and outlasts a bus that is opened anew; without, it fails with it. `node` says
-    that a node speaks here, and not somebody who asks nodes.
+    `keys` are the identifiers that it receives, None for all. `lost` counts the frames for which it had no room. With
+    `reports` it also receives losses and reports of the controller, and goes on when the bus is opened again; without,
+    it fails with the bus. `node` says that a node sends here, and not a client.
     """
 
     def __init__(
         self,
-        bus: CanBus,
+        bus: FrameBus,
         keys: Iterable[Key] | None,
         *,
-        room: int = ROOM,
+        room: int = SUBSCRIBER_ROOM,
         reports: bool = False,
         node: bool = False,
     ) -> None:
@@ -90,13 +100,12 @@ class Subscriber:
         self.room = room
         self.reports = reports
         self.lost = 0
-        self._gap = 0  # of the lost ones, those behind the last that is held
-        self._held: deque[Arrived] = deque()
+        self._gap = 0  # the lost frames behind the last one in the queue
+        self._queue: deque[Arrived] = deque()
         self._why: str | None = None
         self._lock = threading.Lock()
         self._waiting = False
-        self._bell = threading.Lock()
-        self._bell.acquire()
+        self._woken = threading.Event()
         bus.add(self)
 
     def __enter__(self) -> Self:
@@ -107,81 +116,73 @@ class Subscriber:
 
     # From the bus
 
-    def put(self, item: Item, at: float) -> None:
-        """Something came."""
+    def put(self, item: BusItem, at: float) -> None:
+        """Add an item to the queue, or count it as lost."""
         with self._lock:
-            if len(self._held) >= self.room:
+            if len(self._queue) >= self.room:
                 self.lost += 1
                 self._gap += 1
                 return
             if self._gap and self.reports:
-                self._held.append(Arrived(FramesLost(self._gap), at))
+                self._queue.append(Arrived(FramesLost(self._gap), at))
             self._gap = 0
-            self._held.append(_arrived(Arrived, (item, at)))
+            self._queue.append(Arrived(item, at))
             if not self._waiting:
                 return
             self._waiting = False
-        self._ring()
+        self._wake()
 
     def fail(self, why: str) -> None:
-        """Nothing will come any more: told after what came before."""
+        """No further item comes: PortError(why) behind those in the queue."""
         with self._lock:
             self._why = self._why or why
             if not self._waiting:
                 return
             self._waiting = False
-        self._ring()
+        self._wake()
 
-    def _ring(self) -> None:
-        self._bell.release()
+    def _wake(self) -> None:
+        self._woken.set()
 
-    # To the hearer
+    # To the consumer
 
     def take(self, *, wait: bool = False) -> Arrived | None:
-        """What is here already. PortError if nothing is and nothing will come. `wait`: ring when something comes."""
+        """The next item of the queue. PortError if there is none and none will come. `wait`: wake me for the next."""
         with self._lock:
-            if self._held:
-                return self._held.popleft()
+            if self._queue:
+                return self._queue.popleft()
             if self._gap and self.reports:
                 lost, self._gap = FramesLost(self._gap), 0
                 return Arrived(lost, time.monotonic())
             if self._why is not None:
                 raise PortError(self._why)
             self._waiting = wait
+            self._woken.clear()
             return None
 
     def pull(self, timeout: float) -> Arrived | None:
-        """What came within `timeout` seconds, or None."""
+        """The next item within `timeout` seconds, or None."""
         arrived = self.take(wait=timeout > 0)
         if arrived is not None or timeout <= 0:
             return arrived
-        try:
-            rang = self._bell.acquire(timeout=min(timeout, LONGEST))
-        except BaseException:
-            rang = False
-            raise
-        finally:
-            with self._lock:
-                if not rang and not self._waiting:
-                    self._bell.acquire()  # it rang at the last moment
-                self._waiting = False
+        self._woken.wait(min(timeout, LONGEST_PULL))
         return self.take()
 
     def receive(self, timeout: float) -> CanFrame | None:
-        """The port of a conversation: a frame that came within `timeout` seconds, or None."""
+        """The port of a conversation: the next frame within `timeout` seconds, or None."""
         arrived = self.pull(timeout)
         return None if arrived is None else arrived.item  # type: ignore[return-value]  # without reports only frames
 
     def send(self, item: CanFrame) -> None:
-        """Hand a frame to the bus. It is not heard here again."""
+        """Send a frame. It is not received here."""
         self.bus.send(item, self)
 
-    def tell(self, error: BarewireError) -> None:
-        """Add to an error that a conversation raised here what it could not know: that not all came to it."""
+    def note_losses(self, error: BarewireError) -> None:
+        """Add the frames that were lost here to an error of a conversation, which does not know of them."""
         if self.lost:
-            error.add_note(f"{self.lost} frames had come that nobody took in time, and were lost")
+            error.add_note(f"{self.lost} frames were lost here: they came faster than they were taken")
 
     def close(self) -> None:
-        """Hear no more."""
+        """Receive no more."""
         self.bus.remove(self)
         self.fail("this was closed")

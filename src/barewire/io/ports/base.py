@@ -1,9 +1,12 @@
-"""What a port is, for each of the two engines, and for the asyncio client an open connection."""
+"""Ports: one protocol for each engine, one for the connection of an asyncio client; retries of a full CAN port."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable
+import time
+from collections.abc import Awaitable, Callable
 from typing import Protocol, TypeVar
+
+from barewire.errors import PortError
 
 Item = TypeVar("Item")
 
@@ -48,3 +51,23 @@ class AsyncLink(Protocol):
 
     def close(self) -> None:
         """Close the connection."""
+
+
+SEND_TIMEOUT = 1.0
+"""Seconds that a frame waits for room in the buffer of a CAN controller: a full bus empties the longest one sooner."""
+_SEND_RETRY = 0.0005
+
+
+def send_when_room(try_send: Callable[[], bool], name: str) -> None:
+    """Call `try_send` until it returns True: the controller had no room before. PortError after `SEND_TIMEOUT`."""
+    until = time.monotonic() + SEND_TIMEOUT
+    while time.monotonic() < until:
+        time.sleep(_SEND_RETRY)
+        if try_send():
+            return
+    raise no_room(name)
+
+
+def no_room(name: str) -> PortError:
+    """The error of a frame that was given up."""
+    return PortError(f"{name}: the controller has had no room for a frame for {SEND_TIMEOUT:g} s")

@@ -17,6 +17,7 @@ from typing import Any
 from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint, socketcand_address
+from barewire.io.ports.base import send_when_room
 from barewire.io.ports.tcp import reason
 
 try:
@@ -32,9 +33,6 @@ _NOT_FOR_PYTHON_CAN = ("node", "timeout", "bitrate", "dialect")
 GARBLED_LIMIT = 256
 """Undecodable inputs in a row after which the port has failed."""
 
-SEND_TIMEOUT = 1.0
-"""Seconds that a frame waits for room in the controller's buffer: a full bus empties the longest one sooner."""
-_SEND_RETRY = 0.0005
 _GONE = {errno.ENETDOWN, errno.ENODEV, errno.ENXIO}
 """The interface is down or gone. The system reports it once to each socket; if `send` gets the report, `receive` would
 wait for ever, so it is kept."""
@@ -73,15 +71,9 @@ class CanPort:
             raise PortError(f"can://{self.name}: {_first_line(error)}") from None
 
     def send(self, item: CanFrame) -> None:
-        """Hand the frame to the controller. If it has no room, try again for `SEND_TIMEOUT` seconds at most."""
-        if self.try_send(item):
-            return
-        until = time.monotonic() + SEND_TIMEOUT
-        while time.monotonic() < until:
-            time.sleep(_SEND_RETRY)
-            if self.try_send(item):
-                return
-        raise PortError(f"can://{self.name}: the controller has had no room for a frame for {SEND_TIMEOUT:g} s")
+        """Hand the frame to the controller. If it has no room, try again for a second at most."""
+        if not self.try_send(item):
+            send_when_room(lambda: self.try_send(item), f"can://{self.name}")
 
     def try_send(self, item: CanFrame) -> bool:
         """Hand the frame to the controller; False if it has no room for it now."""

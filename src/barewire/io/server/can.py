@@ -24,7 +24,7 @@ from barewire.canopen import CanFrame
 from barewire.devices.device import Device
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.node_runner import Action, NodeDriver, begin
-from barewire.io.canopen.reconnect import Reopening, taker
+from barewire.io.canopen.reconnect import Reopening, receiver
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
@@ -89,7 +89,7 @@ class CanopenServer(ThreadedServer):
             deadline = self._node.deadline
             wait = POLL_INTERVAL if deadline is None else min(POLL_INTERVAL, max(0.0, deadline - clock()))
             try:
-                item = taker(self.port)(wait)
+                item = receiver(self.port)(wait)
             except PortError as error:
                 opened = reopening.reopen(self.port, str(error))
                 if opened is None:
@@ -97,7 +97,7 @@ class CanopenServer(ThreadedServer):
                 self.port, item = opened
             self.others += not (item is None or isinstance(item, CanFrame))
             with self._sending:
-                self._send(driver.hear(item, clock()))
+                self._send(driver.feed(item, clock()))
 
     def _give_back(self) -> None:
         self.port.close()

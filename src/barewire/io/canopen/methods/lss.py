@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL
-from barewire.io.canopen.methods.operations import Methods, Operation, R, operation
+from barewire.io.canopen.methods.operations import BusOperation, Methods, R, operation
 
 if TYPE_CHECKING:
     from barewire.canopen import CanFrame
@@ -31,8 +31,8 @@ LSS_LOCK = frozenset({"LSS"})
 def _lss(make: Callable[P, Conversation[CanFrame, T]]) -> operation[P, T]:
     """A function of `canopen.lss` as a method with the same parameters."""
 
-    def method(methods: Methods[R], /, *args: P.args, **kwargs: P.kwargs) -> Operation[T]:
-        return Operation(make(*args, **kwargs), LSS_LOCK, LSS_RECEIVES)
+    def method(methods: Methods[R], /, *args: P.args, **kwargs: P.kwargs) -> BusOperation[T]:
+        return BusOperation(make(*args, **kwargs), LSS_LOCK, LSS_RECEIVES)
 
     functools.update_wrapper(method, make)
     return operation(method)

@@ -17,8 +17,8 @@ from barewire.canopen import NmtCommand
 from barewire.io.canopen.methods.operations import (
     NO_LOCKS,
     BackgroundTask,
+    BusOperation,
     Methods,
-    Operation,
     R,
     Subscription,
     background,
@@ -44,36 +44,36 @@ class NmtMethods(Methods[R]):
         self.node = node
 
     @operation
-    def send(self, command: NmtCommand) -> Operation[None]:
+    def send(self, command: NmtCommand) -> BusOperation[None]:
         """Send a command. It is not confirmed."""
         return self._send(command)
 
     @operation
-    def start(self) -> Operation[None]:
+    def start(self) -> BusOperation[None]:
         """Command: start remote node. To operational."""
         return self._send(NmtCommand.START)
 
     @operation
-    def stop(self) -> Operation[None]:
+    def stop(self) -> BusOperation[None]:
         """Command: stop remote node. To stopped: neither PDO nor SDO."""
         return self._send(NmtCommand.STOP)
 
     @operation
-    def pre_operational(self) -> Operation[None]:
+    def pre_operational(self) -> BusOperation[None]:
         """Command: enter pre-operational. No PDOs."""
         return self._send(NmtCommand.ENTER_PRE_OPERATIONAL)
 
     @operation
-    def reset(self) -> Operation[None]:
+    def reset(self) -> BusOperation[None]:
         """Command: reset node. As at power-on."""
         return self._send(NmtCommand.RESET_NODE)
 
     @operation
-    def reset_communication(self) -> Operation[None]:
+    def reset_communication(self) -> BusOperation[None]:
         """Command: reset communication. Only the communication objects are as at power-on."""
         return self._send(NmtCommand.RESET_COMMUNICATION)
 
-    def _send(self, command: NmtCommand) -> Operation[None]:
+    def _send(self, command: NmtCommand) -> BusOperation[None]:
         return send_frame(canopen.NmtMessage(command, self.node).encode())
 
 
@@ -83,31 +83,31 @@ class NodeNmtMethods(NmtMethods[R]):
     @operation
     def send_confirmed(
         self, command: NmtCommand, *, timeout: float = 2.0, ask_every: float | None = None
-    ) -> Operation[canopen.NmtConfirmation]:
+    ) -> BusOperation[canopen.NmtConfirmation]:
         """Send a command and wait, `timeout` seconds, until the node reports the state that it leads to. A node without
         heartbeat is asked by node guarding every `ask_every` seconds. Raises NoAnswer."""
         confirming = canopen.send_nmt(command, self.node, timeout=timeout, ask_every=ask_every)
-        return Operation(_only(confirming), NO_LOCKS, ERROR_CONTROL)
+        return BusOperation(_only(confirming), NO_LOCKS, ERROR_CONTROL)
 
     @operation
-    def state(self, *, timeout: float = 0.5) -> Operation[canopen.NodeState]:
+    def state(self, *, timeout: float = 0.5) -> BusOperation[canopen.NodeState]:
         """The state of the node, asked by node guarding."""
-        return Operation(canopen.request_state(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+        return BusOperation(canopen.request_state(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
 
     @operation
-    def wait_for_boot_up(self, *, timeout: float = 10.0) -> Operation[canopen.NodeState]:
+    def wait_for_boot_up(self, *, timeout: float = 10.0) -> BusOperation[canopen.NodeState]:
         """Wait for the boot-up message of the node."""
-        return Operation(canopen.wait_for_boot_up(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+        return BusOperation(canopen.wait_for_boot_up(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
 
     @operation
-    def wait_for_heartbeat(self, *, timeout: float = 10.0) -> Operation[canopen.NodeState]:
+    def wait_for_heartbeat(self, *, timeout: float = 10.0) -> BusOperation[canopen.NodeState]:
         """Wait for the next heartbeat of the node."""
-        return Operation(canopen.wait_for_heartbeat(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+        return BusOperation(canopen.wait_for_heartbeat(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
 
     @operation
-    def wait_for_state(self, *states: int, timeout: float = 10.0) -> Operation[canopen.NodeState]:
+    def wait_for_state(self, *states: int, timeout: float = 10.0) -> BusOperation[canopen.NodeState]:
         """Wait for a heartbeat with one of these states."""
-        return Operation(canopen.wait_for_state(self.node, states, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
+        return BusOperation(canopen.wait_for_state(self.node, states, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
 
     @subscription
     def heartbeats(self, timeout: float | None = None) -> Subscription[canopen.HeartbeatEvent]:
@@ -127,10 +127,10 @@ class NetworkNmtMethods(NmtMethods[R]):
         confirmed_by: Iterable[int],
         timeout: float = 2.0,
         ask_every: float | None = None,
-    ) -> Operation[list[canopen.NmtConfirmation]]:
+    ) -> BusOperation[list[canopen.NmtConfirmation]]:
         """Send a command to all and wait until each node of `confirmed_by` reports the state that it leads to."""
         confirming = canopen.send_nmt(command, 0, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
-        return Operation(confirming, NO_LOCKS, ERROR_CONTROL)
+        return BusOperation(confirming, NO_LOCKS, ERROR_CONTROL)
 
     @subscription
     def heartbeats(self, times: Mapping[int, float] | None = None) -> Subscription[canopen.HeartbeatEvent]:

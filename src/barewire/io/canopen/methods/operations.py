@@ -2,15 +2,15 @@
 
     class SdoMethods(Methods[R]):
         @operation
-        def upload(self, index, ...) -> Operation[bytes]: ...
+        def upload(self, index, ...) -> BusOperation[bytes]: ...
 
-    node.sdo.upload(0x6041)            -> b"7\\x06"       SdoMethods[BlockingRunner]
-    await node.sdo.upload(0x6041)      -> b"7\\x06"       SdoMethods[AsyncRunner]
+    node.sdo.upload(0x6041)            -> b"7\\x06"       SdoMethods[BlockingBusRunner]
+    await node.sdo.upload(0x6041)      -> b"7\\x06"       SdoMethods[AsyncBusRunner]
 
 A method only builds a description of what is to be done; the runner (one of the two clients) does it:
 
     decorator        the method returns     the runner gives (blocking / asyncio)
-    @operation       Operation[T]           carry_out   T       / a coroutine of T     a conversation, to its end
+    @operation       BusOperation[T]           carry_out   T       / a coroutine of T     a conversation, to its end
     @subscription    Subscription[E]        subscribe   Stream  / AsyncStream          events, until it is closed
     @background      BackgroundTask         start_task  Running / AsyncRunning         a machine, until it is stopped
 
@@ -34,7 +34,7 @@ from barewire.conversation import Conversation, Send
 from barewire.io.canopen.event_stream import Listener, Stream
 from barewire.io.canopen.node_runner import Running, Speaker
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Key, seconds
+from barewire.io.canopen.subscriber import Key, check_timeout
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -51,7 +51,7 @@ NO_FRAMES: frozenset[Key] = frozenset()
 """The identifiers of an operation that waits for no frame."""
 
 
-class Operation(NamedTuple, Generic[T]):
+class BusOperation(NamedTuple, Generic[T]):
     """A conversation, the channels it locks (None: the whole bus), and the identifiers it receives (None: all).
 
     A bus that is being opened again is waited for, `timeout` seconds (None: the client's).
@@ -77,7 +77,7 @@ class BackgroundTask(NamedTuple):
     receives: frozenset[Key] | None
 
 
-class BlockingRunner(Protocol):
+class BlockingBusRunner(Protocol):
     """What methods need of the blocking client."""
 
     timeout: float
@@ -86,14 +86,14 @@ class BlockingRunner(Protocol):
     @property
     def bus(self) -> CanBus: ...
 
-    def carry_out(self, operation: Operation[T], /) -> T: ...
+    def carry_out(self, operation: BusOperation[T], /) -> T: ...
 
     def subscribe(self, subscription: Subscription[E], /) -> Stream[E]: ...
 
     def start_task(self, task: BackgroundTask, /) -> Running: ...
 
 
-class AsyncRunner(Protocol):
+class AsyncBusRunner(Protocol):
     """What methods need of the asyncio client."""
 
     timeout: float
@@ -102,14 +102,14 @@ class AsyncRunner(Protocol):
     @property
     def bus(self) -> CanBus: ...
 
-    async def carry_out(self, operation: Operation[T], /) -> T: ...
+    async def carry_out(self, operation: BusOperation[T], /) -> T: ...
 
     def subscribe(self, subscription: Subscription[E], /) -> AsyncStream[E]: ...
 
     def start_task(self, task: BackgroundTask, /) -> AsyncRunning: ...
 
 
-R = TypeVar("R", bound=BlockingRunner | AsyncRunner)
+R = TypeVar("R", bound=BlockingBusRunner | AsyncBusRunner)
 
 
 class Methods(Generic[R]):
@@ -122,14 +122,14 @@ class Methods(Generic[R]):
 if TYPE_CHECKING:
 
     class operation(Generic[P, T]):
-        """Makes a method of a function that returns an Operation[T]: it returns T, or a coroutine of T."""
+        """Makes a method of a function that returns an BusOperation[T]: it returns T, or a coroutine of T."""
 
-        def __init__(self, make: Callable[Concatenate[Any, P], Operation[T]]) -> None: ...
+        def __init__(self, make: Callable[Concatenate[Any, P], BusOperation[T]]) -> None: ...
 
         @overload
-        def __get__(self, methods: Methods[BlockingRunner], kind: type) -> Callable[P, T]: ...
+        def __get__(self, methods: Methods[BlockingBusRunner], kind: type) -> Callable[P, T]: ...
         @overload
-        def __get__(self, methods: Methods[AsyncRunner], kind: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+        def __get__(self, methods: Methods[AsyncBusRunner], kind: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
         @overload
         def __get__(self, methods: None, kind: type) -> operation[P, T]: ...
         def __get__(self, methods: Any, kind: type) -> Any: ...
@@ -140,9 +140,9 @@ if TYPE_CHECKING:
         def __init__(self, make: Callable[Concatenate[Any, P], Subscription[E]]) -> None: ...
 
         @overload
-        def __get__(self, methods: Methods[BlockingRunner], kind: type) -> Callable[P, Stream[E]]: ...
+        def __get__(self, methods: Methods[BlockingBusRunner], kind: type) -> Callable[P, Stream[E]]: ...
         @overload
-        def __get__(self, methods: Methods[AsyncRunner], kind: type) -> Callable[P, AsyncStream[E]]: ...
+        def __get__(self, methods: Methods[AsyncBusRunner], kind: type) -> Callable[P, AsyncStream[E]]: ...
         @overload
         def __get__(self, methods: None, kind: type) -> subscription[P, E]: ...
         def __get__(self, methods: Any, kind: type) -> Any: ...
@@ -153,9 +153,9 @@ if TYPE_CHECKING:
         def __init__(self, make: Callable[Concatenate[Any, P], BackgroundTask]) -> None: ...
 
         @overload
-        def __get__(self, methods: Methods[BlockingRunner], kind: type) -> Callable[P, Running]: ...
+        def __get__(self, methods: Methods[BlockingBusRunner], kind: type) -> Callable[P, Running]: ...
         @overload
-        def __get__(self, methods: Methods[AsyncRunner], kind: type) -> Callable[P, AsyncRunning]: ...
+        def __get__(self, methods: Methods[AsyncBusRunner], kind: type) -> Callable[P, AsyncRunning]: ...
         @overload
         def __get__(self, methods: None, kind: type) -> background[P]: ...
         def __get__(self, methods: Any, kind: type) -> Any: ...
@@ -167,7 +167,7 @@ else:
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
-            seconds(kwargs.get("timeout"))
+            check_timeout(kwargs.get("timeout"))
             return self.runner.carry_out(make(self, *args, **kwargs))
 
         return method
@@ -191,17 +191,17 @@ else:
         return method
 
 
-def send_frame(frame: CanFrame) -> Operation[None]:
+def send_frame(frame: CanFrame) -> BusOperation[None]:
     """Send one frame. Raises EncodeError for a frame that CAN cannot carry."""
     CanFrame.checked(frame.id, frame.data, extended=frame.extended, remote=frame.remote, requested=frame.requested)
-    return Operation(_send(frame), NO_LOCKS, NO_FRAMES)
+    return BusOperation(_send(frame), NO_LOCKS, NO_FRAMES)
 
 
 def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
     yield Send(frame)
 
 
-def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> Operation[T]:
+def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> BusOperation[T]:
     """An operation on one SDO channel, which it locks meanwhile."""
     key = channel.answer_id, channel.answer_extended
-    return Operation(conversation, frozenset({("SDO", *key)}), frozenset({key}), timeout)
+    return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset({key}), timeout)

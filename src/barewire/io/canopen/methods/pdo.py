@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from barewire import canopen
 from barewire.io.canopen.methods.operations import (
+    BusOperation,
     Methods,
-    Operation,
     R,
     Subscription,
     operation,
@@ -58,7 +58,7 @@ class PdoMethods(Methods[R]):
     @operation
     def read_config(
         self, direction: PdoDirection, number: int, *, timeout: float | None = None
-    ) -> Operation[PdoConfig]:
+    ) -> BusOperation[PdoConfig]:
         """The configuration of one PDO, read from its records."""
         channel, wait = self._sdo.channel, self._wait(timeout)
         return sdo_transfer(channel, canopen.read_pdo(channel, direction, number, timeout=wait), wait)
@@ -66,7 +66,7 @@ class PdoMethods(Methods[R]):
     @operation
     def write_config(
         self, pdo: PdoConfig, *, policy: PdoConfigPolicy | None = None, timeout: float | None = None
-    ) -> Operation[None]:
+    ) -> BusOperation[None]:
         """Configure a PDO in the safe order: off, the mapping, the times, on. The node should be pre-operational."""
         channel, wait, policy = self._sdo.channel, self._wait(timeout), policy or canopen.PdoConfigPolicy()
         writing = canopen.write_pdo(channel, pdo, policy=policy, timeout=wait)
@@ -80,13 +80,13 @@ class PdoMethods(Methods[R]):
         *,
         objects: ObjectDictionary | Device | None = None,
         timeout: float | None = None,
-    ) -> Operation[RemotePdo]:
+    ) -> BusOperation[RemotePdo]:
         """One PDO of the node as it is configured there, with names for its objects."""
         channel, wait, names = self._sdo.channel, self._wait(timeout), objects_of(objects or self._objects)
         return sdo_transfer(channel, canopen.remote_pdo(channel, direction, number, names, timeout=wait), wait)
 
     @operation
-    def send(self, pdo: RemotePdo, values: Mapping[str, Value]) -> Operation[None]:
+    def send(self, pdo: RemotePdo, values: Mapping[str, Value]) -> BusOperation[None]:
         """Send an RPDO with these values by name. An object without a value is sent as 0."""
         return send_frame(pdo.encode(values))
 

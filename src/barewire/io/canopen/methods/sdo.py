@@ -18,7 +18,7 @@ from barewire.canopen import download, upload, upload_to
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.errors import EncodeError
-from barewire.io.canopen.methods.operations import Methods, Operation, R, operation, sdo_transfer
+from barewire.io.canopen.methods.operations import BusOperation, Methods, R, operation, sdo_transfer
 
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
@@ -60,7 +60,7 @@ class SdoMethods(Methods[R]):
         limit: int | None = LIMIT,
         progress: SdoProgress | None = None,
         timeout: float | None = None,
-    ) -> Operation[bytes]:
+    ) -> BusOperation[bytes]:
         """Read an object: its bytes, little-endian. `block` is True, False, "auto" or a `BlockSettings`;
         `progress(done, size)` is called with the bytes so far. Raises SdoAbort, NoAnswer, PortError."""
         channel, wait = self.channel, self._wait(timeout)
@@ -77,7 +77,7 @@ class SdoMethods(Methods[R]):
         block: BlockMode = "auto",
         progress: SdoProgress | None = None,
         timeout: float | None = None,
-    ) -> Operation[int]:
+    ) -> BusOperation[int]:
         """Read an object of any length into `sink`, piece by piece; returns the number of bytes."""
         channel, wait = self.channel, self._wait(timeout)
         options: dict[str, Any] = {"block": block, "progress": progress, "timeout": wait}
@@ -94,7 +94,7 @@ class SdoMethods(Methods[R]):
         block: BlockMode = False,
         progress: SdoProgress | None = None,
         timeout: float | None = None,
-    ) -> Operation[None]:
+    ) -> BusOperation[None]:
         """Write an object: its bytes, little-endian, as many as its type has. `data` may also be pieces, taken as they
         are sent; `size` is then their length altogether, if it is known. Never repeated."""
         channel, wait = self.channel, self._wait(timeout)
@@ -102,7 +102,7 @@ class SdoMethods(Methods[R]):
         return sdo_transfer(channel, download(channel, index, sub, data, **options), wait)
 
     @operation
-    def find_channel(self, server: int, *, timeout: float | None = None) -> Operation[canopen.Channel]:
+    def find_channel(self, server: int, *, timeout: float | None = None) -> BusOperation[canopen.Channel]:
         """Ask the node for the channel of a further SDO server, for `over`. Server 1 is the default one."""
         from barewire.canopen.sdo.client.find_channel import find_channel
 
@@ -112,7 +112,7 @@ class SdoMethods(Methods[R]):
     @operation
     def read_object(
         self, objects: ObjectDictionary, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None
-    ) -> Operation[Value]:
+    ) -> BusOperation[Value]:
         """The value of an object that `objects` has by name, by index, or by (index, sub-index)."""
         channel, wait = self.channel, self._wait(timeout)
         found = checked_dictionary(objects)
@@ -127,7 +127,7 @@ class SdoMethods(Methods[R]):
         *,
         block: BlockMode = False,
         timeout: float | None = None,
-    ) -> Operation[None]:
+    ) -> BusOperation[None]:
         """Give an object this value, in the type that `objects` has for it. Never repeated."""
         channel, wait = self.channel, self._wait(timeout)
         found = checked_dictionary(objects)

@@ -13,8 +13,8 @@ from barewire.canopen.cob_ids import SYNC_KEY, TIME_KEY
 from barewire.io.canopen.methods.operations import (
     NO_FRAMES,
     BackgroundTask,
+    BusOperation,
     Methods,
-    Operation,
     R,
     Subscription,
     background,
@@ -29,7 +29,7 @@ class SyncMethods(Methods[R]):
     """SYNC. `key` is its (identifier, extended), where object 1005h of the nodes has another one than 80h."""
 
     @operation
-    def send(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> Operation[None]:
+    def send(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> BusOperation[None]:
         """Send one SYNC."""
         return send_frame(canopen.SyncMessage(counter).encode(key))
 
@@ -50,7 +50,7 @@ class TimeMethods(Methods[R]):
     """TIME. `key` is its (identifier, extended), where object 1012h of the nodes has another one than 100h."""
 
     @operation
-    def send(self, unix: float | None = None, *, key: Key = TIME_KEY) -> Operation[None]:
+    def send(self, unix: float | None = None, *, key: Key = TIME_KEY) -> BusOperation[None]:
         """Send one TIME message: the time of this computer, or `unix` in seconds since 1 January 1970."""
         stamp = canopen.TimeStamp.of_unix(time.time() if unix is None else unix)
         return send_frame(stamp.encode(key))
