@@ -22,7 +22,7 @@ Effect = Literal["reads", "writes", "commands"]
 starts, stops and resets it, sends process data, and sends in the name of another node."""
 
 SILENCE = ""
-ANSWER_TIMEOUT = 0.5
+NODE_ANSWER_TIMEOUT = 0.5
 """Seconds without an answer after which none is expected any more."""
 BOOT = 3.0
 """Seconds that a reset may take."""

@@ -6,7 +6,7 @@ Depends on: SDO uploads, LSS identification.  Used by: `io.canopen.conformance`,
 from __future__ import annotations
 
 from barewire.canopen.cob_ids import check_node
-from barewire.canopen.conformance.model import ANSWER_TIMEOUT, Subject
+from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, Subject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves
 from barewire.canopen.lss.messages import LssAddress
@@ -22,7 +22,7 @@ _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 
 
 def probe(
-    node: int, *, timeout: float = ANSWER_TIMEOUT, large: tuple[int, int] | None = None
+    node: int, *, timeout: float = NODE_ANSWER_TIMEOUT, large: tuple[int, int] | None = None
 ) -> Conversation[CanFrame, Subject]:
     """Read the communication objects of a device, and whether it supports LSS. Raises NoAnswer if there is no node.
 
@@ -62,7 +62,7 @@ def _read(
         return
 
 
-def is_there(node: int, index: int, sub: int, *, timeout: float = ANSWER_TIMEOUT) -> Conversation[CanFrame, bool]:
+def is_there(node: int, index: int, sub: int, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, bool]:
     """Whether a device has an object: its upload is requested and aborted at once, since it may be long."""
     place = bytes((index & 0xFF, index >> 8, sub))
     heard = yield Send(CanFrame(0x600 + check_node(node), b"\x40" + place + bytes(4)))

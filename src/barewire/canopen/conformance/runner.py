@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.model import ANSWER_TIMEOUT, BOOT, NodeCase, NodeOutcome, NodeStep, Subject
+from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire.conversation import Conversation, Listen, Send
@@ -44,7 +44,7 @@ def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, b
     return False
 
 
-def run_case(case: NodeCase, *, timeout: float = ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
+def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
     """Send the steps of a case and compare the answers with the accepted ways. `timeout` is in seconds."""
     received: list[tuple[str, ...]] = []
     for number, step in enumerate(case.steps):

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from barewire.canopen.conformance.battery import cases
-from barewire.canopen.conformance.model import ANSWER_TIMEOUT, BOOT, NodeCase, NodeOutcome
+from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome
 from barewire.canopen.conformance.probe import is_there, probe
 from barewire.canopen.conformance.runner import prepare, run_case, wants_reset
 from barewire.canopen.frame import CanFrame
@@ -52,7 +52,7 @@ def conform_can(
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
     from barewire.io.ports.python_can import CanPort
 
-    node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", ANSWER_TIMEOUT)
+    node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
     port: Port[CanFrame] = CanPort(endpoint)
     try:
         boot = BOOT
