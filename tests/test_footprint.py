@@ -1,4 +1,4 @@
-"""What an import loads, module by module: read off a fresh interpreter, so that nothing comes in unnoticed.
+"""What an import loads, module by module, in a fresh interpreter.
 
 How long it takes and how much memory it needs is measured by `bench/test_footprint.py`; here nothing is timed.
 """
@@ -85,7 +85,7 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
 
 
 def test_a_client_with_an_answer_has_loaded_no_more() -> None:
-    """Over a real connection: the URL is taken apart, the name looked up, a register read."""
+    """Over a real connection: the URL is parsed, the name looked up, a register read."""
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table(1)}) as host:
         asked = f"ModbusClient('{host.url}?timeout=30').read_holding_registers(0, 1)"
         found = loaded(f"from barewire import ModbusClient; {asked}")
@@ -105,7 +105,7 @@ def test_the_first_message_loads_its_file_and_the_base_of_messages() -> None:
 
 
 def test_the_asyncio_client_loads_asyncio_and_little_more() -> None:
-    """What asyncio brings differs by version. Nothing but our own may come on top, as little as for the other one."""
+    """What asyncio loads differs by version. On top of it come only the files that the blocking client has."""
     found = loaded("import asyncio; there = set(sys.modules); from barewire import AsyncModbusClient")
     assert not (NO_CLIENT_NEEDS - {"asyncio", "ssl", "logging", "subprocess"}) & found - {"pathlib", "random"}
     assert not set(OTHER_ROOMS) & found
@@ -204,7 +204,7 @@ def test_reading_by_name_over_modbus_loads_no_canopen() -> None:
 
 
 def test_the_reasons_are_those_of_their_type() -> None:
-    """Which is written for type checkers only, so a program cannot read it: the source can be."""
+    """`Reason` is written for type checkers, so a program cannot read it, but the source can be read."""
     tree = ast.parse((SRC / "barewire" / "errors.py").read_text(encoding="utf-8"))
     literals = [
         node.value.slice

@@ -1,4 +1,4 @@
-"""What the tests of the shells share: certificates, made once; and patience."""
+"""What the tests of io share: certificates, made once, and a long default time-out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.certificates import authority, leaf
 
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with a server, clients of several kinds, and strangers."""
+    """A directory with certificates of a server and of clients, good ones and wrong ones."""
     where = tmp_path_factory.mktemp("certificates")
     authority(where)
     authority(where, "other")
@@ -33,8 +33,8 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A client that is told no time-out has one of half a minute, and not of a second, for which a machine may stand
-    still. A test that waits for nothing to come says how long."""
+    """The default time-out is half a minute instead of a second, for which a busy machine may stand still. A test that
+    waits for a time-out gives one."""
     seconds = Endpoint.seconds
 
     def at_least(endpoint: Endpoint, name: str, default: float) -> float:

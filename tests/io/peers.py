@@ -1,4 +1,4 @@
-"""Peers that misbehave on purpose, on real sockets, each in a thread of its own; and patience for a battery."""
+"""Peers that misbehave on purpose, on real sockets, each in a thread of its own; and a second try for a battery."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def peer(*talks: Callable[[socket.socket], None]) -> Iterator[int]:
 
 
 def read_exactly(connection: socket.socket, count: int) -> bytes:
-    """So many bytes, or OSError."""
+    """Read so many bytes, or raise OSError."""
     data = b""
     while len(data) < count:
         data += (got := connection.recv(count - len(data)))
@@ -68,7 +68,7 @@ def honest(connection: socket.socket) -> None:
 
 
 def again(run: Callable[[str], list[R]], first: str = "0.25", then: str = "2") -> list[R]:
-    """The results of a battery that is given a time-out in seconds. Many cases wait silence out, so it is short at
-    first, and longer if anything failed: a machine that stood still is not wrong a second time, a server is."""
+    """The results of a battery that takes a time-out in seconds: short at first, because many cases wait for it, and
+    longer if anything failed, because the computer may have been busy."""
     results: list[Any] = run(first)
     return run(then) if any(result.failure for result in results) else results

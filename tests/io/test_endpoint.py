@@ -1,4 +1,4 @@
-"""URLs taken apart, and what is said of wrong ones."""
+"""The parts of URLs, and the errors for wrong ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sweep on real ports: every writable parameter of every machine, once over each transport that it has.
+"""Round trips on real ports: every writable parameter of every machine, once over each transport that it has.
 
 Both ends of every range, in virtual time and through the same frames: tests/devices/sim/test_round_trips.
 """

@@ -1,4 +1,4 @@
-"""URLs in three parts, with `urllib` as referee."""
+"""The three parts of a URL, compared with `urllib`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two engines: what every word of a conversation means to a port, and what is still said when one is cut off."""
+"""Both engines: what the steps of a conversation do to a port, and what an abandoned conversation still sends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Talk = Conversation[str, list[Heard[str]]]
 
 
 class Port:
-    """A port of both engines that fails with the item `broken`, and says back what it is sent."""
+    """A port for both engines that echoes what it is sent, and fails with the item `broken`."""
 
     def __init__(self, broken: str = "") -> None:
         self.log: list[str] = []
@@ -36,7 +36,7 @@ class Port:
 
 
 class AsyncPort:
-    """The same for the other engine; `sent` is in the log too."""
+    """The same for the asyncio engine; calls of `sent` are logged too."""
 
     def __init__(self, port: Port) -> None:
         self.port = port

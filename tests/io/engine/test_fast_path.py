@@ -1,7 +1,7 @@
-"""The plain exchange is `bus.ask` and nothing else: the same results, errors, counters and times, whatever comes.
+"""The fast path has the results, errors, counters and times of `bus.ask`, whatever comes.
 
-Both are run in virtual time against the same wrong peer, question after question, and everything that can be seen is
-compared after each. Blocking and asyncio.
+Both run in virtual time against the same faulty peer, request after request, and everything visible is compared after
+each. Blocking and asyncio.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from barewire.tcp import DatagramLine, TcpLine
 from tests.helpers import modest
 
 Script = list[tuple[float, bytes | BaseException]]
-"""What comes after a question: so many seconds after what came before it."""
+"""What comes after a request: so many seconds after what came before it."""
 
 QUESTIONS: list[Request[Any]] = [
     *(ReadHoldingRegisters(3, 1), ReadHoldingRegisters(0, 125), ReadHoldingRegisters(250, 20)),
@@ -36,7 +36,7 @@ QUESTION = st.tuples(ASKED, SENDING, SCRIPTS | st.just([("good", 0.25, 0)]))
 
 
 class Wrong:
-    """A port in virtual time. `expect` says what is to become of the next question."""
+    """A port in virtual time. `expect` sets what becomes of the next request."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -178,7 +178,7 @@ def test_the_fast_path_has_the_results_and_effects_of_bus_ask(
 
 
 def test_a_regular_exchange_makes_no_conversation(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Or all of the above would compare a thing with itself."""
+    """Otherwise the test above would compare `bus.ask` with itself."""
     bus, port = Bus(TcpLine()), Wrong()
     port.expect("out", [("good", 0.25, 0)])
     blocking(bus, 1, QUESTIONS[0], 1.0, port)  # of a unit of which nothing is known yet

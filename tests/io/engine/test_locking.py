@@ -1,4 +1,4 @@
-"""One machine on several ports: whoever comes, one at a time is inside."""
+"""One machine on several ports: one thread at a time is in it."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from tests.cli.test_command import free_port
 
 
 class Watched(Table):
-    """A table, and a node, that notice two visitors."""
+    """A unit and a node that count calls which overlap."""
 
     def __init__(self) -> None:
         super().__init__(16)
-        self.inside, self.met, self.visits = 0, 0, 0
+        self.inside, self.overlaps, self.calls = 0, 0, 0
         self.deadline: float | None = None
 
-    def _visit(self) -> None:
+    def _enter(self) -> None:
         self.inside += 1
-        self.visits += 1
-        self.met += self.inside > 1
-        time.sleep(0.002)  # long enough for any other thread to come in
+        self.calls += 1
+        self.overlaps += self.inside > 1
+        time.sleep(0.002)  # long enough for another thread to enter
         self.inside -= 1
 
     def handle(self, request: Any, now: float) -> Response | None:
-        self._visit()
+        self._enter()
         return super().handle(request, now)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        self._visit()
+        self._enter()
         return []
 
 
@@ -63,13 +63,13 @@ def test_several_servers_of_one_machine_enter_it_one_at_a_time() -> None:
         for number in range(15):
             port.send(CanFrame(number, b""))
             with exclusive(machine):
-                before = machine.visits
+                before = machine.calls
                 time.sleep(0.001)
-                assert (machine.inside, machine.visits) == (0, before)
+                assert (machine.inside, machine.calls) == (0, before)
         for thread in threads:
             thread.join()
-    assert machine.met == 0
-    assert machine.visits >= 30
+    assert machine.overlaps == 0
+    assert machine.calls >= 30
 
 
 def test_both_adapters_of_a_simulator_have_the_lock_of_the_machine() -> None:
@@ -115,7 +115,7 @@ def test_a_shared_unit_has_the_other_attributes_of_its_unit() -> None:
 
 
 def test_values_written_on_one_bus_are_read_on_the_other_at_the_same_time() -> None:
-    """One AZ3 in two threads: what is written on one wire is read on the other, hundreds of times."""
+    """One AZ3 in two threads: values written on one wire are read on the other, hundreds of times."""
     machine, az3 = simulator("az3", time.monotonic()), load("az3")
     assert isinstance(machine, Az3)
     assert machine.modbus is not None

@@ -23,7 +23,7 @@ from tests.io.schemes import EVERY_SCHEME, NUMBERED, SERIAL
 
 ADXL = load("adxl")
 
-# Faults on every carrier. What a client must make of each, whatever is around the PDU.
+# What a client must raise for each fault, on every carrier.
 
 EXPECTED: dict[str, type[BaseException] | None] = {
     "exception": ModbusException,
@@ -35,8 +35,8 @@ EXPECTED: dict[str, type[BaseException] | None] = {
 
 
 @contextmanager
-def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iterator[str]:
-    """A soft starter with faults; gives the URL of a client."""
+def faulty_server(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iterator[str]:
+    """A soft starter with faults in its answers; the URL of a client."""
     machine = simulator("adxl")
     url = f"{scheme}://127.0.0.1:0"
     if scheme == "tls":
@@ -53,34 +53,35 @@ def spoiled(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iter
 @EVERY_SCHEME
 def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.FixtureRequest) -> None:
     files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
-    told: list[str] = []
+    reported: list[str] = []
     if (scheme, kind) == ("udp", "split"):
         with (
             refused(EncodeError, "fault 'split' is not possible on this wire"),
-            spoiled(scheme, files, faults={kind: 1.0}),
+            faulty_server(scheme, files, faults={kind: 1.0}),
         ):
             pass
         return
     expected = EXPECTED[kind]
-    # Short where nothing comes anyway; where an answer must come, a slow machine has its time.
+    # Short where no answer comes; long enough for a busy computer where one must come.
     timeout = 0.15 if expected is NoAnswer else 5.0
-    spoils = spoiled(scheme, files, timeout, faults={kind: 1.0}, fault_seed=1, fault_delay=0.3, on_fault=told.append)
-    with spoils as url, connect(ADXL, url) as adxl:
+    how: dict[str, Any] = {"fault_seed": 1, "fault_delay": 0.3, "on_fault": reported.append}
+    server = faulty_server(scheme, files, timeout, faults={kind: 1.0}, **how)
+    with server as url, connect(ADXL, url) as adxl:
         if expected is None:
             assert adxl["Frequency"].value == 50
         else:
             with pytest.raises(expected):
                 adxl.read("Frequency")
-    assert set(told) == {kind}
+    assert set(reported) == {kind}
 
 
 @EVERY_SCHEME
 def test_noise_and_flipped_bits_do_not_become_values(scheme: str, request: pytest.FixtureRequest) -> None:
     files = request.getfixturevalue("certificates") if scheme == "tls" else Path()
-    told: list[str] = []
+    reported: list[str] = []
     values, errors = set(), 0
-    how: dict[str, Any] = {"faults": {"noise": 0.3, "flip": 0.3}, "fault_seed": 3, "on_fault": told.append}
-    with spoiled(scheme, files, **how) as url, connect(ADXL, url) as adxl:
+    how: dict[str, Any] = {"faults": {"noise": 0.3, "flip": 0.3}, "fault_seed": 3, "on_fault": reported.append}
+    with faulty_server(scheme, files, **how) as url, connect(ADXL, url) as adxl:
         for _ in range(12):
             try:
                 readings = adxl.read("Frequency", "Start counter")
@@ -88,15 +89,15 @@ def test_noise_and_flipped_bits_do_not_become_values(scheme: str, request: pytes
             except BarewireError:
                 errors += 1
     assert errors
-    assert {"noise", "flip"} <= set(told)
-    # Only a CRC or an LRC knows a bit from another; without one a flipped value may pass, and does.
+    assert {"noise", "flip"} <= set(reported)
+    # Without CRC or LRC a flipped bit is not detected: such a value is delivered.
     assert values <= {(50, 0)} or scheme in NUMBERED
 
 
 def test_a_late_answer_is_not_taken_for_that_to_another_request() -> None:
     answered: list[float] = []
-    # Several late ones in a row hold each other up, so the window is long.
-    faulty = spoiled("rtu+tcp", Path(), faults={"late": 0.4}, fault_seed=2, fault_delay=0.2)
+    # Several late answers in a row delay each other, so the window is long.
+    faulty = faulty_server("rtu+tcp", Path(), faults={"late": 0.4}, fault_seed=2, fault_delay=0.2)
     with faulty as url, connect(ADXL, f"{url}&late_window=5") as adxl:
         for name, value in [("Frequency", 50), ("Start counter", 0)] * 5:
             with contextlib.suppress(NoAnswer):

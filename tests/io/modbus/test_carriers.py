@@ -1,4 +1,4 @@
-"""Every carrier, both clients, both servers: the same words and the same values."""
+"""Every carrier, both clients, both servers: the same methods and the same values."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def urls(certificates: Path) -> Iterator[URLs]:
 
 
 def blocking(url: str, talk: Callable[[Any], Any]) -> None:
-    """Run `talk` with the blocking client: its coroutine never has to wait, for every word answers at once."""
+    """Run the coroutine `talk` with the blocking client, whose methods it awaits."""
 
     class Answered:
         def __init__(self, client: ModbusClient) -> None:
@@ -109,7 +109,7 @@ def test_a_serial_line_behind_tcp_has_broadcasts_and_time_outs(urls: URLs, schem
 
 
 def test_the_types_of_the_methods() -> None:
-    """Read by mypy: what comes out is a value of one client and a coroutine of the other."""
+    """Checked by mypy: the result is a value with one client and a coroutine with the other."""
 
     def blocking_client(client: ModbusClient) -> None:
         assert_type(client.read_holding_registers(0, 2), tuple[int, ...])
@@ -126,7 +126,7 @@ def test_the_types_of_the_methods() -> None:
 @pytest.mark.parametrize("scheme", SERIAL)
 def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
     async def talk() -> None:
-        # Two pseudo-terminals and a task between them: a cable.
+        # Two pseudo-terminals and a task between them, which is the cable.
         ends = [PseudoTerminal(), PseudoTerminal()]
         loop = asyncio.get_running_loop()
 

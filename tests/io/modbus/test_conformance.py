@@ -1,4 +1,4 @@
-"""The battery on real ports: ours pass, one that is wrong is found, one that hangs up or is not there is told."""
+"""The conformance cases on real ports: barewire's servers pass, wrong and missing servers are reported."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
 
 
 def hold(url: str) -> list[CaseResult]:
-    """A server of ours against its battery."""
+    """The results of a barewire server."""
 
     def run(patience: str) -> list[CaseResult]:
         with ModbusServer(url, units={1: Table(100)}) as host:
@@ -77,7 +77,7 @@ def test_the_barewire_tls_server_passes_its_cases(certificates: Path) -> None:
 
 
 def test_the_page_has_the_present_results_of_barewire() -> None:
-    """docs/conform.md: our columns, made anew; those of others are as they were measured."""
+    """docs/conform.md: the columns of barewire are made again; those of others are as they were measured."""
     spec = importlib.util.spec_from_file_location("conform_page", ROOT / "tools" / "conform_page.py")
     assert spec is not None
     assert spec.loader is not None
@@ -94,7 +94,7 @@ def test_the_page_has_the_present_results_of_barewire() -> None:
 
 
 def test_an_echo_is_not_taken_for_an_answer() -> None:
-    """Everything that is said comes back first, as a two-wire adapter has it: it is no answer."""
+    """Everything that is sent comes back first, as from a two-wire adapter."""
     stop, terminal = threading.Event(), PseudoTerminal()
     line = RtuLine(Timing.of(115200), role="server", units=(1,))
     server = Server(line, {1: Table(100)}, serial=True)
@@ -163,13 +163,13 @@ def test_the_conform_command() -> None:
 
 
 def flood(connection: socket.socket) -> None:
-    """Talks without end, whatever it is asked."""
+    """Sends without end."""
     while True:
         connection.sendall(b"\x00\x01\x00\x00\x00\x03\x01\x83\x02" * 400)
 
 
 def drip(connection: socket.socket) -> None:
-    """Never says much and never stops, until the other side is gone."""
+    """Sends a little at a time, until the client closes the connection."""
     while True:
         connection.sendall(b"\x01")
         time.sleep(0.002)
@@ -189,14 +189,14 @@ def test_a_server_that_does_not_stop_sending_ends_the_run(scheme: str, talk: Cal
 
 
 def test_a_server_that_never_answers_gets_no_verdict() -> None:
-    """Silence is what some cases want, so a wrong unit number would pass them."""
+    """Some cases accept silence, so a wrong unit number would pass them."""
     said = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
     with peer(lambda connection: print(connection.recv(1))) as port, said:
         list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
 
 
 def hold_on(url: str, results: list[CaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
-    """Collect what comes; behind so many results something happens to the server."""
+    """Collect the results; after `behind` of them something happens to the server."""
     for result in conform(Endpoint.parse(url)):
         results.append(result)
         if len(results) == at:
@@ -204,7 +204,7 @@ def hold_on(url: str, results: list[CaseResult], at: int = 0, change: Callable[[
 
 
 def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On UDP nobody says that nobody is there."""
+    """On UDP a missing server is not reported."""
     monkeypatch.setattr(shell, "RESTART", 0.1)
     results: list[CaseResult] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:

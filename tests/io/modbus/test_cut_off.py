@@ -1,4 +1,4 @@
-"""Exchanges that are cut off: the user interrupts, the line is unplugged, the unit is told to be silent."""
+"""Interrupted exchanges: by the user, by an unplugged line, by Force Listen Only Mode."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def full(size: int = 300) -> dict[int, Unit]:
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu", "ascii"])
 def test_an_interrupt_at_every_step_of_a_blocking_exchange(wire: str) -> None:
-    """As Ctrl-C does: before the question is out, when its answer begins to come, in the middle of it."""
+    """As by Ctrl-C: before the request is sent, when its answer begins, in the middle of the answer."""
     left = 0
 
     def watch(direction: str, item: bytes) -> None:
@@ -49,7 +49,7 @@ def test_an_interrupt_at_every_step_of_a_blocking_exchange(wire: str) -> None:
 @pytest.mark.parametrize("answered", [0, 3])
 @pytest.mark.parametrize("wire", SERIAL)
 def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answered: int, tmp_path: Path) -> None:
-    """When the question was heard, or some of its answer was said: an error at once, and the next question works."""
+    """After the request or part of the answer: an error at once, and the next request works."""
     place = f"{tmp_path}/line"
     url = f"{wire}://{place}?timeout=5"
 
@@ -105,7 +105,7 @@ def test_force_listen_only_and_restart_with_both_clients(wire: str) -> None:
 
 
 def test_counters_of_a_unit_are_shared_by_all_connections_to_its_line() -> None:
-    """The line behind a serial server is one, whoever is connected to it: so is listen only mode."""
+    """All connections to a serial server share one line, and so its listen only mode."""
     with ModbusServer("rtu+tcp://127.0.0.1:0", units=full()) as host, ModbusClient(f"{host.url}?timeout=0.2") as first:
         assert first.read_holding_registers(7, 1) == (7,)
         with ModbusClient(f"{host.url}?timeout=0.2&late_window=0") as second:

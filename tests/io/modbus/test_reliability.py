@@ -1,4 +1,4 @@
-"""The peer killed, the cable pulled, the task cancelled at any point: the next question works."""
+"""The server killed, the cable unplugged, the task cancelled at any point: the next request works."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_a_closed_client_stays_closed() -> None:
 
 
 def slow(connection: socket.socket) -> None:
-    """Answers, but takes its time."""
+    """Answers after a while."""
     while True:
         request = read_exactly(connection, 12)
         time.sleep(0.003)

@@ -1,7 +1,7 @@
-"""An answer that is said twice: the second copy is in the port before the next question, and answers nothing.
+"""An answer that comes twice: the second copy is received before the next request, and is not taken for its answer.
 
-Where answers have no numbers the line is heard out before it is spoken on. For an asyncio client this includes what
-the system has received and the loop had no time to read, because its program was busy.
+Where answers have no transaction numbers, everything received is read before a request is sent. For an asyncio client
+this includes what the system has received while the program kept the loop busy.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import pytest
 
 from barewire import AsyncModbusClient, ModbusClient, ascii, rtu
 
-ENVELOPES: dict[str, Callable[[int, bytes], bytes]] = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii.encode}
+FRAMINGS: dict[str, Callable[[int, bytes], bytes]] = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii.encode}
 
 
 class Echoing:
-    """A serial server that says its first answer again, `again`: when the copy is on its way."""
+    """A serial server that sends its first answer twice; `again` is set when the copy has been sent."""
 
     def __init__(self, encode: Callable[[int, bytes], bytes]) -> None:
         self.again = threading.Event()
@@ -50,9 +50,9 @@ class Echoing:
         self._thread.join(10)
 
 
-@pytest.fixture(params=ENVELOPES)
+@pytest.fixture(params=FRAMINGS)
 def peer(request: pytest.FixtureRequest) -> Iterator[tuple[str, Echoing]]:
-    there = Echoing(ENVELOPES[request.param])
+    there = Echoing(FRAMINGS[request.param])
     there.taken = threading.Event()
     yield f"{request.param}://127.0.0.1:{there.port}?unit=1&timeout=10", there
     there.close()

@@ -1,4 +1,4 @@
-"""RS-485: who turns the line, and what is said where it cannot be turned."""
+"""RS-485: what sets the direction of the line, and the errors where that is not possible."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.interop.relay import relayed
 
 
 class Turned(serial.Serial):
-    """A serial port that writes down what is done with its RTS: a pseudo-terminal has none."""
+    """A serial port that logs its RTS, which a pseudo-terminal does not have."""
 
     log: list[Any]
 

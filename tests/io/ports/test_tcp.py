@@ -1,4 +1,4 @@
-"""The TCP port by itself: waiting, looking, and what becomes of both when the system keeps the time-out."""
+"""The TCP port by itself: waiting, polling, and both after the system has taken over the time-out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def ends() -> Iterator[tuple[TcpPort, socket.socket]]:
 
 
 def exchanged(ends: tuple[TcpPort, socket.socket], times: int, timeout: float) -> None:
-    """So often that the port has learnt the time-out."""
+    """Often enough that the system keeps the time-out."""
     port, other = ends
     for number in range(times):
         port.send(bytes([number]))
@@ -86,7 +86,7 @@ def test_a_closed_port_raises_that_it_was_closed(ends: tuple[TcpPort, socket.soc
 def test_sending_more_than_the_system_takes_at_once(
     ends: tuple[TcpPort, socket.socket], times: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It goes out as the other side reads; to one that never does it is given up. Both leave the port as it was."""
+    """It is sent as the peer reads, and given up if the peer never does. Both leave the port usable."""
     port, other = ends
     exchanged(ends, times, LONG)
     much = bytes(1 << 24)

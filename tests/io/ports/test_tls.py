@@ -1,4 +1,4 @@
-"""Modbus/TCP Security: roles, and what is said of certificates that are wrong, expired or missing."""
+"""Modbus/TCP Security: roles, and the errors for certificates that are wrong, expired or missing."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def place(host: ModbusServer) -> str:
     return host.url.partition("?")[0].removeprefix("tls://")
 
 
-def turned_away(host: ModbusServer) -> str:
-    """What the server said of the last client that it turned away."""
+def closed_because(host: ModbusServer) -> str:
+    """Why the server closed the latest connection."""
     until = time.monotonic() + 5
     while not host.connections.closed and time.monotonic() < until:
         time.sleep(0.01)
@@ -146,7 +146,7 @@ def test_a_wrong_client_certificate_is_one_line_on_both_sides(
     ):
         client.read_holding_registers(0, 1)  # in TLS 1.3 a client is told with the first thing that it hears
     assert "\n" not in str(caught.value)
-    assert server_says in turned_away(host)
+    assert server_says in closed_because(host)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_a_client_without_certificate_is_an_error(host: ModbusServer, certificat
         pytest.raises(OSError, match=r"CERTIFICATE_REQUIRED|reset"),
     ):
         client.recv(1)
-    assert "the other side showed no certificate" in turned_away(host)
+    assert "the other side showed no certificate" in closed_because(host)
 
 
 def test_a_peer_without_tls_is_an_error_on_both_sides(host: ModbusServer, certificates: Path) -> None:
@@ -185,7 +185,7 @@ def test_a_peer_without_tls_is_an_error_on_both_sides(host: ModbusServer, certif
         pytest.raises(PortError),
     ):
         client.read_holding_registers(0, 1)
-    assert "the other side does not speak TLS" in turned_away(host)
+    assert "the other side does not speak TLS" in closed_because(host)
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as plain, pytest.raises(PortError, match=r"TLS|closed"):
         ModbusClient(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
 

@@ -1,4 +1,4 @@
-"""Who has to go, by itself: no sockets, no clock. Held against the plain rule, in every order of events."""
+"""Which connection is closed, without sockets and clock: compared with a simple rule, in any order of events."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.helpers import modest
 
 
 class Fake:
-    """A connection. Hung up on it tells so, as that of the thread does; that of asyncio says nothing then."""
+    """A connection. Aborted, it may remove itself, as that of the threaded server does and that of asyncio does not."""
 
     def __init__(self, name: str, all_of_them: ConnectionTable[Fake], tells: bool = True) -> None:
         self.peer, self.was_answered, self.aborted = name, False, 0
@@ -29,7 +29,7 @@ def guests(**options: object) -> ConnectionTable[Fake]:
 
 
 def came(found: ConnectionTable[Fake], *names: str, now: float = 0.0) -> list[Fake]:
-    """New ones, each a second later than the last."""
+    """New connections, each a second later than the last."""
     made = [Fake(name, found) for name in names]
     for place, guest in enumerate(made):
         found.add(guest, now + place)
@@ -125,7 +125,7 @@ def test_a_changed_idle_time_out_applies_at_once() -> None:
 
 
 def test_a_connection_that_ends_with_another_is_closed_once() -> None:
-    """Two connections of one client: whoever hangs up on one may hang up on both."""
+    """Two connections of one client: closing one may close both."""
     found = guests(idle=1)
     a, b = came(found, "a", "b")
     a.abort = lambda: (found.remove(a), found.remove(b))  # type: ignore[assignment, func-returns-value]
@@ -150,7 +150,7 @@ STEPS = st.lists(
 def test_the_table_follows_the_simple_rule_for_any_sequence_of_events(
     steps: list[tuple[str, int, float]], most: int, idle: float, tells: bool
 ) -> None:
-    """The rule: a list in the order in which they were heard. A step takes time, or none; a guest may leave and, late,
+    """The rule: a list in the order of the last requests. A step takes time or none; a connection may end and, late,
     be heard again."""
     found = guests(connections=most, idle=idle)
     everybody = [Fake(str(number), found, tells) for number in range(8)]

@@ -1,6 +1,6 @@
-"""A server's limits: connections, idle time, memory; and nobody waits for a peer that is slow or means harm.
+"""Limits of a server: connections, idle time, memory; slow or hostile clients do not delay others.
 
-All of it for both servers of TCP: the one of asyncio, and the one in a thread of its own.
+Everything for both TCP servers: the one of asyncio, and the one in a thread.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 ANSWER = bytes.fromhex("0001 0000 0005 01 03 02 0000")
 REFUSED = bytes.fromhex("0001 0000 0003 01 83 01")
 MOST = bytes.fromhex("0001 0000 0006 01 03 0000 007D")
-"""A question of 12 bytes with an answer of 259."""
+"""A request of 12 bytes with an answer of 259."""
 
 
 @pytest.fixture
 def many_files() -> Iterator[None]:
-    """Both ends of a thousand connections are more files than most systems allow without being asked."""
+    """Both ends of a thousand connections are more files than the default limit of most systems."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, 4096)), hard))
     yield
@@ -43,7 +43,7 @@ def many_files() -> Iterator[None]:
 
 
 class Serving(NamedTuple):
-    """A server at work, as far as its limits are concerned."""
+    """A running server: its port and its connections."""
 
     port: int
     connections: ConnectionTable[Any]
@@ -138,20 +138,20 @@ def test_over_the_limit_connections_without_requests_are_closed_first(way: str, 
         async with serving(way, connections=3) as server:
             client = await Client.of(server)
             await client.ask()
-            strangers = []
+            silent_ones = []
             for _ in range(6):
-                stranger = await Client.of(server)
-                stranger.writer.write(said)
-                strangers.append(stranger)
+                client = await Client.of(server)
+                client.writer.write(said)
+                silent_ones.append(client)
             newcomer = await Client.of(server)
             assert await newcomer.ask() == ANSWER
             assert await client.ask() == ANSWER  # the same connection as ever, though it was silent longest
             # All but one of them, and which is a matter of whose half a request was heard last.
-            ends = [asyncio.ensure_future(stranger.is_gone()) for stranger in strangers]
+            ends = [asyncio.ensure_future(client.is_gone()) for stranger in silent_ones]
             assert [await end for end in islice(asyncio.as_completed(ends), 5)] == [True] * 5
             await asyncio.gather(*(end for end in ends if end.cancel()), return_exceptions=True)
             assert "unused longest of 3 connections" in server.connections.closed[-1]
-            await asyncio.gather(*(each.close() for each in (client, newcomer, *strangers)))
+            await asyncio.gather(*(each.close() for each in (client, newcomer, *silent_ones)))
 
     asyncio.run(talk())
 
@@ -221,11 +221,11 @@ def test_many_clients_that_send_single_bytes_delay_no_other(way: str) -> None:
 def test_a_connection_that_is_not_modbus_is_closed_and_the_reason_kept(way: str) -> None:
     async def talk() -> None:
         async with serving(way) as server:
-            stranger = await Client.of(server)
-            stranger.writer.write(b"GET / HTTP/1.1\r\n\r\n")
-            assert await stranger.is_gone()
+            client = await Client.of(server)
+            client.writer.write(b"GET / HTTP/1.1\r\n\r\n")
+            assert await client.is_gone()
             assert "protocol identifier is 54 20, Modbus has 00 00" in server.connections.closed[-1]
-            await stranger.close()
+            await client.close()
 
     asyncio.run(talk())
 
@@ -238,7 +238,7 @@ def test_a_wrong_limit_is_an_error() -> None:
 
 
 def test_without_free_descriptors_the_longest_silent_connection_is_closed() -> None:
-    """A system gives a process so many files and no more: a server at that limit must not spin, and not be deaf."""
+    """A server without free file descriptors must neither loop without pause nor stop accepting connections."""
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host, contextlib.ExitStack() as closing:
         address = Endpoint.parse(host.url).host_and_port
 
@@ -272,8 +272,8 @@ def test_a_server_that_was_never_started_releases_its_port(scheme: str) -> None:
 
 
 def test_a_table_of_roles_applies_to_connections_without_a_role() -> None:
-    """A table of roles on a connection without TLS: nobody has a role. It is said when the server is made; later it
-    would be too late for some."""
+    """A connection without TLS has no role, so the table permits nothing. It is fixed when the server is constructed:
+    connections that are open would not follow a later one."""
     nobody = Authorization.parse('{"Viewer": [{}]}')
 
     async def talk() -> None:

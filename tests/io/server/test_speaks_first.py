@@ -1,4 +1,4 @@
-"""A server that says something before it was asked: it is heard, counted, and the first question is answered."""
+"""A server that sends before it was asked: that is counted, and the first request is answered."""
 
 from __future__ import annotations
 

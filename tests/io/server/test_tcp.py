@@ -1,4 +1,4 @@
-"""The server of TCP without asyncio: the same answers as the other one, an owner who is clumsy, units that stumble."""
+"""The TCP server without asyncio: the answers of the other one, its life cycle, units that raise, faults."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def to_end(connection: socket.socket) -> bytes:
 
 
 def asked(host: ThreadedServer, data: bytes = READ) -> bytes:
-    """The answers to these bytes, from a client that says them, is silent from then on, and reads to the end."""
+    """The answers to these bytes, for a client that sends them, ends its sending, and reads to the end."""
     with client(host) as connection:
         connection.sendall(data)
         connection.shutdown(socket.SHUT_WR)
@@ -63,10 +63,10 @@ PDUS = SENSIBLE | st.builds(lambda code, rest: bytes([code]) + rest, CODES, st.b
 
 @st.composite
 def talks(draw: st.DrawFn, unit: int) -> list[bytes]:
-    """What one client says, in pieces: requests, then perhaps half of one, or a header that is none and ends it.
+    """What one client sends, in pieces: requests, then perhaps half of one, or a wrong header, which ends it.
 
-    No more requests than are worked on at a time, so it does not matter what comes in one read; and nothing behind the
-    bad header, which would be lost with the connection.
+    No more requests than the server handles at a time, so the limits of reads do not matter; and nothing behind the
+    wrong header, which would be lost with the connection.
     """
     pdus = draw(st.lists(PDUS, max_size=12))
     units = st.sampled_from([unit, unit, unit, 99])
@@ -111,7 +111,7 @@ class Served(ThreadedServer):
 
 
 def heard(host: ThreadedServer, said: list[list[bytes]]) -> list[bytes]:
-    """What each client hears, when they say their pieces by turns."""
+    """What each client receives, when they send their pieces in turn."""
     with contextlib.ExitStack() as stack:
         connections = [stack.enter_context(client(host)) for _ in said]
         for turn in range(max(map(len, said))):
@@ -153,17 +153,17 @@ def vars_of(units: Fresh) -> list[Any]:
 
 @pytest.mark.parametrize("kind", [TcpService, AsyncioService])
 def test_any_transaction_does_not_make_the_line_a_serial_one(kind: Any) -> None:
-    """There a request that another one followed is not answered, and neither is one for nobody."""
+    """On a serial line a request followed by another one, and one for an unknown unit, would not be answered."""
     with Served(kind(Endpoint.parse("tcp://127.0.0.1:0?any_transaction=1"), {1: Table()})) as host:
-        stranger = frame(5, b"\x07", 9)
-        assert asked(host, READ + READ + stranger) == ANSWER + ANSWER + frame(5, b"\x87\x0b", 9)
+        unknown_unit = frame(5, b"\x07", 9)
+        assert asked(host, READ + READ + unknown_unit) == ANSWER + ANSWER + frame(5, b"\x87\x0b", 9)
 
 
 # Owners and units ---------------------------------------------------------------------------------------------------
 
 
 class Forgetful(Mapping[int, Unit]):
-    """Units that are looked up somewhere, and sometimes cannot be."""
+    """Units whose look-up fails for some addresses."""
 
     def __getitem__(self, number: int) -> Unit:
         if number == 1:
@@ -213,7 +213,7 @@ def test_close_ends_a_run_in_another_thread_and_the_server_cannot_start_again(ur
     for begin in (host.start, lambda: host.run(threading.Event())):
         with refused(PortError, ONCE):
             begin()
-    host.close()  # again: nothing
+    host.close()  # a second time: no effect
 
 
 @pytest.mark.parametrize("url", SCHEMES)
@@ -285,7 +285,7 @@ def spoiled(kind: Any, faults: dict[str, float], **how: Any) -> Served:
 
 @pytest.mark.parametrize("kind", [TcpService, AsyncioService])
 def test_the_parts_of_a_split_answer_are_not_interleaved(kind: Any) -> None:
-    """Several questions may be under way. A connection keeps the order of its bytes, late ones among them."""
+    """Several requests may be under way. A connection keeps the order of its bytes, delayed ones included."""
     questions = [frame(1, bytes([3, 0, 0, 0, number]), number) for number in range(1, 13)]
     answers = {frame(1, bytes([3, 2 * number, *bytes(2 * number)]), number) for number in range(1, 13)}
     with spoiled(kind, faults={"split": 0.6, "late": 0.4}, seed=3, delay=0.01) as host, contextlib.ExitStack() as stack:
@@ -303,7 +303,7 @@ def test_the_parts_of_a_split_answer_are_not_interleaved(kind: Any) -> None:
 
 
 class Reluctant:
-    """A socket and its selector: it takes `room` bytes, and counts how often it was asked to."""
+    """A socket and its selector: it takes `room` bytes, and counts the calls."""
 
     def __init__(self) -> None:
         self.room, self.asked, self.got, self.watched = 0, 0, b"", 0
@@ -329,7 +329,7 @@ class Reluctant:
 
 
 def test_late_answers_to_a_client_that_does_not_read_are_not_each_tried_again() -> None:
-    """Each of them tried again with all that waits already would be a second for everybody, and a minute soon."""
+    """Trying each again with all that waits already would take seconds, and delay all clients."""
     late: list[Callable[[bytes], None]] = []
     inject: Any = lambda answer, say: late.append(say)  # noqa: E731
     host = TcpService(Endpoint.parse("tcp://127.0.0.1:0"), {1: Table()}, inject)
