@@ -157,8 +157,8 @@ class Asker:
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Any]]:
         async def said(*values: Any, **named: Any) -> Any:
             answer = await _value(getattr(self._client, name)(*values, **named))
-            exchange = getattr(ModbusMethods, name).__wrapped__(self._client, *values, **named)
-            self._seen.add(service(exchange.request))
+            request, _ = getattr(ModbusMethods, name).__wrapped__(self._client, *values, **named)
+            self._seen.add(service(request))
             return answer
 
         return said

@@ -1,46 +1,52 @@
-"""How one definition becomes a method of the blocking and of the asyncio client of a protocol.
+"""How one definition becomes a method of the blocking and of the asyncio Modbus client.
 
-    class ModbusMethods:
-        @method
-        def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]: ...
+    @exchange
+    def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]: ...
 
-    client.read_coils(0, 8)            -> (True, ...)       on a client that is a `BlockingClient`
-    await client.read_coils(0, 8)      -> (True, ...)       on a client that is an `AsyncioClient`
+    client.read_coils(0, 8)            -> (True, ...)       on a `BlockingClient`
+    await client.read_coils(0, 8)      -> (True, ...)       on an `AsyncioClient`
 
-A definition does no input or output: it returns a `ClientOperation`, which the client carries out. At run time `method`
-is an ordinary decorator that returns an ordinary function. For a type checker its result is a `Method`, whose
-parameters are those of the definition (a ParamSpec) and whose result is a value or a coroutine, depending on the
-client.
+A definition does no input or output: it returns what is to be done, and the client does it. At run time `exchange`,
+`exchanges` and `bus_conversation` are ordinary decorators that return ordinary functions. For a type checker the result
+is a `Method`, whose parameters are those of the definition (a ParamSpec) and whose result is a value or a coroutine,
+depending on the client.
 
-Depends on: nothing. Used by: the methods of Modbus clients (those of CANopen have groups, see `io.canopen.methods`).
+Depends on: the types of messages.  Used by: the methods of Modbus clients (those of CANopen: `io.canopen.methods`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, cast, overload
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
+    from typing import TypeAlias
+
+    from barewire.conversation import Conversation
+    from barewire.modbus.client.bus import Bus
+    from barewire.modbus.messages.base import Request
 
 P = ParamSpec("P")
 V = TypeVar("V")
 V_co = TypeVar("V_co", covariant=True)
 
-
-class ClientOperation(Generic[V]):
-    """Something that a client carries out, with a result of type V. Subclasses say what it is."""
-
-    __slots__ = ()
+if TYPE_CHECKING:
+    Exchange: TypeAlias = tuple[Request[Any], Callable[[Any], V]]
+    """A request to the client's unit, and what is taken of its response."""
+    Exchanges: TypeAlias = tuple[int, Sequence[Request[Any]], Sequence[str], Callable[[list[Any]], V]]
+    """A unit, requests to it in a row, a note for the error of each, and what is taken of their responses."""
+    BusConversation: TypeAlias = tuple[Callable[[Bus], Conversation[bytes, V]], int | None]
+    """What makes a conversation for a bus, and the unit in whose queue it waits."""
 
 
 class BlockingClient:
-    """Base of the clients whose `carry_out(operation)` returns the result."""
+    """Base of the client whose methods return results."""
 
 
 class AsyncioClient:
-    """Base of the clients whose `carry_out(operation)` returns a coroutine."""
+    """Base of the client whose methods return coroutines."""
 
 
 class Method(Protocol[P, V_co]):
@@ -56,11 +62,32 @@ class Method(Protocol[P, V_co]):
     def __get__(self, client: None, kind: type) -> Callable[..., Any]: ...
 
 
-def method(make: Callable[Concatenate[Any, P], ClientOperation[V]]) -> Method[P, V]:
-    """The method that passes the operation which `make` returns to the client's `carry_out`."""
+def exchange(make: Callable[Concatenate[Any, P], Exchange[V]]) -> Method[P, V]:
+    """The method that passes the request, and what is taken of its response, to the client's `fetch`."""
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
-        return client.carry_out(make(client, *args, **kwargs))
+        return client.fetch(*make(client, *args, **kwargs))
+
+    return cast("Method[P, V]", call)
+
+
+def exchanges(make: Callable[Concatenate[Any, P], Exchanges[V]]) -> Method[P, V]:
+    """The same for several requests and the client's `fetch_all`."""
+
+    @wraps(make)
+    def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        return client.fetch_all(*make(client, *args, **kwargs))
+
+    return cast("Method[P, V]", call)
+
+
+def bus_conversation(make: Callable[Concatenate[Any, P], BusConversation[V]]) -> Method[P, V]:
+    """The method that passes the conversation to the client's `run_with_bus`."""
+
+    @wraps(make)
+    def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        conversation, unit = make(client, *args, **kwargs)
+        return client.run_with_bus(conversation, unit=unit)
 
     return cast("Method[P, V]", call)

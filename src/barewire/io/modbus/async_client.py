@@ -13,17 +13,17 @@ waited for any more, or is handled by the bus.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, random_fraction
-from barewire.io.engine.methods import AsyncioClient, ClientOperation
+from barewire.io.engine.methods import AsyncioClient
 from barewire.io.modbus.async_connection import AsyncConnection
 from barewire.io.modbus.carriers import bus_options, modbus_endpoint, unit_of
-from barewire.io.modbus.methods import BusConversation, Exchange, Exchanges, ModbusMethods, checked_request
+from barewire.io.modbus.methods import ModbusMethods, checked_request
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -109,26 +109,23 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         """Carry out the conversation that `make` returns for the bus it is given."""
         return await self.connection.run(make, unit, self.timeout)
 
-    async def carry_out(self, operation: ClientOperation[T]) -> T:
-        """Carry out an operation of `ModbusMethods`."""
-        result: T
-        if isinstance(operation, Exchange):
-            at = 1 if self.unit is None else self.unit
-            response = await self.connection.ask(at, operation.request, self.timeout, self.timeout)
-            result = operation.take(response)
-        elif isinstance(operation, Exchanges):
-            responses = []
-            for request, note in zip(operation.requests, operation.notes):
-                try:
-                    responses.append(await self.connection.ask(operation.unit, request, self.timeout, self.timeout))
-                except BarewireError as error:
-                    error.add_note(note)
-                    raise
-            result = operation.take(responses)
-        else:
-            assert isinstance(operation, BusConversation)
-            result = await self.run_with_bus(operation.make, unit=operation.unit)
-        return result
+    async def fetch(self, request: Request[R], take: Callable[[R], T]) -> T:
+        """Send a request to the client's unit and return what `take` takes of its response, with its time-out."""
+        unit = 1 if self.unit is None else self.unit
+        return take(await self.connection.ask(unit, request, self.timeout, self.timeout))
+
+    async def fetch_all(
+        self, unit: int, requests: Sequence[Request[Any]], notes: Sequence[str], take: Callable[[list[Any]], T]
+    ) -> T:
+        """Send requests in a row and return what `take` takes of all responses. An error gets its request's note."""
+        responses = []
+        for request, note in zip(requests, notes):
+            try:
+                responses.append(await self.connection.ask(unit, request, self.timeout, self.timeout))
+            except BarewireError as error:
+                error.add_note(note)
+                raise
+        return take(responses)
 
     def ask(
         self,

@@ -10,15 +10,15 @@ that failed is opened again by the next request (`connection`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Self, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, NoAnswer, PortError
 from barewire.io.engine.backoff import BackOff, random_fraction
-from barewire.io.engine.methods import BlockingClient, ClientOperation
+from barewire.io.engine.methods import BlockingClient
 from barewire.io.modbus.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
 from barewire.io.modbus.connection import Connection
-from barewire.io.modbus.methods import BusConversation, Exchange, Exchanges, ModbusMethods, checked_request
+from barewire.io.modbus.methods import ModbusMethods, checked_request
 from barewire.io.ports.trace import Trace, Watch
 
 if TYPE_CHECKING:
@@ -102,26 +102,23 @@ class ModbusClient(ModbusMethods, BlockingClient):
         """Carry out the conversation that `make` returns for the bus it is given."""
         return self.run(make(self.bus), unit=unit)
 
-    def carry_out(self, operation: ClientOperation[T]) -> T:
-        """Carry out an operation of `ModbusMethods`."""
-        result: T
-        if isinstance(operation, Exchange):
-            at = 1 if self.unit is None else self.unit
-            response = self.connection.ask(at, operation.request, self.timeout, self.timeout)
-            result = operation.take(response)
-        elif isinstance(operation, Exchanges):
-            responses = []
-            for request, note in zip(operation.requests, operation.notes):
-                try:
-                    responses.append(self.connection.ask(operation.unit, request, self.timeout, self.timeout))
-                except BarewireError as error:
-                    error.add_note(note)
-                    raise
-            result = operation.take(responses)
-        else:
-            assert isinstance(operation, BusConversation)
-            result = self.run_with_bus(operation.make, unit=operation.unit)
-        return result
+    def fetch(self, request: Request[R], take: Callable[[R], T]) -> T:
+        """Send a request to the client's unit and return what `take` takes of its response, with its time-out."""
+        unit = 1 if self.unit is None else self.unit
+        return take(self.connection.ask(unit, request, self.timeout, self.timeout))
+
+    def fetch_all(
+        self, unit: int, requests: Sequence[Request[Any]], notes: Sequence[str], take: Callable[[list[Any]], T]
+    ) -> T:
+        """Send requests in a row and return what `take` takes of all responses. An error gets its request's note."""
+        responses = []
+        for request, note in zip(requests, notes):
+            try:
+                responses.append(self.connection.ask(unit, request, self.timeout, self.timeout))
+            except BarewireError as error:
+                error.add_note(note)
+                raise
+        return take(responses)
 
     def ask(
         self,

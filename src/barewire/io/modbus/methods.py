@@ -4,8 +4,8 @@
     await client.read_holding_registers(107, 3)           -> (555, 0, 100)          the asyncio client
     client.at(unit=7).read_coils(0, 8)                    another unit of the same line
 
-Each definition says once what is to be done: an `Exchange` (a request, and what is taken of its response) or a
-`BusConversation` (anything else). `barewire.io.engine.methods` makes a method of it, blocking or awaited. The
+Each definition says once what is to be done: an `Exchange` (a request, and what is taken of its response), several
+`Exchanges`, or a `BusConversation`. `barewire.io.engine.methods` makes a method of it, blocking or awaited. The
 parameters are those of the message; unit and time-out are those of the client, see `at`. All methods raise
 ModbusException for an exception response, NoAnswer (WriteOutcomeUnknown for a write) after the time-out, PortError if
 the port fails, and EncodeError for values that the message cannot carry. The file of a message is loaded when its
@@ -14,62 +14,24 @@ method is first called.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire import modbus
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import shown
-from barewire.io.engine.methods import ClientOperation, method
+from barewire.io.engine.methods import bus_conversation, exchange, exchanges
 
 if TYPE_CHECKING:
     from barewire.codecs import Value
-    from barewire.conversation import Conversation
     from barewire.devices.device import Device
     from barewire.devices.parameter import Reading
-    from barewire.modbus.client.bus import Bus
+    from barewire.io.engine.methods import BusConversation, Exchange, Exchanges
     from barewire.modbus.client.read_identification import DeviceIdentification
     from barewire.modbus.messages.base import Request, Response
     from barewire.modbus.messages.comm_events import GetCommEventCounterResponse, GetCommEventLogResponse
 
 V = TypeVar("V")
-
-
-class Exchange(ClientOperation[V]):
-    """One request to the client's unit, and what is taken of its response."""
-
-    __slots__ = ("request", "take")
-
-    def __init__(self, request: Request[Any], take: Callable[[Any], V]) -> None:
-        self.request = request
-        self.take = take
-
-
-class Exchanges(ClientOperation[V]):
-    """Requests to one unit, one after the other, and what is taken of their responses.
-
-    `notes` has a note for the error of each request.
-    """
-
-    __slots__ = ("notes", "requests", "take", "unit")
-
-    def __init__(
-        self, unit: int, requests: Sequence[Request[Any]], notes: Sequence[str], take: Callable[[list[Any]], V]
-    ) -> None:
-        self.unit = unit
-        self.requests = requests
-        self.notes = notes
-        self.take = take
-
-
-class BusConversation(ClientOperation[V]):
-    """The conversation that `make` returns for the bus it is given. It waits in the queue of `unit`."""
-
-    __slots__ = ("make", "unit")
-
-    def __init__(self, make: Callable[[Bus], Conversation[bytes, V]], unit: int | None = None) -> None:
-        self.make = make
-        self.unit = unit
 
 
 def checked_request(request: Request[Any]) -> None:
@@ -119,109 +81,108 @@ class ModbusMethods:
             return self.unit
         return device.modbus.unit if device and device.modbus else 1
 
-    @method
+    @exchange
     def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
         """Read 1 to 2000 coils from `address` on (function 01)."""
-        return Exchange(modbus.ReadCoils(address, quantity), _bits)
+        return modbus.ReadCoils(address, quantity), _bits
 
-    @method
+    @exchange
     def read_discrete_inputs(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
         """Read 1 to 2000 discrete inputs from `address` on (function 02)."""
-        return Exchange(modbus.ReadDiscreteInputs(address, quantity), _bits)
+        return modbus.ReadDiscreteInputs(address, quantity), _bits
 
-    @method
+    @exchange
     def read_holding_registers(self, address: int, quantity: int) -> Exchange[tuple[int, ...]]:
         """Read 1 to 125 holding registers from `address` on (function 03)."""
-        return Exchange(modbus.ReadHoldingRegisters(address, quantity), _registers)
+        return modbus.ReadHoldingRegisters(address, quantity), _registers
 
-    @method
+    @exchange
     def read_input_registers(self, address: int, quantity: int) -> Exchange[tuple[int, ...]]:
         """Read 1 to 125 input registers from `address` on (function 04)."""
-        return Exchange(modbus.ReadInputRegisters(address, quantity), _registers)
+        return modbus.ReadInputRegisters(address, quantity), _registers
 
-    @method
+    @exchange
     def write_single_coil(self, address: int, value: bool) -> Exchange[None]:
         """Write one coil (function 05)."""
-        return Exchange(modbus.WriteSingleCoil(address, value), _nothing)
+        return modbus.WriteSingleCoil(address, value), _nothing
 
-    @method
+    @exchange
     def write_single_register(self, address: int, value: int) -> Exchange[None]:
         """Write one holding register, 0..65535 (function 06)."""
-        return Exchange(modbus.WriteSingleRegister(address, value), _nothing)
+        return modbus.WriteSingleRegister(address, value), _nothing
 
-    @method
+    @exchange
     def write_multiple_coils(self, address: int, bits: Sequence[bool | int]) -> Exchange[None]:
         """Write 1 to 1968 coils from `address` on (function 0F)."""
-        return Exchange(modbus.WriteMultipleCoils(address, tuple(bits)), _nothing)
+        return modbus.WriteMultipleCoils(address, tuple(bits)), _nothing
 
-    @method
+    @exchange
     def write_multiple_registers(self, address: int, registers: Sequence[int]) -> Exchange[None]:
         """Write 1 to 123 holding registers from `address` on (function 10h)."""
-        return Exchange(modbus.WriteMultipleRegisters(address, registers), _nothing)
+        return modbus.WriteMultipleRegisters(address, registers), _nothing
 
-    @method
+    @exchange
     def mask_write_register(self, address: int, and_mask: int, or_mask: int) -> Exchange[None]:
         """Set a holding register to (its value AND and_mask) OR (or_mask AND NOT and_mask) (function 16h)."""
-        return Exchange(modbus.MaskWriteRegister(address, and_mask, or_mask), _nothing)
+        return modbus.MaskWriteRegister(address, and_mask, or_mask), _nothing
 
-    @method
+    @exchange
     def read_write_multiple_registers(
         self, read_address: int, read_quantity: int, write_address: int, registers: Sequence[int]
     ) -> Exchange[tuple[int, ...]]:
         """Write 1 to 121 holding registers, then read 1 to 125, in one exchange (function 17h)."""
-        return Exchange(
-            modbus.ReadWriteMultipleRegisters(read_address, read_quantity, write_address, registers), _registers
-        )
+        request = modbus.ReadWriteMultipleRegisters(read_address, read_quantity, write_address, registers)
+        return request, _registers
 
-    @method
+    @exchange
     def read_fifo_queue(self, address: int) -> Exchange[tuple[int, ...]]:
         """Read the up to 31 registers of a FIFO queue, which stay in it (function 18h)."""
-        return Exchange(modbus.ReadFifoQueue(address), _registers)
+        return modbus.ReadFifoQueue(address), _registers
 
-    @method
+    @exchange
     def read_file_record(self, places: Sequence[tuple[int, int, int]]) -> Exchange[tuple[tuple[int, ...], ...]]:
         """Read records of files (function 14h). `places` are (file, record, length in registers)."""
-        return Exchange(modbus.ReadFileRecord(places), lambda response: response.records)
+        return modbus.ReadFileRecord(places), lambda response: response.records
 
-    @method
+    @exchange
     def write_file_record(self, records: Sequence[tuple[int, int, Sequence[int]]]) -> Exchange[None]:
         """Write records of files (function 15h). `records` are (file, record, registers)."""
-        return Exchange(modbus.WriteFileRecord(records), _nothing)
+        return modbus.WriteFileRecord(records), _nothing
 
-    @method
+    @exchange
     def read_exception_status(self) -> Exchange[int]:
         """Read the eight exception status bits (function 07, serial lines)."""
-        return Exchange(modbus.ReadExceptionStatus(), lambda response: response.status)
+        return modbus.ReadExceptionStatus(), lambda response: response.status
 
-    @method
+    @exchange
     def diagnostics(self, sub_function: int, data: bytes = b"\0\0") -> Exchange[bytes]:
         """Carry out a diagnostic sub-function (function 08, serial lines); the data of its response."""
-        return Exchange(modbus.Diagnostics(sub_function, data), lambda response: response.data)
+        return modbus.Diagnostics(sub_function, data), lambda response: response.data
 
-    @method
+    @exchange
     def get_comm_event_counter(self) -> Exchange[GetCommEventCounterResponse]:
         """Read the status and the event counter (function 0B, serial lines)."""
-        return Exchange(modbus.GetCommEventCounter(), _whole)
+        return modbus.GetCommEventCounter(), _whole
 
-    @method
+    @exchange
     def get_comm_event_log(self) -> Exchange[GetCommEventLogResponse]:
         """Read the status, the counters and the latest 64 events (function 0C, serial lines)."""
-        return Exchange(modbus.GetCommEventLog(), _whole)
+        return modbus.GetCommEventLog(), _whole
 
-    @method
+    @exchange
     def report_server_id(self) -> Exchange[bytes]:
         """Read the server's ID, run indicator and additional data (function 11h, serial lines)."""
-        return Exchange(modbus.ReportServerId(), lambda response: response.data)
+        return modbus.ReportServerId(), lambda response: response.data
 
-    @method
+    @bus_conversation
     def read_device_identification(self, read_code: int = 1) -> BusConversation[DeviceIdentification]:
         """Read the basic (1), regular (2) or extended (3) identification objects (function 2Bh/0Eh), all of them."""
         from barewire.modbus.client.read_identification import read_device_identification
 
         unit = self.unit_for()
-        return BusConversation(lambda bus: read_device_identification(bus, unit, read_code, timeout=self.timeout), unit)
+        return (lambda bus: read_device_identification(bus, unit, read_code, timeout=self.timeout)), unit
 
-    @method
+    @exchanges
     def read(self, device: Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
         """Read the named values of a device, with as few requests as it allows, in the order of `names`."""
         plan = device.read_plans.get(names)
@@ -229,9 +190,9 @@ class ModbusMethods:
             from barewire.devices.modbus_access import read_plan
 
             plan = read_plan(device, names)
-        return Exchanges(self.unit_for(unit, device), plan.requests, plan.notes, plan.readings)
+        return self.unit_for(unit, device), plan.requests, plan.notes, plan.readings
 
-    @method
+    @bus_conversation
     def write(
         self, device: Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
     ) -> BusConversation[None]:
@@ -242,15 +203,15 @@ class ModbusMethods:
         from barewire.devices.modbus_access import write_modbus
 
         at = self.unit_for(unit, device)
-        return BusConversation(lambda bus: write_modbus(bus, at, device, values, timeout=self.timeout, force=force), at)
+        return (lambda bus: write_modbus(bus, at, device, values, timeout=self.timeout, force=force)), at
 
-    @method
+    @bus_conversation
     def broadcast(self, request: Request[Any], *, turnaround: float = 0.1) -> BusConversation[None]:
         """Send a write request to all units of a serial line. They do not answer; `turnaround` is their time to act."""
         checked_request(request)
-        return BusConversation(lambda bus: bus.broadcast(request, turnaround=turnaround))
+        return (lambda bus: bus.broadcast(request, turnaround=turnaround)), None
 
-    @method
+    @bus_conversation
     def settle(self) -> BusConversation[None]:
         """Wait until no late answer can come any more: before a serial line is left to another program."""
-        return BusConversation(lambda bus: bus.settle())
+        return (lambda bus: bus.settle()), None
