@@ -1,4 +1,4 @@
-"""A block transfer as a listener sees it: the segments in the recording against the acknowledgements.
+"""A block transfer as the monitor sees it: the segments in the recording against the acknowledgements.
 
         in the recording           acknowledged        conclusion
         1 2 3 4                    4                   nothing is missing

@@ -1,10 +1,12 @@
-"""The state of one SDO channel that its parts share: the transfer under way, and the events that frames gave rise to.
+"""The state of one SDO channel, which its trackers share: the transfer under way, and the events of the last frame.
 
-        channel      every frame; what it means        -.
-        segments     segmented transfers                 >-- ChannelState: open transfer, block, events
-        block        block transfers (no access)       -'
+        channel      finds out which message a frame is    |
+        segments     takes frames of segmented transfers   |--> ChannelState: open transfer, block, events
+        block        takes frames of block transfers; its findings are collected by `collect_findings`
 
 The first frame of a channel may be ambiguous; its events are held back until the next frame settles it.
+
+Depends on: events, transfer, block. Used by: segments, channel.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
         PdoReport             process data by name             EmcyReport, SyncReport,
         PdoMappingReport      what a PDO carries from now on     TimeReport, LssReport           the other services
         BusErrorReport        from the controller              ForeignFrameReport                not classical CANopen
-        Violation             a rule that was broken
+        Violation             a rule that was broken           Summary                           counts, at the end
         Gap                   the RECORDING lacks frames       Loss                              the BUS lost a frame
 
 `repeated` is true for an event without news: the same heartbeat, SYNC, or PDO once more. The names of the fields are

@@ -1,6 +1,6 @@
-"""The rules of a CANopen bus that a listener can see broken: a closed list, each with its clause and a sentence.
+"""The rules of a CANopen bus that the monitor checks: a closed list, each with its clause and a sentence.
 
-A violation is proved by the frames. What a hole in the recording or a disturbed bus explains as well is reported as a
+The frames prove a violation. If a hole in the recording or a disturbed bus can be the cause as well, the event is a
 `Gap` or a `Loss` instead.
 """
 

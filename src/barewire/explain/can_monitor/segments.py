@@ -1,4 +1,4 @@
-"""Segmented transfers as a listener sees them: the toggle bit shows missing frames.   [CiA 301, SDO segments]
+"""Segmented transfers as the monitor sees them: the toggle bit shows missing frames.   [CiA 301, SDO segments]
 
 client  60  70  60  70          server  00  10  00  11          the bit alternates, the answer repeats it
 

@@ -1,4 +1,4 @@
-"""An SDO transfer under way as a listener knows it, and the messages that begin one.   [CiA 301, SDO]
+"""An SDO transfer under way as the monitor knows it, and the messages that begin one.   [CiA 301, SDO]
 
         request                 transfer                possible answers
         initiate upload         upload, expedited       the value, or the announcement of segments
