@@ -64,7 +64,7 @@ def theirs(one: can.Message) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize("form", READERS)
 def test_random_frames_are_read_as_python_can_reads_them(form: str, tmp_path: Path) -> None:
-    """The same random frames, of one file, through their reader and ours: kind, identifier, data, flags, and times."""
+    """Random frames in one file: kind, identifier, data, flags and times are those that python-can reads."""
     file = tmp_path / f"run.{form}"
     made = random_frames(600, seed=len(form))
     if form != "log":

@@ -44,11 +44,11 @@ class BlockTracker:
     """
 
     def __init__(
-        self, transfer: OpenTransfer, node: int, sender: SdoSide, blksize: int | None, *, crc: bool | None
+        self, transfer: OpenTransfer, node: int, data_sender: SdoSide, blksize: int | None, *, crc: bool | None
     ) -> None:
         self.transfer = transfer
         self.node = node
-        self.sender = sender
+        self.data_sender = data_sender
         self.blksize = blksize or BLOCK_MAX
         self.crc = crc  # whether both sides use one
         self.state: Literal["ready", "segments", "end", "ended", "over"] = "segments"
@@ -68,11 +68,11 @@ class BlockTracker:
         """The number of the next segment."""
         return max(self._parts, default=0) + 1
 
-    def feed(self, speaker: SdoSide, data: bytes, now: float) -> bool:
+    def feed(self, sender: SdoSide, data: bytes, now: float) -> bool:
         """Take a frame. False if it does not belong to this transfer; `state` is "over" after the last one."""
         if data[0] == LAST:
             return False  # 80h is an abort: there is no segment 0
-        return self._from_sender(data, now) if speaker == self.sender else self._from_receiver(data, now)
+        return self._from_sender(data, now) if sender == self.data_sender else self._from_receiver(data, now)
 
     def _from_sender(self, data: bytes, now: float) -> bool:
         if self.state == "ready":
@@ -103,7 +103,7 @@ class BlockTracker:
     def _is_new_request(self, data: bytes, now: float) -> bool:
         """Whether a frame of a download begins another transfer: some requests look like segments."""
         late = self.transfer.gapped or now - self.transfer.last_frame_at > _PAUSE
-        if self.sender == "server" or not late or data[0] & ~LAST == self.expects:
+        if self.data_sender == "server" or not late or data[0] & ~LAST == self.expects:
             return False
         return any(kind.pattern.matches(data[0]) for kind in _REQUESTS)
 
@@ -138,7 +138,7 @@ class BlockTracker:
             self._final = number
 
     def _from_receiver(self, data: bytes, now: float) -> bool:
-        if StartBlockUpload.pattern.matches(data[0]) and self.sender == "server":
+        if StartBlockUpload.pattern.matches(data[0]) and self.data_sender == "server":
             if self.state == "ready":
                 self.state = "segments"
             return True

@@ -144,30 +144,30 @@ class SdoTracker:
         block = self._state.block
         if block is None or block.state != "segments" or not data or data[0] == 0x80:
             return False
-        return block.sender == ("client" if from_client else "server")
+        return block.data_sender == ("client" if from_client else "server")
 
     # Which message it is
 
-    def _take(self, speaker: SdoSide, data: bytes) -> None:
+    def _take(self, sender: SdoSide, data: bytes) -> None:
         state = self._state
-        if self._continues_unrecorded_block(speaker, data):
-            begun = state.begin_unrecorded("upload" if speaker == "server" else "download", "block")
-            state.begin_blocks(begun, speaker)
+        if self._continues_unrecorded_block(sender, data):
+            begun = state.begin_unrecorded("upload" if sender == "server" else "download", "block")
+            state.begin_blocks(begun, sender)
         state.release()
-        self._begin_unanswered_block(speaker, data)
+        self._begin_unanswered_block(sender, data)
         block = state.block
         if block is not None:
-            belongs = block.feed(speaker, data, state.now)
+            belongs = block.feed(sender, data, state.now)
             state.collect_findings(block)
             if belongs:
                 if block.state == "over":
                     state.done(block.transfer)
                 return
         try:
-            message = decode_one_of(data, CLIENT_MESSAGES if speaker == "client" else SERVER_MESSAGES)
+            message = decode_one_of(data, CLIENT_MESSAGES if sender == "client" else SERVER_MESSAGES)
         except DecodeError as error:
             if error.reason == "function":
-                state.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {speaker}")
+                state.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {sender}")
             return
         if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
             self._reserved.add(data[0])
@@ -176,15 +176,15 @@ class SdoTracker:
             # The next frame may show that this was a segment of a block that began in a hole of the recording.
             state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
         if isinstance(message, Abort):
-            self._aborted(speaker, message)
+            self._aborted(sender, message)
         elif isinstance(message, InitiateAnswer):
             self._answered(message)
         elif isinstance(message, InitiateRequest):
             self._begin(message, data)
         elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
-            feed_segment(state, speaker, message, state.now)
+            feed_segment(state, sender, message, state.now)
         else:
-            self._unmatched_block_message(speaker, message, data)
+            self._unmatched_block_message(sender, message, data)
 
     # Requests and answers
 
@@ -257,7 +257,7 @@ class SdoTracker:
                 crc = transfer.client_crc and answer.crc if answer.crc else False
                 state.begin_blocks(transfer, "client", size, crc=crc)
 
-    def _aborted(self, speaker: SdoSide, abort: Abort) -> None:
+    def _aborted(self, sender: SdoSide, abort: Abort) -> None:
         state = self._state
         if abort.code not in tuple(AbortCode):
             state.violation("SDO-ABORT-CODE", abort_text(abort.code))
@@ -270,11 +270,11 @@ class SdoTracker:
             state.violation("SDO-TOGGLE", "the client did not alternate the toggle bit, and the server aborted")
         elif state.open.doubt == "unasked" and abort.code == AbortCode.COMMAND:
             state.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
-        state.close("aborted", abort=abort.code, by=speaker)
+        state.close("aborted", abort=abort.code, by=sender)
 
     # Transfers whose beginning is not in the recording
 
-    def _continues_unrecorded_block(self, speaker: SdoSide, data: bytes) -> bool:
+    def _continues_unrecorded_block(self, sender: SdoSide, data: bytes) -> bool:
         """Whether two consecutive frames of one side have consecutive numbers, which only a block has.
 
         Three are needed, or a first one that would be wrong, while a transfer is under way that may have ended
@@ -286,14 +286,14 @@ class SdoTracker:
         enough = enough or state.run > 0 or bool(state.held_back)
         if not enough or not last or state.block is not None:
             return False
-        return from_client == (speaker == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
+        return from_client == (sender == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
 
-    def _begin_unanswered_block(self, speaker: SdoSide, data: bytes) -> None:
+    def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
         """The client begins to send segments, so it has the answer to its request, which is not in the recording."""
         transfer = self._state.open
         if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
             return
-        if speaker == "client" and data[0] in (0x01, 0x81):
+        if sender == "client" and data[0] in (0x01, 0x81):
             self._state.lacks(transfer, 1, _UNANSWERED, data=False)
             transfer.request = b""
             self._state.begin_blocks(transfer, "client")
@@ -333,16 +333,16 @@ class SdoTracker:
             if late is not None:
                 state.release()
 
-    def _unmatched_block_message(self, speaker: SdoSide, message: SdoMessage, data: bytes) -> None:
+    def _unmatched_block_message(self, sender: SdoSide, message: SdoMessage, data: bytes) -> None:
         """A message of a block transfer while none is under way."""
         state, transfer = self._state, self._state.open
         if transfer is not None and transfer.request:
-            if speaker == "client":  # it goes on, so it has the answer; the server may go on without the client
+            if sender == "client":  # it goes on, so it has the answer; the server may go on without the client
                 state.lacks(transfer, 1, _UNANSWERED, data=False)
             transfer.request, transfer.manner = b"", "block"
         else:
             receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)
-            upload = speaker == "client" if receives else isinstance(message, BlockEnd) and speaker == "server"
+            upload = sender == "client" if receives else isinstance(message, BlockEnd) and sender == "server"
             transfer = state.begin_unrecorded("upload" if upload else "download", "block")
         block = state.begin_blocks(transfer, "server" if transfer.direction == "upload" else "client")
         if isinstance(message, BlockEnd | BlockEnded):
@@ -350,14 +350,14 @@ class SdoTracker:
             transfer.complete = False
         elif isinstance(message, StartBlockUpload):
             block.state = "ready"
-        block.feed(speaker, data, state.now)
+        block.feed(sender, data, state.now)
         state.collect_findings(block)
         if block.state == "over":
             state.done(transfer)
 
 
 def _outcome_of_silence(transfer: OpenTransfer) -> TransferOutcome:
-    """How a transfer ended that neither side goes on with."""
+    """The outcome of a transfer that neither side continues."""
     if transfer.gapped or transfer.began is None:
         return "cut"
     return "unanswered" if transfer.next_sender == "server" else "left"

@@ -56,10 +56,10 @@ class ChannelState:
         return transfer
 
     def begin_blocks(
-        self, transfer: OpenTransfer, sender: SdoSide, blksize: int | None = None, *, crc: bool | None = None
+        self, transfer: OpenTransfer, data_sender: SdoSide, blksize: int | None = None, *, crc: bool | None = None
     ) -> BlockTracker:
         """The transfer goes on in blocks. None stands for what is not in the recording."""
-        self.block = BlockTracker(transfer, self.node, sender, blksize, crc=crc)
+        self.block = BlockTracker(transfer, self.node, data_sender, blksize, crc=crc)
         return self.block
 
     def collect_findings(self, block: BlockTracker) -> None:
@@ -76,7 +76,7 @@ class ChannelState:
         self.events.append(Violation(self.now, rule, self.node, text, self.frame))
 
     def lacks(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
-        """So many frames are not in the recording; with `data`, they carried bytes of the value."""
+        """Report frames that are not in the recording; with `data`, they carried bytes of the value."""
         transfer.lacks(frames, data=data)
         self.events.append(Gap(self.now, None, frames, evidence, self.node))
 

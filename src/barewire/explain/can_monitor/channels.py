@@ -57,7 +57,7 @@ class SdoChannels:
 
     @property
     def under_way(self) -> int:
-        """How many transfers are under way."""
+        """The number of transfers under way."""
         return sum(channel.under_way for channel in self._channels.values())
 
     def feed(self, channel: SdoTracker, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:

@@ -51,7 +51,7 @@ _VIOLATIONS_MAX = 4096
 """The most different violations that are kept to find repeated ones."""
 _HEARTBEAT_TIME = 0x1017
 _WITNESSES = 2
-"""So many silent nodes, SYNC and transfers prove a hole in the recording."""
+"""The number of silent nodes, SYNC and transfers that proves a hole in the recording."""
 _TRANSFER_SILENT = 1.0
 """A transfer counts as silent after so many seconds."""
 _BACKWARDS = 1.0

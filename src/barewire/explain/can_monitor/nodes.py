@@ -98,7 +98,7 @@ class NodeTracker:
         return events
 
     def overdue(self, now: float) -> int:
-        """How many nodes have passed their deadline."""
+        """The number of nodes that have passed their deadline."""
         return sum((due := node.deadline) is not None and now >= due for node in self.nodes.values())
 
     def interrupt(self, now: float) -> None:

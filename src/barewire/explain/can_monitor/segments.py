@@ -17,16 +17,16 @@ from barewire.explain.can_monitor.transfer import OpenTransfer, SdoSide
 
 
 def feed_segment(
-    channel: ChannelState, speaker: SdoSide, message: NextSegment | SdoSegment | SegmentTaken, now: float
+    channel: ChannelState, sender: SdoSide, message: NextSegment | SdoSegment | SegmentTaken, now: float
 ) -> None:
     """Take a frame of a segmented transfer, in either direction."""
-    uploads = isinstance(message, NextSegment) or (speaker == "server" and isinstance(message, SdoSegment))
+    uploads = isinstance(message, NextSegment) or (sender == "server" and isinstance(message, SdoSegment))
     transfer = _transfer(channel, "upload" if uploads else "download", message)
     if isinstance(message, NextSegment):
         _upload_requested(channel, transfer, message.toggle, now)
     elif isinstance(message, SegmentTaken):
         _download_confirmed(channel, transfer, message.toggle)
-    elif speaker == "server":
+    elif sender == "server":
         _uploaded(channel, transfer, message)
     else:
         _downloaded(channel, transfer, message, now)
