@@ -39,6 +39,9 @@ class State(Enum):
     FAULT = "fault"
 
 
+FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
+
+
 class DriveCommand(IntEnum):
     """A command; its value is the simplest control word that gives it. Switch on is also disable operation."""
 

@@ -31,9 +31,8 @@ from barewire.codecs import Value
 from barewire.conversation import Conversation, Item
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.access import DriveAccess
-from barewire.devices.drive.cia402 import DriveCommand, State, next_control_word
+from barewire.devices.drive.cia402 import FAULT_STATES, DriveCommand, State, next_control_word
 from barewire.devices.drive.report import (
-    FAULT_STATES,
     LIMITED,
     MODE_BIT,
     MODE_ERROR,

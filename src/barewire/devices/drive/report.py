@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from barewire.codecs import Value
-from barewire.devices.drive.cia402 import State, state_of
+from barewire.devices.drive.cia402 import FAULT_STATES, State, state_of
 from barewire.devices.parameter import Parameter, Reading, show
 from barewire.errors import BarewireError, DecodeError
 
@@ -34,8 +34,6 @@ _BIT_NAMES: dict[int, str] = {
     13: "bit 13",
 }
 """The bits of the status word that CiA 402 names; 12 and 13 belong to the mode."""
-
-FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
 
 
 class DriveStatus(NamedTuple):

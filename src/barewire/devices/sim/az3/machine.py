@@ -33,14 +33,14 @@ from typing import Any
 from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import Device, ModbusSettings
-from barewire.devices.drive.cia402 import DriveCommand, State
+from barewire.devices.drive.cia402 import FAULT_STATES, DriveCommand, State
 from barewire.devices.sim.az3.measurements import Measurements
 from barewire.devices.sim.az3.memory import Memory
 from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings
 from barewire.devices.sim.az3.phasing import Phasing
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, parse_setting
-from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, FAULT_STATES
+from barewire.devices.sim.motion.cia402_axis import CURRENT_ON
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.identification import (

@@ -34,7 +34,7 @@ from collections.abc import Iterator
 
 from barewire.codecs import Value
 from barewire.devices.device import Device, ModbusSettings
-from barewire.devices.drive.cia402 import State
+from barewire.devices.drive.cia402 import FAULT_STATES, State
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator
 from barewire.devices.sim.core.store import Declined
@@ -48,7 +48,6 @@ from barewire.devices.sim.csd_mt.shaft import Shaft
 from barewire.devices.sim.csd_mt.thermal import ThermalModel
 from barewire.devices.sim.motion.cia402_axis import (
     CURRENT_ON,
-    FAULT_STATES,
     HOMING,
     IMMEDIATELY,
     POSITION,

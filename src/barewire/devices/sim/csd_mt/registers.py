@@ -15,11 +15,12 @@ from functools import partial
 from math import inf
 
 from barewire.codecs import Value
+from barewire.devices.drive.cia402 import FAULT_STATES
 from barewire.devices.sim.core.store import Cell, Declined
 from barewire.devices.sim.csd_mt.axis import StepperAxis, is_brake_config
 from barewire.devices.sim.csd_mt.context import AlarmLog, Context, TimedAction
 from barewire.devices.sim.csd_mt.shaft import NO_ENCODER, Shaft
-from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, FAULT_STATES
+from barewire.devices.sim.motion.cia402_axis import CURRENT_ON
 
 _STORE, _STORE_NETWORK = 0x6173, 0x1111
 _SAVING_TAKES = 5.0
