@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import pytest
 
 from barewire.errors import EncodeError
-from barewire.io.endpoint import Endpoint
+from barewire.io.endpoint import CARRIERS, Endpoint
+from barewire.io.modbus.options import ModbusOptions
 
 
 @pytest.mark.parametrize(
@@ -112,3 +115,15 @@ def test_patience_strict_is_accepted_for_rtu_only() -> None:
 def test_an_error_names_the_wrong_option(query: str) -> None:
     with pytest.raises(EncodeError, match=query.partition("=")[0]):
         Endpoint.parse(f"rtu:///dev/x?{query}")
+
+
+def test_the_keywords_for_type_checkers_are_the_options_of_all_carriers() -> None:
+    options = frozenset().union(*(carrier.options for carrier in CARRIERS.values()))
+    assert set(ModbusOptions.__annotations__) == options - {"unit", "timeout"}
+
+
+@pytest.mark.parametrize("scheme", CARRIERS)
+def test_every_carrier_has_a_port_for_both_engines(scheme: str) -> None:
+    transport = CARRIERS[scheme].transport
+    assert callable(import_module(f"barewire.io.ports.{transport}").dialer)
+    assert callable(import_module(f"barewire.io.ports.async_{transport}").connect)

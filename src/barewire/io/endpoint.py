@@ -40,6 +40,12 @@ from barewire.errors import EncodeError, shown
 from barewire.io.url import pairs, split, unquote
 
 PSEUDO_TERMINAL = "pty"
+DEFAULT_BAUDRATE = 19200
+"""Of a serial line, in bit/s [MB-SERIAL 2.5.1]."""
+DEFAULT_BITRATE = 125_000
+"""Of a CAN bus, in bit/s."""
+DEFAULT_ASCII_PATIENCE = 1.0
+"""The longest pause, in seconds, that is tolerated inside an ASCII frame [MB-SERIAL 2.5.2.1]."""
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
 """The longest pause, in seconds, that is tolerated inside an RTU frame, by what carries the bytes. A UART's FIFO and
 the scheduler delay bytes for milliseconds, USB adapters twice up to 16 ms, a network without limit."""

@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
 from barewire.errors import EncodeError
-from barewire.io.endpoint import CARRIERS, LATENCIES, Endpoint
+from barewire.io.endpoint import CARRIERS, DEFAULT_ASCII_PATIENCE, LATENCIES, Endpoint
 from barewire.tcp import DatagramLine, TcpLine
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def modbus_line(endpoint: Endpoint, role: _Role, units: Container[int] = ()) -> 
         from barewire.ascii import AsciiLine
 
         bits = 7 if endpoint.options.get("bytesize") == "7" else 8
-        line = AsciiLine(character_timeout=endpoint.seconds("patience", 1.0), data_bits=bits)
+        line = AsciiLine(character_timeout=endpoint.seconds("patience", DEFAULT_ASCII_PATIENCE), data_bits=bits)
     else:
         from barewire.rtu.line import RtuLine  # loads all messages, because it knows their lengths
 
@@ -81,7 +81,7 @@ def timing_in_words(endpoint: Endpoint) -> str:
     if endpoint.framing == "tcp":
         return "keeps no silence: lengths and numbers tell frames and answers apart"
     if endpoint.framing == "ascii":
-        between = 1e3 * endpoint.seconds("patience", 1.0)
+        between = 1e3 * endpoint.seconds("patience", DEFAULT_ASCII_PATIENCE)
         return f"keeps no silence, forgives pauses of {between:g} ms between two characters of a frame"
     timing, forgiven = _timing(endpoint), patience(endpoint)
     speaks = f"speaks after {1e3 * timing.t35:.2f} ms of silence (t3.5)" if timing.t35 else "keeps no silence"

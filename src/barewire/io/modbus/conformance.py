@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io.endpoint import CARRIERS, Endpoint
+from barewire.io.endpoint import CARRIERS, DEFAULT_BAUDRATE, Endpoint
 from barewire.io.engine.conformance import Unfinished
 from barewire.io.modbus.carriers import dialer, modbus_line
 from barewire.io.ports.base import Port
@@ -109,7 +109,7 @@ class _Tester:
         self._timeout = timeout
         self._dial = dialer(endpoint)
         self._is_tcp = endpoint.framing == "tcp"
-        self._slow = 600 * 11 / endpoint.integer("baudrate", 19200) if endpoint.is_serial_port else 0.0
+        self._slow = 600 * 11 / endpoint.integer("baudrate", DEFAULT_BAUDRATE) if endpoint.is_serial_port else 0.0
         self.loud = ""
         self.loud_cases = 0
         self.was_answered = False

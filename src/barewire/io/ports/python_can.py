@@ -16,7 +16,7 @@ from typing import Any
 
 from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
-from barewire.io.endpoint import Endpoint, socketcand_address
+from barewire.io.endpoint import DEFAULT_BITRATE, Endpoint, socketcand_address
 from barewire.io.ports.base import send_when_room
 from barewire.io.ports.tcp import reason
 
@@ -64,7 +64,7 @@ class CanPort:
             if interface == "socketcand":
                 _check_greeting(extra["host"], extra["port"])
             self._bus = can.Bus(
-                channel=channel, interface=interface, bitrate=endpoint.integer("bitrate", 125_000), **extra
+                channel=channel, interface=interface, bitrate=endpoint.integer("bitrate", DEFAULT_BITRATE), **extra
             )
         except Exception as error:
             # Each interface of python-can has its own errors; all of them mean that the bus cannot be opened.

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from barewire.errors import PortError
-from barewire.io.endpoint import Endpoint, SetDirection
+from barewire.io.endpoint import DEFAULT_BAUDRATE, Endpoint, SetDirection
 from barewire.io.ports.pty import is_pseudo_terminal
 from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
 from barewire.rtu.timing import Timing, character_bits
@@ -42,7 +42,7 @@ def dialer(endpoint: Endpoint) -> Callable[[], SerialPort]:
 class SerialSettings(NamedTuple):
     """The settings of a line. The default of Modbus is 19200 8E1 [MB-SERIAL 2.5.1]."""
 
-    baudrate: int = 19200
+    baudrate: int = DEFAULT_BAUDRATE
     bytesize: int = 8
     parity: str = "E"
     stopbits: float = 1
@@ -51,7 +51,7 @@ class SerialSettings(NamedTuple):
     def of(cls, endpoint: Endpoint) -> SerialSettings:
         """The settings of an endpoint."""
         return cls(
-            endpoint.integer("baudrate", 19200),
+            endpoint.integer("baudrate", DEFAULT_BAUDRATE),
             int(endpoint.choice("bytesize", "8")),
             endpoint.choice("parity", "E"),
             float(endpoint.choice("stopbits", "1")),
