@@ -23,7 +23,7 @@ from barewire.io.ports.base import Port
 from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
-from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, Step, StepAnswer, Stimulus, difference
+from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, ServerStep, StepAnswer, Stimulus, difference
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 
@@ -38,7 +38,7 @@ RESTART = 3.0
 """Seconds that a server which answered before may take to come back, because something may restart it."""
 
 _CASES_IN_A_ROW, _KEPT = 3, 8
-_READ_ONE_REGISTER = ServerCase("read one register", "", (Step((Stimulus(bytes.fromhex("0300000001")),)),), ())
+_READ_ONE_REGISTER = ServerCase("read one register", "", (ServerStep((Stimulus(bytes.fromhex("0300000001")),)),), ())
 
 
 class CaseResult(NamedTuple):
@@ -149,7 +149,7 @@ class _Tester:
         self.loud_cases = self.loud_cases + 1 if self.loud else 0
         return answers
 
-    def _step(self, step: Step, timeout: float) -> StepAnswer:
+    def _step(self, step: ServerStep, timeout: float) -> StepAnswer:
         if self._port is None:
             self._port, self._line = self._opened(), modbus_line(self._endpoint, "client")
         quiet_at = max(self._last + step.after, self._line.quiet_at)

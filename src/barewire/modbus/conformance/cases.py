@@ -14,7 +14,7 @@ Depends on: model. Used by: io.modbus.conformance, `barewire conform`, docs/conf
 from __future__ import annotations
 
 from barewire.modbus.adu import BROADCAST
-from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, Step, Stimulus
+from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, ServerStep, Stimulus
 
 
 def _pdu(text: str, unit: int | None = None) -> Stimulus:
@@ -27,11 +27,11 @@ def _raw(text: str) -> Stimulus:
 
 def _one(name: str, clause: str, request: str, *answers: str) -> ServerCase:
     """One request, and each response that is accepted."""
-    return ServerCase(name, clause, (Step((_pdu(request),)),), tuple((answer,) for answer in answers))
+    return ServerCase(name, clause, (ServerStep((_pdu(request),)),), tuple((answer,) for answer in answers))
 
 
 READ, VALUE = "03 0000 0001", "03 02 .. .."
-_READ = Step((_pdu(READ),))
+_READ = ServerStep((_pdu(READ),))
 _SET = "06 0000 1234"
 _ECHO = "06 00 00 12 34"
 _DISCARDED = ((SILENCE, VALUE), (CLOSED, VALUE))
@@ -52,19 +52,19 @@ ANYWHERE: tuple[ServerCase, ...] = (
     ServerCase(
         "08/04 listen only: silence from then on, until 08/01",
         "MB-APP 6.8",
-        (Step((_pdu("08 0004 0000"),)), _READ, Step((_pdu("08 0001 0000"),)), _READ),
+        (ServerStep((_pdu("08 0004 0000"),)), _READ, ServerStep((_pdu("08 0001 0000"),)), _READ),
         (("88 01", VALUE, "88 01", VALUE), (SILENCE, SILENCE, SILENCE, VALUE)),
     ),
     ServerCase(
         "16 keeps the bits that the AND mask keeps",
         "MB-APP 6.16",
-        (Step((_pdu(_SET),)), Step((_pdu("16 0000 00F2 0025"),)), _READ),
+        (ServerStep((_pdu(_SET),)), ServerStep((_pdu("16 0000 00F2 0025"),)), _READ),
         ((_ECHO, "16 00 00 00 F2 00 25", "03 02 00 35"), (_ECHO, "96 01", "03 02 12 34")),
     ),
     ServerCase(
         "17 writes before it reads",
         "MB-APP 6.17",
-        (Step((_pdu(_SET),)), Step((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
+        (ServerStep((_pdu(_SET),)), ServerStep((_pdu("17 0000 0001 0000 0001 02 ABCD"),))),
         ((_ECHO, "17 02 AB CD"), (_ECHO, "97 01")),
     ),
     _one("17 with 126 to read", "MB-APP 6.17", "17 0000 007E 0000 0001 02 0001", "97 03", "97 01"),
@@ -91,24 +91,26 @@ CASES_TCP: tuple[ServerCase, ...] = (
     ServerCase(
         "five requests in one segment",
         "MB-TCP 4.4.2",
-        (Step((_pdu(READ),) * 5),),
+        (ServerStep((_pdu(READ),) * 5),),
         (("; ".join([VALUE] * 5),),),
     ),
     ServerCase(
         "another protocol identifier is discarded",
         "MB-TCP 4.4.2",
-        (Step((_raw("0009 0001 0006 01 03 0000 0001"),)), _READ),
+        (ServerStep((_raw("0009 0001 0006 01 03 0000 0001"),)), _READ),
         _DISCARDED,
     ),
-    ServerCase("length 0", "MB-TCP 3.1.3", (Step((_raw("0009 0000 0000"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))),
     ServerCase(
-        "length 1", "MB-TCP 3.1.3", (Step((_raw("0009 0000 0001 01"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))
+        "length 0", "MB-TCP 3.1.3", (ServerStep((_raw("0009 0000 0000"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))
+    ),
+    ServerCase(
+        "length 1", "MB-TCP 3.1.3", (ServerStep((_raw("0009 0000 0001 01"),)), _READ), (*_DISCARDED, (SILENCE, CLOSED))
     ),
     *(
         ServerCase(
             f"unit {unit}, if it is unknown",
             "MB-TCP 4.4.2",
-            (Step((_pdu(READ, unit),)),),
+            (ServerStep((_pdu(READ, unit),)),),
             ((VALUE,), ("83 0A",), ("83 0B",), (SILENCE,)),
         )
         for unit in (0, 255)
@@ -131,47 +133,51 @@ _LINE: tuple[ServerCase, ...] = (
     ServerCase(
         "a broadcast is carried out and not answered",
         "MB-SERIAL 2.1",
-        (Step((_pdu(_SET),)), Step((_pdu("06 0000 0055", BROADCAST),)), Step(_READ.stimuli, 0.3)),
+        (ServerStep((_pdu(_SET),)), ServerStep((_pdu("06 0000 0055", BROADCAST),)), ServerStep(_READ.stimuli, 0.3)),
         ((_ECHO, SILENCE, "03 02 00 55"),),
     ),
     ServerCase(
         "a request to an unknown unit is not answered",
         "MB-SERIAL 2.2",
-        (Step((_pdu(READ, _UNKNOWN),)), _READ),
+        (ServerStep((_pdu(READ, _UNKNOWN),)), _READ),
         ((SILENCE, VALUE),),
     ),
     ServerCase(
         "another unit's request and its answer, then a read",
         "MB-SERIAL 2.4.1",
-        (Step((_pdu(READ, _OTHER),)), Step((_pdu("03 02 1234", _OTHER),), 0.02), Step(_READ.stimuli, 0.02)),
+        (
+            ServerStep((_pdu(READ, _OTHER),)),
+            ServerStep((_pdu("03 02 1234", _OTHER),), 0.02),
+            ServerStep(_READ.stimuli, 0.02),
+        ),
         ((SILENCE, SILENCE, VALUE),),
     ),
     ServerCase(
         "another unit's function 10 and its answer, then a read",
         "MB-SERIAL 2.4.1",
         (
-            Step((_pdu("10 0000 0002 04 0001 0002", _OTHER),)),
-            Step((_pdu("10 0000 0002", _OTHER),), 0.02),
-            Step(_READ.stimuli, 0.02),
+            ServerStep((_pdu("10 0000 0002 04 0001 0002", _OTHER),)),
+            ServerStep((_pdu("10 0000 0002", _OTHER),), 0.02),
+            ServerStep(_READ.stimuli, 0.02),
         ),
         ((SILENCE, SILENCE, VALUE),),
     ),
     ServerCase(
         "half a frame, 300 ms, a good one",
         "MB-SERIAL 2.5.1.1",
-        (Step((Stimulus(bytes.fromhex(READ), how=_first_four),)), Step(_READ.stimuli, 0.3)),
+        (ServerStep((Stimulus(bytes.fromhex(READ), how=_first_four),)), ServerStep(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
     ServerCase(
         "three bytes of noise, 300 ms, a good one",
         "MB-SERIAL 2.5.1.1",
-        (Step((_raw("FF 00 55"),)), Step(_READ.stimuli, 0.3)),
+        (ServerStep((_raw("FF 00 55"),)), ServerStep(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
     ServerCase(
         "noise right before a frame damages at most that frame",
         "MB-SERIAL 2.5.1.1",
-        (Step((_raw("FF 00 55"), _pdu(READ))), Step(_READ.stimuli, 0.3)),
+        (ServerStep((_raw("FF 00 55"), _pdu(READ))), ServerStep(_READ.stimuli, 0.3)),
         ((VALUE, VALUE), (SILENCE, VALUE)),
     ),
     _one("41h, an undefined function", "MB-APP figure 9", "41 00", "C1 01"),
@@ -183,13 +189,13 @@ CASES_RTU: tuple[ServerCase, ...] = (
     ServerCase(
         "a wrong CRC is not answered",
         "MB-SERIAL 2.5.1.2",
-        (Step((Stimulus(bytes.fromhex(READ), how=_wrong_crc),)), Step(_READ.stimuli, 0.3)),
+        (ServerStep((Stimulus(bytes.fromhex(READ), how=_wrong_crc),)), ServerStep(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
     ServerCase(
         "300 bytes without a pause are no frame",
         "MB-SERIAL 2.5.1.1",
-        (Step((Stimulus(raw=b"\x41" * 300),)), Step(_READ.stimuli, 0.3)),
+        (ServerStep((Stimulus(raw=b"\x41" * 300),)), ServerStep(_READ.stimuli, 0.3)),
         ((SILENCE, VALUE),),
     ),
     *ANYWHERE,
@@ -200,7 +206,7 @@ CASES_RTU: tuple[ServerCase, ...] = (
 
 def _broken(name: str, how: str, *first: str) -> ServerCase:
     """A read whose characters are changed, then a valid one. `first` are the accepted answers to the changed one."""
-    steps = (Step((Stimulus(bytes.fromhex(READ), how=_HOW[how]),)), Step(_READ.stimuli, 0.1))
+    steps = (ServerStep((Stimulus(bytes.fromhex(READ), how=_HOW[how]),)), ServerStep(_READ.stimuli, 0.1))
     return ServerCase(name, "MB-SERIAL 2.5.2.1", steps, tuple((answer, VALUE) for answer in first or (SILENCE,)))
 
 
@@ -228,7 +234,7 @@ CASES_ASCII: tuple[ServerCase, ...] = (
     ServerCase(
         "a frame of more than 513 characters is none",
         "MB-SERIAL 2.5.2.1",
-        (Step((Stimulus(raw=b":" + b"01" * 300 + b"\r\n"),)), Step(_READ.stimuli, 0.1)),
+        (ServerStep((Stimulus(raw=b":" + b"01" * 300 + b"\r\n"),)), ServerStep(_READ.stimuli, 0.1)),
         ((SILENCE, VALUE),),
     ),
     *ANYWHERE,
@@ -237,9 +243,9 @@ CASES_ASCII: tuple[ServerCase, ...] = (
         "08/03 another delimiter, if it can be changed, until 08/01",
         "MB-APP 6.8",
         (
-            Step((_pdu("08 0003 3B00"),)),
-            Step((Stimulus(bytes.fromhex(READ), how=_SEMICOLON),)),
-            Step((Stimulus(bytes.fromhex("08 0001 0000"), how=_SEMICOLON),)),
+            ServerStep((_pdu("08 0003 3B00"),)),
+            ServerStep((Stimulus(bytes.fromhex(READ), how=_SEMICOLON),)),
+            ServerStep((Stimulus(bytes.fromhex("08 0001 0000"), how=_SEMICOLON),)),
             _READ,
         ),
         (("08 00 03 3B 00", VALUE, "08 00 01 00 00", VALUE), ("88 01", SILENCE, SILENCE, VALUE)),

@@ -1,7 +1,7 @@
 """The model of a conformance case: what is sent to a server, and which answers are accepted.
 
     ServerCase    a name, the clause, the steps, and the accepted ways
-    Step          after a pause, some stimuli at once
+    ServerStep    after a pause, some stimuli at once
     Stimulus      a PDU to the unit under test or to another one, or raw bytes
     way           for each step one answer as text: "83 03", with .. for any byte, ... for any rest, "; " between
                   several responses, SILENCE, or CLOSED
@@ -38,7 +38,7 @@ class Stimulus(NamedTuple):
         return whole if self.how is None else self.how(whole)
 
 
-class Step(NamedTuple):
+class ServerStep(NamedTuple):
     """The stimuli that are sent at once, after `after` seconds of silence."""
 
     stimuli: tuple[Stimulus, ...]
@@ -50,7 +50,7 @@ class ServerCase(NamedTuple):
 
     name: str
     clause: str
-    steps: tuple[Step, ...]
+    steps: tuple[ServerStep, ...]
     ways: tuple[tuple[str, ...], ...]
 
 

@@ -231,7 +231,7 @@ class CanopenReferenceResponse(Response):
 
 @dataclass(frozen=True, slots=True)
 class CanopenReference(Request[CanopenReferenceResponse]):
-    """Read up to `count` bytes of an object, or write `data`. Experimental.               [MB-APP 6.20]
+    r"""Read up to `count` bytes of an object, or write `data`. Experimental.              [MB-APP 6.20]
 
         2B | 0D | control | (00) | node | index 2 | sub-index | start 2 | count 2 | data, when writing
 
@@ -239,6 +239,8 @@ class CanopenReference(Request[CanopenReferenceResponse]):
     '2b 0d 00 00 05 60 41 00 00 00 00 02'
     >>> CanopenReference.read(node=31, index=0x1005, count=8, dialect="schneider").encode().hex(" ")
     '2b 0d 00 1f 10 05 00 00 00 00 08'
+    >>> CanopenReference.write_to(5, 0x6040, 0, b"\x06\0").count
+    2
     """
 
     node: int
