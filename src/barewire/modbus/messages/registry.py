@@ -2,7 +2,10 @@
 
 It is filled from the list in `messages/__init__.py`: every request class there is registered under its `function_code`,
 and under its `mei_type` if it has one (function 2B). Servers, clients, sniffers, `explain` and the byte count of RTU
-lines all ask here, so there is no other table of function codes.
+lines look classes up here, so there is no other table of function codes. Derived from it: decoding, lengths, sniffing,
+`explain`, and the names of `barewire.modbus`. Written by hand, because it is behaviour or needs static types: what a
+unit does (`_ANSWERS` in `server/table.py` and `server/handlers.py`), the method of a client (`io/modbus/methods.py`),
+the imports for type checkers in `messages/__init__.py`.
 
 A function code of your own: write a request and a response class, then `register(YourRequest)`.
 """
