@@ -6,7 +6,7 @@ import json
 
 from barewire.cli.arguments import ending
 from barewire.errors import EncodeError
-from barewire.io.canopen.conformance import Result, conform_can
+from barewire.io.canopen.conformance import NodeCaseResult, conform_can
 from barewire.io.endpoint import Endpoint
 
 
@@ -41,14 +41,14 @@ def _place(text: str | None) -> tuple[int, int] | None:
     return place
 
 
-def _line(result: Result) -> str:
+def _line(result: NodeCaseResult) -> str:
     status = "FAILED" if result.failure else "-" if result.outcome is None else "ok"
     case = result.case
     text = f"{case.title}: {result.failure}" if result.failure else case.title
     return f"{status:6}  {case.name:6}  {text}" + (f" ({result.left_out})" if result.left_out else "")
 
 
-def _as_dict(result: Result) -> dict[str, object]:
+def _as_dict(result: NodeCaseResult) -> dict[str, object]:
     case = result.case
     return {
         "case": case.name,

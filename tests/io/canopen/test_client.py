@@ -1,4 +1,4 @@
-"""Everything that a master says, said by both clients: one tour, walked blocking and with asyncio.
+"""Every method of the CANopen clients, called blocking and with asyncio.
 
 The bus is python-can's virtual one, with the client on one side and our device on the other, in real time.
 """
@@ -40,7 +40,7 @@ from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device, memory_bus
 
 pytest.importorskip("can")
 
-Tour = Callable[[Any], Awaitable[None]]
+Calls = Callable[[Any], Awaitable[None]]
 
 
 async def get(said: Any) -> Any:
@@ -48,16 +48,16 @@ async def get(said: Any) -> Any:
     return await said if inspect.isawaitable(said) else said
 
 
-def walk(tour: Tour, kind: str, url: str) -> None:
-    """The tour with one of the two clients."""
+def run_with(calls: Calls, kind: str, url: str) -> None:
+    """The calls with one of the two clients."""
 
     async def with_asyncio() -> None:
         async with AsyncCanopenClient(url) as client:
-            await tour(client)
+            await calls(client)
 
     async def blocking() -> None:
         with CanopenClient(url) as client:
-            await tour(client)
+            await calls(client)
 
     threads = threading.active_count()
     asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
@@ -78,7 +78,7 @@ KINDS = pytest.mark.parametrize("kind", ["blocking", "asyncio"])
 
 @KINDS
 def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         assert await get(client.node().sdo.upload(0x6041)) == bytes.fromhex("3706")
         await get(client.node().sdo.download(0x2001, 0, b"\x0b"))
         assert await get(client.node().sdo.upload(0x2001, size=1)) == b"\x0b"
@@ -105,12 +105,12 @@ def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
         channel = await get(client.node().sdo.find_channel(1))
         assert await get(client.node().sdo.over(channel).upload(0x6041)) == bytes.fromhex("3706")
 
-    walk(tour, kind, thing[0])
+    run_with(calls, kind, thing[0])
 
 
 @KINDS
 def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         with client.nmt.heartbeats() as stream:
             await get(client.node().sdo.download(0x1017, 0, (20).to_bytes(2, "little")))
             assert (await get(client.node().nmt.wait_for_heartbeat())).state == NmtState.PRE_OPERATIONAL
@@ -131,12 +131,12 @@ def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
         with pytest.raises(NoAnswer, match="node 6: it did not report its state"):
             await get(client.nmt.send_confirmed(NmtCommand.START, timeout=0.05, ask_every=0.01, confirmed_by=[5, 6]))
 
-    walk(tour, kind, thing[0])
+    run_with(calls, kind, thing[0])
 
 
 @KINDS
-def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, LocalNode]) -> None:
-    async def tour(client: Any) -> None:
+def test_a_node_whose_heartbeat_stops_is_lost(kind: str, thing: tuple[str, LocalNode]) -> None:
+    async def calls(client: Any) -> None:
         with client.nmt.heartbeats({5: 0.05}) as stream:
             await get(client.send(CanFrame.parse("705#05")))  # somebody else's stream hears it: see below
             await get(client.node().sdo.download(0x1017, 0, (10).to_bytes(2, "little")))
@@ -149,14 +149,14 @@ def test_a_node_that_goes_silent_is_missed(kind: str, thing: tuple[str, LocalNod
                 assert event is not None
             assert event.node == 5
 
-    walk(tour, kind, thing[0])
+    run_with(calls, kind, thing[0])
 
 
 @KINDS
 def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
     url, _ = thing
 
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         with client.emergencies() as errors, client.sync.events(overflow=4) as syncs, client.time.events() as times:
             other = Running(await asyncio.to_thread(open_side, url), Wrong(), None)
             event = await get(errors.get(30.0))
@@ -176,12 +176,12 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
             other.stop()
             other._subscriber.bus.close()  # type: ignore[attr-defined]
 
-    walk(tour, kind, url)
+    run_with(calls, kind, url)
 
 
 @KINDS
 def test_node_guarding(kind: str, thing: tuple[str, LocalNode]) -> None:
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         told: list[GuardEvent] = []
 
         async def until(*kinds: str) -> None:
@@ -205,16 +205,16 @@ def test_node_guarding(kind: str, thing: tuple[str, LocalNode]) -> None:
         with pytest.raises(EncodeError, match="expected a time above 0"):
             client.nmt.start_guarding({5: Guard(0.0)}, print)
 
-    walk(tour, kind, thing[0])
+    run_with(calls, kind, thing[0])
 
 
 @KINDS
-def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, LocalNode]) -> None:
+def test_sync_time_and_emcy_with_other_identifiers(kind: str, thing: tuple[str, LocalNode]) -> None:
     """Each of the three with another COB-ID, and an extended one whose number is that of the default."""
     url, node = thing
     sync, clock, emcy = (0x80, True), (0x100, True), (0x6B0, False)
 
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         moved = ((0x1005, 0x2000_0080), (0x1012, 0x100), (0x1012, 0xA000_0100), (0x1014, 1 << 31), (0x1014, 0x6B0))
         for index, word in moved:
             await get(client.node().sdo.download(index, 0, word.to_bytes(4, "little")))
@@ -242,7 +242,7 @@ def test_sync_time_and_emcy_that_have_moved(kind: str, thing: tuple[str, LocalNo
             assert isinstance(await get(beats.get(30.0)), SyncEvent)
             assert isinstance(await get(times.get(30.0)), TimeReceived)
 
-    walk(tour, kind, url)
+    run_with(calls, kind, url)
 
 
 class Wrong:
@@ -265,7 +265,7 @@ def open_side(url: str) -> CanBus:
 def test_pdos_by_name(kind: str, thing: tuple[str, LocalNode]) -> None:
     url, node = thing
 
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         rpdo = await get(client.node().pdo.remote("RPDO", 1, objects=node.objects))
         await get(client.node().pdo.write_config(PdoConfig("TPDO", 1, (0x60FF0020, 0x60410010), type=1)))
         tpdo = await get(client.node().pdo.remote("TPDO", 1, objects=node.objects))
@@ -282,7 +282,7 @@ def test_pdos_by_name(kind: str, thing: tuple[str, LocalNode]) -> None:
         with pytest.raises(EncodeError, match="'speed' is not in this PDO"):
             client.node().pdo.send(rpdo, {"speed": 1})
 
-    walk(tour, kind, url)
+    run_with(calls, kind, url)
 
 
 @KINDS
@@ -291,7 +291,7 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
 
     channel, az3 = f"can://virtual/{request.node.name}", load("az3")
 
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         node = client.node(device="az3")
         assert (await get(node.read("STATUS WORD"))).name == "STATUS WORD"
         remote = await get(node.pdo.remote("TPDO", 1))
@@ -307,12 +307,12 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
 
     machine = simulator("az3")
     with CanopenServer(channel, device=machine.canopen):
-        walk(tour, kind, f"{channel}?node=1")
+        run_with(calls, kind, f"{channel}?node=1")
 
 
 @KINDS
-def test_who_is_there_and_anything_else(kind: str, thing: tuple[str, LocalNode]) -> None:
-    async def tour(client: Any) -> None:
+def test_scan_run_frames_and_host(kind: str, thing: tuple[str, LocalNode]) -> None:
+    async def calls(client: Any) -> None:
         asked: list[int] = []
         survey = await get(client.scan(range(1, 8), progress=lambda node, survey: asked.append(node)))
         assert (list(survey.nodes), asked) == ([5], list(range(1, 8)))
@@ -324,7 +324,7 @@ def test_who_is_there_and_anything_else(kind: str, thing: tuple[str, LocalNode])
         with client.host(device(6)):
             assert await get(client.node(6).sdo.upload(0x6041)) == bytes.fromhex("3706")
 
-    walk(tour, kind, thing[0])
+    run_with(calls, kind, thing[0])
 
 
 @KINDS
@@ -332,7 +332,7 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
     channel = f"can://virtual/{request.node.name}"
     bare = device(None)
 
-    async def tour(client: Any) -> None:
+    async def calls(client: Any) -> None:
         assert await get(client.lss.identify_unconfigured(timeout=0.5)) == 1
         told: list[int] = []
         assert await get(client.lss.fastscan(timeout=0.5, progress=lambda at: told.append(at.bit))) == IDENTITY
@@ -350,7 +350,7 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
         assert await get(client.lss.assign_node_ids([20], timeout=0.05)) == []
 
     with CanopenServer(channel, device=bare):
-        walk(tour, kind, channel)
+        run_with(calls, kind, channel)
     assert bare.node == 12
 
 
@@ -439,7 +439,7 @@ def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downl
 
 
 @pytest.mark.parametrize("block", [False, True])
-def test_abandoned_by_its_own_progress_at_any_moment(block: bool) -> None:
+def test_a_transfer_ended_by_its_progress_function_leaves_the_channel_usable(block: bool) -> None:
     with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
         client.node().sdo.download(0x2100, 0, bytes(2000))
         for moment in range(3):
@@ -471,7 +471,7 @@ class Cramped(MemoryPort):
         return True
 
 
-def test_a_task_that_is_cancelled_within_a_burst_says_so_when_there_is_room_again() -> None:
+def test_a_task_cancelled_within_a_burst_sends_its_abort_when_there_is_room() -> None:
     """The controller takes five frames of a burst of sixteen. Behind the rest of them comes the abort."""
 
     async def main(bus: CanBus, port: Cramped) -> list[CanFrame]:
@@ -498,7 +498,7 @@ def test_a_task_that_is_cancelled_within_a_burst_says_so_when_there_is_room_agai
     assert said[17:] == ["605#8000210000000008"]
 
 
-def test_receive_is_the_next_frame_from_the_first_call_on() -> None:
+def test_receive_gives_the_frames_since_its_first_call() -> None:
     port = MemoryPort()
     with CanopenClient(port, timeout=0.01) as client:
         assert client.receive(0.0) is None

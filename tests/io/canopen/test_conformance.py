@@ -1,4 +1,4 @@
-"""The CANopen battery on a real bus: ours pass, a wrong one is found, and nobody there is told."""
+"""The CANopen battery on a real bus: our device passes, errors of devices and a missing device are reported."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.canopen import conformance as shell
-from barewire.io.canopen.conformance import Result, conform_can
+from barewire.io.canopen.conformance import NodeCaseResult, conform_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
 from tests.canopen.conformance.devices import LARGE, NODE, plain
@@ -30,10 +30,10 @@ def device() -> Iterator[str]:
         yield f"{URL}&timeout=1"
 
 
-def held(**which: Any) -> list[Result]:
+def held(**which: Any) -> list[NodeCaseResult]:
     """Our device against cases."""
 
-    def run(patience: str) -> list[Result]:
+    def run(patience: str) -> list[NodeCaseResult]:
         with CanopenServer(URL, device=plain()):
             return list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
 
@@ -47,7 +47,7 @@ def test_our_device_passes() -> None:
     assert len(results) > 130
 
 
-def test_what_somebody_set_before_is_no_fault_of_the_device(device: str) -> None:
+def test_values_set_before_are_no_failure_of_the_device(device: str) -> None:
     """1017h is compared with what it has after a reset, not with what it had when the battery came."""
     with CanopenClient(device) as client:
         client.node().sdo.download(0x1017, 0, (1234).to_bytes(2, "little"))
@@ -58,26 +58,26 @@ def test_what_somebody_set_before_is_no_fault_of_the_device(device: str) -> None
     assert [result.failure for result in results] == [None, None]
 
 
-def test_a_large_object_that_is_not_there(device: str) -> None:
+def test_a_missing_large_object_is_an_error(device: str) -> None:
     with refused(EncodeError, f"the large object 2FFF:00: node {NODE} has no such object"):
         list(conform_can(Endpoint.parse(device), large=(0x2FFF, 0)))
 
 
-def test_gentle_leaves_out_what_changes_anything() -> None:
+def test_gentle_leaves_out_cases_that_change_values() -> None:
     results = held(gentle=True, only=("SDO", "TPD"))
     assert [result.failure for result in results if result.failure] == []
     assert {result.case.effect for result in results if result.outcome} == {"reads"}
     assert {result.left_out for result in results if result.case.name.startswith("TPD-3")} == {"commands"}
 
 
-def test_where_nobody_is_and_what_has_no_cases() -> None:
+def test_no_device_and_another_scheme_are_errors() -> None:
     with pytest.raises(NoAnswer):
         list(conform_can(Endpoint.parse("can://virtual/nobody?node=5&timeout=0.05")))
     with refused(EncodeError, "these cases are for can://"):
         list(conform_can(Endpoint.parse("tcp://127.0.0.1:1")))
 
 
-def test_a_bus_without_remote_frames_says_so() -> None:
+def test_cases_with_remote_frames_are_left_out_on_socketcand() -> None:
     with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url, CanopenClient(url) as client:
         with refused(PortError, "socketcand carries no remote frames"):
             client.send(CanFrame.parse("705#R1"))
@@ -101,7 +101,7 @@ def test_the_command() -> None:
         assert (done.returncode, done.stderr) == (1, "barewire: --only 'XYZ': no case has a name that begins so\n")
 
 
-def test_the_command_is_told_nonsense() -> None:
+def test_the_command_refuses_wrong_options() -> None:
     for arguments, said in (
         (("can://virtual/nobody?node=5&timeout=0.05",), "node 5"),
         (("can://virtual/nobody", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
@@ -114,7 +114,7 @@ def test_the_command_is_told_nonsense() -> None:
         assert said in done.stderr
 
 
-def hold_on(only: str, results: list[Result], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
+def hold_on(only: str, results: list[NodeCaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
     """Collect what comes of the cases that are not left out; behind so many results something happens."""
     for result in conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=(only,)):
         if result.outcome is not None:
@@ -124,22 +124,22 @@ def hold_on(only: str, results: list[Result], at: int = 0, change: Callable[[], 
 
 
 @pytest.mark.parametrize("only", ["SDO-0", "NMT-1"])
-def test_a_device_that_dies_in_mid_battery_ends_the_run(monkeypatch: pytest.MonkeyPatch, only: str) -> None:
+def test_a_device_that_stops_answering_ends_the_run(monkeypatch: pytest.MonkeyPatch, only: str) -> None:
     monkeypatch.setattr(shell, "BOOT", 0.3)
-    whole: list[Result] = []
-    results: list[Result] = []
+    whole: list[NodeCaseResult] = []
+    results: list[NodeCaseResult] = []
     with CanopenServer(URL, device=plain()) as host:
         hold_on(only, whole)
-        with pytest.raises(Unfinished, match=f"node {NODE} answers no more behind the case {only[:3]}-") as caught:
+        with pytest.raises(Unfinished, match=f"node {NODE} answers no more after the case {only[:3]}-") as caught:
             hold_on(only, results, 3, host.close)
     assert len(results) in (3, 4)
     assert len(results) + caught.value.not_run == len(whole)
     assert str(caught.value).endswith(f" ({caught.value.not_run} cases not run)")
 
 
-def test_a_device_that_is_started_anew_is_held_on() -> None:
+def test_the_run_goes_on_after_a_restart_of_the_device() -> None:
     """The case in which it comes back may hear its boot-up message, and fail; the others are as ever."""
-    results: list[Result] = []
+    results: list[NodeCaseResult] = []
     with ExitStack() as stack:
         host = stack.enter_context(CanopenServer(URL, device=plain()))
 

@@ -1,4 +1,4 @@
-"""Transfers on a bus that is full of everything else, and of frames that look nearly like answers."""
+"""Transfers on a bus that is full of other frames, some of them nearly responses."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def flood(port: MemoryPort, *more: CanFrame) -> Iterator[None]:
         thread.join()
 
 
-def test_every_value_is_right() -> None:
+def test_transfers_on_a_full_bus_give_the_right_values() -> None:
     port, value = MemoryPort(), bytes(number % 253 for number in range(3000))
     node = device()
     with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(node):
@@ -72,7 +72,7 @@ def test_every_value_is_right() -> None:
         assert node.sdo.counters.aborts_sent == 0
 
 
-def test_with_tasks() -> None:
+def test_transfers_of_tasks_on_a_full_bus_give_the_right_values() -> None:
     async def main(bus: CanBus, port: MemoryPort) -> None:
         async with AsyncCanopenClient(bus, node=5, timeout=30.0) as client:
             with client.host(device()):

@@ -1,4 +1,4 @@
-"""What is no classical frame does not get in, and is not lost either."""
+"""Error frames and CAN FD frames: kept apart from classical frames, and counted."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_error_and_fd_frames_are_kinds_of_their_own() -> None:
     other.shutdown()
 
 
-def test_an_interface_that_went_down_is_told_to_the_reader_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_send_and_receive_both_report_an_interface_that_went_down(monkeypatch: pytest.MonkeyPatch) -> None:
     """The system says it once, to whoever asks first: here to the one who sends."""
     from barewire.io.ports.python_can import CanPort
 

@@ -30,7 +30,7 @@ def way_to_the_group() -> tuple[int, bool]:
     return number, True
 
 
-def test_transfers_and_strangers_in_the_group() -> None:
+def test_transfers_beside_foreign_packets_in_the_group() -> None:
     place, there_is_a_way = way_to_the_group()
     url = f"can://udp_multicast/{GROUP}?port={place}&hop_limit=0&node=5&timeout=30"
     if not there_is_a_way:

@@ -1,4 +1,4 @@
-"""A bus whose port fails and comes back: who is told what, who goes on, how it ends."""
+"""A bus whose port fails and is opened again: errors, events, and what goes on."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def until(stream: Stream[CanFrame], kind: type[T]) -> T:
             return event
 
 
-def test_streams_are_told_and_go_on() -> None:
+def test_streams_report_bus_down_and_bus_up_and_go_on() -> None:
     adapter = Adapter()
     adapter.failing = 2
     with adapter.bus() as bus, Stream(bus, FrameListener(), {(0x80, False)}) as stream:
@@ -89,7 +89,7 @@ def test_streams_are_told_and_go_on() -> None:
     assert adapter.port.closed
 
 
-def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_node_of_ours_lives_on() -> None:
+def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_hosted_node_goes_on() -> None:
     adapter = Adapter()
     with adapter.bus() as bus, Stream(bus, FrameListener(), None) as stream:
         ours = device(6)
@@ -121,7 +121,7 @@ def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_node_of_ours_lives_on
             assert client.receive(30.0) == frame("080#")
 
 
-def test_with_asyncio() -> None:
+def test_reopening_with_asyncio() -> None:
     adapter = Adapter()
 
     async def main() -> None:
@@ -149,7 +149,7 @@ def test_with_asyncio() -> None:
     asyncio.run(main())
 
 
-def test_whoever_comes_while_the_bus_is_gone() -> None:
+def test_a_stream_opened_while_the_bus_is_down() -> None:
     adapter = Adapter()
     adapter.may_open.clear()
     with adapter.bus() as bus, Stream(bus, FrameListener(), None) as first:
@@ -163,7 +163,7 @@ def test_whoever_comes_while_the_bus_is_gone() -> None:
             assert isinstance(second.get(30.0), BusUp)
 
 
-def test_closed_in_the_middle_of_a_pause() -> None:
+def test_a_bus_can_be_closed_during_a_pause() -> None:
     adapter = Adapter()
     adapter.failing = 10**9
     bus = adapter.bus()
@@ -181,7 +181,7 @@ def test_closed_in_the_middle_of_a_pause() -> None:
     assert bus.when_open(lambda: None)
 
 
-def test_a_bus_without_a_way_to_open_it_is_over() -> None:
+def test_a_bus_without_dial_is_not_opened_again() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, Stream(bus, FrameListener(), None) as stream:
         port.come(UNPLUGGED)
@@ -189,7 +189,7 @@ def test_a_bus_without_a_way_to_open_it_is_over() -> None:
             stream.get(30.0)
 
 
-def test_a_port_that_opens_and_fails_at_once_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_fails_at_once_does_not_end_the_growth_of_the_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     """An interface that is down can be opened; the pauses grow all the same."""
     now, pauses = 100.0, []
     broken = 5
@@ -227,7 +227,7 @@ def test_a_port_that_opens_and_fails_at_once_is_no_success(monkeypatch: pytest.M
     assert pauses == [0.0]
 
 
-def test_a_node_says_that_the_controller_is_back_on_the_bus() -> None:
+def test_a_node_sends_8140h_when_the_controller_is_back_on_the_bus() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, CanopenClient(bus, node=6, timeout=30.0) as client, client.host(device(6)):
         client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.1, timeout=30.0)
@@ -248,7 +248,7 @@ def free_port() -> int:
         return number
 
 
-def test_a_socketcand_server_that_is_restarted() -> None:
+def test_clients_go_on_after_a_restart_of_the_socketcand_server() -> None:
     place = free_port()
     url = f"can://socketcand/127.0.0.1:{place}/can0?node=5&timeout=30"
     hub = SocketcandHub("127.0.0.1", place)
@@ -265,7 +265,7 @@ def test_a_socketcand_server_that_is_restarted() -> None:
         hub.close()
 
 
-def test_a_hosted_node_whose_socketcand_server_is_restarted() -> None:
+def test_a_served_node_goes_on_after_a_restart_of_the_socketcand_server() -> None:
     place = free_port()
     url = f"can://socketcand/127.0.0.1:{place}/can0?node=5&timeout=30"
     hub = SocketcandHub("127.0.0.1", place)
@@ -310,7 +310,7 @@ class Slcan:
     "noise",
     [b"t12\r", b"tXYZ2\r", b"\xff\xfe\x80t1\r", b"T123\r", b"t1238001122\r", b"\r\r\r", b"zzz\r", b"\a", b"R0000\r"],
 )
-def test_noise_on_a_serial_adapter_is_counted_and_no_end(tmp_path: Path, noise: bytes) -> None:
+def test_noise_on_a_serial_adapter_is_counted_and_reading_goes_on(tmp_path: Path, noise: bytes) -> None:
     pytest.importorskip("serial")
     adapter = Slcan(tmp_path / "can")
     port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))
@@ -327,7 +327,7 @@ def test_noise_on_a_serial_adapter_is_counted_and_no_end(tmp_path: Path, noise: 
         adapter.close()
 
 
-def test_nothing_but_noise_is_an_end(tmp_path: Path) -> None:
+def test_nothing_but_noise_is_a_port_error(tmp_path: Path) -> None:
     pytest.importorskip("serial")
     adapter = Slcan(tmp_path / "can")
     port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))
@@ -342,7 +342,7 @@ def test_nothing_but_noise_is_an_end(tmp_path: Path) -> None:
         adapter.close()
 
 
-def test_a_serial_adapter_that_is_plugged_out_and_in_again(tmp_path: Path) -> None:
+def test_a_serial_adapter_that_is_plugged_in_again_is_opened_again(tmp_path: Path) -> None:
     pytest.importorskip("serial")
     adapter = Slcan(tmp_path / "can")
     try:

@@ -1,4 +1,4 @@
-"""One reader, many hearers: who hears what, what is lost and told, how it ends."""
+"""One reader, many subscribers: which frames they get, losses, errors, the end."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def frame(text: str) -> CanFrame:
     return CanFrame.parse(text)
 
 
-def test_frames_go_to_who_wants_their_identifier_and_kind() -> None:
+def test_frames_go_to_the_subscribers_of_their_identifier() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}) as ours, Subscriber(bus, {(0x585, True)}) as foreign:
         with Subscriber(bus, None) as everything:
@@ -36,13 +36,13 @@ def test_frames_go_to_who_wants_their_identifier_and_kind() -> None:
         assert (bus.monitor.frames, bus.monitor.count(0x585)) == (4, 2)
 
 
-def test_what_one_sends_the_others_on_the_bus_object_hear() -> None:
+def test_frames_of_one_subscriber_go_to_all_others() -> None:
     with memory_bus() as bus, Subscriber(bus, None) as one, Subscriber(bus, {(0x80, False)}) as other:
         one.send(frame("080#"))
         assert (one.receive(0.0), other.receive(30.0)) == (None, frame("080#"))
 
 
-def test_a_slow_hearer_is_told_what_it_lost_and_where() -> None:
+def test_a_slow_stream_reports_lost_frames_in_their_place() -> None:
     with memory_bus() as bus, Stream(bus, FrameListener(), {(0x100, False)}, room=3) as stream:
         for number in range(5):
             bus.send(CanFrame(0x100, bytes([number])))
@@ -56,21 +56,21 @@ def test_a_slow_hearer_is_told_what_it_lost_and_where() -> None:
         assert (stream.get(0.0), stream.lost) == (None, 3)
 
 
-def test_a_conversation_loses_as_if_on_the_bus_and_counts() -> None:
-    with memory_bus() as bus, Subscriber(bus, None, room=2) as tap:
+def test_a_full_subscriber_counts_lost_frames() -> None:
+    with memory_bus() as bus, Subscriber(bus, None, room=2) as subscriber:
         for number in range(5):
             bus.send(CanFrame(0x100, bytes([number])))
-        assert [tap.receive(0.0) for _ in range(3)] == [CanFrame(0x100, b"\0"), CanFrame(0x100, b"\1"), None]
-        assert tap.lost == 3
+        assert [subscriber.receive(0.0) for _ in range(3)] == [CanFrame(0x100, b"\0"), CanFrame(0x100, b"\1"), None]
+        assert subscriber.lost == 3
 
 
-def test_an_error_says_what_the_conversation_could_not_know() -> None:
+def test_an_error_gets_a_note_of_the_frames_that_were_lost() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}, room=1) as tap:
+    with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}, room=1) as subscriber:
         for _ in range(3):
             bus.send(frame("585#80"))
         error = NoAnswer("nobody")
-        tap.note_losses(error)
+        subscriber.note_losses(error)
         assert error.__notes__ == ["2 frames were lost here: they came faster than they were taken"]
 
 
@@ -91,7 +91,7 @@ def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> N
             CanopenClient(bus, timeout=0.01).node(5).sdo.upload(0x1000)
 
 
-def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
+def test_a_failed_port_is_an_error_for_all_now_and_later() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, Stream(bus, FrameListener(), None) as stream:
         client = CanopenClient(bus, node=5, timeout=30.0)
@@ -117,7 +117,7 @@ def test_a_port_that_fails_is_told_to_all_and_to_whoever_comes_later() -> None:
                 late()
 
 
-def test_closing_ends_the_reader_and_who_iterates() -> None:
+def test_closing_ends_the_reader_and_the_iteration_of_streams() -> None:
     before = threading.active_count()
     port = MemoryPort()
     bus = CanBus(port)
@@ -137,30 +137,30 @@ def test_closing_ends_the_reader_and_who_iterates() -> None:
     bus.close()
 
 
-def test_a_watcher_is_told_of_both_directions() -> None:
+def test_watch_is_called_for_both_directions() -> None:
     port, seen = MemoryPort(), []
     with (
         CanBus(port, watch=lambda direction, item: seen.append((direction, str(item)))) as bus,
-        Subscriber(bus, None) as tap,
+        Subscriber(bus, None) as subscriber,
     ):
-        tap.send(frame("605#4000100000000000"))
+        subscriber.send(frame("605#4000100000000000"))
         port.come(frame("585#4300100092010200"))
-        assert tap.receive(30.0) is not None
+        assert subscriber.receive(30.0) is not None
     assert seen == [("sent", "605#4000100000000000"), ("received", "585#4300100092010200")]
 
 
-def test_a_watcher_that_fails_is_no_silence() -> None:
+def test_an_error_of_watch_is_a_port_error() -> None:
     def watch(direction: str, item: object) -> None:
         raise ValueError("full")
 
     port = MemoryPort()
-    with CanBus(port, watch=watch) as bus, Subscriber(bus, None) as tap:
+    with CanBus(port, watch=watch) as bus, Subscriber(bus, None) as subscriber:
         port.come(frame("080#"))
         with pytest.raises(PortError, match="reading memory ended: ValueError: full"):
-            tap.receive(10.0)
+            subscriber.receive(10.0)
 
 
-def test_a_talk_inside_a_talk_on_one_channel_is_told_and_does_not_hang() -> None:
+def test_a_transfer_inside_another_on_one_channel_is_refused_and_does_not_hang() -> None:
     with memory_bus() as bus, CanopenClient(bus, node=5, timeout=2.0) as client, client.host(device()):
         client.node().sdo.download(0x2100, 0, bytes(100))
 
@@ -172,34 +172,34 @@ def test_a_talk_inside_a_talk_on_one_channel_is_told_and_does_not_hang() -> None
         assert client.node().sdo.upload(0x2001) == b"\x32"
 
 
-def test_a_node_that_is_silent_is_told_with_what_was_heard() -> None:
+def test_no_answer_says_when_the_node_was_last_heard() -> None:
     port = MemoryPort()
-    with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Subscriber(bus, None) as tap:
+    with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Subscriber(bus, None) as subscriber:
         port.come(frame("705#7F"))
-        tap.receive(30.0)
+        subscriber.receive(30.0)
         with pytest.raises(NoAnswer, match=r"node 5 last heard 0.\S+ s ago, pre-operational, 0 frames on 585h"):
             client.node().sdo.upload(0x6041)
 
 
-def test_an_asyncio_tap_is_woken_once_and_hears_all() -> None:
+def test_an_asyncio_subscriber_gets_all_frames_of_a_burst() -> None:
     async def main(bus: CanBus, port: MemoryPort) -> None:
-        with AsyncSubscriber(bus, None) as tap, AsyncStream(bus, FrameListener(), None) as stream:
-            waiting = asyncio.create_task(tap.receive(10.0))
+        with AsyncSubscriber(bus, None) as subscriber, AsyncStream(bus, FrameListener(), None) as stream:
+            waiting = asyncio.create_task(subscriber.receive(10.0))
             await asyncio.sleep(0)
             port.come(*(CanFrame(number) for number in range(1, 100)))
             assert await waiting == CanFrame(1)
-            assert [await tap.receive(30.0) for _ in range(98)] == [CanFrame(number) for number in range(2, 100)]
-            assert await tap.receive(0.0) is None
-            assert await tap.receive(0.001) is None
+            assert [await subscriber.receive(30.0) for _ in range(98)] == [CanFrame(number) for number in range(2, 100)]
+            assert await subscriber.receive(0.0) is None
+            assert await subscriber.receive(0.001) is None
             assert await stream.get(0.0) == CanFrame(1)
-            gone = asyncio.create_task(tap.receive(10.0))
+            gone = asyncio.create_task(subscriber.receive(10.0))
             await asyncio.sleep(0)
             gone.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await gone
             port.come(BUS_OFF, PortError("unplugged"))
             with pytest.raises(PortError, match="unplugged"):
-                await tap.receive(10.0)
+                await subscriber.receive(10.0)
             events: list[object] = []
 
             async def all_of_them() -> None:
@@ -215,7 +215,7 @@ def test_an_asyncio_tap_is_woken_once_and_hears_all() -> None:
         asyncio.run(main(bus, port))
 
 
-def test_whoever_sends_to_a_full_controller_waits_for_room() -> None:
+def test_frames_for_a_full_controller_wait_for_room() -> None:
     class Full(MemoryPort):
         left = 3
 
@@ -227,10 +227,10 @@ def test_whoever_sends_to_a_full_controller_waits_for_room() -> None:
             return True
 
     async def main(bus: CanBus) -> None:
-        with AsyncSubscriber(bus, None) as tap:
-            tap.write(frame("080#01"))
-            tap.write(frame("080#02"))
-            await tap.sent()
+        with AsyncSubscriber(bus, None) as subscriber:
+            subscriber.write(frame("080#01"))
+            subscriber.write(frame("080#02"))
+            await subscriber.sent()
 
     port = Full()
     with CanBus(port) as bus:
@@ -267,7 +267,7 @@ def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) 
     other.shutdown()
 
 
-def test_each_hearer_of_the_virtual_bus_has_a_message_of_its_own() -> None:
+def test_each_receiver_on_the_virtual_bus_gets_its_own_message() -> None:
     can = pytest.importorskip("can")
     from barewire.io.endpoint import Endpoint
     from barewire.io.ports.python_can import CanPort
@@ -291,7 +291,7 @@ def test_each_hearer_of_the_virtual_bus_has_a_message_of_its_own() -> None:
         other.shutdown()
 
 
-def test_a_port_of_one_s_own_is_closed_with_its_client() -> None:
+def test_a_port_given_to_a_client_is_closed_with_it() -> None:
     port = MemoryPort()
     with CanopenClient(port, node=5, timeout=0.01) as client, pytest.raises(NoAnswer):
         client.run(upload(5, 0x1000, timeout=0.01))

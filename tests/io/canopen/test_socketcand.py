@@ -1,4 +1,4 @@
-"""The bus between processes: what is no frame goes nowhere, and nobody can stop it."""
+"""The bus between processes: frames are passed on, anything else is not and does no harm."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def member(port: int) -> CanPort:
     return CanPort(Endpoint.parse(f"can://socketcand/127.0.0.1:{port}/can0"))
 
 
-def test_what_one_sends_the_others_hear(port: int) -> None:
+def test_frames_of_one_client_go_to_all_others(port: int) -> None:
     one, two, three = member(port), member(port), member(port)
     try:
         for frame in (
@@ -60,7 +60,7 @@ def test_what_one_sends_the_others_hear(port: int) -> None:
         b"< " + b" " * 2000 + b">",
     ],
 )
-def test_what_is_no_frame_goes_nowhere(port: int, message: bytes) -> None:
+def test_messages_that_are_no_frame_are_not_passed_on(port: int, message: bytes) -> None:
     one, two = member(port), member(port)
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=5) as stranger:

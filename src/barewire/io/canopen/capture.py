@@ -1,9 +1,9 @@
-"""Listening in on a live CAN bus: the port is read and never written to.
+"""The frames of a live CAN bus: its port is read and never written to.
 
     for at, frame in listen_can(Endpoint.parse("can://socketcand/127.0.0.1:29536/can0"), stop): ...
 
-A CAN controller acknowledges what it hears unless it is told to be silent: on a bus with a single talker that makes a
-difference. Interfaces that can only listen have an option for it in python-can.
+A CAN controller acknowledges the frames that it receives, unless it is in listen-only mode: on a bus with a single
+sender that makes a difference. Interfaces that have this mode have an option for it in python-can.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from collections.abc import Iterator
 from barewire.canopen.frame import AnyFrame
 from barewire.io.endpoint import Endpoint
 
-LOOK = 0.1
-"""Seconds between two looks at whether to stop, and at whether something is missing."""
+_CHECK_INTERVAL = 0.1
+"""Seconds between two checks whether to stop."""
 
 
 def listen_can(
     endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None
 ) -> Iterator[tuple[float, AnyFrame | None]]:
-    """What comes, and None now and then when nothing does; times are seconds since 1970.
+    """The frames with their times, in seconds since 1970, and None now and then while none comes.
 
-    Raises PortError when the bus is not there, or fails.
+    Raises PortError for a bus that cannot be opened, or fails.
     """
     from barewire.io.ports.python_can import CanPort
 
@@ -33,7 +33,7 @@ def listen_can(
     until = float("inf") if seconds is None else time.monotonic() + seconds
     try:
         while not stop.is_set() and (now := time.monotonic()) < until:
-            frame = port.receive_any(min(LOOK, until - now))
+            frame = port.receive_any(min(_CHECK_INTERVAL, until - now))
             yield start + time.monotonic(), frame
     finally:
         port.close()

@@ -1,10 +1,10 @@
-"""The battery of `canopen.conform` held against a device on a real bus.
+"""The conformance battery of `canopen.conformance`, run on a device on a real bus.
 
     for result in conform_can(Endpoint.parse("can://socketcan/can0?node=5")): ...
 
-First the device's objects are read, so that it is asked only what it has; behind a reset of the communication, if any
-case changes anything. Then come the cases one by one, each behind a reset where it or the one before changes anything.
-A `gentle` battery reads only.
+First the objects of the device are read, because cases for objects that it lacks are left out; if any case changes
+values, the communication is reset before. Then the cases run one by one, each after a reset if it or the case before
+changes values. A `gentle` battery only reads.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from barewire.io.engine.conformance import Unfinished
 from barewire.io.ports.base import Port
 
 
-class Result(NamedTuple):
-    """How a case went. `outcome` is None where it was left out, and `left_out` says why."""
+class NodeCaseResult(NamedTuple):
+    """The result of a case. `outcome` is None if the case was left out; `left_out` is the reason."""
 
     case: NodeCase
     outcome: NodeOutcome | None
@@ -41,12 +41,12 @@ class Result(NamedTuple):
 
 def conform_can(
     endpoint: Endpoint, *, gentle: bool = False, large: tuple[int, int] | None = None, only: tuple[str, ...] = ("",)
-) -> Iterator[Result]:
-    """Run every case. EncodeError for another endpoint, PortError without a bus, NoAnswer where no device is;
-    Unfinished where one was and is silent for good.
+) -> Iterator[NodeCaseResult]:
+    """Run every case. `large` is an object that takes any bytes, for downloads of several segments; `only` are the
+    beginnings of the names of the cases to run.
 
-    `large` is an object that takes any bytes, for downloads of several segments; `only` are the beginnings of the names
-    of the cases to run.
+    Raises EncodeError for an endpoint that is not can://, PortError for a bus that cannot be opened, NoAnswer if no
+    device answers, Unfinished if the device stops answering for good.
     """
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
@@ -61,49 +61,49 @@ def conform_can(
             raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
         chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
         if not gentle and any(case.effect != "reads" for case in chosen):
-            # Somebody may have set it up otherwise: what it has after a reset is what it has in the cases.
+            # It may be configured in another way now: the cases see what it has after a reset.
             boot = boot if run(prepare(subject), port) else patience
             subject = run(probe(node, timeout=patience, large=large), port)
         wanted = [case for case in cases(subject) if case.name.startswith(only)]
         before, remote = None, not endpoint.place.startswith("socketcand/")
         for place, case in enumerate(wanted):
             if left_out := _left_out(case, gentle, remote=remote):
-                yield Result(case, None, left_out)
+                yield NodeCaseResult(case, None, left_out)
                 continue
             not_run = sum(not _left_out(other, gentle, remote=remote) for other in wanted[place:])
             try:
                 if wants_reset(case, before) and not run(prepare(subject, boot=boot), port):
-                    # A device that says no boot-up message (NMT-11 tells so) is not waited for any more.
+                    # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
                     boot = patience
-                    _hear_it(node, patience, port, not_run, before)
+                    _check_answers(node, patience, port, not_run, before)
                 outcome = run(run_case(case, timeout=patience), port)
             except PortError as error:
                 raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
-            yield Result(case, outcome)
+            yield NodeCaseResult(case, outcome)
             before = case
             if outcome.failure is not None and not outcome.received[-1] and case.effect == "reads":
-                _hear_it(node, patience, port, not_run - 1, case)
+                _check_answers(node, patience, port, not_run - 1, case)
         if before is not None and wants_reset(before, before):
             run(prepare(subject, boot=boot), port)
     finally:
         port.close()
 
 
-def _hear_it(node: int, patience: float, port: Port[CanFrame], not_run: int, before: NodeCase | None) -> None:
-    """Make sure that the device is still there, or there again in a while. Raises Unfinished where it is not."""
+def _check_answers(node: int, patience: float, port: Port[CanFrame], not_run: int, before: NodeCase | None) -> None:
+    """Wait until the device answers; Unfinished if it does not within the time of a boot."""
     until = time.monotonic() + BOOT
     while True:
         try:
-            run(_speaks(node, patience), port)
+            run(_request_device_type(node, patience), port)
             return
         except NoAnswer:
             if time.monotonic() > until:
-                behind = f" behind the case {before.name}" if before is not None else ""
-                raise Unfinished(f"node {node} answers no more{behind}", not_run) from None
+                after = f" after the case {before.name}" if before is not None else ""
+                raise Unfinished(f"node {node} answers no more{after}", not_run) from None
 
 
-def _speaks(node: int, patience: float) -> Conversation[CanFrame, None]:
-    """Ask for the device type, which every device has; NoAnswer if nothing at all comes back."""
+def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, None]:
+    """Upload the device type, which every device has; NoAnswer if no response comes."""
     heard = yield Send(CanFrame(0x600 + node, bytes.fromhex("4000100000000000")))
     until = heard.now + patience
     while heard.now < until:
@@ -114,7 +114,7 @@ def _speaks(node: int, patience: float) -> Conversation[CanFrame, None]:
 
 
 def _left_out(case: NodeCase, gentle: bool, remote: bool) -> str:
-    """Why a case is not held against this device; empty if it is."""
+    """Why a case is not run; empty if it is."""
     if case.lacks:
         return f"needs {case.lacks}"
     if gentle and case.effect != "reads":

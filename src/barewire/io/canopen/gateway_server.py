@@ -1,13 +1,13 @@
 """The text gateway on a TCP port: many connections, one bus.   [CiA 309-3]
 
-        netcat ----+                         +--- transfers to different nodes at the same time
-        a script --+-- one session each -----+--- one at a time on each SDO channel
-        telnet ----+                         +--- boot-ups, emergencies, PDOs told to everybody
+        netcat ----+                         +--- transfers with different nodes at the same time
+        a script --+-- one session each -----+--- one transfer at a time on each SDO channel
+        telnet ----+                         +--- boot-ups, emergencies, PDOs reported to all
 
-A connection's lines are carried out in their order. Who sends lines faster than the bus carries them out waits in its
-own socket; who does not read what is told loses notices, and is told how many; answers are never lost.
+The lines of a connection are carried out in their order. Lines that come faster than the bus carries them out wait in
+the socket. A connection that is not read loses notices, and gets their number; responses are never lost.
 
-I know: sockets, one client of a bus, sessions.  I never know: what a line means.
+Depends on: the asyncio client, `canopen.gateway` for what a line means.  Used by: `barewire canopen-gateway`.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOpera
 from barewire.io.canopen.subscriber import LONGEST_PULL, FramesLost
 from barewire.io.ports.tcp import reason
 
-CONNECTIONS = 64
-UNREAD = 0x10000
-"""Bytes that may wait for somebody who does not read; more is lost."""
-CHUNK = 4096
+GATEWAY_CONNECTIONS = 64
+UNREAD_LIMIT = 0x10000
+"""Bytes that may wait for a connection that is not read; further notices are lost."""
+_CHUNK = 4096
 _LINE_END = re.compile(rb"[\r\n]")
 
 _CONTROLLER, _BUS_OFF = 0x04, 0x40
@@ -41,22 +41,22 @@ _PASSIVE = 0x30
 
 
 class CanopenGateway:
-    """A listening gateway. `port` is the TCP port; leaving its `async with` ends every connection, not the client."""
+    """A listening gateway. `port` is its TCP port. Leaving its `async with` closes every connection, not the client."""
 
     def __init__(self, client: AsyncCanopenClient, *, net: int = 1, version: str = "") -> None:
         self.client = client
         self.net = net
         self.version = version
         self.ended = asyncio.Event()
-        """Set when the bus is gone."""
+        """Set when the bus was closed."""
         self.failure: PortError | None = None
         self._connections: set[_Connection] = set()
         self._server: asyncio.Server | None = None
 
     async def listen(self, host: str, port: int) -> Self:
-        """Begin to listen. Raises PortError."""
+        """Start to listen. Raises PortError."""
         try:
-            self._server = await asyncio.start_server(self._attend, host, port)
+            self._server = await asyncio.start_server(self._accept, host, port)
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
         return self
@@ -69,12 +69,12 @@ class CanopenGateway:
 
     @property
     def port(self) -> int:
-        """The port it listens on: of interest when it was asked for port 0."""
+        """The port on which it listens: with port 0 the system chose it."""
         assert self._server is not None
         return int(self._server.sockets[0].getsockname()[1])
 
     async def close(self) -> None:
-        """End the connections and listen no more."""
+        """Stop listening and close all connections."""
         if self._server is not None:
             self._server.close()
         for connection in list(self._connections):
@@ -83,14 +83,16 @@ class CanopenGateway:
             await asyncio.gather(*(one.ended.wait() for one in self._connections))
 
     def fail(self, why: PortError) -> None:
-        """The bus is gone: nothing is left to do."""
+        """The bus was closed, for this reason: end."""
         self.failure = self.failure or why
         self.ended.set()
 
-    async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connection = _Connection(self, reader, writer)
-        if len(self._connections) >= CONNECTIONS:
-            connection.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"{CONNECTIONS} connections are all there are")])
+        if len(self._connections) >= GATEWAY_CONNECTIONS:
+            connection.write(
+                [error_line(0, GatewayCode.OUT_OF_MEMORY, f"{GATEWAY_CONNECTIONS} connections are the most")]
+            )
             writer.close()
             return
         self._connections.add(connection)
@@ -102,7 +104,7 @@ class CanopenGateway:
 
 
 class _Connection:
-    """One connection: a task that carries out its lines, one that tells it what happens."""
+    """One connection: a task that carries out its lines, one that sends its notices, one that waits for its end."""
 
     def __init__(self, gateway: CanopenGateway, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = gateway.client
@@ -111,49 +113,49 @@ class _Connection:
         self._client = client
         self._reader = reader
         self._writer = writer
-        remote = not client.bus.name.startswith("socketcand/")  # which has no word for remote frames
+        remote = not client.bus.name.startswith("socketcand/")  # which carries no remote frames
         self._session = GatewaySession(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
-        self._tap = AsyncSubscriber(client.bus, None, reports=True)
+        self._subscriber = AsyncSubscriber(client.bus, None, reports=True)
         self._lost = 0
         self._tasks: tuple[asyncio.Task[None], ...] = ()
 
     def end(self) -> None:
-        """End it from outside."""
+        """Close it."""
         for task in self._tasks:
             task.cancel()
 
     async def serve(self) -> None:
-        """Until the other side leaves, or the bus does."""
-        work = self._obey(), self._tell(), self._gone()
+        """Serve until the client closes the connection, or the bus is closed."""
+        work = self._carry_out_lines(), self._send_notices(), self._wait_closed()
         self._tasks = tuple(asyncio.create_task(one) for one in work)
         try:
             await asyncio.wait(self._tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self.end()
-            said = await asyncio.gather(*self._tasks, return_exceptions=True)
-            self._tap.close()
+            results = await asyncio.gather(*self._tasks, return_exceptions=True)
+            self._subscriber.close()
             self._writer.close()
-            for error in said:
+            for error in results:
                 if isinstance(error, PortError):
                     self._gateway.fail(error)
                 elif isinstance(error, Exception) and not isinstance(error, OSError):
                     raise error
 
-    async def _gone(self) -> None:
-        """Until the connection is no more. One that says no more may still listen, as `nc -N` does: that is none."""
+    async def _wait_closed(self) -> None:
+        """Wait until the connection is closed. A client that closed its sending half, as `nc -N`, still receives."""
         with suppress(OSError):
             await asyncio.shield(self._writer.wait_closed())
 
     # Lines
 
-    async def _obey(self) -> None:
+    async def _carry_out_lines(self) -> None:
         held, skipping = b"", False
         while True:
             try:
-                chunk = await self._reader.read(CHUNK)
+                chunk = await self._reader.read(_CHUNK)
             except OSError:
                 return
-            *lines, held = _LINE_END.split(held + chunk)  # CR LF is two; an empty line is nothing
+            *lines, held = _LINE_END.split(held + chunk)  # CR LF ends two lines; the empty one has no effect
             for line in lines:
                 if skipping:
                     skipping = False
@@ -175,55 +177,57 @@ class _Connection:
         else:
             text = line.decode("utf-8", "replace")
             self.write(await self._client.carry_out(self._operation(text)))
-            self._tell_now(None, time.monotonic())
-            self._tap.wake()  # the line may have changed how long the other task has to wait
+            self._feed_notices(None, time.monotonic())
+            self._subscriber.wake()  # the line may have changed how long the other task has to wait
         await self._writer.drain()
 
     def _operation(self, text: str) -> BusOperation[list[str]]:
-        conversation, whom = self._session.answer(text), self._session.target(text)
-        if whom is None:
+        conversation, target = self._session.answer(text), self._session.target(text)
+        if target is None:
             return BusOperation(conversation, NO_LOCKS, NO_FRAMES)
         return (
             BusOperation(conversation, LSS_LOCK, LSS_RECEIVES)
-            if whom == "LSS"
-            else sdo_transfer(whom, conversation, self._client.timeout)
+            if target == "LSS"
+            else sdo_transfer(target, conversation, self._client.timeout)
         )
 
     # Notices
 
-    async def _tell(self) -> None:
+    async def _send_notices(self) -> None:
         clock = time.monotonic
         while True:
             deadline = self._session.notices.deadline
-            arrived = await self._tap.pull_async(LONGEST_PULL if deadline is None else max(0.001, deadline - clock()))
+            arrived = await self._subscriber.pull_async(
+                LONGEST_PULL if deadline is None else max(0.001, deadline - clock())
+            )
             if arrived is None:
-                self._tell_now(None, clock())
+                self._feed_notices(None, clock())
             elif isinstance(arrived.item, CanFrame):
-                self._tell_now(arrived.item, arrived.at)
+                self._feed_notices(arrived.item, arrived.at)
             elif isinstance(arrived.item, FramesLost):
-                text = f"{arrived.item.frames} frames were not looked at"
+                text = f"{arrived.item.frames} frames were lost"
                 self._notice([self._session.notices.bus_error(GatewayCode.CAN_OVERFLOW, text)])
             elif isinstance(arrived.item, ErrorFrame) and (code := _code_of(arrived.item)):
                 self._notice([self._session.notices.bus_error(code, arrived.item.text)])
 
-    def _tell_now(self, frame: CanFrame | None, now: float) -> None:
+    def _feed_notices(self, frame: CanFrame | None, now: float) -> None:
         frames, lines = self._session.notices.feed(frame, now)
         for one in frames:
-            self._tap.write(one)
+            self._subscriber.write(one)
         self._notice(lines)
 
     def _notice(self, lines: list[str]) -> None:
-        """Lines that nobody asked for: lost where nobody reads."""
-        if self._writer.transport.get_write_buffer_size() > UNREAD:
+        """Send lines that are no responses; they are lost if the connection is not read."""
+        if self._writer.transport.get_write_buffer_size() > UNREAD_LIMIT:
             self._lost += len(lines)
             return
         if self._lost and lines:
-            lines = [f"#{self._lost} notices were lost: nobody read them", *lines]
+            lines = [f"#{self._lost} notices were lost: they were not read", *lines]
             self._lost = 0
         self.write(lines)
 
     def write(self, lines: list[str]) -> None:
-        """Lines to the other side."""
+        """Send lines."""
         if lines and not self._writer.is_closing():
             self._writer.write("".join(f"{line}\r\n" for line in lines).encode("utf-8", "replace"))
 
@@ -238,7 +242,10 @@ def _code_of(report: ErrorFrame) -> GatewayCode | None:
 async def serve_gateway(
     client: AsyncCanopenClient, host: str = "127.0.0.1", port: int = 0, *, net: int = 1, version: str = ""
 ) -> CanopenGateway:
-    """A gateway to the bus of `client` that listens at `host`:`port`. Raises PortError."""
+    """Start a gateway to the bus of `client` at `host`:`port`. `net` (1..127) is the number of its net.
+
+    Raises PortError, and EncodeError for a wrong net.
+    """
     if not 1 <= net <= 127:
         raise EncodeError(f"net {net}: expected 1..127")
     return await CanopenGateway(client, net=net, version=version).listen(host, port)

@@ -9,8 +9,8 @@
                      <-  < ok >
     < send 605 8 40 41 60 0 0 0 0 0 >   ->   to all others:  < frame 605 1764000000.000001 4041600000000000 >
 
-python-can's `socketcand` interface speaks it, so any program that uses python-can can join; the names of buses are told
-apart. What one client sends all others on the same bus hear, as on a cable.
+python-can's `socketcand` interface uses this protocol, so any program with python-can can join. Buses have names; a
+frame of one client goes to all others on the same bus, as on a cable.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from barewire.errors import PortError
 from barewire.io.ports.tcp import reason
 
 _BACKLOG = 0x10000
-"""Bytes that may wait for one client."""
+"""Bytes that may wait for one client; further frames are dropped."""
 
 _LONGEST = 4096
-"""Characters without a complete message after which a client is not speaking this protocol."""
+"""Characters without a complete message after which the connection is closed: it is another protocol."""
 
 
 class SocketcandHub:
@@ -46,7 +46,7 @@ class SocketcandHub:
         self._thread.start()
 
     def close(self) -> None:
-        """Hang up on everybody and give the port back."""
+        """Close all connections and the port."""
         asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(timeout=5.0)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(timeout=5.0)
@@ -88,20 +88,20 @@ class SocketcandHub:
                 await writer.wait_closed()
 
     def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> bool:
-        """IDENTIFIER LENGTH BYTE...: to all others, if it is a frame; python-can would fall over what is none."""
+        """IDENTIFIER LENGTH BYTE...: pass a frame on to all others. False for what is no frame."""
         try:
             identifier, length, *data = (int(word, 16) for word in words)
             frame = bytes(data)
         except ValueError:
             return False
-        base = len(words[0]) == 3  # three digits are a base identifier, whatever the number
+        base = len(words[0]) == 3  # three digits are a base identifier, even if the number would fit an extended one
         limit = BASE_MAX if base else EXTENDED_MAX
         if not 0 <= identifier <= limit or length != len(frame) or length > DATA_MAX:
             return False
         written = f"{identifier:03X}" if base else f"{identifier:08X}"
-        said = f"< frame {written} {time.time():.6f} {frame.hex().upper()} >".encode()
+        message = f"< frame {written} {time.time():.6f} {frame.hex().upper()} >".encode()
         for other in others:
-            # Who does not listen is dropped, as a full controller drops: the others must not wait, nor the memory fill.
+            # A client that does not read loses frames, as at a full controller: memory is bounded, others do not wait.
             if other.transport.get_write_buffer_size() < _BACKLOG:
-                other.write(said)
+                other.write(message)
         return True

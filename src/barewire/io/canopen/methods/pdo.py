@@ -1,10 +1,12 @@
 """`node.pdo`: the process data of a node.   [CiA 301, PDO]
 
-rpdo = node.pdo.remote("RPDO", 1)                          what the node has, with the names of its device or EDS
-node.pdo.send(rpdo, {"controlword": 15})
-node.pdo.receive(tpdo1, tpdo2)                             a stream of named values
-node.pdo.read_config("TPDO", 1)                            PdoConfig('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
-node.pdo.write_config(PdoConfig("TPDO", 1, (0x60410010,), type=1))      in the safe order
+    rpdo = node.pdo.remote("RPDO", 1)                  the PDO as the node has it, with names
+    node.pdo.send(rpdo, {"controlword": 15})
+    node.pdo.receive(tpdo1, tpdo2)                     a stream of named values
+    node.pdo.read_config("TPDO", 1)                    PdoConfig('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
+    node.pdo.write_config(PdoConfig("TPDO", 1, (0x60410010,), type=1))              in the safe order
+
+The names are those of the device or the EDS of the node, or of `objects`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is done with a device that lives on a bus from outside of it, and what the controller reports to it."""
+"""Nodes of one's own on a bus: `do`, reports of the controller; wrong arguments of clients and nodes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def thermometer() -> LocalNode:
     return LocalNode(5, objects, [PdoConfig("TPDO", 1, (0x60000010,))])
 
 
-def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:
+def test_do_on_a_served_node_sends_frames_at_once() -> None:
     node = thermometer()
     url = "can://virtual/outside"
     with CanopenServer(url, device=node) as host, CanopenClient(url, node=5) as client:
@@ -49,7 +49,7 @@ def test_a_hosted_device_says_at_once_what_was_done_with_it() -> None:
             assert getattr(heard, "values", None) == {"temperature": 217}
 
 
-def test_so_does_one_that_lives_with_a_client() -> None:
+def test_do_on_a_node_hosted_by_a_client_sends_frames_at_once() -> None:
     node = thermometer()
     url = "can://virtual/with?node=5"
     with CanopenClient(url) as other, CanopenClient(url) as client, client.host(node) as running:
@@ -64,7 +64,7 @@ def test_so_does_one_that_lives_with_a_client() -> None:
             assert wrong.get(timeout=PATIENCE) is not None
 
 
-def test_and_with_asyncio() -> None:
+def test_do_on_a_node_hosted_by_an_asyncio_client_sends_frames_at_once() -> None:
     async def main() -> None:
         node = thermometer()
         async with AsyncCanopenClient("can://virtual/task?node=5") as client:
@@ -79,7 +79,7 @@ def test_and_with_asyncio() -> None:
     asyncio.run(main())
 
 
-def test_a_hosted_device_that_was_bus_off_obeys_1029h_and_says_that_it_is_back() -> None:
+def test_a_served_node_that_was_bus_off_follows_1029h_and_sends_8140h() -> None:
     node, port = device(), MemoryPort()
     host = CanopenServer("can://virtual/off", device=node)
     host.port.close()
@@ -104,7 +104,7 @@ def wait(condition: Callable[[], bool]) -> None:
     raise AssertionError("it did not come about")
 
 
-def test_the_url_of_a_host_names_no_other_node() -> None:
+def test_a_node_in_the_url_must_be_that_of_the_device() -> None:
     for node in (device(7), simulator("az3").canopen):
         with pytest.raises(EncodeError, match=r"node 5 is asked for, and the device is node (7|1)"):
             CanopenServer("can://virtual/other?node=5", device=node)

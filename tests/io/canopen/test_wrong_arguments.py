@@ -1,4 +1,4 @@
-"""Odd arguments to the words of CANopen: one clear error, nothing on the bus, and the next word works."""
+"""Wrong arguments of CANopen methods: EncodeError, nothing on the bus, and the next call works."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("kind", ["blocking", "asyncio"])
-def test_one_clear_error_and_nothing_said(kind: str, case: str) -> None:
+def test_a_wrong_argument_raises_encode_error_and_sends_nothing(kind: str, case: str) -> None:
     port = MemoryPort()
 
     def blocking(bus: CanBus) -> None:
@@ -75,7 +75,7 @@ def test_one_clear_error_and_nothing_said(kind: str, case: str) -> None:
             asyncio.run(with_asyncio(bus))
 
 
-def test_a_client_s_own_time_out() -> None:
+def test_a_wrong_time_out_of_a_client_is_refused() -> None:
     with CanBus(MemoryPort()) as bus:
         for wrong in (NAN, -1.0):
             with pytest.raises(EncodeError, match="expected 0 or more"):
