@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.sdo.aborts import SdoAbort as SdoAbort
+    from barewire.canopen.abort_codes import SdoAbort as SdoAbort
     from barewire.devices.description.load import load as load
     from barewire.devices.drive.report import DriveStuck as DriveStuck
     from barewire.errors import (
@@ -79,7 +79,7 @@ __getattr__, __all__ = lazy(
         "errors": "BarewireError EncodeError DecodeError Refused NoAnswer PortError",
         "modbus.exceptions": "ModbusException",
         "modbus.client.line_state": "WriteOutcomeUnknown",
-        "canopen.sdo.aborts": "SdoAbort",
+        "canopen.abort_codes": "SdoAbort",
         "devices.drive.report": "DriveStuck",
     },
 )

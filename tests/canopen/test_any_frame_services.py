@@ -33,7 +33,7 @@ from barewire.canopen import (
     standard_objects,
     write_pdo,
 )
-from barewire.canopen.sdo import SdoAbort
+from barewire.canopen.abort_codes import SdoAbort
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import BarewireError, DecodeError
 

@@ -16,8 +16,8 @@ from barewire.canopen import (
     TimeStamp,
     standard_objects,
 )
+from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.object_dictionary import Entry
-from barewire.canopen.sdo import SdoAbort
 from barewire.canopen.time_stamp import EPOCH_UNIX
 from barewire.errors import DecodeError, EncodeError
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from barewire.canopen import sdo as messages
+from barewire.canopen.abort_codes import AbortCode
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id, is_restricted
 from barewire.canopen.emcy.message import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState, consumer_entry
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
 from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
-from barewire.canopen.sdo.aborts import AbortCode
 from barewire.canopen.sync import SyncMessage
 from barewire.codecs import Value, codec
 from barewire.errors import DecodeError

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.datatypes import DATA_TYPES, object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-from barewire.canopen.sdo import BlockSettings, SdoAbort, SdoServer, download, upload
+from barewire.canopen.sdo import BlockSettings, SdoServer, download, upload
 from barewire.canopen.time_types import DAY, TimeDifference, TimeOfDay
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError

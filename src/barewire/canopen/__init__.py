@@ -8,6 +8,7 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
 
     frame                  one CAN frame, and its text             cob_ids         the identifiers of services and nodes
     datatypes, time_types  the types of objects                    object_dictionary        the objects of one device
+    abort_codes            why an access to an object is refused
     communication_objects  reading and validating 1000h-1FFFh      sync, time_stamp         SYNC and TIME messages
     nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
     emcy/                  emergency messages                      pdo/     process data
@@ -25,6 +26,7 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
+    from barewire.canopen.abort_codes import AbortCode as AbortCode, SdoAbort as SdoAbort, abort_text as abort_text
     from barewire.canopen.bus.scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.cob_ids import (
         CobEntry as CobEntry,
@@ -122,13 +124,10 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.sdo import (
         STANDARD as STANDARD,
-        AbortCode as AbortCode,
         BlockSettings as BlockSettings,
         Channel as Channel,
-        SdoAbort as SdoAbort,
         SdoDialect as SdoDialect,
         SdoServer as SdoServer,
-        abort_text as abort_text,
         download as download,
         fit as fit,
         upload as upload,
@@ -154,10 +153,8 @@ __getattr__, __all__ = lazy(
     {
         "frame": "CanFrame FdFrame ErrorFrame",
         "cob_ids": "cob_id classify check_node is_restricted CobService CobEntry",
-        "sdo": (
-            "upload upload_to download BlockSettings Channel SdoDialect STANDARD fit SdoAbort AbortCode "
-            "abort_text SdoServer"
-        ),
+        "abort_codes": "AbortCode SdoAbort abort_text",
+        "sdo": "upload upload_to download BlockSettings Channel SdoDialect STANDARD fit SdoServer",
         "object_dictionary": "Entry ObjectDictionary",
         "time_types": "TimeOfDay TimeDifference",
         "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave",

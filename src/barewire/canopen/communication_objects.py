@@ -18,10 +18,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import CobEntry, is_restricted
 from barewire.canopen.lss.messages import LssAddress
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import BarewireError
 

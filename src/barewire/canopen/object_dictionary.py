@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.datatypes import ObjectCodec, object_codec
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 

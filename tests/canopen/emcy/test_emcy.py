@@ -15,9 +15,9 @@ from barewire.canopen import (
     register_of,
     standard_objects,
 )
+from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.emcy.consumer import ERRORS_MAX
 from barewire.canopen.emcy.producer import WAITING_MAX
-from barewire.canopen.sdo import SdoAbort
 
 
 def device() -> LocalNode:

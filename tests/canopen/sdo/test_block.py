@@ -18,8 +18,8 @@ from barewire.canopen import (
     upload,
     upload_to,
 )
+from barewire.canopen.abort_codes import ProtocolViolation
 from barewire.canopen.sdo import BlockAck, BlockEnded
-from barewire.canopen.sdo.aborts import ProtocolViolation
 from barewire.canopen.sdo.block_transfer import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.conversation import Conversation, Heard, Listen, abort_frames, play

@@ -30,7 +30,7 @@ from barewire.canopen import (
     upload,
     write_pdo,
 )
-from barewire.canopen.sdo import SdoAbort
+from barewire.canopen.abort_codes import SdoAbort
 from barewire.conversation import Conversation
 from barewire.devices.sdo_dialects import AZ3
 from barewire.devices.sim import simulator

@@ -5,12 +5,12 @@ Depends on: SDO uploads, LSS identification.  Used by: `io.canopen.conformance`,
 
 from __future__ import annotations
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, Subject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves
 from barewire.canopen.lss.messages import LssAddress
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.upload import upload
 from barewire.conversation import Conversation, Listen, Send

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.communication_objects import integer_value, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatProducer, consumer_entry
 from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.nmt.node_guarding import GuardedNode
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 
 _HEARTBEAT_TIME, _CONSUMER, _GUARD_TIME, _LIFE_FACTOR, _BEHAVIOUR = 0x1017, 0x1016, 0x100C, 0x100D, 0x1029
 HEARTBEAT_ERROR = 0x8130

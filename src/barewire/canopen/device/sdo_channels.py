@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from barewire.canopen.bus.node_monitor import NodeMonitor
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import NODE_MAX, CobEntry, cob_id
 from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.find_channel import SERVER_1, SERVERS_MAX
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect

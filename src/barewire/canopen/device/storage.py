@@ -17,10 +17,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.communication_objects import validate_writes
 from barewire.canopen.object_dictionary import ObjectAddress, ObjectDictionary
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.codecs import Value
 
 _STORE, _RESTORE = 0x1010, 0x1011

@@ -12,11 +12,11 @@ was set.
 
 from __future__ import annotations
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import SYNC_KEY, CobEntry
 from barewire.canopen.communication_objects import integer_value, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sync import COUNTER_MAX, SyncProducer
 
 _COB_ID, _PERIOD, _WINDOW, _OVERFLOW = 0x1005, 0x1006, 0x1007, 0x1019

@@ -18,12 +18,12 @@ from collections.abc import Hashable
 from dataclasses import replace
 from functools import partial
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.emcy.message import Emergency, register_of
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 
 _REGISTER, _HISTORY, _COB_ID, _INHIBIT = 0x1001, 0x1003, 0x1014, 0x1015
 _COMMUNICATION_ERRORS = range(0x8000, 0x9000)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError, error_line
 from barewire.canopen.gateway.commands import (
@@ -39,7 +40,6 @@ from barewire.canopen.gateway.parser import parse_line, sequence_of
 from barewire.canopen.gateway.values import is_wrong_length, to_text
 from barewire.canopen.lss.messages import LssRefused
 from barewire.canopen.nmt.messages import NmtMessage
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.download import download
 from barewire.canopen.sdo.client.upload import upload

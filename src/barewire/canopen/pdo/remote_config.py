@@ -20,13 +20,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
-from barewire.canopen.sdo import AbortCode, Channel, SdoAbort, download, upload
+from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.client.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError

@@ -12,7 +12,6 @@ Files, in reading order:
 
     messages/initiate, segment, block       the messages of the three kinds of transfer
     messages/codec         which message eight bytes are, by the state of the transfer
-    aborts                 abort codes, SdoAbort
     dialect                how a device departs from the standard
     stream                 the bytes of a value, as they are sent or received
     block_transfer         sender and receiver of blocks, used by client and server
@@ -21,7 +20,8 @@ Files, in reading order:
     client/typed_access    objects as values     client/find_channel       channels of further servers
     server/transfers       the long transfers    server/server             the server
 
-Depends on: frames, COB-IDs, codecs, the node monitor. Used by: the other rooms of canopen, devices, explain, io.
+Depends on: frames, COB-IDs, codecs, `abort_codes`, the node monitor of NMT.  Used by: the other rooms of canopen,
+devices, explain, io.
 """
 
 from typing import TYPE_CHECKING
@@ -29,7 +29,6 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.sdo.aborts import AbortCode as AbortCode, SdoAbort as SdoAbort, abort_text as abort_text
     from barewire.canopen.sdo.client.block_options import BlockMode as BlockMode, BlockSettings as BlockSettings
     from barewire.canopen.sdo.client.channel import Channel as Channel, ChannelCounters as ChannelCounters
     from barewire.canopen.sdo.client.download import download as download
@@ -79,7 +78,6 @@ __getattr__, __all__ = lazy(
         "client.channel": "Channel ChannelCounters",
         "server.server": "SdoServer ServerCounters ObjectStore",
         "dialect": "SdoDialect STANDARD fit",
-        "aborts": "SdoAbort AbortCode abort_text",
         "messages.initiate": (
             "InitiateUpload ExpeditedUpload UploadInitiated ExpeditedDownload InitiateDownload DownloadInitiated Abort"
         ),

@@ -33,7 +33,7 @@ from __future__ import annotations
 from binascii import crc_hqx
 from struct import unpack
 
-from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
+from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.messages.block import BLOCK_MAX, LAST, BlockAck, BlockEnd, BlockEnded
 from barewire.canopen.sdo.messages.codec import ReceiverMessage
 from barewire.canopen.sdo.messages.segment import SEGMENT

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
+from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
 from barewire.errors import EncodeError
 
 LIMIT = 16 << 20

@@ -23,8 +23,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, abort_text
 from barewire.canopen.sdo.messages.block import (
     BLOCK_MAX,
     BlockAck,

@@ -12,9 +12,9 @@ from dataclasses import fields, is_dataclass
 from math import isfinite
 from typing import Any
 
+from barewire.canopen.abort_codes import abort_text
 from barewire.canopen.emcy.message import error_text, register_names
 from barewire.canopen.nmt.messages import NmtCommand
-from barewire.canopen.sdo.aborts import abort_text
 from barewire.explain.can_monitor.events import (
     BusErrorReport,
     EmcyReport,

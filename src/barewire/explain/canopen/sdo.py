@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-from barewire.canopen.sdo import abort_text
+from barewire.canopen.abort_codes import abort_text
 from barewire.canopen.sdo.messages.initiate import Abort, InitiateUpload, has_reserved_bits
 from barewire.codecs import BitPattern, Field, codec
 from barewire.devices.sdo_dialects import AZ3

@@ -24,8 +24,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
-from barewire.canopen.bus.node_monitor import NodeMonitor
 from barewire.canopen.frame import CanFrame, ErrorFrame
+from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import EncodeError, PortError

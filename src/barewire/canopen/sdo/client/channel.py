@@ -19,11 +19,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from barewire.canopen.bus.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import NmtState
+from barewire.canopen.nmt.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.codec import M, decode_one_of, is_any_response
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload

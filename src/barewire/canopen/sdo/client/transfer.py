@@ -18,8 +18,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TypeVar
 
+from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.messages.codec import M, SdoMessage
 from barewire.canopen.sdo.messages.initiate import Abort

@@ -21,8 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_transfer import FRAME, BlockReceiver
 from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, block_options
 from barewire.canopen.sdo.client.channel import Channel, channel_to

@@ -29,9 +29,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
+from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.sdo.block_transfer import check_blksize
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.block import (

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from barewire.canopen.sdo.aborts import AbortCode, ProtocolViolation
+from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender
 from barewire.canopen.sdo.messages.block import StartBlockUpload
 from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES, M, decode_one_of

@@ -20,12 +20,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.device.device import LocalNode
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import Entry, ObjectAccess, ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig
-from barewire.canopen.sdo.aborts import AbortCode, SdoAbort
 from barewire.canopen.sdo.dialect import STANDARD
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import CanopenSettings, DevicePdo

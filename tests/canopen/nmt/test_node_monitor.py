@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Channel, ErrorFrame, upload
-from barewire.canopen.bus.node_monitor import NodeMonitor
+from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.conversation import play
 from barewire.errors import NoAnswer
 

@@ -94,7 +94,7 @@ class SdoAbort(Refused):
 
     >>> raise SdoAbort(0x06020000, 0x6041, 0)
     Traceback (most recent call last):
-    barewire.canopen.sdo.aborts.SdoAbort: 6041h:00: 0602 0000h object does not exist
+    barewire.canopen.abort_codes.SdoAbort: 6041h:00: 0602 0000h object does not exist
     """
 
     def __init__(self, code: int, index: int, sub: int, named: tuple[int, int] | None = None, *, why: str = "") -> None:
