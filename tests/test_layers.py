@@ -166,6 +166,15 @@ def tool() -> ModuleType:
     return module
 
 
+def test_no_files_import_each_other(tool: ModuleType) -> None:
+    """Directly or by way of others; imports inside functions and for type checking count."""
+    assert tool.circles(tool.file_imports()) == []
+
+
+def test_the_drawing_in_architecture_is_up_to_date(tool: ModuleType) -> None:
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/rooms.py"
+
+
 def test_circles_are_found(tool: ModuleType) -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": {"e"}, "e": {"d"}, "f": {"a"}}
     assert sorted(tool.circles(graph)) == [["a", "b", "c"], ["d", "e"]]
