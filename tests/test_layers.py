@@ -171,6 +171,10 @@ def test_no_files_import_each_other(tool: ModuleType) -> None:
     assert tool.circles(tool.file_imports()) == []
 
 
+def test_no_rooms_import_each_other(tool: ModuleType) -> None:
+    assert {room: tool.circles(tool.rooms(room)) for room in ("", *tool.INSIDE)} == dict.fromkeys(("", *tool.INSIDE), [])
+
+
 def test_the_drawing_in_architecture_is_up_to_date(tool: ModuleType) -> None:
     assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/rooms.py"
 
