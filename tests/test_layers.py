@@ -172,9 +172,7 @@ def test_no_files_import_each_other(tool: ModuleType) -> None:
 
 
 def test_no_rooms_import_each_other(tool: ModuleType) -> None:
-    assert {room: tool.circles(tool.rooms(room)) for room in ("", *tool.INSIDE)} == dict.fromkeys(
-        ("", *tool.INSIDE), []
-    )
+    assert [tool.circles(tool.rooms(room)) for room in ("", *tool.INSIDE)] == [[]] * (1 + len(tool.INSIDE))
 
 
 def test_the_drawing_in_architecture_is_up_to_date(tool: ModuleType) -> None:
