@@ -138,7 +138,7 @@ def test_nmt_and_heartbeats(kind: str, thing: tuple[str, LocalNode]) -> None:
 def test_a_node_whose_heartbeat_stops_is_lost(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def calls(client: Any) -> None:
         with client.nmt.heartbeats({5: 0.05}) as stream:
-            await get(client.send(CanFrame.parse("705#05")))  # somebody else's stream hears it: see below
+            await get(client.send(CanFrame.parse("705#05")))
             await get(client.node().sdo.download(0x1017, 0, (10).to_bytes(2, "little")))
             event = await get(stream.get(30.0))
             while event.kind != "active":

@@ -28,7 +28,7 @@ OTHERS = (
     FdFrame(0x585, bytes(64)),
     ErrorFrame(0x4, bytes(8)),
 )
-LATE = CanFrame(0x585, bytes.fromhex("4300300078563412"))  # the answer of an object that nobody here asks for
+LATE = CanFrame(0x585, bytes.fromhex("4300300078563412"))  # the response for an object that is never requested
 
 
 @contextmanager

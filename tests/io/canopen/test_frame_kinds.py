@@ -34,7 +34,7 @@ def test_error_and_fd_frames_are_kinds_of_their_own() -> None:
 
 
 def test_send_and_receive_both_report_an_interface_that_went_down(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The system says it once, to whoever asks first: here to the one who sends."""
+    """The system reports it once, to the first call: here to `send`."""
     from barewire.io.ports.python_can import CanPort
 
     port = CanPort(Endpoint.parse("can://virtual/went-down"))

@@ -112,7 +112,7 @@ def test_bytes_that_are_not_text_are_a_syntax_error() -> None:
 
 
 def test_a_bus_without_remote_frames_has_no_guarding() -> None:
-    """It was the end of the gateway for everybody."""
+    """A guarding request there once ended the whole gateway."""
 
     async def body() -> None:
         async with gateway("gateway-remote") as (_, client):
@@ -291,7 +291,7 @@ def test_a_broken_connection_ends_its_transfer() -> None:
         async with gateway("gateway-broken") as (made, _):
             person = await TextClient.at(made)
             assert await person.ask("[1] set sdo_timeout 60000") == "[1] OK"
-            person.say("[2] 9 r 0x1000 0 u32\n")  # nobody is there
+            person.say("[2] 9 r 0x1000 0 u32\n")  # there is no node 9
             while not made.client.bus._locks._queue:
                 await asyncio.sleep(0.01)
             sock = person.writer.get_extra_info("socket")

@@ -6,6 +6,7 @@ import asyncio
 import inspect
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -158,6 +159,16 @@ def test_a_client_refuses_wrong_urls_and_options() -> None:
         for text, (bus, options) in mistakes.items():
             with pytest.raises(EncodeError, match=text):
                 kind(bus, **options)
+
+
+def test_an_option_that_the_interface_does_not_have_is_refused() -> None:
+    wrong: list[dict[str, Any]] = [{"timout": 3}, {"speed": 500_000}]
+    for option in wrong:
+        with pytest.raises(EncodeError, match=r"can://virtual: unknown option '(timout|speed)', expected bitrate, "):
+            CanopenClient("can://virtual/options", **option)
+    with pytest.raises(EncodeError, match="unknown option 'timout'"):
+        CanopenServer("can://virtual/options?timout=3", device=device())
+    CanopenClient("can://virtual/options", rx_queue_size=5, timeout=3).close()
 
 
 def test_methods_have_the_name_and_the_parameters_of_their_definition() -> None:

@@ -40,10 +40,10 @@ def test_transfers_beside_foreign_packets_in_the_group() -> None:
     value = bytes(number % 251 for number in range(700))
     with CanopenServer(url, device=device()), CanopenClient(url) as client:
         assert client.node().sdo.upload(0x6041) == b"\x37\x06"
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-            stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign:
+            foreign.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             for noise in (b"nonsense", b"\x81\xa1a", b"\xc1", b"\x81\xa1a\x01\x02"):
-                stranger.sendto(noise, (GROUP, place))
+                foreign.sendto(noise, (GROUP, place))
         for block in (False, True):
             client.node().sdo.download(0x2100, 0, value, block=block)
             assert client.node().sdo.upload(0x2100, block=block) == value

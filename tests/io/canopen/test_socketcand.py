@@ -63,8 +63,8 @@ def test_frames_of_one_client_go_to_all_others(port: int) -> None:
 def test_messages_that_are_no_frame_are_not_passed_on(port: int, message: bytes) -> None:
     one, two = member(port), member(port)
     try:
-        with socket.create_connection(("127.0.0.1", port), timeout=5) as stranger:
-            stranger.sendall(b"< open can0 >< rawmode >" + message)
+        with socket.create_connection(("127.0.0.1", port), timeout=5) as foreign:
+            foreign.sendall(b"< open can0 >< rawmode >" + message)
             one.send(CanFrame(0x123, b"\x01"))
             assert two.receive(2.0) == CanFrame(0x123, b"\x01")
             assert two.receive(0.05) is None

@@ -12,10 +12,12 @@ import select
 import socket
 import time
 from collections import deque
+from importlib import import_module
+from inspect import signature
 from typing import Any
 
 from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
-from barewire.errors import PortError
+from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import DEFAULT_BITRATE, Endpoint, socketcand_address
 from barewire.io.ports.base import send_when_room
 from barewire.io.ports.tcp import reason
@@ -55,6 +57,7 @@ class CanPort:
         extra: dict[str, Any] = {
             key: _plain(value) for key, value in endpoint.options.items() if key not in _NOT_FOR_PYTHON_CAN
         }
+        _check_options(interface, extra)
         if interface == "socketcand":
             channel = _socketcand_options(channel, extra)
         elif interface == "slcan":
@@ -181,6 +184,28 @@ def _first_line(error: Exception) -> str:
 
 
 # What single interfaces need -------------------------------------------------------------------------------------
+
+
+_CHECKED_INTERFACES = ("virtual", "socketcan", "socketcand", "slcan", "udp_multicast")
+"""Interfaces whose constructors name all their options. Others may take options that are named nowhere."""
+
+
+def _check_options(interface: str, options: dict[str, Any]) -> None:
+    """EncodeError for an option that neither barewire nor the interface has: python-can would ignore it."""
+    if not options or interface not in _CHECKED_INTERFACES:
+        return
+    module, name = can.interfaces.BACKENDS[interface]
+    try:
+        kinds = getattr(import_module(module), name).__mro__
+    except ImportError:
+        return  # opening the bus will say what is missing
+    known = {option for kind in kinds if "__init__" in vars(kind) for option in signature(kind.__init__).parameters}
+    known = known - {"self", "args", "kwargs", "channel"} | set(_NOT_FOR_PYTHON_CAN)
+    for option in options:
+        if option not in known:
+            raise EncodeError(
+                f"can://{interface}: unknown option {option!r}, expected {', '.join(sorted(known))}", option
+            )
 
 
 def _socketcand_options(channel: str, extra: dict[str, Any]) -> str:
