@@ -136,22 +136,22 @@ def test_over_the_limit_the_longest_silent_connection_is_closed(way: str) -> Non
 def test_over_the_limit_connections_without_requests_are_closed_first(way: str, said: bytes) -> None:
     async def talk() -> None:
         async with serving(way, connections=3) as server:
-            client = await Client.of(server)
-            await client.ask()
-            silent_ones = []
+            working = await Client.of(server)
+            await working.ask()
+            idle = []
             for _ in range(6):
                 client = await Client.of(server)
                 client.writer.write(said)
-                silent_ones.append(client)
+                idle.append(client)
             newcomer = await Client.of(server)
             assert await newcomer.ask() == ANSWER
-            assert await client.ask() == ANSWER  # the same connection as ever, though it was silent longest
-            # All but one of them, and which is a matter of whose half a request was heard last.
-            ends = [asyncio.ensure_future(client.is_gone()) for stranger in silent_ones]
+            assert await working.ask() == ANSWER  # still connected, though it was silent longest
+            # All but one of the idle ones; which one depends on whose half request was received last.
+            ends = [asyncio.ensure_future(client.is_gone()) for client in idle]
             assert [await end for end in islice(asyncio.as_completed(ends), 5)] == [True] * 5
             await asyncio.gather(*(end for end in ends if end.cancel()), return_exceptions=True)
             assert "unused longest of 3 connections" in server.connections.closed[-1]
-            await asyncio.gather(*(each.close() for each in (client, newcomer, *silent_ones)))
+            await asyncio.gather(*(each.close() for each in (working, newcomer, *idle)))
 
     asyncio.run(talk())
 
