@@ -5,8 +5,8 @@
 
 `device` is a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any machine of frames.
 
-A bus of socketcand://  between processes needs a server of its own: for a can://socketcand endpoint on this computer at
-which none listens, the first node that is served brings one (`io.canopen.socketcand`).
+A socketcand bus between processes needs a server: if none listens at a can://socketcand endpoint on this computer, the
+first node that is served starts one (`io.canopen.socketcand`).
 """
 
 from __future__ import annotations
@@ -78,7 +78,12 @@ class CanopenServer(ThreadedServer):
         if faults is not None:
             self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
         self._hub = _hub(endpoint)
-        self.port: Port[CanFrame] = self.dial()
+        try:
+            self.port: Port[CanFrame] = self.dial()
+        except PortError:
+            if self._hub is not None:
+                self._hub.close()
+            raise
         self.url = str(endpoint)
 
     def _serve(self, stop: threading.Event) -> None:
@@ -159,7 +164,12 @@ class AsyncCanopenServer:
 
     def _open(self) -> CanBus:
         self._hub = _hub(self._endpoint)
-        self._bus = CanBus.open(self._endpoint)
+        try:
+            self._bus = CanBus.open(self._endpoint)
+        except PortError:
+            if self._hub is not None:
+                self._hub.close()
+            raise
         return self._bus
 
     async def __aenter__(self) -> Self:
