@@ -21,7 +21,7 @@ rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (us
            or rts), pace
 ascii      as rtu, but patience (1) and no latency
 rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
-can        node (the device's own, or 1), timeout (1), dialect (standard), bitrate (125000 bit/s), those of the interface
+can        node (the device's own, or 1), timeout (1), dialect (standard), bitrate (125000 bit/s), the interface's own
 
 Which scheme means which framing and which port is the table `CARRIERS`; a new kind of port is a line there and two
 files in `ports`, one for each engine.
