@@ -21,7 +21,13 @@ def test_decode_returns_what_was_encoded_in_upper_and_lower_case(unit: int, pdu:
 
 
 @modest
-@given(st.one_of(st.binary(max_size=20), st.text(":0123456789ABCDEFabcdef\r\n", max_size=20).map(str.encode)))
+@given(
+    st.one_of(
+        st.binary(max_size=20),
+        st.text(":0123456789ABCDEFabcdef\r\n", max_size=20).map(str.encode),
+        st.binary(min_size=1, max_size=253).map(lambda pdu: encode(7, pdu).lower()),
+    )
+)
 def test_any_characters_decode_or_raise_decode_error(data: bytes) -> None:
     adu = readable(decode, data)
     if adu is not None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import REASONS, DecodeError, EncodeError
 
 
 @pytest.mark.parametrize(
@@ -79,13 +79,25 @@ def test_checked_refuses_impossible_frames() -> None:
 
 
 @settings(max_examples=200)
-@given(st.text(max_size=24))
+@given(st.one_of(st.text(max_size=24), st.text("#R08abcdef", max_size=12)))
 def test_any_text_is_a_frame_or_a_decode_error(text: str) -> None:
     try:
         frame = CanFrame.parse(text)
-    except DecodeError:
+    except DecodeError as error:
+        refusal: DecodeError = error
+    else:
+        assert CanFrame.parse(str(frame)) == frame
         return
+    assert refusal.reason in REASONS
+    assert 0 <= refusal.at <= len(refusal.data)
+
+
+@settings(max_examples=200)
+@given(st.from_regex(r"([0-7][0-9a-fA-F]{2}|[01][0-9a-fA-F]{7})#(R[0-8]?|([0-9a-fA-F]{2}){0,8})", fullmatch=True))
+def test_a_frame_written_as_text_is_the_same_frame(text: str) -> None:
+    frame = CanFrame.parse(text)
     assert CanFrame.parse(str(frame)) == frame
+    assert text.upper().startswith(str(frame).partition("#")[0])
 
 
 def test_fd_and_error_frames() -> None:

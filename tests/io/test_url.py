@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from urllib.parse import parse_qsl, unquote as their_unquote, urlsplit
 
-from hypothesis import example, given, strategies as st
+from hypothesis import example, given, reject, strategies as st
 
 from barewire.io.url import pairs, split, unquote
 from tests.helpers import modest
@@ -43,7 +43,7 @@ def test_the_three_parts(scheme: str, rest: str) -> None:
     try:
         theirs = urlsplit(url)
     except ValueError:
-        return  # brackets that are no IPv6 address: Endpoint looks at hosts itself
+        reject()  # brackets that are no IPv6 address: Endpoint checks hosts itself
     assert split(url) == (theirs.scheme, theirs.netloc + theirs.path, theirs.query)
 
 

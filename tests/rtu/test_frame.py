@@ -19,7 +19,7 @@ def test_decode_returns_what_was_encoded(unit: int, pdu: bytes) -> None:
 
 
 @modest
-@given(st.binary(max_size=300))
+@given(st.one_of(st.binary(max_size=300), st.binary(min_size=1, max_size=253).map(lambda pdu: encode(7, pdu))))
 def test_any_bytes_decode_or_raise_decode_error(data: bytes) -> None:
     adu = readable(decode, data)
     if adu is not None:

@@ -18,7 +18,13 @@ def test_decode_returns_what_was_encoded(unit: int, pdu: bytes, transaction: int
 
 
 @modest
-@given(st.one_of(st.binary(max_size=300), st.binary(max_size=300).map(lambda rest: b"\0\1\0\0\0" + rest)))
+@given(
+    st.one_of(
+        st.binary(max_size=300),
+        st.binary(max_size=300).map(lambda rest: b"\0\1\0\0\0" + rest),
+        st.binary(min_size=1, max_size=253).map(lambda pdu: encode(7, pdu, 1)),
+    )
+)
 def test_any_bytes_decode_or_raise_decode_error(data: bytes) -> None:
     adu = readable(decode, data)
     if adu is not None:

@@ -85,11 +85,15 @@ def test_a_truncated_exception_response_is_a_decode_error(pdu: str) -> None:
 
 
 @modest
-@given(st.one_of(st.binary(max_size=20), st.binary(max_size=20).map(lambda rest: b"\x03" + rest)))
+@given(st.one_of(st.binary(max_size=20), st.binary(max_size=8).map(lambda rest: b"\x03\x04" + rest)))
 def test_any_bytes_are_the_response_or_raise(pdu: bytes) -> None:
+    is_response = pdu[:2] == b"\x03\x04" and len(pdu) == 6
     try:
         answer = ReadHoldingRegisters(0, 2).read_response(pdu)
-    except (DecodeError, ModbusException):
-        return
-    assert answer.encode() == pdu
-    assert len(answer.registers) == 2
+    except ModbusException as error:
+        assert pdu == bytes([0x83, error.code])
+    except DecodeError:
+        assert not is_response
+    else:
+        assert is_response
+        assert answer.encode() == pdu
