@@ -1,11 +1,11 @@
-"""Keeps docs/conform.md: `python tools/conform_page.py` after every change of a case, or of what we answer.
+"""Writes docs/conform.md: run `python tools/conform_page.py` after every change of a case or of our answers.
 
-    our column         our own servers are started on real ports and held against the batteries, as `barewire conform`
-                       does; clients are played against tests/modbus/client/faulty.py
-    strangers          --measure starts those that are installed, and writes tools/conform_measured.json
-    the survey         tools/conform_survey.toml: rows and what others did, measured with the versions named there
+    our column         our own servers are started on real ports and tested with the batteries, as `barewire conform`
+                       does; our clients are played against tests/modbus/client/faulty.py
+    peer libraries     --measure starts the installed ones, and writes tools/conform_measured.json
+    the survey         tools/conform_survey.toml: its rows, and the results of others with the versions named there
 
-A test holds the page against our own answers of the day.
+A test compares the page with our current answers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from barewire.modbus.conformance.model import ServerCase, accepted_way, answer_t
 from barewire.rtu import RtuLine  # noqa: E402
 from barewire.tcp import TcpLine  # noqa: E402
 from tests.modbus.client import faulty  # noqa: E402
-from tools import conform_strangers  # noqa: E402
+from tools import conform_peers  # noqa: E402
 
 PAGE = ROOT / "docs" / "conform.md"
 MEASURED = ROOT / "tools" / "conform_measured.json"
@@ -42,33 +42,33 @@ OURS = {
     "ascii": "ascii://pty?baudrate=115200&parity=N",
 }
 
-Told = Mapping[str, str]
-"""What a server did, by the name of the case: "ok", with what it answered where there is a choice, or what is wrong."""
+Results = Mapping[str, str]
+"""The result of each case by its name: "ok", with the answer where several are allowed, or the wrong answer."""
 
 
 # Servers -------------------------------------------------------------------------------------------------------------
 
 
 def measure(url: str, patience: float = 0.3) -> dict[str, str]:
-    """A battery against the server that is there."""
+    """Run a battery against the server at this URL."""
     endpoint = Endpoint.parse(url)
     endpoint = endpoint._replace(options={**endpoint.options, "timeout": str(patience)})
-    return {result.case.name: told(result.case, result.failure, result.heard) for result in conform(endpoint)}
+    return {result.case.name: cell_of(result.case, result.failure, result.heard) for result in conform(endpoint)}
 
 
-def told(case: ServerCase, failure: str | None, heard: Any) -> str:
-    """One result in a cell."""
+def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:
+    """One result as a cell of the table."""
     if failure is None:
         way = accepted_way(case, heard)
         assert way is not None
         return "ok" if len(case.ways) == 1 else f"ok: {in_words(way)}"
-    # Of an answer of many bytes the beginning tells enough.
+    # Of a long answer the beginning is enough.
     answers = [answer_text(one) for one in heard]
     return f"**{in_words([answer if len(answer) < 24 else f'{answer[:17]} ...' for answer in answers])}**"
 
 
 def in_words(way: Sequence[str]) -> str:
-    """What is answered, turn by turn."""
+    """The answers, step by step."""
     return ", then ".join(one or "silence" for one in way)
 
 
@@ -84,7 +84,7 @@ _FOUND = {"right": "ok", "error": "error", "wrong": "**wrong value**"}
 
 
 def played(name: str) -> str:
-    """What our client makes of one fault on an RTU line."""
+    """The result of our client for one fault on an RTU line."""
     bus = Bus(RtuLine(faulty.TIMING))
     if name in faulty.SURVIVED:
         return _FOUND[faulty.outcome(faulty.unit_of(faulty.SURVIVED[name]), bus)]
@@ -124,46 +124,46 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def expected(case: ServerCase) -> str:
-    """The ways in which a case may go, in a cell."""
+    """The allowed answers of a case, in a cell."""
     return " or<br>".join(dict.fromkeys(in_words(way) for way in case.ways))
 
 
-def battery_lines(kind: str, own: Told, measured: Mapping[str, Mapping[str, Told]]) -> list[str]:
-    """A battery case by case: ours, and the strangers that were measured."""
-    strangers = {name: kinds[kind] for name, kinds in measured.items() if kind in kinds}
+def battery_lines(kind: str, own: Results, measured: Mapping[str, Mapping[str, Results]]) -> list[str]:
+    """A battery case by case: our result, and those of the measured peer libraries."""
+    peers = {name: kinds[kind] for name, kinds in measured.items() if kind in kinds}
     rows = [
         [
             case.name,
             case.clause,
             expected(case),
             own[case.name],
-            *(cells.get(case.name, "-") for cells in strangers.values()),
+            *(cells.get(case.name, "-") for cells in peers.values()),
         ]
         for case in BATTERIES[kind]
     ]
-    return table(["case", "clause", "may be answered", "barewire", *strangers], rows)
+    return table(["case", "clause", "may be answered", "barewire", *peers], rows)
 
 
 def survey_lines(kind: str, cell: Any) -> list[str]:
-    """The rows of the survey: our cell is made, the others are what was measured."""
+    """The rows of the survey: our cell is made now, the others were measured."""
     part = SURVEY[kind]
     rows = [[row["says"], cell(row), *row["told"]] for row in part["row"]]
     return table(["row", "barewire", *part["versions"]], rows)
 
 
-def all_of(told: Told, row: Any) -> str:
-    """The cell of a row that several cases make: ok, or what went wrong."""
-    wrong = [told[name] for name in row["cases"] if not told[name].startswith("ok")]
+def all_of(results: Results, row: Any) -> str:
+    """The cell of a row that covers several cases: ok, or the wrong answers."""
+    wrong = [results[name] for name in row["cases"] if not results[name].startswith("ok")]
     return "; ".join(wrong) or "ok"
 
 
 def several(play: Any, row: Any) -> str:
-    """The cell of a row that several plays make."""
+    """The cell of a row that covers several faults."""
     return "; ".join(dict.fromkeys(play(name) for name in row["plays"]))
 
 
-def made(own: Mapping[str, Told], measured: Mapping[str, Mapping[str, Told]]) -> str:
-    """All that stands between the two marks."""
+def made(own: Mapping[str, Results], measured: Mapping[str, Mapping[str, Results]]) -> str:
+    """The text between the two markers of the page."""
     names = {"tcp": "TCP, TLS, UDP", "rtu": "RTU", "ascii": "ASCII"}
     lines = ["", "## Servers, in the rows of the survey", "", "### On TCP", ""]
     lines += survey_lines("tcp", lambda row: all_of(own["tcp"], row))
@@ -179,8 +179,8 @@ def made(own: Mapping[str, Told], measured: Mapping[str, Mapping[str, Told]]) ->
     return "\n".join([*lines, "", ""])
 
 
-def page(own: Mapping[str, Told]) -> str:
-    """The page as it should be."""
+def page(own: Mapping[str, Results]) -> str:
+    """The page with its generated part up to date."""
     measured = json.loads(MEASURED.read_text(encoding="utf-8"))
     text = PAGE.read_text(encoding="utf-8")
     begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
@@ -188,10 +188,10 @@ def page(own: Mapping[str, Told]) -> str:
 
 
 def main() -> None:
-    """Measure the strangers if asked for, then write the page."""
+    """Measure the peer libraries with --measure, then write the page."""
     if "--measure" in sys.argv[1:]:
         found: dict[str, dict[str, dict[str, str]]] = {}
-        for name, kind, cells in conform_strangers.measured(lambda url: measure(url, 0.8)):
+        for name, kind, cells in conform_peers.measured(lambda url: measure(url, 0.8)):
             found.setdefault(name, {})[kind] = cells
             passed = sum(cell.startswith("ok") for cell in cells.values())
             sys.stdout.write(f"{name} {kind}: {passed} of {len(cells)}\n")

@@ -1,11 +1,11 @@
-"""Keeps docs/interop.md: `python tools/interop.py` after every change of a test in tests/interop.
+"""Writes docs/interop.md: run `python tools/interop.py` after every change of a test in tests/interop.
 
-    tests/interop/*.py   @pytest.mark.evidence(stranger, role, carrier, *services)     said by a test, and checked by it
+    tests/interop/*.py   @pytest.mark.evidence(peer, role, carrier, *services)     the test checks what it claims
             |  collected, not run
             v
-    docs/interop.md      function x carrier -> tested against whom; holes and marks with a slip are errors
+    docs/interop.md      function x carrier -> the programs tested against; gaps and invalid marks are errors
 
-The tests of the page call the same functions. Collecting needs every stranger but tmodbus, which its tests import late.
+The tests of the page call the same functions. Collecting needs every peer but tmodbus, which its tests import late.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ CAN_CARRIERS = ("virtual", "slcan", "socketcand", "socketcan", "udp_multicast", 
 ROLES = {"server": "their clients use our server", "client": "our clients use their servers"}
 
 
-class Stranger(NamedTuple):
-    """Somebody else's program, and the carriers that it has itself: on others it stands behind socat or the like."""
+class Peer(NamedTuple):
+    """Another program or library, and the carriers that it supports itself; others go through socat or the like."""
 
     short: str
     what: str
@@ -41,13 +41,13 @@ class Stranger(NamedTuple):
 
 
 MODBUS = {
-    "pymodbus": Stranger("pm", "Python library 3.16; blocking client, asyncio servers", CARRIERS),
-    "tmodbus": Stranger("tm", "Python library 1.1 for Python 3.12 and later; asyncio", CARRIERS[:-1]),
-    "libmodbus": Stranger("lm", "C library 3.1.6 of Debian, in two programs of ours", ("rtu", "tcp")),
-    "mbpoll": Stranger("mb", "command line program 1.4 of Debian, on libmodbus; a client", ("rtu", "tcp")),
-    "minimalmodbus": Stranger("mm", "Python library 2.1 for serial ports; a client", ("rtu", "ascii")),
-    "pyModbusTCP": Stranger("pt", "Python library 0.3; blocking client and server", ("tcp",)),
-    OURSELVES: Stranger("-", "nobody else speaks it: our own other side, see below", CARRIERS),
+    "pymodbus": Peer("pm", "Python library 3.16; blocking client, asyncio servers", CARRIERS),
+    "tmodbus": Peer("tm", "Python library 1.1 for Python 3.12 and later; asyncio", CARRIERS[:-1]),
+    "libmodbus": Peer("lm", "C library 3.1.6 of Debian, with two programs from `tests/interop`", ("rtu", "tcp")),
+    "mbpoll": Peer("mb", "command line program 1.4 of Debian, on libmodbus; a client", ("rtu", "tcp")),
+    "minimalmodbus": Peer("mm", "Python library 2.1 for serial ports; a client", ("rtu", "ascii")),
+    "pyModbusTCP": Peer("pt", "Python library 0.3; blocking client and server", ("tcp",)),
+    OURSELVES: Peer("-", "our own other side, for 2B/0D only, see below", CARRIERS),
 }
 OTHERS = {"tshark": "the dissectors of Wireshark 4.0"}
 CANOPEN = {
@@ -64,15 +64,15 @@ CANOPEN_SERVICES = (
     *("EMCY", "SYNC", "TIME", "TPDO", "RPDO", "PDO mapping", "LSS switch", "LSS identify", "LSS inquire"),
     *("LSS configure", "LSS fastscan", "EDS"),
 )
-STANDS_IN = {
-    "2B/0D": "CANopen General Reference: no program that could be had speaks it, in any direction. Its bytes are those "
-    "of two manuals (`vectors/`); both dialects go between our own client and our own server over every carrier, and "
-    "tshark tells its MEI type.",
+NO_PEER = {
+    "2B/0D": "CANopen General Reference: no available program supports it, in any direction. Its bytes are compared "
+    "with those of two manuals (`vectors/`); both dialects are exchanged between our own client and our own server "
+    "over every carrier, and tshark recognises its MEI type.",
 }
-"""Modbus functions for which there is no stranger, and why."""
-_NO_BLOCKS = "their node has none: it answers an upload with segments, which our master takes, and refuses a download"
-_NO_SLAVE = "there is a master in the library, and no slave"
-CANOPEN_STANDS_IN = {
+"""Modbus functions without a peer, with the reason and the evidence that replaces it."""
+_NO_BLOCKS = "their node has none: it answers an upload with segments, which our master accepts, and refuses a download"
+_NO_SLAVE = "the library has a master, but no slave"
+CANOPEN_NO_PEER = {
     ("SDO block upload", "master"): _NO_BLOCKS,
     ("SDO block download", "master"): _NO_BLOCKS,
     ("node guarding", "master"): "their node does not answer remote frames",
@@ -82,15 +82,15 @@ CANOPEN_STANDS_IN = {
     ("LSS configure", "master"): _NO_SLAVE,
     ("LSS fastscan", "master"): _NO_SLAVE,
 }
-"""Service and role of CANopen for which there is none, and why."""
+"""CANopen services and roles without a peer, with the reason."""
 NOT_ONE_FRAME = ("PDO mapping", "EDS")
-"""Of CANopen, what no dissector can tell: a mapping is written by SDO, and a file is no frame."""
+"""CANopen services that no dissector recognises: a mapping is written by SDO, and an EDS is a file."""
 
 
 class Evidence(NamedTuple):
     """One mark of one test."""
 
-    stranger: str
+    peer: str
     role: str
     carrier: str
     services: tuple[str, ...]
@@ -98,7 +98,7 @@ class Evidence(NamedTuple):
 
 
 def functions() -> dict[str, str]:
-    """Every public function of Modbus: how it is named here, and in the standard."""
+    """Every public function of Modbus: its short name -> its name in the standard."""
     found: dict[str, str] = {}
     for request in known_requests():
         code = f"{request.function_code:02X}"
@@ -114,7 +114,7 @@ def functions() -> dict[str, str]:
 
 @cache
 def evidence() -> tuple[Evidence, ...]:
-    """Every mark, collected by a pytest of its own: nothing is run."""
+    """Every mark of the tests, collected by pytest in a new process; no test is run."""
     with tempfile.TemporaryDirectory() as where:
         file = Path(where, "marks.json")
         command = [sys.executable, str(Path(__file__).resolve()), "--marks", str(file)]
@@ -122,11 +122,11 @@ def evidence() -> tuple[Evidence, ...]:
         if not file.exists():
             raise SystemExit(f"the tests cannot be collected:\n{done.stdout}{done.stderr}")
         rows = json.loads(file.read_text(encoding="utf-8"))
-    return tuple(Evidence(who, role, over, tuple(services), test) for who, role, over, services, test in rows)
+    return tuple(Evidence(peer, role, over, tuple(services), test) for peer, role, over, services, test in rows)
 
 
 def collect(file: Path) -> int:
-    """What `evidence` has done in a process of its own. Files that are named are collected whatever conftest says."""
+    """Collect the marks into a JSON file, for `evidence`. The files are named, so pytest ignores `collect_ignore`."""
     import pytest
 
     class Collector:
@@ -140,47 +140,47 @@ def collect(file: Path) -> int:
     return int(pytest.main(["--collect-only", "-p", "no:cacheprovider", *files], plugins=[Collector()]))
 
 
-def slips(rows: Iterable[Evidence]) -> list[str]:
-    """Marks that name what this page does not know."""
+def invalid_marks(rows: Iterable[Evidence]) -> list[str]:
+    """Marks with a peer, carrier, role or service that does not exist."""
     wrong = []
     for row in rows:
         if row.role in CANOPEN_ROLES or row.carrier in CAN_CARRIERS:
             known_here: tuple[Iterable[str], ...] = (CANOPEN, CAN_CARRIERS, CANOPEN_SERVICES)
         else:
             known_here = ({**MODBUS, **OTHERS}, CARRIERS, functions())
-        for names, known_names in zip(((row.stranger,), (row.carrier,), row.services), known_here):
+        for names, known_names in zip(((row.peer,), (row.carrier,), row.services), known_here):
             wrong += [f"{row.test}: {name!r}" for name in names if name not in known_names]
         if row.role not in {*ROLES, *CANOPEN_ROLES, "frames"}:
             wrong.append(f"{row.test}: {row.role!r}")
     return wrong
 
 
-def strangers(rows: Iterable[Evidence], role: str, service: str, carrier: str | None = None) -> list[str]:
-    """Who proves a service, in our role."""
+def peers(rows: Iterable[Evidence], role: str, service: str, carrier: str | None = None) -> list[str]:
+    """The peers that prove a service in our role."""
     found = {
-        row.stranger for row in rows if row.role == role and service in row.services and carrier in (None, row.carrier)
+        row.peer for row in rows if row.role == role and service in row.services and carrier in (None, row.carrier)
     }
     return sorted(found)
 
 
-def holes(rows: tuple[Evidence, ...]) -> list[str]:
-    """What was tested against nobody, and is not said to be so."""
+def gaps(rows: tuple[Evidence, ...]) -> list[str]:
+    """Services without a test against a peer that are not listed as such."""
     found = []
     for role in ROLES:
         for service in functions():
             for carrier in CARRIERS:
-                who = set(strangers(rows, role, service, carrier))
-                if not who - {OURSELVES} and not (service in STANDS_IN and who):
+                found_peers = set(peers(rows, role, service, carrier))
+                if not found_peers - {OURSELVES} and not (service in NO_PEER and found_peers):
                     found.append(f"Modbus, {role}, {carrier}: {service}")
     for service in functions():
-        if "tshark" not in strangers(rows, "frames", service):
+        if "tshark" not in peers(rows, "frames", service):
             found.append(f"Modbus, dissected: {service}")
     for role in CANOPEN_ROLES:
         for service in CANOPEN_SERVICES:
-            if not strangers(rows, role, service) and (service, role) not in CANOPEN_STANDS_IN:
+            if not peers(rows, role, service) and (service, role) not in CANOPEN_NO_PEER:
                 found.append(f"CANopen, {role}: {service}")
     for service in CANOPEN_SERVICES:
-        if not strangers(rows, "frames", service) and service not in NOT_ONE_FRAME:
+        if not peers(rows, "frames", service) and service not in NOT_ONE_FRAME:
             found.append(f"CANopen, dissected: {service}")
     return found
 
@@ -188,34 +188,38 @@ def holes(rows: tuple[Evidence, ...]) -> list[str]:
 def page() -> str:
     """The whole of docs/interop.md."""
     rows = evidence()
-    lines = ["# Tested against whom", "", "Made by `tools/interop.py` from the marks of `tests/interop`; do not edit."]
+    lines = [
+        "# Interoperability tests",
+        "",
+        "Made by `tools/interop.py` from the marks of `tests/interop`; do not edit.",
+    ]
     return "\n".join([*lines, "", *_INTRODUCTION, "", *_modbus(rows), "", *_canopen(rows)]) + "\n"
 
 
 _INTRODUCTION = (
-    "A test that talks to somebody else's program says which functions it exchanged, over what, and in which of our",
-    "two roles; this page is nothing but what they say. A test of Modbus also notes every function that was really",
-    "asked and answered with a value, and fails if that is not exactly what it says. `.ci/run` runs all of them and",
-    "skips none. Here, with the programs of `.ci/apt-packages.txt`:",
+    "Each test against another program is marked with that program, the functions that it exchanges, the carrier and",
+    "our role; this page is generated from these marks. A test of Modbus also records every function that was",
+    "requested and answered with a value, and fails if these are not exactly the marked ones. `.ci/run` runs all of",
+    "these tests and skips none. To run them, with the programs of `.ci/apt-packages.txt` installed:",
     "",
     "    make suite ARGS=tests/interop",
-    "    make suite ARGS=tests/interop PYTHON=python3.12 VENV=.venv-3.12      tmodbus wants Python 3.12",
+    "    make suite ARGS=tests/interop PYTHON=python3.12 VENV=.venv-3.12      tmodbus needs Python 3.12",
 )
 
 
 def _modbus(rows: tuple[Evidence, ...]) -> Iterator[str]:
     yield "## Modbus"
     yield ""
-    yield "| | who | what | carriers of its own |"
+    yield "| | program | what | carriers of its own |"
     yield "|---|---|---|---|"
-    for name, stranger in MODBUS.items():
-        carriers = "" if name == OURSELVES else "all" if stranger.carriers == CARRIERS else ", ".join(stranger.carriers)
-        yield f"| {stranger.short} | {name} | {stranger.what} | {carriers} |"
+    for name, peer in MODBUS.items():
+        carriers = "" if name == OURSELVES else "all" if peer.carriers == CARRIERS else ", ".join(peer.carriers)
+        yield f"| {peer.short} | {name} | {peer.what} | {carriers} |"
     yield ""
-    yield "`*` behind one: the program does not have this carrier, so something stands between that has: socat for TLS,"
-    yield "a serial server for a serial line over TCP. What pymodbus does otherwise than the standard is asserted as"
-    yield "what it is in `tests/interop/test_pymodbus.py`, and does not count here. Each read was as long as it can be,"
-    yield "each answer was compared with the value behind it, and an address that is not there was declined with 02."
+    yield "`*`: the program does not support this carrier itself; socat adds TLS, a serial server adds TCP to a serial"
+    yield "line. Deviations of pymodbus from the standard are asserted in `tests/interop/test_pymodbus.py` and do not"
+    yield "count here. Each read has the largest possible quantity, each answer is compared with the stored value, and"
+    yield "a read behind the last address is answered with exception 02."
     for role, title in ROLES.items():
         yield ""
         yield f"### Our {role}: {title}"
@@ -223,81 +227,81 @@ def _modbus(rows: tuple[Evidence, ...]) -> Iterator[str]:
         yield f"| function | {' | '.join(CARRIERS)} |"
         yield f"|---|{'---|' * len(CARRIERS)}"
         for service, name in functions().items():
-            cells = [_cell(strangers(rows, role, service, carrier), carrier) for carrier in CARRIERS]
+            cells = [_cell(peers(rows, role, service, carrier), carrier) for carrier in CARRIERS]
             yield f"| {service} {name} | {' | '.join(cells)} |"
     yield ""
     yield "### Dissected"
     yield ""
-    yield "Requests, responses and exceptions of each function as pcapng, read by tshark, field by field against what"
-    yield "`barewire explain` says of the same bytes. It has no dissector for ASCII."
+    yield "Requests, responses and exceptions of each function are written as pcapng and read by tshark; each field is"
+    yield "compared with that of `barewire explain` for the same bytes. tshark has no dissector for ASCII."
     yield ""
     yield "| carrier | functions |"
     yield "|---|---|"
     for carrier in CARRIERS:
-        seen = [service for service in functions() if "tshark" in strangers(rows, "frames", service, carrier)]
+        seen = [service for service in functions() if "tshark" in peers(rows, "frames", service, carrier)]
         if seen:
             yield f"| {carrier} | {len(seen)} of {len(functions())} |"
     yield ""
-    yield "### Nobody to talk to"
+    yield "### Functions without another program"
     yield ""
-    for service, why in STANDS_IN.items():
+    for service, why in NO_PEER.items():
         yield f"- {service}, {why}"
 
 
-def _cell(who: list[str], carrier: str) -> str:
-    return " ".join(f"{MODBUS[one].short}{'' if carrier in MODBUS[one].carriers else '*'}" for one in who)
+def _cell(names: list[str], carrier: str) -> str:
+    return " ".join(f"{MODBUS[name].short}{'' if carrier in MODBUS[name].carriers else '*'}" for name in names)
 
 
 def _canopen(rows: tuple[Evidence, ...]) -> Iterator[str]:
     yield "## CANopen"
     yield ""
-    yield "| who | what |"
+    yield "| program | what |"
     yield "|---|---|"
     for name, what in CANOPEN.items():
-        if any(row.stranger == name and row.carrier in CAN_CARRIERS for row in rows):
+        if any(row.peer == name and row.carrier in CAN_CARRIERS for row in rows):
             yield f"| {name} | {what} |"
     yield ""
     yield f"| service | {' | '.join(CANOPEN_ROLES.values())} | dissected |"
     yield "|---|---|---|---|"
     for service in CANOPEN_SERVICES:
         cells = [_canopen_cell(rows, role, service) for role in CANOPEN_ROLES]
-        yield f"| {service} | {' | '.join(cells)} | {' '.join(strangers(rows, 'frames', service))} |"
+        yield f"| {service} | {' | '.join(cells)} | {' '.join(peers(rows, 'frames', service))} |"
     yield ""
-    yield "Dissected: every kind of single frame as pcapng of link type 227, read by tshark, field by field against"
-    yield "what `barewire explain` says of the same bytes. tshark 4.0 leaves undissected what begins a block transfer"
-    yield "with a CRC; and segments of a block are what they are by their order only."
-    if CANOPEN_STANDS_IN:
+    yield "Dissected: every kind of single frame is written as pcapng of link type 227 and read by tshark; each field"
+    yield "is compared with that of `barewire explain` for the same bytes. tshark 4.0 does not dissect the start of a"
+    yield "block transfer with a CRC, and the segments of a block are recognised by their order only."
+    if CANOPEN_NO_PEER:
         yield ""
-        yield "### Nobody to talk to, on CAN"
+        yield "### CANopen services without another program"
         yield ""
-        yield "Here our master is tested against our own device, and both against vectors with a source of their own."
+        yield "For these our master is tested against our own device, and both against vectors from other sources."
         yield ""
-        for (service, role), why in CANOPEN_STANDS_IN.items():
+        for (service, role), why in CANOPEN_NO_PEER.items():
             yield f"- {service}, {CANOPEN_ROLES[role]}: {why}"
 
 
 def _canopen_cell(rows: tuple[Evidence, ...], role: str, service: str) -> str:
     cells = []
-    for name in strangers(rows, role, service):
-        over = [carrier for carrier in CAN_CARRIERS if name in strangers(rows, role, service, carrier)]
+    for name in peers(rows, role, service):
+        over = [carrier for carrier in CAN_CARRIERS if name in peers(rows, role, service, carrier)]
         cells.append(f"{name} ({', '.join(over)})")
     return "; ".join(cells) or "none, see below"
 
 
 def main() -> int:
-    """Bring the page up to date; say so if it was not, and what is missing on it."""
+    """Write the page if it is out of date; print its name, and the services without a peer."""
     if sys.argv[1:2] == ["--marks"]:
         return collect(Path(sys.argv[2]))
-    wrong = slips(evidence())
+    wrong = invalid_marks(evidence())
     if wrong:
-        sys.stdout.write("\n".join(["not a name that this page knows:", *wrong]) + "\n")
+        sys.stdout.write("\n".join(["unknown names in marks:", *wrong]) + "\n")
         return 1
     after = page()
     if not PAGE.exists() or PAGE.read_text(encoding="utf-8") != after:
         PAGE.write_text(after, encoding="utf-8")
         sys.stdout.write("docs/interop.md\n")
-    missing = holes(evidence())
-    sys.stdout.write("".join(f"no stranger: {hole}\n" for hole in missing))
+    missing = gaps(evidence())
+    sys.stdout.write("".join(f"no peer: {gap}\n" for gap in missing))
     return 1 if missing else 0
 
 

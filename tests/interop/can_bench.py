@@ -1,9 +1,9 @@
-"""A bus with two implementations on it, over whatever carries CAN: ours, and the `canopen` package of PyPI.
+"""A CAN bus with two implementations: ours, and the `canopen` package of PyPI.
 
-bench.network       theirs, connected
-bench.port          ours, alone on the bus with them; `bench.run(conversation)`
-bench.live(...)     our device on that port, in a thread
-bench.seen          every frame that went past our side, from which `services_in` tells what was exchanged
+bench.network            the other library, connected
+bench.port               our port, the only other one on the bus; `bench.run(conversation)` uses it
+bench.start_device(...)  our device on that port, in a thread
+bench.seen               every frame sent or received by our port; `services_in` derives the exchanged services from it
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ RPDO_MAPPING = (0x60400010, 0x60FF0020)
 
 
 class Place(NamedTuple):
-    """How one participant gets onto a bus: our URL, and the arguments of python-can."""
+    """How one side connects to a bus: our URL, and the arguments of python-can."""
 
     url: str
     options: dict[str, Any]
 
 
-class Watched:
-    """Our port, with everything that goes past it written down."""
+class RecordingPort:
+    """Our port; it records every frame that it sends or receives."""
 
     def __init__(self, port: CanPort) -> None:
         self.port = port
@@ -67,10 +67,10 @@ class Watched:
         self.port.close()
 
 
-class Living:
-    """A device in a thread of its own; `do` lets it say something by itself."""
+class RunningDevice:
+    """A device in a thread of its own; `do` runs a task in that thread and sends the frames it returns."""
 
-    def __init__(self, port: Watched, device: LocalNode) -> None:
+    def __init__(self, port: RecordingPort, device: LocalNode) -> None:
         self.port = port
         self.device = device
         self._stopped = threading.Event()
@@ -88,10 +88,10 @@ class Living:
             wait = 0.01 if self.device.deadline is None else min(0.01, self.device.deadline - time.monotonic())
             frame = self.port.receive(max(0.0, wait))
             now = time.monotonic()
-            said = self.device.feed(frame, now)
+            frames = self.device.feed(frame, now)
             while self._tasks:
-                said += self._tasks.pop(0)(now)
-            for one in said:
+                frames += self._tasks.pop(0)(now)
+            for one in frames:
                 self.port.send(one)
 
     def stop(self) -> None:
@@ -104,42 +104,42 @@ class Bench:
 
     def __init__(self, ours: Place, theirs: Place, third: str) -> None:
         self.third = third
-        self.port = Watched(CanPort(Endpoint.parse(ours.url)))
+        self.port = RecordingPort(CanPort(Endpoint.parse(ours.url)))
         self.network = canopen.Network()
-        self.network.NOTIFIER_CYCLE = 0.05  # how long its thread waits at most, and so how long closing takes
+        self.network.NOTIFIER_CYCLE = 0.05  # the longest wait of its thread, and so the time that closing takes
         self.network.connect(**theirs.options)
-        self._living: list[Living] = []
+        self._running_devices: list[RunningDevice] = []
         if "slcan" in ours.url:
-            self._meet()
+            self._wait_until_connected()
 
-    def _meet(self) -> None:
-        """Until each hears the other: an adapter on a serial line does not say when it has been opened."""
-        heard: list[int] = []
-        self.network.subscribe(0x7FF, lambda identifier, data, timestamp: heard.append(identifier))
+    def _wait_until_connected(self) -> None:
+        """Send until each side receives the other: an adapter on a serial line does not report that it is open."""
+        received: list[int] = []
+        self.network.subscribe(0x7FF, lambda identifier, data, timestamp: received.append(identifier))
         for _ in range(100):
             self.port.port.send(CanFrame(0x7FF))
             self.network.send_message(0x7FF, b"")
             back = self.port.port.receive(0.02)
-            if heard and back is not None:
+            if received and back is not None:
                 break
         else:
-            raise AssertionError("the two do not hear each other")
+            raise AssertionError("the two sides do not receive each other's frames")
         self.network.unsubscribe(0x7FF)
         while self.port.port.receive(0.02) is not None:
             pass
 
     def close(self) -> None:
-        for living in self._living:
-            living.stop()
-        self._living.clear()
+        for running in self._running_devices:
+            running.stop()
+        self._running_devices.clear()
         self.network.disconnect()
         self.port.close()
 
-    def quiet(self) -> None:
-        """Our devices stop, and what is on its way is heard."""
-        for living in self._living:
-            living.stop()
-        self._living.clear()
+    def stop_devices(self) -> None:
+        """Stop our devices and receive what is still on its way."""
+        for running in self._running_devices:
+            running.stop()
+        self._running_devices.clear()
         while self.port.receive(0.02) is not None:
             pass
 
@@ -148,28 +148,28 @@ class Bench:
         return self.port.seen
 
     def run(self, conversation: Conversation[CanFrame, Result]) -> Result:
-        """A conversation of ours."""
+        """Run a conversation of ours on the bus."""
         return run(conversation, self.port)
 
-    def live(self, node: int | None = NODE) -> Living:
-        """Our device."""
-        living = Living(self.port, device(node))
-        self._living.append(living)
-        return living
+    def start_device(self, node: int | None = NODE) -> RunningDevice:
+        """Start our device."""
+        running = RunningDevice(self.port, device(node))
+        self._running_devices.append(running)
+        return running
 
     def remote(self, objects: Any = None) -> Any:
-        """Their view of our device."""
+        """Our device as a remote node of the other library."""
         node = canopen.RemoteNode(NODE, dictionary_of_theirs() if objects is None else objects)
         self.network.add_node(node)
         node.sdo.RESPONSE_TIMEOUT = 2.0
         return node
 
     def local(self) -> Any:
-        """Their device."""
+        """A device of the other library."""
         return self.network.create_node(NODE, dictionary_of_theirs())
 
     def listen(self, machine: Any, until: Callable[[Any], bool], seconds: float = 30.0) -> Any:
-        """Feed a machine of ours until it tells of such an event."""
+        """Feed a machine of ours until it reports an event for which `until` is true; return that event."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             frame = self.port.receive(left)
@@ -179,7 +179,7 @@ class Bench:
         raise AssertionError(f"no such event; seen: {', '.join(map(str, self.seen))}")
 
     def wait(self, true: Callable[[], object], seconds: float = 30.0) -> None:
-        """Until something has become true."""
+        """Wait until `true` returns a true value."""
         end = time.monotonic() + seconds
         while not true():
             assert time.monotonic() < end, f"seen: {', '.join(map(str, self.seen))}"
@@ -204,7 +204,7 @@ def device(node: int | None) -> LocalNode:
 
 
 def dictionary_of_theirs() -> Any:
-    """The same objects as they describe them."""
+    """The same objects, described with the other library."""
     od = canopen.objectdictionary
     objects = canopen.ObjectDictionary()
     for index, name, data_type, value in (
@@ -244,7 +244,7 @@ def _record(objects: Any, index: int, values: dict[int, int], wide: Any) -> None
 
 
 def services_in(frames: list[CanFrame]) -> set[str]:
-    """What was exchanged, by the names of docs/interop.md: what an answer or a message proves."""
+    """The exchanged services, by their names in docs/interop.md. A confirmed service counts when it is answered."""
     found: set[str] = set()
     asked = b""
     guarded = False
@@ -305,7 +305,7 @@ def _answered(data: bytes, asked: bytes) -> set[str]:
 
 
 class Carriers:
-    """Places on buses that others use as well: each call gives two on a bus of their own, as far as there is one."""
+    """Places on the buses of each carrier. Where a carrier has several buses, each call gives a new one."""
 
     def __init__(self, slcan: list[str], socketcand: str) -> None:
         self._slcan = slcan
@@ -313,7 +313,7 @@ class Carriers:
         self._number = count(1)
 
     def places(self, carrier: str) -> tuple[Place, Place, str]:
-        """Where we are, where they are, and the URL of a third who may live in another process."""
+        """Our place, the place of the other library, and the URL for a third participant in any process."""
         number = next(self._number)
         third = ""
         if carrier == "virtual":
@@ -321,7 +321,7 @@ class Carriers:
         elif carrier == "socketcand":
             host, _, port = self._socketcand.partition(":")
             bus = f"can{number}"
-            # tcp_tune: each frame at once, and not after 40 ms. Our side does so by itself.
+            # tcp_tune: send each frame at once, not after 40 ms. Our side does so by default.
             options = {"interface": "socketcand", "host": host, "port": int(port), "channel": bus, "tcp_tune": True}
             ours = theirs = Place(f"can://socketcand/{self._socketcand}/{bus}", options)
         elif carrier == "slcan":
@@ -337,7 +337,7 @@ class Carriers:
 
 @contextmanager
 def bench_on(carriers: Carriers, carrier: str) -> Iterator[Bench]:
-    """Both sides on a bus, and off it again."""
+    """Connect both sides to a bus, and disconnect them at the end."""
     bench = Bench(*carriers.places(carrier))
     try:
         yield bench

@@ -1,6 +1,6 @@
-"""Every kind of single CANopen frame, by the service that it belongs to; what tshark is asked about in test_tshark_can.
+"""Every kind of single CANopen frame, by its service: the input of `test_tshark_can`.
 
-Node 5. Segments of a block transfer are not here: only their order makes them what they are.
+Node 5. Segments of a block transfer are not here: they are recognised by their position in a transfer only.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from barewire.canopen import AbortCode, LssService
 
 
 def sdo(number: str, *texts: str) -> list[str]:
-    """Whole SDO messages: blanks are for the eye, and what is not said is 00."""
+    """Whole SDO messages; blanks are ignored, and missing bytes are 00."""
     return [f"{number}#{text.replace(' ', '').ljust(16, '0')}" for text in texts]
 
 
 def lss(number: str, services: Iterable[LssService]) -> list[str]:
-    """Requests have more than they need, so that every field is there; answers as much as the longest."""
+    """LSS messages with more bytes than most need, so that every field is present."""
     rest = "01020304050607" if number == "7E5" else "01020304000000"
     return [f"{number}#{service:02X}{rest}" for service in services]
 

@@ -1,9 +1,9 @@
-"""CAN buses between processes, in a process of their own; they end when their standard input does.
+"""CAN buses between processes. A hub runs in a process of its own and ends when its standard input ends.
 
-    python -m tests.interop.can_hubs slcan 4       four pseudo-terminals that speak LAWICEL, one line each
-    python -m tests.interop.can_hubs socketcand    HOST:PORT of our own hub
+    python -m tests.interop.can_hubs slcan 4       prints four pseudo-terminals with the LAWICEL protocol, one a line
+    python -m tests.interop.can_hubs socketcand    prints HOST:PORT of our own hub
 
-What one participant says all others hear.
+Each frame goes to all other participants.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parent.parent.parent
 
 @contextmanager
 def hub(*arguments: str, lines: int = 1) -> Iterator[list[str]]:
-    """A hub in another process, and the places that it names."""
+    """Run a hub in another process; yield the places that it prints."""
     command = [sys.executable, "-m", "tests.interop.can_hubs", *arguments]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdin is not None
@@ -36,10 +36,10 @@ def hub(*arguments: str, lines: int = 1) -> Iterator[list[str]]:
 
 
 class Adapter:
-    """One LAWICEL adapter on a pseudo-terminal: commands in, answers and the frames of others out."""
+    """One LAWICEL adapter on a pseudo-terminal: it answers commands, and sends the frames of other adapters."""
 
     def __init__(self) -> None:
-        self.master, self.slave = os.openpty()  # the slave stays open, so that a program may come and go
+        self.master, self.slave = os.openpty()  # the slave stays open, so that a program may open and close it
         tty.setraw(self.slave)
         self.name = os.ttyname(self.slave)
         self.open = False
@@ -68,7 +68,7 @@ class Adapter:
 
 
 def run_slcan(count: int) -> None:
-    """Until the standard input ends."""
+    """Run adapters that share one bus until the standard input ends."""
     adapters = [Adapter() for _ in range(count)]
     for adapter in adapters:
         print(adapter.name, flush=True)
@@ -82,7 +82,7 @@ def run_slcan(count: int) -> None:
 
 
 def run_socketcand() -> None:
-    """Until the standard input ends."""
+    """Run our socketcand hub until the standard input ends."""
     from barewire.io.canopen.socketcand import SocketcandHub
 
     with socket.create_server(("127.0.0.1", 0)) as free:

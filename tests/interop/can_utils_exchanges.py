@@ -1,6 +1,7 @@
-"""What needs more than two sides in one process: the kernel's own tools beside us, and a device in another process.
+"""Exchanges with programs in other processes: can-utils on the kernel's CAN, and a device in a second process.
 
-candump writes down what it sees and cansend says what it is told: neither knows CANopen, and both are right about CAN.
+candump prints the frames of the bus and cansend sends one frame. Neither implements CANopen, so they check the frames
+themselves.
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ BAREWIRE = (sys.executable, "-m", "barewire.cli")
 
 @contextmanager
 def candump() -> Iterator[list[str]]:
-    """What candump has written when the block ends, one line a frame."""
+    """Run candump during the block; afterwards the list has its output, one line a frame."""
     before = _listeners()
-    # A file, because a full pipe would stop it; and room in its socket for as long as it does not get its turn.
+    # A file, because a full pipe would block it; and a large receive buffer for the time that it is not scheduled.
     with tempfile.NamedTemporaryFile("w+") as written:
         with subprocess.Popen(["candump", "-L", "-r", "4000000", "vcan0"], stdout=written) as process:
             lines: list[str] = []
             try:
                 _until(lambda: _listeners() > before)
                 yield lines
-                cansend(LAST)  # behind everything else: once it is written, all is
+                cansend(LAST)  # sent after all other frames: once it is written, they are too
                 _until(lambda: LAST in Path(written.name).read_text(encoding="ascii"), 20)
             finally:
                 process.terminate()
@@ -44,7 +45,7 @@ def candump() -> Iterator[list[str]]:
 
 
 def _listeners() -> int:
-    """How many sockets the kernel says hear everything on vcan0."""
+    """The number of sockets on vcan0 without a filter, as the kernel lists them."""
     return Path("/proc/net/can/rcvlist_all").read_text(encoding="utf-8").count("  vcan0  ")
 
 
@@ -55,17 +56,17 @@ def _until(true: Callable[[], bool], seconds: float = 5) -> None:
         time.sleep(0.01)
 
 
-def agrees(lines: list[str], seen: list[CanFrame]) -> None:
-    """candump saw what went past us: on each identifier the same frames in the same order.
+def assert_same_frames(lines: list[str], seen: list[CanFrame]) -> None:
+    """Assert that candump received the frames of our side: on each identifier the same ones in the same order.
 
     (1764000000.000001) vcan0 605#4000100000000000 T
     """
-    told = [CanFrame.parse(line.split()[2]) for line in lines]
-    for key in {frame.key for frame in (*told, *seen)}:
-        theirs, ours = ([str(frame) for frame in some if frame.key == key] for some in (told, seen))
+    dumped = [CanFrame.parse(line.split()[2]) for line in lines]
+    for key in {frame.key for frame in (*dumped, *seen)}:
+        theirs, ours = ([str(frame) for frame in some if frame.key == key] for some in (dumped, seen))
         place = next((place for place, pair in enumerate(zip(theirs, ours)) if pair[0] != pair[1]), None)
         shown = "none" if place is None else f"{place}: {theirs[place : place + 3]}, {ours[place : place + 3]}"
-        assert theirs == ours, f"candump saw {len(theirs)}, we {len(ours)}; the first difference is {shown}"
+        assert theirs == ours, f"candump received {len(theirs)}, our side {len(ours)}; the first difference is {shown}"
 
 
 def cansend(text: str) -> None:
@@ -87,24 +88,24 @@ def simulated(bench: Bench) -> Iterator[None]:
 
 
 def _answer(bench: Bench, question: str, answer: str) -> None:
-    """What is said with cansend, and what our device must say then."""
+    """Send `question` with cansend and wait for a frame of our device that begins with `answer`."""
     before = len(bench.seen)
     cansend(question)
     bench.wait(lambda: any(str(frame).startswith(answer) for frame in bench.seen[before:]))
 
 
-@exchange("device", "SDO expedited upload", "SDO expedited download", "SDO abort", stranger="cansend", only=ONLY)
+@exchange("device", "SDO expedited upload", "SDO expedited download", "SDO abort", peer="cansend", only=ONLY)
 def cansend_reads_and_writes(bench: Bench) -> None:
-    device = bench.live().device
+    device = bench.start_device().device
     _answer(bench, "605#4000100000000000", "585#4300100000000000")
     _answer(bench, "605#2F01200046000000", "585#60012000")
     assert device.objects.get(0x2001) == 0x46
     _answer(bench, "605#40.FF.0F.00.00.00.00.00", "585#80FF0F0000000206")
 
 
-@exchange("device", "SDO segmented upload", "SDO segmented download", stranger="cansend", only=ONLY)
+@exchange("device", "SDO segmented upload", "SDO segmented download", peer="cansend", only=ONLY)
 def cansend_moves_segments(bench: Bench) -> None:
-    device = bench.live().device
+    device = bench.start_device().device
     _answer(bench, "605#2100210009000000", "585#60002100")
     _answer(bench, "605#0031323334353637", "585#20")
     _answer(bench, "605#1B38390000000000", "585#30")
@@ -114,9 +115,9 @@ def cansend_moves_segments(bench: Bench) -> None:
     _answer(bench, "605#7000000000000000", "585#1B3839")
 
 
-@exchange("device", "NMT command", "SYNC", "TPDO", "RPDO", "EMCY", stranger="cansend", only=ONLY)
+@exchange("device", "NMT command", "SYNC", "TPDO", "RPDO", "EMCY", peer="cansend", only=ONLY)
 def cansend_moves_process_data(bench: Bench) -> None:
-    device = bench.live().device
+    device = bench.start_device().device
     cansend("000#0105")
     bench.wait(lambda: device.state is NmtState.OPERATIONAL)
     cansend("205#0F00.A8610000")
@@ -125,18 +126,18 @@ def cansend_moves_process_data(bench: Bench) -> None:
     _answer(bench, "205#0F00", "085#1082")
 
 
-@exchange("device", "node guarding", "boot-up", stranger="cansend", only=ONLY)
+@exchange("device", "node guarding", "boot-up", peer="cansend", only=ONLY)
 def cansend_guards_and_resets(bench: Bench) -> None:
-    bench.live()
+    bench.start_device()
     _answer(bench, "605#2B17100000000000", "585#60171000")
     for answer in ("705#7F", "705#FF", "705#7F"):
         _answer(bench, "705#R1", answer)
     _answer(bench, "000#8205", "705#00")
 
 
-@exchange("device", "LSS switch", "LSS inquire", "LSS configure", "TIME", stranger="cansend", only=ONLY)
+@exchange("device", "LSS switch", "LSS inquire", "LSS configure", "TIME", peer="cansend", only=ONLY)
 def cansend_gives_a_node_id(bench: Bench) -> None:
-    device = bench.live(None).device
+    device = bench.start_device(None).device
     cansend("7E5#0401000000000000")
     _answer(bench, "7E5#5A00000000000000", f"7E4#5A{ADDRESS.vendor.to_bytes(4, 'little').hex().upper()}")
     _answer(bench, "7E5#1105000000000000", "7E4#1100")
@@ -146,8 +147,8 @@ def cansend_gives_a_node_id(bench: Bench) -> None:
 
 
 @exchange("device", "SDO expedited upload", "SDO expedited download", "NMT command", "boot-up", only=BETWEEN_PROCESSES)
-def they_talk_to_another_process(bench: Bench) -> None:
-    """The simulated drive in its own process, their master in this one, and ours listening and asking as well."""
+def their_master_uses_a_device_in_another_process(bench: Bench) -> None:
+    """The simulated drive is in its own process, both masters are in this one."""
     with simulated(bench):
         bench.listen(_Texts(), lambda text: text == f"{0x700 + NODE:03X}#00")
         node = bench.remote()
@@ -157,14 +158,14 @@ def they_talk_to_another_process(bench: Bench) -> None:
         node.nmt.send_command(0x81)
         bench.listen(_Texts(), lambda text: text == f"{0x700 + NODE:03X}#00")
         assert node.sdo.upload(0x1017, 0) == (1000).to_bytes(2, "little")
-        # Ours last: their client would take an answer to somebody else for one to its next question.
+        # Ours last: their client would take an answer to another client for the answer to its next request.
         bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
         assert [one.state for one in bench.run(send_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
 
 
-@exchange("device", only=ONLY, stranger="nobody")
-def the_battery_over_real_socketcan(bench: Bench) -> None:
-    """`barewire conform`, remote frames and all, in one process, the drive in another."""
+@exchange("device", only=ONLY, peer="none")
+def our_conformance_battery_over_socketcan(bench: Bench) -> None:
+    """`barewire conform`, with remote frames, in one process and the drive in another."""
     url = f"{bench.third}?node={NODE}&timeout=0.1"
     with simulated(bench):
         done = subprocess.run(
@@ -181,7 +182,7 @@ def the_battery_over_real_socketcan(bench: Bench) -> None:
 
 
 class _Texts:
-    """A machine that gives every frame as text."""
+    """A machine that reports every frame as text."""
 
     def feed(self, frame: CanFrame, now: float) -> list[str]:
         return [str(frame)]

@@ -1,7 +1,7 @@
-"""What we and the `canopen` package of PyPI say to each other, service by service, in both roles.
+"""Exchanges between barewire and the `canopen` package of PyPI, service by service, in both roles.
 
-Each exchange is a function of a bench and says which services it proves. `test_canopen_exchanges` runs them over every
-carrier that this machine has, `test_canopen_guest` over real SocketCAN.
+Each exchange is a function of a bench, decorated with the services that it proves. `test_canopen_exchanges` runs them
+over every carrier of this machine, `test_canopen_guest` over SocketCAN in a guest kernel.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class Exchange(NamedTuple):
     role: str
     services: tuple[str, ...]
     run: Callable[[Bench], None]
-    stranger: str = "canopen"
+    peer: str = "canopen"
     only: tuple[str, ...] = ()
 
     def goes_over(self, carrier: str) -> bool:
-        """Some need others. python-can's socketcand carries no remote frames, so nobody can be guarded over it."""
+        """Whether the exchange is possible: python-can's socketcand carries no remote frames, so no node guarding."""
         if self.only:
             return carrier in self.only
         return not (carrier == "socketcand" and "node guarding" in self.services)
@@ -69,11 +69,11 @@ EXCHANGES: list[Exchange] = []
 Run = Callable[[Bench], None]
 
 
-def exchange(role: str, *services: str, stranger: str = "canopen", only: tuple[str, ...] = ()) -> Callable[[Run], Run]:
-    """This function is an exchange."""
+def exchange(role: str, *services: str, peer: str = "canopen", only: tuple[str, ...] = ()) -> Callable[[Run], Run]:
+    """Register a function as an exchange."""
 
     def register(function: Run) -> Run:
-        EXCHANGES.append(Exchange(function.__name__.replace("_", " "), role, services, function, stranger, only))
+        EXCHANGES.append(Exchange(function.__name__.replace("_", " "), role, services, function, peer, only))
         return function
 
     return register
@@ -87,8 +87,8 @@ def counting(length: int) -> bytes:
 
 
 @exchange("device", "SDO expedited upload", "SDO expedited download")
-def they_read_and_write_numbers(bench: Bench) -> None:
-    bench.live()
+def their_master_reads_and_writes_numbers(bench: Bench) -> None:
+    bench.start_device()
     node = bench.remote()
     for index, value, other in VALUES:
         assert value is None or node.sdo.upload(index, 0) == bytes.fromhex(value)
@@ -96,8 +96,8 @@ def they_read_and_write_numbers(bench: Bench) -> None:
         assert node.sdo.upload(index, 0) == bytes.fromhex(other)
 
 
-def _they_move_long_values(bench: Bench, block: bool) -> None:
-    device = bench.live().device
+def _their_master_moves_long_values(bench: Bench, block: bool) -> None:
+    device = bench.start_device().device
     node = bench.remote()
     for length in LENGTHS:
         value = counting(length)
@@ -110,18 +110,18 @@ def _they_move_long_values(bench: Bench, block: bool) -> None:
 
 
 @exchange("device", "SDO segmented upload", "SDO segmented download")
-def they_move_long_values_in_segments(bench: Bench) -> None:
-    _they_move_long_values(bench, block=False)
+def their_master_moves_long_values_in_segments(bench: Bench) -> None:
+    _their_master_moves_long_values(bench, block=False)
 
 
 @exchange("device", "SDO block upload", "SDO block download")
-def they_move_long_values_in_blocks(bench: Bench) -> None:
-    _they_move_long_values(bench, block=True)
+def their_master_moves_long_values_in_blocks(bench: Bench) -> None:
+    _their_master_moves_long_values(bench, block=True)
 
 
 @exchange("device", "SDO abort")
-def they_are_refused(bench: Bench) -> None:
-    bench.live()
+def their_master_gets_our_aborts(bench: Bench) -> None:
+    bench.start_device()
     node = bench.remote()
     for index, data, code in (
         (0x3000, None, 0x0602_0000),
@@ -135,8 +135,8 @@ def they_are_refused(bench: Bench) -> None:
 
 
 @exchange("device", "NMT command", "heartbeat")
-def they_command_our_device(bench: Bench) -> None:
-    device = bench.live().device
+def their_master_commands_our_device(bench: Bench) -> None:
+    device = bench.start_device().device
     node = bench.remote()
     for name, state in (("OPERATIONAL", NmtState.OPERATIONAL), ("STOPPED", NmtState.STOPPED),
                         ("PRE-OPERATIONAL", NmtState.PRE_OPERATIONAL)):  # fmt: skip
@@ -146,8 +146,8 @@ def they_command_our_device(bench: Bench) -> None:
 
 
 @exchange("device", "NMT command", "boot-up")
-def they_reset_our_device(bench: Bench) -> None:
-    device = bench.live().device
+def their_master_resets_our_device(bench: Bench) -> None:
+    device = bench.start_device().device
     node = bench.remote()
     for command in (0x81, 0x82):
         node.sdo.download(0x1017, 0, (60_000).to_bytes(2, "little"))
@@ -158,8 +158,8 @@ def they_reset_our_device(bench: Bench) -> None:
 
 
 @exchange("device", "node guarding")
-def they_guard_our_device(bench: Bench) -> None:
-    device = bench.live().device
+def their_master_guards_our_device(bench: Bench) -> None:
+    device = bench.start_device().device
     node = bench.remote()
     node.sdo.download(0x1017, 0, bytes(2))
     answers: list[int] = []
@@ -173,27 +173,27 @@ def they_guard_our_device(bench: Bench) -> None:
 
 
 @exchange("device", "EMCY")
-def they_hear_our_emergencies(bench: Bench) -> None:
-    living = bench.live()
+def their_master_receives_our_emergencies(bench: Bench) -> None:
+    running = bench.start_device()
     node = bench.remote()
-    heard: list[tuple[int, int, bytes]] = []
-    node.emcy.add_callback(lambda error: heard.append((error.code, error.register, error.data)))
-    living.do(lambda now: living.device.error(0x3210, now, info=b"\1\2"))
-    bench.wait(lambda: len(heard) == 1)
-    living.do(lambda now: living.device.error_gone(0x3210, now))
-    bench.wait(lambda: len(heard) == 2)
-    assert heard == [(0x3210, 0x05, b"\1\2\0\0\0"), (0, 0, bytes(5))]
+    received: list[tuple[int, int, bytes]] = []
+    node.emcy.add_callback(lambda error: received.append((error.code, error.register, error.data)))
+    running.do(lambda now: running.device.error(0x3210, now, info=b"\1\2"))
+    bench.wait(lambda: len(received) == 1)
+    running.do(lambda now: running.device.error_gone(0x3210, now))
+    bench.wait(lambda: len(received) == 2)
+    assert received == [(0x3210, 0x05, b"\1\2\0\0\0"), (0, 0, bytes(5))]
 
 
 @exchange("device", "SYNC", "TPDO", "NMT command")
-def they_sync_our_device_and_read_its_values(bench: Bench) -> None:
-    living = bench.live()
+def their_master_sends_sync_and_receives_our_tpdo(bench: Bench) -> None:
+    running = bench.start_device()
     node = bench.remote()
     node.tpdo.read()
     node.nmt.state = "OPERATIONAL"
-    bench.wait(lambda: living.device.state is NmtState.OPERATIONAL)
+    bench.wait(lambda: running.device.state is NmtState.OPERATIONAL)
     for velocity in (-25_000, 100_000):
-        living.device.objects.set(0x60FF, 0, velocity)
+        running.device.objects.set(0x60FF, 0, velocity)
         threading.Timer(0.05, bench.network.sync.transmit).start()
         assert node.tpdo[1].wait_for_reception(2.0) is not None
         assert node.tpdo[1]["target velocity"].raw == velocity
@@ -201,8 +201,8 @@ def they_sync_our_device_and_read_its_values(bench: Bench) -> None:
 
 
 @exchange("device", "RPDO", "NMT command")
-def they_send_our_device_values(bench: Bench) -> None:
-    device = bench.live().device
+def their_master_sends_our_device_an_rpdo(bench: Bench) -> None:
+    device = bench.start_device().device
     node = bench.remote()
     node.rpdo.read()
     node.nmt.state = "OPERATIONAL"
@@ -215,8 +215,8 @@ def they_send_our_device_values(bench: Bench) -> None:
 
 
 @exchange("device", "PDO mapping")
-def they_configure_our_pdos(bench: Bench) -> None:
-    device = bench.live().device
+def their_master_configures_our_pdos(bench: Bench) -> None:
+    device = bench.start_device().device
     tpdo = bench.remote().tpdo[1]
     tpdo.read()
     assert (tpdo.cob_id, tpdo.trans_type, [one.index for one in tpdo]) == (0x185, 1, [0x6041, 0x60FF])
@@ -225,14 +225,14 @@ def they_configure_our_pdos(bench: Bench) -> None:
     tpdo.add_variable(0x2001)
     tpdo.trans_type, tpdo.enabled = 3, True
     tpdo.save()
-    told = [device.objects.get(0x1A00, sub) for sub in range(3)]
-    assert told == [2, 0x60FF_0020, 0x2001_0008]
+    mapped = [device.objects.get(0x1A00, sub) for sub in range(3)]
+    assert mapped == [2, 0x60FF_0020, 0x2001_0008]
     assert (device.objects.get(0x1800, 1), device.objects.get(0x1800, 2)) == (0x185, 3)
 
 
 @exchange("device", "TIME")
-def they_tell_our_device_the_time(bench: Bench) -> None:
-    device = bench.live().device
+def their_master_sends_our_device_the_time(bench: Bench) -> None:
+    device = bench.start_device().device
     bench.network.time.transmit(1_700_000_000.5)
     bench.wait(lambda: device.time.last is not None)
     assert device.time.last is not None
@@ -240,8 +240,8 @@ def they_tell_our_device_the_time(bench: Bench) -> None:
 
 
 @exchange("device", "LSS switch", "LSS inquire", "LSS configure", "boot-up")
-def they_give_our_device_a_node_id(bench: Bench) -> None:
-    living = bench.live(None)
+def their_master_gives_our_device_a_node_id(bench: Bench) -> None:
+    running = bench.start_device(None)
     node = bench.remote()
     lss = bench.network.lss
     lss.RESPONSE_TIMEOUT = 2.0
@@ -255,28 +255,28 @@ def they_give_our_device_a_node_id(bench: Bench) -> None:
         lss.configure_node_id(128)
     threading.Timer(0.05, lss.send_switch_state_global, [lss.WAITING_STATE]).start()
     node.nmt.wait_for_bootup(2.0)
-    assert living.device.node == NODE
+    assert running.device.node == NODE
 
 
 @exchange("device", "LSS switch", "LSS inquire", "LSS identify")
-def they_select_and_identify_our_device(bench: Bench) -> None:
-    bench.live()
+def their_master_selects_and_identifies_our_device(bench: Bench) -> None:
+    bench.start_device()
     lss = bench.network.lss
     lss.RESPONSE_TIMEOUT = 2.0
     vendor, product, revision, serial = ADDRESS
     lss.send_identify_remote_slave(vendor, product, 0, revision, serial, 0xFFFF_FFFF)
-    bench.wait(lambda: any(frame.data[:1] == b"\x4f" for frame in bench.seen))  # it does not tell what was answered
+    bench.wait(lambda: any(frame.data[:1] == b"\x4f" for frame in bench.seen))  # the method does not return the answer
     assert lss.send_switch_state_selective(*ADDRESS)
     assert lss.inquire_node_id() == NODE
 
 
 @exchange("device", "LSS identify", "LSS fastscan")
-def they_find_our_device_by_fastscan(bench: Bench) -> None:
-    bench.live(None)
+def their_master_finds_our_device_by_fastscan(bench: Bench) -> None:
+    bench.start_device(None)
     lss = bench.network.lss
     lss.RESPONSE_TIMEOUT = 2.0
     lss.send_identify_non_configured_remote_slave()
-    bench.wait(lambda: not lss.responses.empty())  # it would take that answer for the first one of the scan
+    bench.wait(lambda: not lss.responses.empty())  # else the scan takes that answer for its first one
     lss.RESPONSE_TIMEOUT = 0.2
     assert lss.fast_scan() == (True, list(ADDRESS))
 
@@ -285,7 +285,7 @@ def they_find_our_device_by_fastscan(bench: Bench) -> None:
 
 
 @exchange("master", "SDO expedited upload", "SDO expedited download")
-def we_read_and_write_numbers(bench: Bench) -> None:
+def our_master_reads_and_writes_numbers(bench: Bench) -> None:
     bench.local()
     channel = Channel(NODE)
     for index, value, other in VALUES:
@@ -296,8 +296,8 @@ def we_read_and_write_numbers(bench: Bench) -> None:
 
 
 @exchange("master", "SDO segmented upload", "SDO segmented download", "SDO abort")
-def we_move_long_values(bench: Bench) -> None:
-    """Their node has no blocks: it refuses them for a download and answers an upload with segments; we go along."""
+def our_master_moves_long_values(bench: Bench) -> None:
+    """Their node has no block transfer: it refuses a block download, and answers a block upload with segments."""
     bench.local()
     channel = Channel(NODE)
     for length in LENGTHS:
@@ -308,7 +308,7 @@ def we_move_long_values(bench: Bench) -> None:
 
 
 @exchange("master", "SDO abort")
-def we_are_refused(bench: Bench) -> None:
+def our_master_gets_their_aborts(bench: Bench) -> None:
     bench.local()
     with pytest.raises(SdoAbort, match="0602 0000h object does not exist"):
         bench.run(upload(NODE, 0x3000))
@@ -317,7 +317,7 @@ def we_are_refused(bench: Bench) -> None:
 
 
 @exchange("master", "NMT command", "heartbeat")
-def we_command_their_node(bench: Bench) -> None:
+def our_master_commands_their_node(bench: Bench) -> None:
     local = bench.local()
     bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
     for command, name in ((NmtCommand.START, "OPERATIONAL"), (NmtCommand.STOP, "STOPPED"),
@@ -328,7 +328,7 @@ def we_command_their_node(bench: Bench) -> None:
 
 
 @exchange("master", "boot-up", "heartbeat")
-def we_watch_their_node(bench: Bench) -> None:
+def our_master_monitors_their_node(bench: Bench) -> None:
     local = bench.local()
     watch = HeartbeatConsumer({NODE: 300})
     local.nmt.send_command(0x81)
@@ -343,7 +343,7 @@ def we_watch_their_node(bench: Bench) -> None:
 
 
 @exchange("master", "EMCY")
-def we_hear_their_emergencies(bench: Bench) -> None:
+def our_master_receives_their_emergencies(bench: Bench) -> None:
     local = bench.local()
     consumer = EmcyConsumer()
     local.emcy.send(0x8130, 0x11, b"\2")
@@ -354,59 +354,59 @@ def we_hear_their_emergencies(bench: Bench) -> None:
 
 
 @exchange("master", "SYNC")
-def we_hear_and_say_sync(bench: Bench) -> None:
+def our_master_receives_and_sends_sync(bench: Bench) -> None:
     monitor = SyncMonitor()
     bench.network.sync.transmit(7)
     assert bench.listen(monitor, lambda event: True).counter == 7
-    heard: list[bytes] = []
-    bench.network.subscribe(0x080, lambda identifier, data, timestamp: heard.append(bytes(data)))
+    received: list[bytes] = []
+    bench.network.subscribe(0x080, lambda identifier, data, timestamp: received.append(bytes(data)))
     bench.port.send(SyncMessage(9).encode())
     bench.port.send(SyncMessage().encode())
-    bench.wait(lambda: len(heard) == 2)
-    assert heard == [b"\x09", b""]
+    bench.wait(lambda: len(received) == 2)
+    assert received == [b"\x09", b""]
 
 
 @exchange("master", "TIME")
-def we_hear_and_say_the_time(bench: Bench) -> None:
+def our_master_receives_and_sends_the_time(bench: Bench) -> None:
     bench.network.time.transmit(1_700_000_000.5)
     event = bench.listen(TimeConsumer(), lambda event: True)
     assert event.stamp.unix == pytest.approx(1_700_000_000.5)
-    heard: list[bytes] = []
-    bench.network.subscribe(0x100, lambda identifier, data, timestamp: heard.append(bytes(data)))
+    received: list[bytes] = []
+    bench.network.subscribe(0x100, lambda identifier, data, timestamp: received.append(bytes(data)))
     bench.port.send(TimeStamp.of_unix(1_709_210_096.789).encode())
-    bench.wait(lambda: heard)
-    assert heard == [bytes.fromhex("952CB302 4D39")]
+    bench.wait(lambda: received)
+    assert received == [bytes.fromhex("952CB302 4D39")]
 
 
 @exchange("master", "TPDO")
-def we_read_their_values(bench: Bench) -> None:
+def our_master_receives_their_tpdo(bench: Bench) -> None:
     local = bench.local()
     local.tpdo.read()
     local.tpdo[1]["statusword"].raw = 0x1237
     local.tpdo[1]["target velocity"].raw = -2
     local.tpdo[1].transmit()
     frame = bench.listen(_Frames(0x180 + NODE), lambda event: True)
-    told = mapping_of(PdoConfig("TPDO", 1, TPDO_MAPPING)).unpack(frame.data)
-    assert list(told.values()) == [0x1237, 0xFFFF_FFFE]  # without a dictionary nobody knows a sign
+    values = mapping_of(PdoConfig("TPDO", 1, TPDO_MAPPING)).unpack(frame.data)
+    assert list(values.values()) == [0x1237, 0xFFFF_FFFE]  # without a dictionary all numbers are unsigned
 
 
 @exchange("master", "RPDO")
-def we_send_their_node_values(bench: Bench) -> None:
+def our_master_sends_their_node_an_rpdo(bench: Bench) -> None:
     local = bench.local()
     local.rpdo.read()
-    heard: list[int] = []
-    local.rpdo[1].add_callback(lambda pdo: heard.append(pdo["target velocity"].raw))
+    received: list[int] = []
+    local.rpdo[1].add_callback(lambda pdo: received.append(pdo["target velocity"].raw))
     mapping = mapping_of(PdoConfig("RPDO", 1, RPDO_MAPPING))
     names = [entry.name for entry in mapping.entries]
     data = mapping.pack(dict(zip(names, (0x000F, 0xFFFE_1DC0))))
     bench.port.send(CanFrame(0x200 + NODE, data))
-    bench.wait(lambda: heard)
-    assert heard == [-123_456]
+    bench.wait(lambda: received)
+    assert received == [-123_456]
     assert local.rpdo[1]["controlword"].raw == 0x000F
 
 
 @exchange("master", "PDO mapping", "SDO expedited download")
-def we_configure_their_pdos(bench: Bench) -> None:
+def our_master_configures_their_pdos(bench: Bench) -> None:
     local = bench.local()
     assert bench.run(read_pdo(NODE, "TPDO", 1)) == PdoConfig("TPDO", 1, TPDO_MAPPING, type=1, cob_id=0x185)
     wanted = PdoConfig("TPDO", 1, (0x60FF0020, 0x20010008), type=3, cob_id=0x185)
@@ -418,15 +418,15 @@ def we_configure_their_pdos(bench: Bench) -> None:
 
 
 @exchange("master", "SDO abort")
-def we_find_their_node(bench: Bench) -> None:
+def our_master_finds_their_node(bench: Bench) -> None:
     bench.local()
     found = bench.run(scan(range(3, 8), timeout=0.3)).nodes
     assert list(found) == [NODE]
-    assert found[NODE].abort == 0x0602_0000  # it has no 1000h, and says so: it is there
+    assert found[NODE].abort == 0x0602_0000  # it has no 1000h: the abort shows that the node is there
 
 
 class _Frames:
-    """A machine that gives the frames of one identifier."""
+    """A machine that reports the frames of one identifier."""
 
     def __init__(self, identifier: int) -> None:
         self.identifier = identifier

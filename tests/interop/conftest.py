@@ -1,7 +1,7 @@
-"""What the interop tests share: certificates, the witness of what was really exchanged, and who can be collected.
+"""Fixtures of the interop tests: certificates, and the set of exchanged services that is compared with the marks.
 
-tmodbus wants Python 3.12. Where it is not installed its tests are not collected; `.ci/run` runs them on the first
-Python that can. `tools/interop.py` names the file itself, and reads its marks anywhere.
+tmodbus needs Python 3.12. Where it is not installed its tests are not collected; `.ci/run` runs them on the first
+Python that is new enough. `tools/interop.py` names that file itself, so it reads its marks everywhere.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ collect_ignore = [] if importlib.util.find_spec("tmodbus") else ["test_tmodbus.p
 
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with an authority, a server and a client whose role is Operator."""
+    """A directory with the certificates of an authority, a server and a client with the role Operator."""
     where = tmp_path_factory.mktemp("certificates")
     authority(where)
     leaf(where, "server", server=True)
@@ -28,15 +28,15 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def witness() -> set[str]:
-    """Every service that was asked and answered."""
+def exchanged() -> set[str]:
+    """The services that were requested and answered; the test adds to it."""
     return set()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
-    """What was exchanged must be what the test's marks say: no less, and no more."""
+    """Assert that exactly the services in the marks of the test were exchanged."""
     yield
-    if "witness" in getattr(item, "fixturenames", ()):
-        seen: set[str] = item.funcargs["witness"]  # type: ignore[attr-defined]
+    if "exchanged" in getattr(item, "fixturenames", ()):
+        seen: set[str] = item.funcargs["exchanged"]  # type: ignore[attr-defined]
         assert sorted(seen) == sorted({name for mark in item.iter_markers("evidence") for name in mark.args[3:]})

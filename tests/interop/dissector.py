@@ -1,4 +1,4 @@
-"""What tshark says of a packet, and whether it is what we say of the same bytes."""
+"""The fields that tshark finds in a Modbus packet, compared with those of `explain` for the same bytes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from barewire.tcp import encode as tcp_frame
 
 UNIT = 17
 
-# Our name of a field -> tshark's. What is not here is told by both as bytes.
+# Our name of a field -> tshark's. Fields that are not listed here are bytes in both.
 NUMBERS = {
     "function_code": "func_code",
     "address": "reference_num",
@@ -55,12 +55,12 @@ ALL = sorted(
 )  # fmt: skip
 RTU = ["mbrtu.unit_id", "mbrtu.crc16", "mbrtu.crc16.status"]
 PAIRED = "modbus.request_frame"
-"""In a response: the number of its request's frame. It is not given for every function."""
+"""In a response: the frame number of its request. tshark gives it for some functions only."""
 TCP = ["mbtcp.unit_id", "mbtcp.trans_id", "mbtcp.prot_id", "mbtcp.len"]
 
 
 def tshark(file: Path, fields: list[str], *options: str) -> list[dict[str, list[str]]]:
-    """What it says of each packet: the fields that are there, each with all its values."""
+    """For each packet the fields that tshark found, each with all its values."""
     command = ["tshark", "-r", str(file), "-T", "fields", *options, "-E", "aggregator=|"]
     for field in fields:
         command += ["-e", field]
@@ -69,8 +69,8 @@ def tshark(file: Path, fields: list[str], *options: str) -> list[dict[str, list[
     return [{field: value.split("|") for field, value in zip(fields, row) if value} for row in rows]
 
 
-def ours(pdu: bytes, role: str) -> tuple[dict[str, list[int]], int]:
-    """Our fields of a message under tshark's names, and how many bytes they are; what both tell as bytes is not."""
+def our_fields(pdu: bytes, role: str) -> tuple[dict[str, list[int]], int]:
+    """Our fields of a message under tshark's names and the number of their bytes, without the fields that are bytes."""
     covered = 0
     found: dict[str, list[int]] = {}
     code = pdu[0] & 0x7F
@@ -103,12 +103,12 @@ def ours(pdu: bytes, role: str) -> tuple[dict[str, list[int]], int]:
     return found, covered
 
 
-def agree(pdu: bytes, role: str, theirs: dict[str, list[str]]) -> None:
-    """Whether tshark and we say the same of a message."""
-    if pdu[:2] == b"\xab\xff":  # an exception with something behind it: it does not look there
+def assert_same_fields(pdu: bytes, role: str, theirs: dict[str, list[str]]) -> None:
+    """Assert that tshark and `explain` find the same values in a message."""
+    if pdu[:2] == b"\xab\xff":  # an exception with more bytes behind it: tshark does not dissect those
         assert (theirs["modbus.func_code"], theirs["modbus.exception_code"]) == (["43"], ["255"])
         return
-    mine, covered = ours(pdu, role)
+    mine, covered = our_fields(pdu, role)
     numbers = {key: [int(value, 0) for value in theirs.get(key, [])] for key in mine}
     assert numbers == mine
     left = {key: values for key, values in theirs.items() if key not in mine and key.startswith("modbus.")}
@@ -123,21 +123,21 @@ def agree(pdu: bytes, role: str, theirs: dict[str, list[str]]) -> None:
         numbered = [field.value for field in fields if field.name == "object id"]
         values = [field.value for field in fields if field.name == "object value"]
         assert texts == [value for number, value in zip(numbered, values) if number in OBJECT_NAMES]
-        # The objects that are the device's own it gives as bytes.
+        # tshark gives objects specific to the device as bytes.
         own = [value for number, value in zip(numbered, values) if number not in OBJECT_NAMES]
         assert [bytes.fromhex(value).decode() for value in raw] == own
     if code == 0x08:
         ((key, (value,)),) = left.items()
         is_bytes = key == "modbus.data" or "query_data" in key
-        told = pdu[3:4] if key.endswith("ascii_input_delimiter") else pdu[3:]
-        assert (int(value, 16) if is_bytes else int(value, 0)) == int.from_bytes(told, "big")
+        data = pdu[3:4] if key.endswith("ascii_input_delimiter") else pdu[3:]
+        assert (int(value, 16) if is_bytes else int(value, 0)) == int.from_bytes(data, "big")
     elif code == 0x14 and role == "response":
         assert [values[:8] for values in left["modbus.data"]] == ["0dfe0020", "33cd0040"]
     elif left:
-        # What it gives as bytes are the last ones of the message.
+        # The bytes that remain are the last ones of the message.
         ((key, (value,)),) = left.items()
         assert key == "modbus.data"
-        twice = 1 if pdu[:2] == b"\x2b\x0d" else 0  # the MEI type is told as a number, too
+        twice = 1 if pdu[:2] == b"\x2b\x0d" else 0  # tshark gives the MEI type as a number, too
         assert bytes.fromhex(value) == pdu[covered - twice :]
     elif not bits and not texts and not raw:
         assert covered == len(pdu)

@@ -1,4 +1,4 @@
-"""A kernel with SocketCAN, as an ordinary program: a command carried out in a User Mode Linux guest with vcan0 up.
+"""Runs a command in a User Mode Linux guest: a kernel with SocketCAN and vcan0, as an ordinary program.
 
     host                                     guest
     linux.uml init=JOB/init       ---->      /            the host's files, read-only (hostfs)
@@ -6,8 +6,8 @@
                                              /run/job     JOB, a new directory of the host: out, err, status
                                              vcan0        virtual CAN, and the host's python, candump, cansend
 
-It needs no image, no KVM and no rights; it takes two seconds. It has one processor. When the command is done, or the
-time is up, nothing of it is left.
+The guest needs no image, no KVM and no privileges, starts in two seconds and has one processor. It is removed when the
+command is done or the time is up.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ $B poweroff -f
 
 
 class Done(NamedTuple):
-    """What became of a command. `status` is None if the guest ended without it, and `console` may say why."""
+    """The result of a command. `status` is None if the guest ended before it; `console` may show the reason."""
 
     status: int | None
     out: str
@@ -61,7 +61,7 @@ class Done(NamedTuple):
 
 @contextmanager
 def in_guest(command: Sequence[str], environment: Mapping[str, str], *, timeout: float = 300) -> Iterator[Done]:
-    """Carry a command out in a guest, in the root of the repository; what it left in /run/job is in `job`."""
+    """Run a command in a guest, in the root of the repository; the files it left in /run/job are in `job`."""
     job = Path(tempfile.mkdtemp(prefix="barewire-guest-"))
     try:
         yield _run(job, command, environment, timeout)
@@ -81,11 +81,11 @@ def _run(job: Path, command: Sequence[str], environment: Mapping[str, str], time
         "HOME": "/run/tmp",
         "TMPDIR": "/run/tmp",
         "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONUNBUFFERED": "1",  # what was said before a guest hangs is there to be read
+        "PYTHONUNBUFFERED": "1",  # the output is written before a guest may hang
         **environment,
     }
-    says = [f"export {name}={shlex.quote(value)}" for name, value in inside.items()]
-    (job / "command").write_text("\n".join([*says, f"cd {shlex.quote(str(ROOT))}", f"exec {shlex.join(command)}\n"]))
+    exports = [f"export {name}={shlex.quote(value)}" for name, value in inside.items()]
+    (job / "command").write_text("\n".join([*exports, f"cd {shlex.quote(str(ROOT))}", f"exec {shlex.join(command)}\n"]))
     (job / "init").write_text(INIT.format(busybox=busybox, job=job, modules=modules))
     (job / "init").chmod(0o755)
     library = job / "xstate.so"
@@ -95,7 +95,7 @@ def _run(job: Path, command: Sequence[str], environment: Mapping[str, str], time
     kernel = [uml, "rootfstype=hostfs", "rootflags=/", "ro", "mem=512M", f"init={job / 'init'}", "con=null",
               "con0=null,fd:1", f"uml_dir={job}/", "umid=guest", "quiet"]  # fmt: skip
     with (job / "console").open("wb") as console:
-        # A session of its own: whatever the guest starts ends with it.
+        # A session of its own: all processes of the guest end with it.
         process = subprocess.Popen(
             kernel,
             stdin=subprocess.DEVNULL,
@@ -111,8 +111,8 @@ def _run(job: Path, command: Sequence[str], environment: Mapping[str, str], time
         finally:
             _end(process)
     status = job / "status"
-    out, err, said = ((job / name).read_text(errors="replace") for name in ("out", "err", "console"))
-    return Done(int(status.read_text()) if status.exists() else None, out, err, said, job)
+    out, err, shown = ((job / name).read_text(errors="replace") for name in ("out", "err", "console"))
+    return Done(int(status.read_text()) if status.exists() else None, out, err, shown, job)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

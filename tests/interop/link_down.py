@@ -1,7 +1,7 @@
-"""To be carried out in a guest kernel: vcan0 goes down and comes up under a client and a device, and both go on.
+"""A program for the guest kernel: vcan0 goes down and up while a client and a device use it, and both recover.
 
-down     who is in the middle of a transfer gets a PortError, the stream Gone; the device is not heard
-up       Back, a transfer of the same client succeeds, the heartbeats of the device come again
+down     a transfer in progress raises PortError, the stream reports BusDown; no frame of the device is received
+up       the stream reports BusUp, a transfer of the same client succeeds, the heartbeats of the device come again
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def link(state: str) -> None:
 
 
 def until(stream: Stream[CanFrame], kind: type[object]) -> object:
-    """The next event of a kind."""
+    """The next event of a kind; frames before it are skipped."""
     end = time.monotonic() + PATIENCE
     while True:
         event = stream.get(timeout=max(0.0, end - time.monotonic()))
@@ -48,7 +48,7 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
 
 
 def main() -> None:
-    """Down and up, twice."""
+    """Take the link down and up, twice."""
     objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
     with CanopenServer("can://socketcan/vcan0", device=LocalNode(5, objects)), CanopenClient(URL) as client:
         for _ in range(2):
@@ -64,12 +64,12 @@ def main() -> None:
                 assert [type(error) for error in failed] == [PortError], failed
                 link("up")
                 until(stream, BusUp)
-                until(stream, CanFrame)  # a heartbeat: the device has opened its bus anew as well
+                until(stream, CanFrame)  # a heartbeat: the device has reopened its bus as well
             client.node().sdo.download(0x2100, 0, b"after it")
             assert client.node().sdo.upload(0x2100) == b"after it"
             print("gone and back:", getattr(gone, "why", gone))
 
 
 if __name__ == "__main__":
-    faulthandler.dump_traceback_later(200, exit=True)  # before the guest is ended: where does it hang?
+    faulthandler.dump_traceback_later(200, exit=True)  # before the guest is killed: shows where it hangs
     main()

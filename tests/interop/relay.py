@@ -1,9 +1,9 @@
-"""Wires between strangers and us: two pseudo-terminals, socat where a stranger lacks a carrier, a loop for its server.
+"""Connections to other programs: pseudo-terminals, socat where a program lacks a carrier, a loop for asyncio servers.
 
-relayed()                       pty ===== pty              both ends are strangers' to open
-serial_at(port)                 pty ===== TCP port         a program for serial ports, at our rtu+tcp server
-serial_server(path)             TCP port ===== pty         our rtu+tcp client, at a program for serial ports
-tls_from(port), tls_before(port)     TCP ===== TLS         a program that has no TLS
+relayed()                       pty ===== pty              a serial line; any program may open either end
+serial_at(port)                 pty ===== TCP port         connects a program for serial ports to our rtu+tcp server
+serial_server(path)             TCP port ===== pty         connects our rtu+tcp client to a program for serial ports
+tls_from(port), tls_before(port)     TCP ===== TLS         connects a program without TLS
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 @contextlib.contextmanager
 def relayed() -> Iterator[tuple[str, str]]:
-    """The paths of the two ends."""
+    """Connect two pseudo-terminals; yield the paths of the two ends."""
     ends, stop = (PseudoTerminal(), PseudoTerminal()), threading.Event()
 
     def carry(source: PseudoTerminal, target: PseudoTerminal) -> None:
@@ -54,20 +54,20 @@ def relayed() -> Iterator[tuple[str, str]]:
 
 @contextlib.contextmanager
 def _socat(here: str, there: str) -> Iterator[str]:
-    """socat between two addresses; gives the port or the path that it took for `here`."""
+    """Run socat between two addresses; yield the port or the path that it opened for `here`."""
     command = ["socat", "-d", "-d", here, there]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stderr is not None
         reader = threading.Thread(target=process.stderr.read, daemon=True)
         try:
-            said = []
+            output = []
             for line in process.stderr:
-                said.append(line)
+                output.append(line)
                 if found := re.search(r"listening on .*:(\d+)$|PTY is (\S+)$", line.strip()):
                     break
             else:
-                raise AssertionError("".join(said))
-            reader.start()  # it goes on talking for every connection, and must not be held up by a full pipe
+                raise AssertionError("".join(output))
+            reader.start()  # socat logs every connection, and a full pipe would block it
             yield found[1] or found[2]
         finally:
             with contextlib.suppress(ProcessLookupError):
@@ -79,9 +79,9 @@ def _socat(here: str, there: str) -> Iterator[str]:
 
 @contextlib.contextmanager
 def serial_at(port: int) -> Iterator[str]:
-    """The path of a serial port whose other end is a TCP port."""
+    """Yield the path of a serial port whose other end is connected to a TCP port."""
     with _socat("PTY,raw,echo=0", f"TCP:127.0.0.1:{port},nodelay") as path:
-        held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # else it ends with the first program that closes the port
+        held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # else socat ends when the first program closes the port
         try:
             yield path
         finally:
@@ -90,9 +90,9 @@ def serial_at(port: int) -> Iterator[str]:
 
 @contextlib.contextmanager
 def serial_server() -> Iterator[tuple[str, int]]:
-    """The path of a serial port, and the TCP port behind which it is: a transparent serial server, for one at a time.
+    """Run a transparent serial server for one connection at a time; yield the path of its serial port and its TCP port.
 
-    Not socat's: there, the process of a connection that has ended takes the first bytes from that of the next.
+    Not socat: its process for a connection that has ended would take the first bytes of the next connection.
     """
     line, stop = PseudoTerminal(), threading.Event()
     listener = socket.create_server(("127.0.0.1", 0))
@@ -126,7 +126,7 @@ def serial_server() -> Iterator[tuple[str, int]]:
 
 @contextlib.contextmanager
 def tls_from(port: int, certificates: Path) -> Iterator[int]:
-    """The TCP port from which one gets through TLS to a server."""
+    """Yield a TCP port whose connections go through TLS to a TLS server."""
     there = f"OPENSSL:127.0.0.1:{port},{_files(certificates, 'operator')}"
     with _socat("TCP-LISTEN:0,bind=127.0.0.1,reuseaddr,fork,nodelay", there) as taken:
         yield int(taken)
@@ -134,7 +134,7 @@ def tls_from(port: int, certificates: Path) -> Iterator[int]:
 
 @contextlib.contextmanager
 def tls_before(port: int, certificates: Path) -> Iterator[int]:
-    """The TLS port behind which there is a server without TLS."""
+    """Yield a TLS port whose connections go to a server without TLS."""
     here = f"OPENSSL-LISTEN:0,bind=127.0.0.1,reuseaddr,fork,{_files(certificates, 'server')}"
     with _socat(here, f"TCP:127.0.0.1:{port},nodelay") as taken:
         yield int(taken)
@@ -146,7 +146,7 @@ def _files(where: Path, name: str) -> str:
 
 @contextlib.contextmanager
 def in_its_own_loop(serve: Callable[[], AbstractAsyncContextManager[T]]) -> Iterator[T]:
-    """An asyncio server of a stranger, in a thread of its own; gives what `serve` yields."""
+    """Run an asyncio server in a thread with its own loop; yield the value that `serve` yields."""
     ready, given, loops, ends = threading.Event(), list[T](), list[asyncio.AbstractEventLoop](), list[asyncio.Event]()
 
     async def main() -> None:

@@ -1,4 +1,4 @@
-"""The names of what is exchanged: function codes as docs/interop.md lists them, and the mark that proves one."""
+"""Names of the Modbus services, as docs/interop.md lists them, and the mark of a test that proves some."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS
 BITS_AND_REGISTERS = ("01", "02", "03", "04", "05", "06", "0F", "10")
 DIAGNOSTICS = tuple(f"08/{sub:02X}" for sub in SUB_FUNCTIONS)
 EVERY = (*BITS_AND_REGISTERS, "07", *DIAGNOSTICS, "0B", "0C", "11", "14", "15", "16", "17", "18", "2B/0E")
-"""Every public function but 2B/0D, which no stranger speaks."""
+"""Every public function but 2B/0D, which no other program supports."""
 
 TCP_LIKE = ("tcp", "udp", "tls")
 CARRIERS = ("rtu", "ascii", *TCP_LIKE, "rtu+tcp", "ascii+tcp")
 
 
 def service(request: Any) -> str:
-    """The name of what a request asks for: 03, 08/0A, 2B/0E."""
+    """The service of a request: 03, 08/0A, 2B/0E."""
     if isinstance(request, Diagnostics):
         return f"08/{request.sub_function:02X}"
     pdu: bytes = request.encode()
@@ -27,10 +27,10 @@ def service(request: Any) -> str:
 
 
 def without(*services: str) -> tuple[str, ...]:
-    """Every service but some."""
+    """Every service but these."""
     return tuple(one for one in EVERY if one not in services)
 
 
-def proves(stranger: str, role: str, carrier: str, *services: str) -> Any:
-    """A carrier as a parameter of a test, with the mark of what the test proves over it."""
-    return pytest.param(carrier, marks=pytest.mark.evidence(stranger, role, carrier, *services))
+def proves(peer: str, role: str, carrier: str, *services: str) -> Any:
+    """A carrier as parameter of a test, with the mark of the services that the test proves over it."""
+    return pytest.param(carrier, marks=pytest.mark.evidence(peer, role, carrier, *services))

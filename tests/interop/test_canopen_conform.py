@@ -1,7 +1,4 @@
-"""The battery held against a device that is not ours: what it finds wrong with a LocalNode of `canopen` is wrong.
-
-Its known deviations, each by the case that finds it; whatever else of these cases it passes.
-"""
+"""The conformance battery against a LocalNode of the `canopen` package: it finds the known deviations and no others."""
 
 from __future__ import annotations
 
@@ -19,9 +16,9 @@ from tests.interop.can_bench import NODE, dictionary_of_theirs
 URL = f"can://virtual/their-node?node={NODE}&timeout=0.15"
 DEVIATIONS = {
     "SDO-07": "any sub-index of a variable is the variable",
-    "SDO-32": "a frame with 29 bits is taken for one with 11",
+    "SDO-32": "a frame with 29 bits is treated like one with 11",
     "SDO-44": "any sub-index of a variable is the variable",
-    "SDO-46": "22h, size not told, is refused",
+    "SDO-46": "22h, size not indicated, is refused",
     "NMT-02": "SDO in STOPPED",
 }
 
@@ -43,7 +40,7 @@ def their_node() -> Iterator[Any]:
     objects.add_object(record)
     network = canopen.Network()
     network.NOTIFIER_CYCLE = 0.05
-    logging.getLogger("canopen").setLevel(logging.CRITICAL)  # it tells each refusal as a traceback
+    logging.getLogger("canopen").setLevel(logging.CRITICAL)  # it logs each refusal with a traceback
     network.connect(interface="virtual", channel="their-node")
     yield network.create_node(NODE, objects)
     network.disconnect()
@@ -51,7 +48,7 @@ def their_node() -> Iterator[Any]:
 
 
 @pytest.mark.usefixtures("their_node")
-def test_what_it_finds_wrong_is_wrong() -> None:
+def test_the_battery_finds_exactly_the_known_deviations() -> None:
     results = list(conform_can(Endpoint.parse(URL), only=("SDO-0", "SDO-3", "SDO-44", "SDO-45", "SDO-46", "NMT-02")))
     found = {result.case.name: result.failure for result in results if result.failure}
     assert found.keys() == DEVIATIONS.keys(), found

@@ -1,4 +1,4 @@
-"""EDS files between us and the `canopen` package of PyPI: each reads what the other writes, and finds the same."""
+"""EDS files between barewire and the `canopen` package of PyPI: each reads the files of the other."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def their_variables(dictionary: Any) -> dict[tuple[int, int], Any]:
     return found
 
 
-THEY_READ = pytest.mark.evidence("canopen", "device", "file", "EDS")
-WE_READ = pytest.mark.evidence("canopen", "master", "file", "EDS")
+CANOPEN_READS = pytest.mark.evidence("canopen", "device", "file", "EDS")
+BAREWIRE_READS = pytest.mark.evidence("canopen", "master", "file", "EDS")
 
 
-@THEY_READ
-def test_they_read_our_az3(tmp_path: Path) -> None:
+@CANOPEN_READS
+def test_canopen_reads_our_eds_of_the_az3(tmp_path: Path) -> None:
     document = export(load("az3"))
     file = tmp_path / "az3.eds"
     file.write_bytes(document.encode())
@@ -47,12 +47,12 @@ def test_they_read_our_az3(tmp_path: Path) -> None:
         assert one.pdo_mappable == bool(entry.mappable)
         if one.default is not None:
             assert one.default == entry.default
-        if entry.type[0] != "f":  # it reads limits of REAL as integers, or not at all
+        if entry.type[0] != "f":  # canopen reads limits of REAL as integers, or not at all
             assert (one.min, one.max) == (entry.minimum, entry.maximum)
 
 
-@THEY_READ
-def test_they_find_objects_by_name(tmp_path: Path) -> None:
+@CANOPEN_READS
+def test_canopen_finds_objects_of_our_eds_by_name(tmp_path: Path) -> None:
     file = tmp_path / "az3.eds"
     file.write_bytes(export(load("az3")).encode())
     dictionary = canopen.import_od(str(file), NODE)
@@ -62,17 +62,17 @@ def test_they_find_objects_by_name(tmp_path: Path) -> None:
     assert dictionary.device_information.allowed_baudrates == {20_000, 50_000, 125_000, 250_000, 500_000, 1_000_000}
 
 
-@THEY_READ
-def test_they_find_a_value_that_is_the_node_id(tmp_path: Path) -> None:
+@CANOPEN_READS
+def test_canopen_evaluates_a_value_with_the_node_id(tmp_path: Path) -> None:
     item = eds.EdsItem(0, "Node ID", "u8", default=eds.Formula(0))
     file = tmp_path / "node.eds"
     file.write_bytes(eds.compose([eds.EdsObject(0x2000, "Node ID", 7, (item,))]).encode())
     assert canopen.import_od(str(file), NODE)[0x2000].default == NODE
 
 
-@WE_READ
+@BAREWIRE_READS
 @pytest.mark.filterwarnings("ignore:datetime.datetime.utcnow")
-def test_we_read_what_they_write(tmp_path: Path) -> None:
+def test_barewire_reads_a_file_written_by_canopen(tmp_path: Path) -> None:
     file = tmp_path / "az3.eds"
     file.write_bytes(export(load("az3")).encode())
     written = io.StringIO()
@@ -88,8 +88,8 @@ def test_we_read_what_they_write(tmp_path: Path) -> None:
         )
 
 
-@THEY_READ
-def test_they_read_our_dcf(tmp_path: Path) -> None:
+@CANOPEN_READS
+def test_canopen_reads_our_dcf(tmp_path: Path) -> None:
     made = eds.to_dcf(export(load("az3")), NODE, {"MODES OF OPERATION": 3}, name="axis", bitrate=500_000)
     file = tmp_path / "axis.dcf"
     file.write_bytes(made.encode())

@@ -1,9 +1,9 @@
-"""Two implementations on one bus, ours and the `canopen` package of PyPI: every service that it has, in both roles.
+"""barewire and the `canopen` package of PyPI on one bus: every service of that package, in both roles.
 
-Over python-can's virtual bus; over slcan on pseudo-terminals and over socketcand, with the bus in another process. What
-a test says that it proves must really have gone past our side.
+The carriers are python-can's virtual bus, slcan on pseudo-terminals, and socketcand with the bus in another process.
+The frames of each service that a test claims must have been sent or received by our side.
 
-`BAREWIRE_CARRIERS=socketcan` runs them over vcan0 instead: `test_canopen_guest` does, in a kernel that has it.
+`BAREWIRE_CARRIERS=socketcan` runs the exchanges over vcan0 instead; `test_canopen_guest` does so in a guest kernel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 
 from tests.interop.can_bench import Carriers, bench_on, services_in
 from tests.interop.can_hubs import hub
-from tests.interop.can_utils_exchanges import agrees, candump
+from tests.interop.can_utils_exchanges import assert_same_frames, candump
 from tests.interop.canopen_exchanges import EXCHANGES, Exchange
 
 CARRIERS = os.environ.get("BAREWIRE_CARRIERS", "virtual,slcan,socketcand").split(",")
@@ -24,7 +24,7 @@ CARRIERS = os.environ.get("BAREWIRE_CARRIERS", "virtual,slcan,socketcand").split
 
 @pytest.fixture(scope="module")
 def carriers() -> Iterator[Carriers]:
-    """The buses that are in other processes."""
+    """Start the buses that are in other processes."""
     with ExitStack() as hubs:
         terminals = hubs.enter_context(hub("slcan", "3", lines=3)) if "slcan" in CARRIERS else []
         (address,) = hubs.enter_context(hub("socketcand")) if "socketcand" in CARRIERS else [""]
@@ -32,12 +32,12 @@ def carriers() -> Iterator[Carriers]:
 
 
 def proofs(exchange: Exchange, carrier: str) -> list[pytest.MarkDecorator]:
-    """What an exchange proves over a carrier. On real SocketCAN candump looks on, so it is its word as well."""
-    strangers = [exchange.stranger] if exchange.services else []
-    if strangers and carrier == "socketcan":
-        strangers.append("candump")
+    """The marks of an exchange over a carrier. On SocketCAN candump receives the frames too and gets a mark as well."""
+    peers = [exchange.peer] if exchange.services else []
+    if peers and carrier == "socketcan":
+        peers.append("candump")
     mark = pytest.mark.evidence
-    return [mark(stranger, exchange.role, carrier, *exchange.services) for stranger in strangers]
+    return [mark(peer, exchange.role, carrier, *exchange.services) for peer in peers]
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_exchange(carriers: Carriers, exchange: Exchange, carrier: str) -> None:
         lines = stack.enter_context(candump()) if carrier == "socketcan" and exchange.services else None
         bench = stack.enter_context(bench_on(carriers, carrier))
         exchange.run(bench)
-        bench.quiet()
+        bench.stop_devices()
         assert set(exchange.services) <= services_in(bench.seen)
     if lines is not None:
-        agrees(lines, bench.seen)
+        assert_same_frames(lines, bench.seen)

@@ -1,7 +1,7 @@
-"""The exchanges over real SocketCAN: vcan0 of a kernel that runs as an ordinary program (`guest`), one guest for all.
+"""The exchanges over SocketCAN: vcan0 of a User Mode Linux kernel (`guest`); one guest runs all of them.
 
-Each exchange is a test here with the result that it had there. candump looks on at every one of them and must have seen
-what went past us; cansend asks our device; a simulated drive lives in a second process.
+Each exchange is a test here with its result in the guest. candump records every exchange and must have received the
+frames of our side; cansend sends requests to our device; a simulated drive runs in a second process.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TESTS = "tests/interop/test_canopen_exchanges.py"
 
 @pytest.fixture(scope="module")
 def results() -> Iterator[dict[str, str]]:
-    """What became of each test in there: nothing if it passed, what it said otherwise."""
+    """The result of each test in the guest: an empty text if it passed, its failure otherwise."""
     options = ("-p", "no:cacheprovider", "--junitxml=/run/job/report.xml")
     command = (sys.executable, "-m", "pytest", "-q", *options, TESTS)
     with in_guest(command, {"BAREWIRE_CARRIERS": "socketcan"}) as done:
@@ -43,13 +43,13 @@ def results() -> Iterator[dict[str, str]]:
         if exchange.goes_over("socketcan")
     ],
 )
-def test_on_vcan0(results: dict[str, str], exchange: Exchange) -> None:
+def test_exchange_over_vcan0(results: dict[str, str], exchange: Exchange) -> None:
     name = f"test_exchange[socketcan-{exchange.name}]"
     assert name in results, f"the guest ran {', '.join(results) or 'nothing'}"
     assert not results[name], results[name]
 
 
-def test_nothing_else_ran_there(results: dict[str, str]) -> None:
+def test_the_guest_ran_no_other_exchange(results: dict[str, str]) -> None:
     assert len(results) == sum(exchange.goes_over("socketcan") for exchange in EXCHANGES)
 
 
@@ -58,7 +58,7 @@ def test_a_guest_that_takes_too_long_is_ended() -> None:
         assert done.status is None
         assert "the guest was not done after 1 s" in done.console
         until = time.monotonic() + 5
-        while f"init={done.job}" in _running():  # a process that was killed takes a moment to go
+        while f"init={done.job}" in _running():  # a killed process takes a moment to end
             assert time.monotonic() < until
             time.sleep(0.01)
     assert not done.job.exists()
@@ -66,14 +66,14 @@ def test_a_guest_that_takes_too_long_is_ended() -> None:
 
 def _running() -> str:
     """The command lines of all processes."""
-    said = []
+    found = []
     for file in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
-            said.append(file.read_text(errors="replace"))
-    return "\n".join(said)
+            found.append(file.read_text(errors="replace"))
+    return "\n".join(found)
 
 
-def test_a_link_that_goes_down_and_comes_up() -> None:
+def test_client_and_device_recover_when_the_link_goes_down_and_up() -> None:
     with in_guest([sys.executable, "-m", "tests.interop.link_down"], {}) as done:
         assert done.status == 0, str(done)
         assert done.out.count("gone and back: ") == 2, str(done)

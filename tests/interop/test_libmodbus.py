@@ -1,8 +1,8 @@
-"""libmodbus, the C library of most gateways, as a stranger: every call of its client against our servers, and its
-server under our clients. The two programs stand beside this file and are compiled here.
+"""libmodbus, the C library of most gateways: every call of its client against our servers, and our clients against its
+server. The two C programs are beside this file and are compiled here.
 
-It speaks TCP and RTU. Through socat the same programs are behind TLS, and its RTU behind TCP. Function 07 it only
-knows as a raw request.
+It supports TCP and RTU. socat connects the same programs through TLS, and its RTU through TCP. Function 07 is possible
+as a raw request only.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import pytest
 from barewire import ModbusClient
 from barewire.modbus import ModbusException, WriteMultipleRegisters
 from tests.helpers import refused
-from tests.interop.exchanges import Answers, everything
-from tests.interop.ours import Asker, client_url, our_server, port_of, with_both
+from tests.interop.exchanges import Answers, exchange_all
+from tests.interop.our_side import RecordingClient, client_url, our_server, port_of, with_both
 from tests.interop.relay import relayed, serial_at, serial_server, tls_before, tls_from
 from tests.interop.services import BITS_AND_REGISTERS, proves
 
@@ -47,11 +47,11 @@ ASKED = [proves("libmodbus", "server", carrier, *SERVED, "07") for carrier in CA
 
 @pytest.mark.parametrize("carrier", [*ASKED, pytest.param("tcp_pi", marks=ASKED[0].marks)])
 def test_every_call_of_their_client(
-    programs: dict[str, Path], carrier: str, certificates: Path, witness: set[str]
+    programs: dict[str, Path], carrier: str, certificates: Path, exchanged: set[str]
 ) -> None:
     ours = "tcp" if carrier == "tcp_pi" else carrier
     with ExitStack() as stack:
-        place, unit = stack.enter_context(our_server(ours, certificates, witness))
+        place, unit = stack.enter_context(our_server(ours, certificates, exchanged))
         if carrier == "rtu+tcp":
             place = stack.enter_context(serial_at(port_of(place)))
         elif carrier == "tls":
@@ -67,7 +67,7 @@ def test_every_call_of_their_client(
 
 @contextmanager
 def their_server(programs: dict[str, Path], carrier: str, certificates: Path) -> Iterator[tuple[str, str]]:
-    """Their server in a process of its own; gives PATH or HOST:PORT as our client finds it, and its version."""
+    """Run libmodbus's server in a process of its own; yield PATH or HOST:PORT for our client, and its version."""
     with ExitStack() as stack:
         if carrier == "rtu":
             theirs, place = stack.enter_context(relayed())
@@ -89,28 +89,28 @@ def their_server(programs: dict[str, Path], carrier: str, certificates: Path) ->
         yield place if carrier == "rtu" else f"127.0.0.1:{port}", version
 
 
-HEARD = [proves("libmodbus", "client", carrier, *SERVED) for carrier in CARRIERS]
+ANSWERED = [proves("libmodbus", "client", carrier, *SERVED) for carrier in CARRIERS]
 
 
-@pytest.mark.parametrize("carrier", [*HEARD, pytest.param("tcp_pi", marks=HEARD[0].marks)])
+@pytest.mark.parametrize("carrier", [*ANSWERED, pytest.param("tcp_pi", marks=ANSWERED[0].marks)])
 def test_our_clients_use_their_server(
-    programs: dict[str, Path], carrier: str, certificates: Path, witness: set[str]
+    programs: dict[str, Path], carrier: str, certificates: Path, exchanged: set[str]
 ) -> None:
     with their_server(programs, carrier, certificates) as (place, version):
         answers = Answers(registers=100, coils=100, server_id=b"\xb4\xffLMB" + version.encode())
 
-        async def talk(asker: Asker) -> None:
-            await everything(asker, answers, SERVED)
+        async def talk(client: RecordingClient) -> None:
+            await exchange_all(client, answers, SERVED)
             with refused(ModbusException, "busy"):
-                await asker.read_holding_registers(50, 1)
-            assert await asker.read_holding_registers(10, 1) == (1,)
+                await client.read_holding_registers(50, 1)
+            assert await client.read_holding_registers(10, 1) == (1,)
 
         ours = "tcp" if carrier == "tcp_pi" else carrier
-        with_both(client_url(ours, place, certificates), witness, talk)
+        with_both(client_url(ours, place, certificates), exchanged, talk)
 
 
 @pytest.mark.parametrize("carrier", ["rtu", "rtu+tcp"])
-def test_their_server_hears_our_broadcast(programs: dict[str, Path], carrier: str, certificates: Path) -> None:
+def test_their_server_carries_out_our_broadcast(programs: dict[str, Path], carrier: str, certificates: Path) -> None:
     with (
         their_server(programs, carrier, certificates) as (place, _),
         ModbusClient(client_url(carrier, place, certificates)) as client,

@@ -1,6 +1,6 @@
-"""mbpoll, a C program on libmodbus, as a stranger: it polls and writes our servers on TCP and on a pseudo-terminal, and
-through socat those on TLS and on RTU over TCP. One value is a single write, several are a multiple one; it asks who
-is there (11) on serial lines only, and knows no ASCII."""
+"""mbpoll, a C program on libmodbus: it reads and writes our servers on TCP and on a pseudo-terminal, and through socat
+those on TLS and on RTU over TCP. It writes one value with a single write and several with a multiple one, sends
+Report Server ID (11) on serial lines only, and has no ASCII."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from barewire import ModbusServer
 from barewire.modbus import Table
-from tests.interop.ours import our_server, place_of, port_of
+from tests.interop.our_side import our_server, place_of, port_of
 from tests.interop.relay import serial_at, tls_from
 from tests.interop.services import BITS_AND_REGISTERS, proves
 
@@ -38,9 +38,9 @@ def _values(done: subprocess.CompletedProcess[str]) -> list[str]:
         *(proves("mbpoll", "server", carrier, *BITS_AND_REGISTERS) for carrier in ("tcp", "tls")),
     ],
 )
-def test_it_reads_and_writes_every_table(carrier: str, certificates: Path, witness: set[str]) -> None:
+def test_mbpoll_reads_and_writes_every_table(carrier: str, certificates: Path, exchanged: set[str]) -> None:
     with ExitStack() as stack:
-        place, unit = stack.enter_context(our_server(carrier, certificates, witness))
+        place, unit = stack.enter_context(our_server(carrier, certificates, exchanged))
         if carrier == "rtu+tcp":
             place = stack.enter_context(serial_at(port_of(place)))
         elif carrier == "tls":
@@ -59,11 +59,11 @@ def test_it_reads_and_writes_every_table(carrier: str, certificates: Path, witne
         assert _values(_mbpoll(place, "-t", "0", "-r", "8", "-c", "4")) == ["1", "1", "0", "1"]
         assert _values(_mbpoll(place, "-t", "1", "-r", "5", "-c", "3")) == ["0", "1", "0"]
         if "rtu" in carrier:
-            who = _mbpoll(place, "-u")
-            assert "table" in who.stdout, who
+            server_id = _mbpoll(place, "-u")
+            assert "table" in server_id.stdout, server_id
 
 
-def test_it_is_told_of_an_exception() -> None:
+def test_mbpoll_reports_our_exception() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table(size=10)}) as host:
         declined = _mbpoll(place_of(host), "-t", "4", "-r", "9", "-c", "2")
         assert declined.returncode == 1

@@ -1,5 +1,5 @@
-"""minimalmodbus as a stranger: its client, RTU and ASCII, against our servers on a pseudo-terminal, and through socat
-on TCP. It knows the eight functions of bits and registers."""
+"""minimalmodbus: its client, RTU and ASCII, against our servers on a pseudo-terminal, and through socat on TCP. It
+supports the eight functions of bits and registers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import minimalmodbus
 import pytest
 
 from barewire.codecs import codec, to_registers
-from tests.interop.ours import Known, our_asyncio_server, our_server, port_of
+from tests.interop.our_side import FullUnit, our_asyncio_server, our_server, port_of
 from tests.interop.relay import serial_at
 from tests.interop.services import BITS_AND_REGISTERS, proves
 
@@ -20,24 +20,24 @@ ASKED = [proves("minimalmodbus", "server", one, *BITS_AND_REGISTERS) for one in 
 
 
 @pytest.mark.parametrize("carrier", ASKED)
-def test_their_client_uses_our_server(carrier: str, certificates: Path, witness: set[str]) -> None:
+def test_their_client_uses_our_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
     with ExitStack() as stack:
-        place, unit = stack.enter_context(our_server(carrier, certificates, witness))
+        place, unit = stack.enter_context(our_server(carrier, certificates, exchanged))
         path = stack.enter_context(serial_at(port_of(place))) if "tcp" in carrier else place
-        use(path, carrier.partition("+")[0], unit)
+        read_and_write(path, carrier.partition("+")[0], unit)
 
 
 @pytest.mark.parametrize("carrier", ASKED[:2])
-def test_their_client_uses_our_asyncio_server(carrier: str, witness: set[str]) -> None:
-    with our_asyncio_server(carrier, witness) as (path, unit):
-        use(path, carrier, unit)
+def test_their_client_uses_our_asyncio_server(carrier: str, exchanged: set[str]) -> None:
+    with our_asyncio_server(carrier, exchanged) as (path, unit):
+        read_and_write(path, carrier, unit)
 
 
-def use(path: str, mode: str, unit: Known) -> None:
+def read_and_write(path: str, mode: str, unit: FullUnit) -> None:
     client = minimalmodbus.Instrument(path, 1, mode=mode)
     try:
         client.serial.baudrate = 115200
-        client.serial.timeout = 0.5  # so long it waits for more when it was told an exception
+        client.serial.timeout = 0.5  # it waits that long for more bytes after an exception
         client.write_register(1, 4711)
         client.write_register(2, 0xBEEF, functioncode=6)
         assert client.read_register(1) == 4711

@@ -1,10 +1,10 @@
-"""pymodbus as a stranger, over all seven carriers: its clients against our servers, our clients against its servers.
+"""pymodbus over all seven carriers: its clients against our servers, our clients against its servers.
 
-What of it does not work is asserted as what it is, so that we learn of it when it does:
+Its deviations from the standard are asserted as they are, so that a test fails when one is corrected:
 
-    18, client, RTU              it counts two bytes too few of the answer, and never reads one
-    08/04, server                an answer comes, and without the two bytes of data; the server listens on
-    07 08 0B 0C 14 18, server    the numbers are zero, the records and the queue are the same whatever is asked
+    18, client, RTU              it expects two bytes less than the answer has, and never reads one
+    08/04, server                it answers, without the two bytes of data, and goes on answering
+    07 08 0B 0C 14 18, server    the numbers are zero; the records and the queue do not depend on the request
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from barewire import ModbusClient
 from barewire.modbus import Diagnostics, RecordPlace
 from barewire.modbus.messages.diagnostics import Unanswered
-from tests.interop.exchanges import Answers, everything
-from tests.interop.ours import LONG, Asker, client_url, our_server, port_of, until, with_both
+from tests.interop.exchanges import Answers, exchange_all
+from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, until, with_both
 from tests.interop.relay import in_its_own_loop, relayed
 from tests.interop.services import CARRIERS, EVERY, proves, without
 
@@ -44,7 +44,7 @@ def framer(carrier: str) -> Any:
 
 def their_context(side: Any, certificates: Path, name: str) -> ssl.SSLContext:
     context = ssl.SSLContext(side)
-    context.check_hostname = False  # its blocking client gives TLS no name that could be checked
+    context.check_hostname = False  # its blocking client passes no server name to TLS
     context.load_cert_chain(certificates / f"{name}.crt", certificates / f"{name}.key")
     context.load_verify_locations(certificates / "ca.crt")
     context.verify_mode = ssl.CERT_REQUIRED
@@ -67,15 +67,15 @@ THEIRS = {carrier: without("18") if "rtu" in carrier else EVERY for carrier in C
 
 
 @pytest.mark.parametrize("carrier", [proves("pymodbus", "server", *pair[:1], *pair[1]) for pair in THEIRS.items()])
-def test_their_client_uses_our_server(carrier: str, certificates: Path, witness: set[str]) -> None:
-    with our_server(carrier, certificates, witness) as (place, unit):
+def test_their_client_uses_our_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
+    with our_server(carrier, certificates, exchanged) as (place, unit):
         client = their_client(carrier, place, certificates)
         assert client.connect()
         try:
-            data(client)
-            about_itself(client)
+            bits_and_registers(client)
+            server_information(client)
             files(client)
-            diagnosed(client, witness)
+            diagnostics(client, exchanged)
             if "rtu" not in carrier:
                 assert client.read_fifo_queue(address=30).values == [7, 8, 0xFFFF]
         finally:
@@ -84,7 +84,7 @@ def test_their_client_uses_our_server(carrier: str, certificates: Path, witness:
     assert list(unit.files[4]) == [100, 101, 102, 0x1234, 0x5678, *range(105, 110)]
 
 
-def data(client: Any) -> None:
+def bits_and_registers(client: Any) -> None:
     pattern = [place % 3 == 0 for place in range(1968)]
     assert client.write_coils(100, pattern).count == 1968
     assert not client.write_coil(20, True).isError()
@@ -101,10 +101,10 @@ def data(client: Any) -> None:
     assert both.registers == [3, (4 & 0xF2) | (0x25 & ~0xF2), 1]
 
 
-def about_itself(client: Any) -> None:
+def server_information(client: Any) -> None:
     assert client.read_exception_status().status == 0x5A
     answer = client.report_device_id()
-    assert answer.identifier == b"\x01\xfftabl"  # it takes the last byte for the run indicator
+    assert answer.identifier == b"\x01\xfftabl"  # it takes the last byte as the run indicator
     basic = {0: b"barewire", 1: b"table", 2: b"1"}
     assert client.read_device_information(read_code=1).information == basic
     first = client.read_device_information(read_code=3)
@@ -115,14 +115,14 @@ def about_itself(client: Any) -> None:
 
 
 def files(client: Any) -> None:
-    """The lengths of its records are bytes, also of those that are to be read."""
+    """pymodbus gives the lengths of records in bytes, in read requests too."""
     read = client.read_file_record([FileRecord(4, 0, record_length=4), FileRecord(4, 8, record_length=4)])
     assert [record.record_data for record in read.records] == [bytes([0, 100, 0, 101]), bytes([0, 108, 0, 109])]
     written = client.write_file_record([FileRecord(4, 3, b"\x12\x34\x56\x78")])
     assert written.records == [FileRecord(4, 3, b"\x12\x34\x56\x78")]
 
 
-def diagnosed(client: Any, seen: set[str]) -> None:
+def diagnostics(client: Any, seen: set[str]) -> None:
     assert client.diag_query_data(b"\xa5\x37").message == b"\xa5\x37"
     assert not client.diag_clear_counters().isError()
     assert client.diag_read_bus_message_count().message == 1
@@ -135,14 +135,14 @@ def diagnosed(client: Any, seen: set[str]) -> None:
     assert client.diag_read_bus_char_overrun_count().message == 0
     assert not client.diag_clear_overrun_counter().isError()
     assert client.diag_read_diagnostic_register().message == 0
-    # What it calls the delimiter is the delimiter and the zero behind it.
+    # Its delimiter argument is the delimiter and the zero byte behind it.
     assert client.diag_change_ascii_input_delimeter(delimiter=0x0A00).message == 0x0A00
     counter = client.diag_get_comm_event_counter()
     assert counter.count == 11
     log = client.diag_get_comm_event_log()
     assert (log.event_count, log.message_count) == (11, 13)
-    assert log.events[0] & 0x80  # the newest: this request came in
-    # Neither is answered, so it is to be seen when they are carried out: on a serial line one waits.
+    assert log.events[0] & 0x80  # the newest event: this request was received
+    # Neither is answered, so wait until the server has carried it out.
     client.diag_force_listen_only(no_response_expected=True)
     until(lambda: "08/04" in seen)
     client.diag_restart_communication(toggle=True, no_response_expected=True)
@@ -184,16 +184,16 @@ ANSWERS = Answers(
     registers=200,
     server_id=b"Pymodbus-PM-3.16\xff",
     counts=dict.fromkeys((2, *range(11, 19)), 0),
-    places=(RecordPlace(4, 0, 10),),  # as long as the one that it always sends
+    places=(RecordPlace(4, 0, 10),),  # the length of the record that it always sends
     rows=(tuple(int.from_bytes(DUMMY[at : at + 2], "big") for at in range(0, 20, 2)),),
-    queue=(0, 1, 2, 3),  # and always this queue
+    queue=(0, 1, 2, 3),  # it always sends this queue
     objects=OBJECTS,
 )
 
 
 @contextlib.contextmanager
 def their_server(carrier: str, certificates: Path) -> Iterator[str]:
-    """Their server on a carrier; gives PATH or HOST:PORT."""
+    """Run pymodbus's server on a carrier; yield PATH or HOST:PORT."""
     coils = [SimData(0, values=[False] * 2000, datatype=DataType.BITS)]
     inputs = [SimData(0, values=[place == 6 for place in range(16)], datatype=DataType.BITS)]
     holding = [SimData(0, values=[0] * 200, datatype=DataType.REGISTERS)]
@@ -232,16 +232,16 @@ OURS = without("08/04")
 
 
 @pytest.mark.parametrize("carrier", [proves("pymodbus", "client", carrier, *OURS) for carrier in CARRIERS])
-def test_our_clients_use_their_server(carrier: str, certificates: Path, witness: set[str]) -> None:
-    async def talk(asker: Asker) -> None:
-        await everything(asker, ANSWERS, OURS)
+def test_our_clients_use_their_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
+    async def talk(client: RecordingClient) -> None:
+        await exchange_all(client, ANSWERS, OURS)
 
     with their_server(carrier, certificates) as place:
-        with_both(client_url(carrier, place, certificates), witness, talk)
+        with_both(client_url(carrier, place, certificates), exchanged, talk)
 
 
-def test_their_server_answers_what_is_not_answered(certificates: Path) -> None:
-    """08/04: two bytes short, so it is no answer at all and passed over; and the server does not listen only."""
+def test_their_server_answers_force_listen_only_with_an_incomplete_response(certificates: Path) -> None:
+    """08/04: the response lacks two bytes, so our client ignores it; and the server goes on answering."""
     with (
         their_server("tcp", certificates) as place,
         ModbusClient(f"tcp://{place}?unit=1&timeout=1") as client,

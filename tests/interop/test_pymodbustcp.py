@@ -1,5 +1,5 @@
-"""pyModbusTCP as a stranger: its client against our server, our clients against its server; through socat behind TLS.
-It knows the functions of bits and registers, 17, and 2B/0E."""
+"""pyModbusTCP: its client against our server, our clients against its server; through socat over TLS. It supports the
+functions of bits and registers, 17, and 2B/0E."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 
 from barewire.modbus import ReadDeviceIdentification
-from tests.interop.exchanges import Answers, everything
-from tests.interop.ours import LONG, Asker, client_url, our_server, port_of, with_both
+from tests.interop.exchanges import Answers, exchange_all
+from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, with_both
 from tests.interop.relay import tls_before, tls_from
 from tests.interop.services import BITS_AND_REGISTERS, proves
 
 pytestmark = pytest.mark.needs("openssl", "socat")
-SPOKEN = (*BITS_AND_REGISTERS, "17", "2B/0E")
+SUPPORTED = (*BITS_AND_REGISTERS, "17", "2B/0E")
 
 
-@pytest.mark.parametrize("carrier", [proves("pyModbusTCP", "server", carrier, *SPOKEN) for carrier in ("tcp", "tls")])
-def test_their_client_uses_our_server(carrier: str, certificates: Path, witness: set[str]) -> None:
+@pytest.mark.parametrize(
+    "carrier", [proves("pyModbusTCP", "server", carrier, *SUPPORTED) for carrier in ("tcp", "tls")]
+)
+def test_their_client_uses_our_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
     with ExitStack() as stack:
-        place, unit = stack.enter_context(our_server(carrier, certificates, witness))
+        place, unit = stack.enter_context(our_server(carrier, certificates, exchanged))
         port = port_of(place)
         if carrier == "tls":
             port = stack.enter_context(tls_from(port, certificates))
@@ -55,13 +57,15 @@ def test_their_client_uses_our_server(carrier: str, certificates: Path, witness:
 OBJECTS = {0: b"pyModbusTCP", 1: b"bench", 2: b"0.3", 3: b"http://bench.example", 0x80: b"serial 7"}
 
 
-@pytest.mark.parametrize("carrier", [proves("pyModbusTCP", "client", carrier, *SPOKEN) for carrier in ("tcp", "tls")])
-def test_our_clients_use_their_server(carrier: str, certificates: Path, witness: set[str]) -> None:
-    async def talk(asker: Asker) -> None:
-        # At the higher levels it leaves out the objects of those below.
+@pytest.mark.parametrize(
+    "carrier", [proves("pyModbusTCP", "client", carrier, *SUPPORTED) for carrier in ("tcp", "tls")]
+)
+def test_our_clients_use_their_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
+    async def talk(client: RecordingClient) -> None:
+        # At the higher levels it leaves out the objects of the lower ones.
         basic = {number: value for number, value in OBJECTS.items() if number < 3}
-        await everything(asker, Answers(objects=basic, level=1), SPOKEN)
-        extended = await asker.ask(ReadDeviceIdentification(3, 0))
+        await exchange_all(client, Answers(objects=basic, level=1), SUPPORTED)
+        extended = await client.ask(ReadDeviceIdentification(3, 0))
         assert extended.objects == ((0x80, b"serial 7"),)
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -76,4 +80,4 @@ def test_our_clients_use_their_server(carrier: str, certificates: Path, witness:
         stack.callback(server.stop)
         if carrier == "tls":
             port = stack.enter_context(tls_before(port, certificates))
-        with_both(client_url(carrier, f"127.0.0.1:{port}", certificates), witness, talk)
+        with_both(client_url(carrier, f"127.0.0.1:{port}", certificates), exchanged, talk)

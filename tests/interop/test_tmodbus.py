@@ -1,8 +1,8 @@
-"""tmodbus, the asyncio library for Python 3.12, as a stranger: its clients against our servers, our clients against its
-servers, every public function but 2B/0D in both directions. It is the only one that speaks them all.
+"""tmodbus, the asyncio library for Python 3.12: its clients against our servers, our clients against its servers, with
+every public function but 2B/0D in both directions. No other library supports all of them.
 
-It has no ASCII over TCP: there its ASCII side stands behind a serial server, which is what that carrier is for. It is
-imported inside the tests, so that their marks can be read where it cannot be installed.
+It has no ASCII over TCP: there its serial ASCII side is behind a serial server. It is imported inside the tests, so
+that their marks can be read where it is not installed.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from barewire.io.ports.tls import role_of
-from tests.interop.exchanges import everything
-from tests.interop.ours import LONG, Asker, client_url, our_server, port_of, until, with_both
+from tests.interop.exchanges import exchange_all
+from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, until, with_both
 from tests.interop.relay import in_its_own_loop, relayed, serial_at, serial_server
 from tests.interop.services import CARRIERS, EVERY, TCP_LIKE, proves, without
 from tests.interop.tmodbus_unit import ANSWERS, their_unit
@@ -57,17 +57,17 @@ THEIRS = {carrier: without("08/04") if carrier in TCP_LIKE else EVERY for carrie
 
 
 @pytest.mark.parametrize("carrier", [proves("tmodbus", "server", *pair[:1], *pair[1]) for pair in THEIRS.items()])
-def test_their_client_uses_our_server(carrier: str, certificates: Path, witness: set[str]) -> None:
+def test_their_client_uses_our_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
     async def main() -> None:
         async with their_client(carrier, place, certificates) as client:
-            await data(client)
-            await rarer(client)
-            await about_itself(client, is_serial=carrier not in TCP_LIKE)
+            await bits_and_registers(client)
+            await files_and_queue(client)
+            await server_information(client, is_serial=carrier not in TCP_LIKE)
         async with their_client(carrier, place, certificates, timeout=1, auto_reconnect=False) as client:
-            await listening_only(client, witness, is_serial=carrier not in TCP_LIKE)
+            await listening_only(client, exchanged, is_serial=carrier not in TCP_LIKE)
 
     with ExitStack() as stack:
-        place, unit = stack.enter_context(our_server(carrier, certificates, witness))
+        place, unit = stack.enter_context(our_server(carrier, certificates, exchanged))
         if carrier == "ascii+tcp":
             place = stack.enter_context(serial_at(port_of(place)))
         asyncio.run(main())
@@ -76,7 +76,7 @@ def test_their_client_uses_our_server(carrier: str, certificates: Path, witness:
     assert list(unit.files[4]) == [100, 101, 102, 0x1234, 104, 0x5678, 0x9ABC, 107, 108, 109]
 
 
-async def data(client: Any) -> None:
+async def bits_and_registers(client: Any) -> None:
     from tmodbus.exceptions import IllegalDataAddressError
 
     pattern = [place % 3 == 0 for place in range(1968)]
@@ -93,10 +93,10 @@ async def data(client: Any) -> None:
         await client.read_holding_registers(9999, 2)
     assert await client.mask_write_register(4, 0xF2, 0x25) == (0xF2, 0x25)
     written = await client.read_write_multiple_registers(3, 3, 5, list(range(1, 122)))
-    assert written == [3, (4 & 0xF2) | (0x25 & ~0xF2), 1]  # written first, then read
+    assert written == [3, (4 & 0xF2) | (0x25 & ~0xF2), 1]  # writes first, then reads
 
 
-async def rarer(client: Any) -> None:
+async def files_and_queue(client: Any) -> None:
     from tmodbus.exceptions import IllegalDataAddressError
     from tmodbus.pdu import FileRecord, FileRecordRequest
 
@@ -110,7 +110,7 @@ async def rarer(client: Any) -> None:
     assert await client.read_fifo_queue(30) == [7, 8, 0xFFFF]
 
 
-async def about_itself(client: Any, *, is_serial: bool) -> None:
+async def server_information(client: Any, *, is_serial: bool) -> None:
     from tmodbus.exceptions import IllegalDataAddressError
 
     assert await client.read_exception_status() == 0x5A
@@ -149,7 +149,7 @@ async def about_itself(client: Any, *, is_serial: bool) -> None:
     assert (log.status, log.event_count) == (0, counter.event_count)
     assert log.message_count == await client.diag_read_bus_message_count() - 1
     assert len(log.events) > 10
-    assert log.events[0] & 0x80  # the newest: this request came in
+    assert log.events[0] & 0x80  # the newest event: this request was received
 
 
 async def listening_only(client: Any, seen: set[str], *, is_serial: bool) -> None:
@@ -157,16 +157,16 @@ async def listening_only(client: Any, seen: set[str], *, is_serial: bool) -> Non
 
     assert await client.diag_restart_communications_option(clear_event_log=True) is True
     assert (await client.get_comm_event_counter()).event_count == 0
-    if not is_serial:  # it says that this is about serial lines, and does not send it
+    if not is_serial:  # tmodbus raises: the function is for serial lines
         with pytest.raises(InvalidRequestError):
             await client.diag_force_listen_only_mode()
         return
     await client.diag_force_listen_only_mode()
-    # Nobody answers, and what comes on its heels would make it a stale one.
+    # There is no answer; a request sent at once could overtake it.
     await asyncio.to_thread(until, lambda: "08/04" in seen)
     with pytest.raises(TimeoutError):
         await client.read_coils(0, 1)
-    with pytest.raises(TimeoutError):  # it is the way back, and not answered
+    with pytest.raises(TimeoutError):  # ends listen only mode, without an answer
         await client.diag_restart_communications_option()
     assert await client.read_coils(20, 1) == [True]
 
@@ -180,7 +180,7 @@ def sockets(server: Any) -> Any:
 
 @contextlib.contextmanager
 def their_server(carrier: str, certificates: Path) -> Iterator[str]:
-    """Their server on a carrier; gives PATH or HOST:PORT, as our client finds it."""
+    """Run tmodbus's server on a carrier; yield PATH or HOST:PORT for our client."""
     from tmodbus import server as their
 
     @contextlib.asynccontextmanager
@@ -211,15 +211,15 @@ def their_server(carrier: str, certificates: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("carrier", [proves("tmodbus", "client", carrier, *EVERY) for carrier in CARRIERS])
-def test_our_clients_use_their_server(carrier: str, certificates: Path, witness: set[str]) -> None:
-    async def talk(asker: Asker) -> None:
-        await everything(asker, ANSWERS, EVERY)
+def test_our_clients_use_their_server(carrier: str, certificates: Path, exchanged: set[str]) -> None:
+    async def talk(client: RecordingClient) -> None:
+        await exchange_all(client, ANSWERS, EVERY)
 
     with their_server(carrier, certificates) as place:
-        with_both(client_url(carrier, place, certificates), witness, talk)
+        with_both(client_url(carrier, place, certificates), exchanged, talk)
 
 
-def test_they_read_the_same_role_in_a_certificate(certificates: Path) -> None:
+def test_tmodbus_and_barewire_read_the_same_role_from_a_certificate(certificates: Path) -> None:
     from cryptography import x509
     from tmodbus.server.security import extract_modbus_role
 

@@ -1,9 +1,9 @@
-"""Wireshark's dissectors as a stranger: every function code and every exception, written by us as pcapng, read by
-tshark and compared field by field with what we say of the same bytes.
+"""Wireshark's Modbus dissectors: every function code and every exception, written as pcapng by barewire, read by tshark
+and compared field by field with `explain` for the same bytes.
 
-What tshark cannot: RTU frames of 4 bytes (it wants 5), so requests without data are compared on TCP and UDP only; it
-gives the registers of 14 from the group's beginning to the end of the frame; of 2B/0D it tells the MEI type only; and
-it has no dissector for ASCII.
+Limits of tshark: it needs RTU frames of at least 5 bytes, so requests without data are compared on TCP and UDP only; it
+gives the registers of 14 from the beginning of the group to the end of the frame; of 2B/0D it gives the MEI type only;
+and it has no dissector for ASCII.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from barewire.modbus.sniffer.sniffer import ResponseSeen
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from tests.helpers import unhex
-from tests.interop.dissector import ALL, PAIRED, RTU, TCP, UNIT, agree, tshark
+from tests.interop.dissector import ALL, PAIRED, RTU, TCP, UNIT, assert_same_fields, tshark
 from tests.interop.services import EVERY, service
 
 pytestmark = pytest.mark.needs("tshark")
@@ -40,7 +40,7 @@ _PAIRS: list[tuple[str, str | None]] = [
     ("08 0001 FF00", "08 0001 FF00"),
     ("08 0002 0000", "08 0002 00A5"),
     ("08 0003 0A00", "08 0003 0A00"),
-    ("08 0004 0000", None),  # nobody answers that
+    ("08 0004 0000", None),  # has no answer
     ("08 000A 0000", "08 000A 0000"),
     *((f"08 {sub:04X} 0000", f"08 {sub:04X} 0107") for sub in range(0x0B, 0x13)),
     ("08 0014 0000", "08 0014 0000"),
@@ -75,10 +75,10 @@ MESSAGES = [
     for is_answer, text in enumerate(exchange)
     if text is not None
 ]
-"""Number of the exchange, whether it is its answer, and the PDU."""
+"""Number of the exchange, whether the message is its answer, and the PDU."""
 
 
-def test_nothing_is_left_out() -> None:
+def test_the_exchanges_cover_every_function_and_every_exception() -> None:
     good, asked = set(), set()
     for request, response in EXCHANGES:
         pdu, answer = unhex(request), unhex(response or "")
@@ -94,7 +94,7 @@ def test_nothing_is_left_out() -> None:
 
 
 def capture(file: Path, wrap: Callable[[PacketBuilder, int, bool, bytes], bytes]) -> bytes:
-    """Every message as a packet: the file, and what stands in it."""
+    """Write every message as a packet to the file; return its bytes."""
     packer, data = PacketBuilder(), file_header()
     for place, (number, is_answer, pdu) in enumerate(MESSAGES, 1):
         data += packet_block(1.0 + place / 100, wrap(packer, number, not is_answer, pdu))
@@ -102,13 +102,13 @@ def capture(file: Path, wrap: Callable[[PacketBuilder, int, bool, bytes], bytes]
     return data
 
 
-def all_agree(rows: list[dict[str, list[str]]]) -> None:
-    """Every message, behind a header of Modbus TCP."""
+def assert_all_same(rows: list[dict[str, list[str]]]) -> None:
+    """Assert that tshark and `explain` find the same in every message, and in its MBAP header."""
     assert len(rows) == len(MESSAGES)
     for (number, is_answer, pdu), row in zip(MESSAGES, rows):
-        agree(pdu, "response" if is_answer else "request", row)
-        header_said = [int(row[name][0]) for name in TCP]
-        assert header_said == [UNIT, number, 0, len(pdu) + 1]
+        assert_same_fields(pdu, "response" if is_answer else "request", row)
+        header = [int(row[name][0]) for name in TCP]
+        assert header == [UNIT, number, 0, len(pdu) + 1]
 
 
 @pytest.mark.evidence("tshark", "frames", "tcp", *EVERY, "2B/0D")
@@ -119,10 +119,10 @@ def test_every_message_over_tcp(tmp_path: Path) -> None:
     file = tmp_path / "tcp.pcapng"
     data = capture(file, wrap)
     rows = tshark(file, ALL + TCP)
-    all_agree(rows)
-    # Its pairs are ours.
-    told = [event for event in replay(data) if isinstance(event, ResponseSeen)]
-    pairs = {round(event.at * 100) - 100: round(event.request.at * 100) - 100 for event in told if event.request}
+    assert_all_same(rows)
+    # tshark pairs requests and responses as our sniffer does.
+    responses = [event for event in replay(data) if isinstance(event, ResponseSeen)]
+    pairs = {round(event.at * 100) - 100: round(event.request.at * 100) - 100 for event in responses if event.request}
     assert pairs == {place: place - 1 for place, (_, is_answer, _) in enumerate(MESSAGES, 1) if is_answer}
     theirs = {place: int(row[PAIRED][0]) for place, row in enumerate(rows, 1) if PAIRED in row}
     assert len(theirs) > 10
@@ -132,12 +132,14 @@ def test_every_message_over_tcp(tmp_path: Path) -> None:
 @pytest.mark.evidence("tshark", "frames", "udp", *EVERY, "2B/0D")
 def test_every_message_over_udp(tmp_path: Path) -> None:
     def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
-        return packer.rtu(tcp_frame(UNIT, pdu, number), from_client=from_client)  # on the port of RTU in datagrams
+        return packer.rtu(
+            tcp_frame(UNIT, pdu, number), from_client=from_client
+        )  # to the UDP port that the builder uses for RTU
 
     file = tmp_path / "udp.pcapng"
     capture(file, wrap)
-    # It looks up the server's port in the preference of TCP.
-    all_agree(tshark(file, ALL + TCP, "-o", "mbudp.udp.port:5020", "-o", "mbtcp.tcp.port:5020"))
+    # tshark takes the server's port from the preference of TCP.
+    assert_all_same(tshark(file, ALL + TCP, "-o", "mbudp.udp.port:5020", "-o", "mbtcp.tcp.port:5020"))
 
 
 @pytest.mark.evidence("tshark", "frames", "rtu", *EVERY, "2B/0D")
@@ -153,16 +155,16 @@ def test_every_message_over_rtu(tmp_path: Path) -> None:
     assert len(rows) == len(MESSAGES)
     for (_, is_answer, pdu), row in zip(MESSAGES, rows):
         if len(pdu) == 1:
-            assert row == {}  # too short for it; compared over TCP
+            assert row == {}  # too short for tshark; compared over TCP
             continue
-        agree(pdu, "response" if is_answer else "request", row)
-        said = [int(row[name][0], 0) for name in RTU]
-        assert said == [UNIT, int.from_bytes(rtu_frame(UNIT, pdu)[-2:], "big"), 1]
+        assert_same_fields(pdu, "response" if is_answer else "request", row)
+        envelope = [int(row[name][0], 0) for name in RTU]
+        assert envelope == [UNIT, int.from_bytes(rtu_frame(UNIT, pdu)[-2:], "big"), 1]
     assert last["mbrtu.crc16.status"] == ["0"]
 
 
-def test_checksums_of_packets(tmp_path: Path) -> None:
-    """Nothing that we write is painted red: IP, UDP and TCP are right, and nothing is taken for lost or repeated."""
+def test_tshark_finds_no_wrong_checksum_and_no_lost_packet(tmp_path: Path) -> None:
+    """The checksums of IP, UDP and TCP are right, and TCP analysis reports no lost or repeated segment."""
     packer = PacketBuilder()
     data = file_header()
     for place, from_client in enumerate((True, False, True, False)):

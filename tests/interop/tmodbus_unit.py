@@ -1,4 +1,4 @@
-"""Unit 1 of a tmodbus server: their codecs and their router, with a value behind every public function but 2B/0D."""
+"""Unit 1 of a tmodbus server: its codecs and router, with a handler for every public function but 2B/0D."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.interop.exchanges import Answers
 
 
 def their_unit() -> Any:
-    """Unit 1 of their server: the values of a table behind their codecs, each function with a handler."""
+    """A router of tmodbus with the values of a table; each function has a handler."""
     from tmodbus import pdu
     from tmodbus.exceptions import IllegalDataAddressError
     from tmodbus.pdu.device import ConformityLevel
@@ -30,23 +30,23 @@ def their_unit() -> Any:
             raise IllegalDataAddressError(3)
         return row[at : at + quantity]
 
-    def write(row: list[Any], at: int, values: list[Any], said: Any) -> Any:
+    def write(row: list[Any], at: int, values: list[Any], answer: Any) -> Any:
         row[at : at + len(values)] = values
-        return said
+        return answer
 
-    def masked(request: Any) -> tuple[int, int]:
+    def mask_write(request: Any) -> tuple[int, int]:
         old, both = registers[request.address], (request.and_mask, request.or_mask)
         return write(registers, request.address, [old & both[0] | both[1] & ~both[0]], both)  # type: ignore[no-any-return]
 
-    def written_and_read(request: Any) -> list[Any]:
+    def read_write_multiple(request: Any) -> list[Any]:
         write(registers, request.write_start_address, list(request.write_values), None)
         return read(registers, request.read_start_address, request.read_quantity)
 
-    def identified(request: Any) -> Any:
+    def read_identification(request: Any) -> Any:
         code, first = request.read_device_id_code, request.object_id
         if code == 4:
             found, more, following = {first: OBJECTS[first]}, False, 0
-        else:  # one object after the other, so that there is always more
+        else:  # one object in each answer, so that more follow
             found, more = {first: OBJECTS[first]}, first < 3
             following = first + 1 if more else 0
         level = ConformityLevel.REGULAR_PLUS
@@ -63,8 +63,8 @@ def their_unit() -> Any:
         pdu.WriteMultipleRegistersPDU,
         lambda asked: write(registers, asked.start_address, asked.values, len(asked.values)),
     )
-    on(pdu.MaskWriteRegisterPDU, masked)
-    on(pdu.ReadWriteMultipleRegistersPDU, written_and_read)
+    on(pdu.MaskWriteRegisterPDU, mask_write)
+    on(pdu.ReadWriteMultipleRegistersPDU, read_write_multiple)
     on(pdu.ReadExceptionStatusPDU, lambda asked: 0x6D)
     on(pdu.ReportServerIdPDU, lambda asked: pdu.ServerIdResponse(b"tm", True, b"bench"))
     on(pdu.GetCommEventCounterPDU, lambda asked: pdu.CommEventCounterResponse(0, 3))
@@ -72,7 +72,7 @@ def their_unit() -> Any:
     on(pdu.ReadFileRecordPDU, lambda asked: [bytes(range(2 * one.record_length)) for one in asked.requests])
     on(pdu.WriteFileRecordPDU, lambda asked: list(asked.file_records))
     on(pdu.ReadFifoQueuePDU, lambda asked: [7, 8, 0xFFFF])
-    on(pdu.ReadDeviceIdentificationPDU, identified)
+    on(pdu.ReadDeviceIdentificationPDU, read_identification)
     on(pdu.DiagnosticsQueryDataPDU, lambda asked: asked.data)
     on(pdu.DiagnosticsRestartCommunicationsOptionPDU, lambda asked: asked.clear_event_log)
     on(pdu.DiagnosticsChangeAsciiInputDelimiterPDU, lambda asked: asked.delimiter)

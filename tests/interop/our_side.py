@@ -1,7 +1,7 @@
-"""Our two sides as strangers meet them: a server that knows every function, and a client that notes what it was told.
+"""Our side of the Modbus exchanges: a server with every function, and a client that records the answered services.
 
 unit 1 of our server     input register 4 is 1234, discrete input 6 is on, exception status 5A, file 4 holds 100 ...
-                         109, the queue at 30 holds 7, 8, FFFF; everything else is zero and may be written
+                         109, the queue at 30 holds 7, 8, FFFF; all else is zero and may be written
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ from tests.interop.services import TCP_LIKE, service
 LINE = "?baudrate=115200&parity=N"  # a pseudo-terminal has no parity
 LONG = "x" * 200
 OBJECTS = {3: "http://barewire.example", 0x80: "serial 42", 0x81: LONG}
-"""Identification objects besides the three of every device: together they do not fit one answer."""
+"""Identification objects beyond the three mandatory ones: together they do not fit into one answer."""
 
 Seen = set[str]
 
 
-class Known(Table):
-    """The unit. It notes what it answered. It answers 08, 0B and 0C itself where the server does not, on TCP, and 08/03
-    where no line of ASCII is."""
+class FullUnit(Table):
+    """Unit 1 of our server. It records the services that it answered.
+
+    On TCP the server leaves 08, 0B and 0C to the unit, so it answers them; 08/03 it answers except on ASCII lines."""
 
     def __init__(self, carrier: str, seen: Seen) -> None:
         super().__init__(10000, objects=OBJECTS, files={4: range(100, 110)})
@@ -54,11 +55,11 @@ class Known(Table):
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
-        """All there is."""
+        """Every function."""
         return True
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """What the table says, and a little more."""
+        """Answer from the table; count on TCP; record the service."""
         counters = self._counters
         if counters is not None:
             counters.frame()
@@ -73,12 +74,12 @@ class Known(Table):
 
     def _answer(self, request: Any, now: float) -> Response | None:
         if request == Diagnostics(CHANGE_ASCII_DELIMITER, b"\n\0") and not self._is_ascii:
-            return DiagnosticsResponse(CHANGE_ASCII_DELIMITER, b"\n\0")  # LF was as good as anything there
+            return DiagnosticsResponse(CHANGE_ASCII_DELIMITER, b"\n\0")  # no effect outside ASCII
         if isinstance(request, ANSWERED):
             if self._counters is not None:
                 return self._counters.answer(request)
             self._seen.add(service(request))
-            raise ModbusException(ILLEGAL_FUNCTION)  # the server has the counters of the line, and answers
+            raise ModbusException(ILLEGAL_FUNCTION)  # the server has the line's counters and answers itself
         if isinstance(request, CanopenReference):
             data = b"" if request.write else bytes(range(request.count))
             place = (request.node, request.index, request.sub_index, request.start, request.count)
@@ -87,24 +88,24 @@ class Known(Table):
 
 
 def server_url(carrier: str, certificates: Path) -> str:
-    """Where our server is to be started."""
+    """The URL for our server."""
     if carrier in ("rtu", "ascii"):
         return f"{carrier}://pty{LINE}"
     return tls_url(certificates, "server", roles="any") if carrier == "tls" else f"{carrier}://127.0.0.1:0"
 
 
 @contextlib.contextmanager
-def our_server(carrier: str, certificates: Path, seen: Seen) -> Iterator[tuple[str, Known]]:
-    """Our server, and its unit 1; gives PATH or HOST:PORT."""
-    unit = Known(carrier, seen)
+def our_server(carrier: str, certificates: Path, seen: Seen) -> Iterator[tuple[str, FullUnit]]:
+    """Run our server; yield PATH or HOST:PORT, and unit 1."""
+    unit = FullUnit(carrier, seen)
     with ModbusServer(server_url(carrier, certificates), units={1: unit}) as host:
         yield place_of(host), unit
 
 
 @contextlib.contextmanager
-def our_asyncio_server(carrier: str, seen: Seen) -> Iterator[tuple[str, Known]]:
-    """The same on a serial line, where our asyncio server is another one; gives the path of the line's other end."""
-    unit = Known(carrier, seen)
+def our_asyncio_server(carrier: str, seen: Seen) -> Iterator[tuple[str, FullUnit]]:
+    """Run our asyncio server on a serial line; yield the path of the other end, and unit 1."""
+    unit = FullUnit(carrier, seen)
 
     @contextlib.asynccontextmanager
     async def serving() -> AsyncIterator[None]:
@@ -126,64 +127,64 @@ def port_of(place: str) -> int:
 
 
 def client_url(carrier: str, place: str, certificates: Path, timeout: float = 2.0) -> str:
-    """The URL of a server at PATH or HOST:PORT, as our client takes it."""
+    """The URL with which our client connects to a server at PATH or HOST:PORT."""
     if carrier == "tls":
         return tls_url(certificates, "operator", place, unit="1", timeout=str(timeout))
     options = f"{LINE}&" if carrier in ("rtu", "ascii") else "?"
     return f"{carrier}://{place}{options}unit=1&timeout={timeout}"
 
 
-class Asker:
-    """Our client, blocking or asyncio, under the same words; it notes what was answered."""
+class RecordingClient:
+    """Our client, blocking or asyncio, with the same awaitable methods; it records the answered services."""
 
     def __init__(self, client: Any, seen: Seen) -> None:
         self._client = client
         self._seen = seen
 
     async def ask(self, request: Any, **how: Any) -> Any:
-        """Any message."""
+        """Send any request and return its response."""
         answer = await _value(self._client.ask(request, **how))
         self._seen.add(service(request))
         return answer
 
-    async def silenced(self) -> None:
-        """Force Listen Only: nobody answers."""
+    async def force_listen_only(self) -> None:
+        """Force Listen Only Mode, which has no answer."""
         assert isinstance(await self.ask(Diagnostics(FORCE_LISTEN_ONLY), timeout=0.1), Unanswered)
 
-    async def talk(self, make: Callable[..., Any]) -> Any:
-        """Any conversation."""
+    async def run(self, make: Callable[..., Any]) -> Any:
+        """Run any conversation of the bus."""
         return await _value(self._client.run_with_bus(make))
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Any]]:
-        async def said(*values: Any, **named: Any) -> Any:
+        async def method(*values: Any, **named: Any) -> Any:
             answer = await _value(getattr(self._client, name)(*values, **named))
             request, _ = getattr(ModbusMethods, name).__wrapped__(self._client, *values, **named)
             self._seen.add(service(request))
             return answer
 
-        return said
+        return method
 
 
-async def _value(said: Any) -> Any:
-    return await said if inspect.isawaitable(said) else said
+async def _value(result: Any) -> Any:
+    return await result if inspect.isawaitable(result) else result
 
 
 def until(happened: Callable[[], bool]) -> None:
-    """Wait for what our server does in its own thread, half a minute at most."""
+    """Wait, at most half a minute, for an effect in the thread of our server."""
     give_up = time.monotonic() + 30.0
     while not happened():
         assert time.monotonic() < give_up
         time.sleep(0.01)
 
 
-def with_both(url: str, seen: Seen, talk: Callable[[Asker], Awaitable[None]]) -> None:
-    """Have the same conversation with the blocking client, then with the asyncio one."""
+def with_both(url: str, seen: Seen, talk: Callable[[RecordingClient], Awaitable[None]]) -> None:
+    """Run the same requests with the blocking client, then with the asyncio client."""
 
     async def main() -> None:
         with ModbusClient(url) as blocking:
-            await talk(Asker(blocking, seen))
+            await talk(RecordingClient(blocking, seen))
             blocking.settle()
         async with AsyncModbusClient(url) as waiting:
-            await talk(Asker(waiting, seen))
+            await talk(RecordingClient(waiting, seen))
 
     asyncio.run(main())

@@ -1,8 +1,8 @@
-"""Servers of other people, started to be held against the batteries: `python tools/conform_page.py --measure`.
+"""Servers of peer libraries, tested with the conformance batteries: `python tools/conform_page.py --measure`.
 
-    name, version, {battery: endpoint}      each a hundred registers and coils for unit 1
+    name, version, {battery: endpoint}      each server has a hundred registers and coils for unit 1
 
-A stranger that is not installed is named as missing. Everything that is started here is ended here.
+A library that is not installed is reported as missing. Every process that is started here is ended here.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ time.sleep(600)
 
 @contextmanager
 def running(command: list[str]) -> Iterator[str]:
-    """A program that says a line when it is ready; the line. Killed at the end."""
+    """Run a program that prints a line when it is ready; yield the line. The program is killed at the end."""
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             assert process.stdout is not None
@@ -72,7 +72,7 @@ def running(command: list[str]) -> Iterator[str]:
 
 @contextmanager
 def wire() -> Iterator[tuple[str, str]]:
-    """Two pseudo-terminals that are one line: the paths of its ends."""
+    """Connect two pseudo-terminals to one line; yield the paths of its ends."""
     ends, stop = (PseudoTerminal(), PseudoTerminal()), threading.Event()
 
     def carry(source: PseudoTerminal, target: PseudoTerminal) -> None:
@@ -96,7 +96,7 @@ def wire() -> Iterator[tuple[str, str]]:
 
 @contextmanager
 def server(kind: str, command: Callable[[str, str], list[str]]) -> Iterator[tuple[str, str]]:
-    """A stranger on a port of its own: what it said, and the endpoint."""
+    """Run a server on a port of its own; yield the line that it printed, and the endpoint."""
     with ExitStack() as stack:
         if kind == "tcp":
             with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -105,9 +105,9 @@ def server(kind: str, command: Callable[[str, str], list[str]]) -> Iterator[tupl
         else:
             place, ours = stack.enter_context(wire())
             url = f"{kind}://{ours}?{LINE}"
-        said = stack.enter_context(running(command(kind, place)))
-        time.sleep(0.3)  # some say that they are ready a little before they are
-        yield said, url
+        ready = stack.enter_context(running(command(kind, place)))
+        time.sleep(0.3)  # some print the line a little before they are ready
+        yield ready, url
 
 
 def _python(program: str) -> Callable[[str, str], list[str]]:
@@ -130,7 +130,7 @@ Measure = Callable[[str], dict[str, str]]
 
 
 def measured(measure: Measure) -> Iterator[tuple[str, str, dict[str, str]]]:
-    """For each stranger that is here, and each battery that it has a carrier for: what it answered, by case."""
+    """For each installed library and each battery whose carrier it supports: its name, the battery, the results."""
     for name, module, program, kinds in (
         ("pymodbus", "pymodbus", PYMODBUS, ("tcp", "rtu", "ascii")),
         ("pyModbusTCP", "pyModbusTCP", PYMODBUSTCP, ("tcp",)),
@@ -146,5 +146,5 @@ def measured(measure: Measure) -> Iterator[tuple[str, str, dict[str, str]]]:
             sys.stderr.write("libmodbus or a C compiler is not installed\n")
             return
         for kind in ("tcp", "rtu"):
-            with server(kind, lambda kind, place: [str(program_of_c), kind, place]) as (said, url):
-                yield f"libmodbus {said.partition(' ')[2]}".strip(), kind, measure(url)
+            with server(kind, lambda kind, place: [str(program_of_c), kind, place]) as (ready, url):
+                yield f"libmodbus {ready.partition(' ')[2]}".strip(), kind, measure(url)
