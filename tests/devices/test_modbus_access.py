@@ -169,7 +169,7 @@ def test_a_soft_starter_takes_one_register_with_06_at_the_address_below_the_prin
         (CSD, {"Control Word": 0.5}, "Control Word = 0.5: 0.5 is not a whole number for u16"),
         (CSD, {"Control Word": "on"}, "Control Word = 'on': expected a number"),
         (CSD, {"Control Word": float("nan")}, "Control Word = nan: expected 0..65535"),
-        (AZ3, {"START PHASING": 2}, "START PHASING = 2: expected 0 or 1 (off or on)"),
+        (AZ3, {"START PHASING": 2}, "START PHASING = 2: expected 0 (off) or 1 (on)"),
         (AZ3, {"TDI CW MODE": 256}, "TDI CW MODE = 256: expected"),
         (AZ3, {"COIL WORD 0": 0}, "COIL WORD 0 has no address on Modbus: it is object 2018h:00 on CANopen"),
     ],

@@ -122,6 +122,12 @@ def test_what_is_no_request_message_is_explained(client: Any) -> None:
 def test_a_server_without_a_dict_of_units_is_explained(server: Any) -> None:
     with refused(barewire.EncodeError, "expected a dict of unit address and unit, such as {1: Table()}"):
         server("tcp://127.0.0.1:0", barewire.Table())
+    with refused(barewire.EncodeError, "units: address 256: expected 0..255"):
+        server("tcp://127.0.0.1:0", {256: barewire.Table()})
+    with refused(
+        barewire.EncodeError, "units: unit 1: 5: expected a Table, Functions, or an object with handle(request, now)"
+    ):
+        server("tcp://127.0.0.1:0", {1: 5})
 
 
 def test_both_clients_have_the_same_methods() -> None:

@@ -99,9 +99,11 @@ def test_errors_name_the_device_and_the_wire() -> None:
     with (
         ModbusServer("tcp://127.0.0.1:0", units={}) as server,
         connect("adxl", server.url) as adxl,
-        pytest.raises(EncodeError, match="adxl is no drive"),
     ):
-        adxl.drive.enable()
+        with pytest.raises(EncodeError, match="adxl is no drive"):
+            adxl.drive.enable()
+        with pytest.raises(EncodeError, match=r"\['Status'\] is no name of a parameter of adxl; expected a text"):
+            adxl.read(["Status"])  # type: ignore[call-overload]
     with pytest.raises(PortError):
         connect("az3", "tcp://127.0.0.1:1", timeout=0.1)
     with pytest.raises(EncodeError, match="unknown option 'speed'"):

@@ -103,10 +103,16 @@ class Parameter:
         return self.access != "ro"
 
     def check(self, value: Value) -> Value:
-        """The value, if it is in the range of the parameter; otherwise EncodeError with the range."""
+        """The value, if it is in the range of the parameter; otherwise EncodeError with the range.
+
+        >>> Parameter("Set-point", "u16", unit="l/h", maximum=100).check(101)
+        Traceback (most recent call last):
+        ...
+        barewire.errors.EncodeError: Set-point = 101: expected at most 100 l/h
+        """
         if self.type == "bool":
             if value not in (0, 1):
-                raise EncodeError(f"{self.name} = {shown(value)}: expected 0 or 1 (off or on)", self.name)
+                raise EncodeError(f"{self.name} = {shown(value)}: expected 0 (off) or 1 (on)", self.name)
             return bool(value)
         if self.type == "text":
             if not isinstance(value, str):
@@ -117,9 +123,7 @@ class Parameter:
         # Compared this way round, not-a-number is outside of every range.
         above = self.minimum is None or value >= self.limit(self.minimum, -1)
         if not (above and (self.maximum is None or value <= self.limit(self.maximum, 1))):
-            low = "" if self.minimum is None else show(self.minimum)
-            high = "" if self.maximum is None else show(self.maximum)
-            limits = low if low == high else f"{low}..{high}"
+            limits = _range_text(self.minimum, self.maximum)
             raise EncodeError(f"{self.name} = {show(value)}: expected {limits} {self.unit}".rstrip(), self.name)
         return value
 
@@ -289,7 +293,11 @@ class Parameter:
 
 
 class Reading(NamedTuple):
-    """A parameter and the value that was read."""
+    """A parameter and the value that was read.
+
+    >>> Reading(Parameter("Voltage", "f32", unit="V"), 230.0)
+    <Reading Voltage = 230 V>
+    """
 
     parameter: Parameter
     value: Value
@@ -306,6 +314,15 @@ class Reading(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.name} = {self.parameter.text(self.value)}"
+
+    def __repr__(self) -> str:
+        return f"<Reading {self}>"
+
+
+def _range_text(low: int | float | None, high: int | float | None) -> str:
+    if low is None or high is None:
+        return f"at least {show(low)}" if low is not None else f"at most {show(high or 0)}"
+    return show(low) if low == high else f"{show(low)}..{show(high)}"
 
 
 def show(value: Value) -> str:

@@ -23,7 +23,7 @@ from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, overload
 
-from barewire.errors import DecodeError, EncodeError, Refused
+from barewire.errors import DecodeError, EncodeError, Refused, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,9 +60,9 @@ class _Names(ABC):
         found = self.readable if names is None else list(names)
         for name in found:
             if not isinstance(name, str):
-                raise EncodeError(
-                    f"{name!r} is no name of a parameter of {self.device.name}; by index it is node.sdo.upload"
-                )
+                by_index = self.device.canopen is not None and isinstance(name, (int, tuple))
+                hint = "by index it is node.sdo.upload" if by_index else "expected a text"
+                raise EncodeError(f"{shown(name)} is no name of a parameter of {self.device.name}; {hint}")
         return found
 
     def _values(self, name: Any, value: Value | None) -> Mapping[str, Value]:

@@ -141,6 +141,8 @@ def test_wrong_arguments_give_an_error_that_names_the_right_method() -> None:
             described.read("STATUS WRD")
         with pytest.raises(AttributeError, match=r"'read' needs names: bus.node\(5, device=...\)"):
             node.read("STATUS WORD")  # type: ignore[attr-defined]
+        with pytest.raises(AttributeError, match=r"'drive' needs names: bus.node\(5, device=...\)$"):
+            node.drive  # type: ignore[attr-defined]  # noqa: B018
         client.bus.close()
 
 

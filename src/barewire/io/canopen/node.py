@@ -96,8 +96,10 @@ class Node(Methods[R]):
 
         def __getattr__(self, name: str) -> Any:
             if name in _NAMED:
-                described = f"bus.node({self.number}, device=...) or bus.node({self.number}, eds=...)"
-                raise AttributeError(f"node {self.number}: {name!r} needs names: {described}; without: node.sdo")
+                described = f"bus.node({self.number}, device=...)"
+                if name != "drive":
+                    described += f" or bus.node({self.number}, eds=...); without: node.sdo"
+                raise AttributeError(f"node {self.number}: {name!r} needs names: {described}")
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 

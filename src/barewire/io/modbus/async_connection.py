@@ -6,6 +6,9 @@
 
 A lane is one request under way. There is one on a serial line and up to 16 over TCP, TLS and UDP, where `FanOut` passes
 each answer to the lane with its transaction number.
+
+A task that is cancelled gives its lane back, and the connection stays open for the others. `_failed` closes it after
+any error that leaves it useless: the port failed, or the line cannot find the next frame.
 """
 
 from __future__ import annotations

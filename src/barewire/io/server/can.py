@@ -212,7 +212,8 @@ def _machine(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | 
         device = simulator(device, time.monotonic(), node=number)
     adapter = getattr(device, "canopen", device)
     if device is not None and adapter is None:
-        raise EncodeError(f"{shown(device)} has no CANopen", "device")
+        described = getattr(device, "device", None)
+        raise EncodeError(f"{described.name if described else shown(device)} has no CANopen", "device")
     if hasattr(adapter, "feed") and hasattr(adapter, "deadline"):
         machine = cast("CanopenNode", adapter)
         _check_number(endpoint, machine)

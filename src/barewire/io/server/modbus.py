@@ -126,11 +126,17 @@ def _service(
 
 
 def check_units(units: Mapping[int, Unit]) -> None:
-    """Raise EncodeError for what is no mapping from unit addresses to units."""
+    """Raise EncodeError for what is no mapping from unit addresses, 0 to 255, to objects with a method `handle`."""
     if not hasattr(units, "get") or not hasattr(units, "keys"):
         raise EncodeError(
             f"units: expected a dict of unit address and unit, such as {{1: Table()}}, got {shown(units)}"
         )
+    for address in units.keys():  # noqa: SIM118 - what iterates itself need not be a mapping
+        if isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 255:
+            raise EncodeError(f"units: address {shown(address)}: expected 0..255")
+        if not callable(getattr(units.get(address), "handle", None)):
+            expected = "a Table, Functions, or an object with handle(request, now)"
+            raise EncodeError(f"units: unit {address}: {shown(units.get(address))}: expected {expected}")
 
 
 def port_number(url: str) -> int:

@@ -1,6 +1,6 @@
 """The AZ3 servo drive: one machine on Modbus RTU and on CANopen.
 
-    motion          units, limits and settings of the axis; the brake
+    motion          units, limits and rates of the axis, which `sim.motion` moves along its ramps; the brake
     phasing         alignment of motor and encoder
     memory          saved parameters, node-ID, bit rate and unit address
     measurements    torque, current, voltage and the values computed from the axis
