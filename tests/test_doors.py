@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -83,3 +84,11 @@ def test_these_rooms_have_lazy_doors() -> None:
         ),
         *("barewire", "barewire.devices", "barewire.io"),
     }
+
+
+@pytest.mark.parametrize("door", DOORS, ids=room)
+def test_a_console_completes_the_names_that_are_not_loaded(door: Path) -> None:
+    module = import_module(room(door))
+    _, files = lists(door)
+    assert {name for names in files.values() for name in names} <= set(dir(module))
+    assert "__doc__" in dir(module)

@@ -3,7 +3,7 @@
     if TYPE_CHECKING:
         from barewire.modbus.adu import Adu as Adu, Noise as Noise           # for type checkers
 
-    __getattr__, __all__ = lazy(__name__, {"adu": "Adu Noise", ...})         # for programs, in reading order
+    __getattr__, __dir__, __all__ = lazy(__name__, {"adu": "Adu Noise", ...})         # for programs, in reading order
 
 So `from barewire.modbus import Adu` loads `barewire.modbus.adu` and what that file needs, and no message class. A door
 lists its names twice because type checkers read only import statements; `tests/test_doors.py` compares the two lists.
@@ -19,16 +19,17 @@ from sys import modules
 from typing import Any
 
 
-def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], list[str]]:
-    """The `__getattr__` and the `__all__` of the package `room`.
+def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """The `__getattr__`, the `__dir__` and the `__all__` of the package `room`.
 
     `files` maps each file, relative to the room, to the names it offers, separated by spaces.
 
-    >>> find, names = lazy("barewire.modbus", {"adu": "Adu Noise", "server.table": "Table"})
+    >>> find, _, names = lazy("barewire.modbus", {"adu": "Adu Noise", "server.table": "Table"})
     >>> find("Adu").__module__, names
     ('barewire.modbus.adu', ['Adu', 'Noise', 'Table'])
 
-    `__getattr__` raises AttributeError, as a module does, for a name that is not in the list.
+    `__getattr__` raises AttributeError, as a module does, for a name that is not in the list. `__dir__` has the
+    names that are not loaded yet too, so that a console completes them.
     """
     file_of = {name: file for file, names in files.items() for name in names.split()}
 
@@ -39,4 +40,7 @@ def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], lis
             return found
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
 
-    return find, list(file_of)
+    def known() -> list[str]:
+        return sorted({*vars(modules[room]), *file_of})
+
+    return find, known, list(file_of)

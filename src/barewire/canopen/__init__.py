@@ -148,7 +148,7 @@ if TYPE_CHECKING:
     )
     from barewire.canopen.time_types import TimeDifference as TimeDifference, TimeOfDay as TimeOfDay
 
-__getattr__, __all__ = lazy(
+__getattr__, __dir__, __all__ = lazy(
     __name__,
     {
         "frame": "CanFrame FdFrame ErrorFrame",

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     )
     from barewire.devices.plan import plan_reads as plan_reads, plan_writes as plan_writes
 
-__getattr__, __all__ = lazy(
+__getattr__, __dir__, __all__ = lazy(
     __name__,
     {
         "description.load": "load names",

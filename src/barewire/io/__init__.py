@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from barewire.io.engine.blocking import run as run
     from barewire.io.ports.base import Port as Port
 
-__getattr__, __all__ = lazy(
+__getattr__, __dir__, __all__ = lazy(
     __name__,
     {
         "endpoint": "Endpoint",

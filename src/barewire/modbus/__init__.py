@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     )
     from barewire.modbus.server.table import Table as Table
 
-__getattr__, __all__ = lazy(
+__getattr__, __dir__, __all__ = lazy(
     __name__,
     {
         "adu": "BROADCAST PDU_LIMIT Adu Noise",

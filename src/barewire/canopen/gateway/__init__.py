@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from barewire.canopen.gateway.notices import Notices as Notices
     from barewire.canopen.gateway.session import GatewaySession as GatewaySession
 
-__getattr__, __all__ = lazy(
+__getattr__, __dir__, __all__ = lazy(
     __name__,
     {
         "codes": "GatewayCode GatewayError",

@@ -69,7 +69,7 @@ if TYPE_CHECKING:
         ServerCounters as ServerCounters,
     )
 
-__getattr__, __all__ = lazy(
+__getattr__, __dir__, __all__ = lazy(
     __name__,
     {
         "client.upload": "upload upload_to",

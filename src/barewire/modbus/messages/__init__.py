@@ -89,7 +89,7 @@ if TYPE_CHECKING:
         WriteSingleRegisterResponse as WriteSingleRegisterResponse,
     )
 
-__getattr__, NAMES = lazy(
+__getattr__, __dir__, NAMES = lazy(
     __name__,
     {
         "coils": (
