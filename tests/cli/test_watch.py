@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from barewire.cli.polling import Poll, Source, due, polls
 
 from barewire import ModbusServer
 from barewire.cli.plot import check, draw
-from barewire.cli.polling import Poll, Source, due, polls
 from barewire.devices import Device, Reading, load
 from barewire.devices.raw_address import device_with
 from barewire.errors import EncodeError, NoAnswer, PortError

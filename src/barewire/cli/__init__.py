@@ -1,11 +1,21 @@
-"""The command `barewire`: one file for each of its words.
+"""The command `barewire`. Files in reading order:
 
-demo       watch it work               devices    the machines and their parameters      simulate   be one of them
-read       named values                write      named values                           watch      them, periodically
-drive      enable, move, stop          explain    any frame, in words
+    app               the main command: loads a command when it is used; errors and exit statuses
+    arguments         arguments, options and output that several commands share
+    demo              `demo`: simulated machines read and written on every wire
+    devices           `devices`: the catalogue, and every parameter of a device
+    simulate          `simulate`: a machine or a table on real ports
+    read_write        `read`, `write`: named values
+    watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
+    drive             `drive`: enable, move and stop a drive
+    explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
+    conform           `conform`: a server or a CANopen device against the standard
+    canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
+    eds               `eds`: export and check electronic data sheets
 
-I know: words on a command line, tables on a terminal, exit statuses (0 done, 1 it went wrong, 2 that is no command).
-I never know: anything that a program could not do without me. Nobody imports me.
+Exit status: 0 done, 1 failed, 2 wrong usage, 128 + n ended by signal n.
+
+Depends on: every other room, click and rich.  Used by: nothing; what a command does, a program can do without it.
 """
 
 from __future__ import annotations
@@ -14,13 +24,13 @@ import sys
 
 
 def main() -> None:
-    """The entry point. Without the extra `cli` it says so in one line."""
+    """The entry point. Without the extra `cli`, print one line that names it."""
     try:
         import click  # noqa: F401
         import rich  # noqa: F401
     except ModuleNotFoundError:
         print("barewire: the command needs the extra 'cli': pip install 'barewire[cli]'", file=sys.stderr)
         sys.exit(1)
-    from barewire.cli.app import run
+    from barewire.cli.app import run_command_line
 
-    sys.exit(run(sys.argv[1:]))
+    sys.exit(run_command_line(sys.argv[1:]))

@@ -1,7 +1,7 @@
-"""The command's frame: its words, and what happens when something goes wrong.
+"""The main command: the list of commands, and what happens when one fails.
 
-Every error that barewire raises on purpose becomes one line on stderr and exit status 1, and so does a command that
-cannot be understood, with status 2. Anything else would be a bug of ours, and is shown as one.
+Every exception that barewire raises on purpose becomes one line on stderr and exit status 1; wrong usage becomes one
+line and status 2. Any other exception is a bug of barewire and shows its traceback.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ COMMANDS = {
     "demo": "demo",
     "devices": "devices",
     "simulate": "simulate",
-    "read": "values",
-    "write": "values",
+    "read": "read_write",
+    "write": "read_write",
     "watch": "watch",
     "drive": "drive",
     "explain": "explain",
@@ -30,10 +30,11 @@ COMMANDS = {
     "canopen-gateway": "canopen_gateway",
     "eds": "eds",
 }
-"""Which file has which command. It is loaded when the command is used: explaining a frame needs no CAN bus."""
+"""Command -> file. A file is loaded when its command is used, so `explain` loads no CAN bus; in it, the click command
+of `canopen-gateway` is `canopen_gateway_command`."""
 
 
-class Commands(click.Group):
+class LazyGroup(click.Group):
     """A group whose commands are loaded when they are needed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -45,45 +46,46 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"barewire.cli.{COMMANDS[cmd_name]}")
-        command = getattr(module, cmd_name.replace("-", "_"))
+        command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
         return command
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command and return its exit status: 0 done, 1 it went wrong, 2 that is no command."""
-    # A terminal that has no degree sign still gets the number.
+def run_command_line(arguments: list[str]) -> int:
+    """Run a command and return its exit status: 0 done, 1 failed, 2 wrong usage, 130 after Ctrl-C."""
+    # A character that the terminal cannot show, such as a degree sign, is replaced; the value is still printed.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        status = barewire.main(arguments, prog_name="barewire", standalone_mode=False)
+        status = barewire_command.main(arguments, prog_name="barewire", standalone_mode=False)
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
-        return _say(error.format_message(), error.exit_code)
+        return _print_error(error.format_message(), error.exit_code)
     except BarewireError as error:
-        # A note says what the error could not know: which names were being read, what was written before.
-        return _say("; ".join([str(error), *getattr(error, "__notes__", [])]), 1)
+        from barewire.cli.arguments import error_text
+
+        return _print_error(error_text(error), 1)
     except BrokenPipeError:
-        # Whoever read our output has had enough (`| head`): no reason to complain, nor to flush the rest.
+        # The reader of the output has ended (`| head`): that is no error, and there is nothing left to flush to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        return _say(f"output: {error.strerror or error}", 1)
+        return _print_error(f"output: {error.strerror or error}", 1)
     except (KeyboardInterrupt, click.Abort):
         return 130
 
 
-def _say(text: str, status: int) -> int:
+def _print_error(text: str, status: int) -> int:
     print(f"barewire: {' '.join(text.split())}", file=sys.stderr)
     return status
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="barewire")
-def barewire() -> None:
-    """Modbus (RTU, ASCII, TCP) and CANopen, from the first bit of a CRC to a named value with its unit.
+def barewire_command() -> None:
+    """Read, write, simulate, monitor and test Modbus (RTU, ASCII, TCP) and CANopen devices.
 
     \b
     ENDPOINT is a URL:

@@ -1,22 +1,29 @@
-"""What several commands take and give: an endpoint, a device; one JSON object a line."""
+"""Arguments, options and output that several commands share.
+
+The bodies import what they need: `barewire read` must not load the EDS parser or the CAN monitor.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import Endpoint
+
+if TYPE_CHECKING:
+    from barewire.explain.can_monitor import KnownNode
 
 
 class EndpointArgument(click.ParamType[str]):
-    """A URL, checked before anything is opened; it stays text."""
+    """A URL. It is checked before any port is opened, and passed on as text."""
 
     name = "endpoint"
 
@@ -31,30 +38,52 @@ class EndpointArgument(click.ParamType[str]):
 
 endpoint_argument = click.argument("endpoint", type=EndpointArgument())
 device_argument = click.argument("device")
-json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-
-
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 timing_option = click.option(
-    "--timing", is_flag=True, help="Say on stderr what the line's settings and its latency mean, in milliseconds."
+    "--timing", is_flag=True, help="Print on stderr the silence and pauses of the line, in milliseconds."
+)
+nodes_option = click.option(
+    "--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each."
 )
 
 
-def say_timing(endpoint: str, wanted: bool) -> None:
-    """What `--timing` asks for."""
-    if wanted:
-        from barewire.io.modbus.carriers import modbus_endpoint, timing_in_words
+def print_timing(endpoint: str) -> None:
+    """Print the times of a line on stderr, for `--timing`."""
+    from barewire.io.modbus.carriers import modbus_endpoint, timing_in_words
 
-        print(f"barewire: {endpoint} {timing_in_words(modbus_endpoint(endpoint))}", file=sys.stderr)
+    print(f"barewire: {endpoint} {timing_in_words(modbus_endpoint(endpoint))}", file=sys.stderr)
 
 
 def print_json(fields: Any) -> None:
-    """One object on one line, at once."""
-    print(json.dumps(_plain(fields), ensure_ascii=False, allow_nan=False), flush=True)
+    """Print one object on one line, and flush it."""
+    print(json.dumps(_without_nan(fields), ensure_ascii=False, allow_nan=False), flush=True)
+
+
+def _without_nan(value: Any) -> Any:
+    """The same with text in place of NaN and the infinities, for which JSON has no numbers."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    return [_without_nan(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def error_text(error: Exception) -> str:
+    """The text of an error, with its notes: which names were being read, what was written before."""
+    return "; ".join([str(error), *getattr(error, "__notes__", [])])
+
+
+def file_content(path: str | Path) -> bytes:
+    """The bytes of a file. PortError if it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise PortError(f"{path}: {error.strerror or error}") from None
 
 
 @contextmanager
-def ending(as_json: bool) -> Iterator[None]:
-    """A battery that could not be finished says so in JSON too, as its last object."""
+def unfinished_as_json(as_json: bool) -> Iterator[None]:
+    """With `--json`, print the early end of a conformance run as the last object. The error is raised in any case."""
     from barewire.io.engine.conformance import Unfinished
 
     try:
@@ -65,10 +94,32 @@ def ending(as_json: bool) -> Iterator[None]:
         raise
 
 
-def _plain(value: Any) -> Any:
-    """JSON has no numbers for NaN and the infinities: they are told as text."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+def known_nodes(devices: Iterable[str], nodes: Iterable[int]) -> list[KnownNode]:
+    """The nodes of `--device az3 --node 5`, given once for each node. A device is a name of the catalogue, the path of
+    a description, or an EDS or DCF file."""
+    numbers = list(nodes)
+    names = list(devices)
+    if len(numbers) > len(names):
+        raise EncodeError("--node without --device: give a --device for each --node")
+    found = []
+    for place, name in enumerate(names):
+        number = numbers[place] if place < len(numbers) else None
+        if number is not None and not 1 <= number <= 127:
+            raise EncodeError(f"--node {number}: expected 1..127")
+        found.append(_known_node(name, number))
+    return found
+
+
+def _known_node(name: str, node: int | None) -> KnownNode:
+    from barewire.explain.can_monitor import of_device, of_dictionary
+
+    if not name.lower().endswith((".eds", ".dcf")):
+        from barewire.devices import load
+
+        return of_device(load(name), node)
+    from barewire.canopen.eds import parse
+
+    document = parse(file_content(name))
+    if node is None:
+        raise EncodeError(f"{name}: an EDS has no node-ID: give it with --node")
+    return of_dictionary(document.dictionary(node), node, name)

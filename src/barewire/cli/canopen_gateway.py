@@ -1,4 +1,4 @@
-"""`barewire canopen-gateway`: a CANopen net in lines of text, over TCP."""
+"""`barewire canopen-gateway`: a CANopen network as lines of text over TCP."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import signal
 
 import click
 
-from barewire import __version__
+from barewire import AsyncCanopenClient, __version__
 from barewire.cli.arguments import endpoint_argument
 from barewire.errors import EncodeError
-from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.gateway_server import serve_gateway
 from barewire.io.endpoint import Endpoint
 
-LOOPBACK = "127.0.0.1:4501"
+_LOOPBACK = "127.0.0.1:4501"
 
 
-@click.command()
+@click.command("canopen-gateway")
 @endpoint_argument
-@click.option("--listen", default=LOOPBACK, metavar="HOST:PORT", show_default=True, help="Where to be reached.")
-@click.option("--net", type=click.IntRange(1, 127), default=1, show_default=True, help="The number of the net.")
-def canopen_gateway(endpoint: str, listen: str, net: int) -> None:
-    """Let netcat and scripts talk to a CANopen net in lines of text, as CiA 309-3 has them.
+@click.option("--listen", default=_LOOPBACK, metavar="HOST:PORT", show_default=True, help="Address to listen on.")
+@click.option("--net", type=click.IntRange(1, 127), default=1, show_default=True, help="Number of the network.")
+def canopen_gateway_command(endpoint: str, listen: str, net: int) -> None:
+    """Serve a CANopen network as text over TCP (CiA 309-3).
 
-    Anybody who reaches the port may command every node of the bus: listen on the loopback, or behind something that
-    asks who is there.
+    Programs such as netcat send commands to nodes and receive their answers, one per line. Anyone who can connect to
+    the port can command every node of the bus: listen on the loopback interface, or behind a service that authenticates
+    its clients.
 
     \b
     barewire canopen-gateway can://socketcan/can0 &
@@ -34,11 +34,10 @@ def canopen_gateway(endpoint: str, listen: str, net: int) -> None:
     echo "[1] help" | nc -N 127.0.0.1 4501
     """
     if not endpoint.startswith("can://"):
-        raise EncodeError(f"endpoint {endpoint!r}: the gateway is one to CANopen, which goes over can://")
+        raise EncodeError(f"endpoint {endpoint!r}: the gateway is for CANopen: expected can://")
     if not listen.rpartition(":")[2].isdigit():
-        raise EncodeError(f"--listen {listen}: expected HOST:PORT, such as {LOOPBACK}")
-    at = Endpoint.parse(f"tcp://{listen}")
-    asyncio.run(_serve(endpoint, *at.host_and_port, net))
+        raise EncodeError(f"--listen {listen}: expected HOST:PORT, such as {_LOOPBACK}")
+    asyncio.run(_serve(endpoint, *Endpoint.parse(f"tcp://{listen}").host_and_port, net))
 
 
 async def _serve(endpoint: str, host: str, port: int, net: int) -> None:

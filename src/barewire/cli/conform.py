@@ -1,71 +1,151 @@
-"""`barewire conform`: hold any server against the standard, case by case."""
+"""`barewire conform`: test a Modbus server or a CANopen device against the standard, case by case."""
 
 from __future__ import annotations
 
-import json
+from typing import TYPE_CHECKING
 
 import click
 
-from barewire.cli.arguments import ending, endpoint_argument, json_option, say_timing, timing_option
+from barewire.cli.arguments import (
+    endpoint_argument,
+    json_option,
+    print_json,
+    print_timing,
+    timing_option,
+    unfinished_as_json,
+)
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.conformance import CaseResult, conform as run_battery
-from barewire.modbus.conformance.model import answer_text
+
+if TYPE_CHECKING:
+    from barewire.io.canopen.conformance import Result
+    from barewire.io.modbus.conformance import CaseResult
 
 
-@click.command()
+@click.command("conform")
 @endpoint_argument
 @json_option
 @timing_option
-@click.option("--gentle", is_flag=True, help="Only what changes nothing in the device (can:// only).")
+@click.option("--gentle", is_flag=True, help="Only cases that change nothing in the device (can:// only).")
 @click.option("--large", metavar="INDEX:SUB", help="An object that takes any bytes, for long downloads (can:// only).")
-@click.option("--only", metavar="NAME,...", default="", help="Only cases whose names begin so (can:// only).")
-def conform(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str | None, only: str) -> int:
-    """Ask a server what every server must know how to answer, and compare with the clauses of the standard.
+@click.option("--only", metavar="NAME,...", default="", help="Only cases whose names begin with NAME (can:// only).")
+def conform_command(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str | None, only: str) -> int:
+    """Test a server or device against the standard.
 
-    Registers and coils 0 to 9 of the unit are written to: not for a machine that is running. The endpoint's timeout is
-    how long silence is waited for (1 s). A server that falls silent for good ends the run, and it is said how many
-    cases were not run. Exit status 1 if a case failed or was not run.
+    A Modbus server is sent valid and invalid requests, and its responses are compared with the clauses of the standard.
+    This writes registers and coils 0 to 9 of the unit: do not run it on a machine that is operating. The timeout of the
+    endpoint is how long each response is waited for (1 s). If the server stops responding, the run ends, and the number
+    of cases that were not run is printed. Exit status 1 if a case failed or was not run.
 
     \b
     barewire conform tcp://127.0.0.1:502?unit=1
     barewire conform "rtu:///dev/ttyUSB0?baudrate=9600&unit=1&timeout=0.5"
     barewire conform "ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&unit=1"
 
-    A CANopen device is held against CiA 301 and 305. It is reset many times, started and stopped, its communication
-    objects are written and zeros are sent to its first RPDO: not for a machine that is running, unless --gentle.
+    A CANopen device is tested against CiA 301 and CiA 305. It is reset many times, started and stopped, its
+    communication objects are written and zeros are sent to its first RPDO: without --gentle, do not run it on a machine
+    that is operating.
 
     \b
     barewire conform "can://socketcan/can0?node=5"
     """
-    if endpoint.startswith("can://"):
-        from barewire.cli.conform_can import hold
+    with unfinished_as_json(as_json):
+        if endpoint.startswith("can://"):
+            return _test_node(endpoint, as_json=as_json, gentle=gentle, large=large, only=only)
+        if gentle or only or large is not None:
+            raise EncodeError(f"endpoint {endpoint!r}: --gentle, --large and --only are for can://")
+        if timing:
+            print_timing(endpoint)
+        return _test_server(endpoint, as_json)
 
-        return hold(endpoint, as_json=as_json, gentle=gentle, large=large, only=only)
-    if gentle or only or large is not None:
-        raise EncodeError(f"endpoint {endpoint!r}: --gentle, --large and --only are for can://")
-    say_timing(endpoint, timing)
+
+# A Modbus server
+
+
+def _test_server(endpoint: str, as_json: bool) -> int:
+    """Run the cases and print them; 1 if one failed."""
+    from barewire.io.modbus.conformance import conform
+
     count, failed = 0, 0
-    with ending(as_json):
-        for result in run_battery(Endpoint.parse(endpoint)):
-            count += 1
-            failed += result.failure is not None
-            print(json.dumps(_as_dict(result), ensure_ascii=False) if as_json else _line(result), flush=True)
+    for result in conform(Endpoint.parse(endpoint)):
+        count += 1
+        failed += result.failure is not None
+        if as_json:
+            print_json(_case_fields(result))
+        else:
+            status = "FAILED" if result.failure else "ok"
+            print(f"{status:6}  {result.case.clause:18}  {result.failure or result.case.name}", flush=True)
     if not as_json:
-        print(f"{count - failed} of {count} as the standard says")
+        print(f"{count - failed} of {count} passed")
     return int(failed > 0)
 
 
-def _line(result: CaseResult) -> str:
-    start = f"{'FAILED' if result.failure else 'ok':6}  {result.case.clause:18}  "
-    return start + (result.failure or result.case.name)
+def _case_fields(result: CaseResult) -> dict[str, object]:
+    from barewire.modbus.conformance.model import answer_text
 
-
-def _as_dict(result: CaseResult) -> dict[str, object]:
     return {
         "case": result.case.name,
         "clause": result.case.clause,
         "ok": result.failure is None,
-        "heard": [answer_text(one) for one in result.heard],
+        "received": [answer_text(answer) for answer in result.heard],
+        "failure": result.failure,
+    }
+
+
+# A CANopen device
+
+
+def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None, only: str) -> int:
+    """Run the cases and print them; 1 if one failed."""
+    from barewire.io.canopen.conformance import conform_can
+
+    count, failed, left_out = 0, 0, 0
+    names = tuple(name.strip().upper() for name in only.split(","))
+    for result in conform_can(Endpoint.parse(endpoint), gentle=gentle, large=_object_address(large), only=names):
+        count += result.outcome is not None
+        failed += result.failure is not None
+        left_out += result.outcome is None
+        if as_json:
+            print_json(_node_case_fields(result))
+        else:
+            print(_node_case_line(result), flush=True)
+    if not count + left_out:
+        raise EncodeError(f"--only {only!r}: no case has a name that begins so")
+    if not as_json:
+        print(f"{count - failed} of {count} passed" + (f", {left_out} left out" if left_out else ""))
+    return int(failed > 0)
+
+
+def _object_address(text: str | None) -> tuple[int, int] | None:
+    """INDEX:SUB in hexadecimal digits, as in candump and data sheets."""
+    if text is None:
+        return None
+    index, _, sub = text.partition(":")
+    try:
+        address = int(index, 16), int(sub or "0", 16)
+    except ValueError:
+        address = -1, -1
+    if not (0x2000 <= address[0] <= 0xFFFF and 0 <= address[1] <= 0xFF):
+        raise EncodeError(f"--large {text!r}: expected INDEX:SUB from 2000:00 on, in hexadecimal digits")
+    return address
+
+
+def _node_case_line(result: Result) -> str:
+    status = "FAILED" if result.failure else "-" if result.outcome is None else "ok"
+    case = result.case
+    text = f"{case.title}: {result.failure}" if result.failure else case.title
+    return f"{status:6}  {case.name:6}  {text}" + (f" ({result.left_out})" if result.left_out else "")
+
+
+def _node_case_fields(result: Result) -> dict[str, object]:
+    case = result.case
+    return {
+        "case": case.name,
+        "title": case.title,
+        "clause": case.clause,
+        "effect": case.effect,
+        "ok": None if result.outcome is None else result.failure is None,
+        "left_out": result.left_out or None,
+        "received": [] if result.outcome is None else [list(step) for step in result.outcome.received],
         "failure": result.failure,
     }

@@ -1,7 +1,7 @@
-"""`barewire demo`: the three machines, simulated, read and written by name over all four wires, every byte explained.
+"""`barewire demo`: three simulated machines, read and written by name on RTU, ASCII, TCP and CAN, each byte explained.
 
-Real ports: pseudo-terminals that take the time of 19200 8E1, TCP on loopback, and a CAN bus of python-can. What is
-shown is what travelled; nothing is prepared.
+The ports are real: pseudo-terminals with the timing of 19200 8E1, TCP on loopback, and a virtual CAN bus of python-can.
+The frames shown are those that were sent and received.
 """
 
 from __future__ import annotations
@@ -17,133 +17,137 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from barewire import CanopenClient, NoAnswer, connect
 from barewire.canopen import CanFrame
 from barewire.cli.arguments import json_option, print_json
-from barewire.cli.simulate import host_device
+from barewire.cli.simulate import device_server
 from barewire.codecs import Value
 from barewire.devices import Reading, load
 from barewire.devices.sim import Simulator, simulator
-from barewire.errors import NoAnswer
 from barewire.explain import Explanation, explain
-from barewire.io.canopen.client import CanopenClient
-from barewire.io.machine import MachineClient, connect
+from barewire.io.machine import MachineClient
 from barewire.io.ports.trace import Direction
 
-LINE = "baudrate=19200&parity=E&stopbits=1"
+_LINE = "baudrate=19200&parity=E&stopbits=1"
 
 
-class Step(NamedTuple):
-    """Read a name, or write it if there is a value; `until` waits for the device to get there."""
+class DemoStep(NamedTuple):
+    """Read a name, or write it if there is a value. With `until`, read until the text of the value has this in it."""
 
     name: str
     value: Value | None = None
     until: str = ""
 
 
-class Wire(NamedTuple):
-    """One machine on one wire, and what is done there."""
+class DemoWire(NamedTuple):
+    """One machine on one wire, and the steps to do there."""
 
     title: str
     device: str
     endpoint: str
-    steps: tuple[Step, ...]
+    steps: tuple[DemoStep, ...]
 
 
-INTRODUCTION = """\
+_INTRODUCTION = """\
 Three simulated machines on real ports. Each line in bold is one value, read or written by its name; under it are the
-frames that travelled: offset, bytes, name, value and meaning of every field. What is smaller than a register (half of
-one, a bit) is written as: read, change, write back."""
+frames on the wire: offset, bytes, name, value and meaning of every field. A value smaller than a register (half of one,
+or a bit) is read, changed and written back."""
 
-WIRES = (
-    Wire(
+_WIRES = (
+    DemoWire(
         "AZ3 servo drive, Modbus RTU",
         "az3",
-        f"rtu://pty?{LINE}",
+        f"rtu://pty?{_LINE}",
         (
-            Step("HEATSINK TEMPERATURE"),
-            Step("SPEED KP"),
-            Step("MODES OF OPERATION", 3),
-            Step("PROFILE ACCELERATION", 2000),
-            Step("PROFILE ACCELERATION"),
-            Step("STATUS WORD"),
+            DemoStep("HEATSINK TEMPERATURE"),
+            DemoStep("SPEED KP"),
+            DemoStep("MODES OF OPERATION", 3),
+            DemoStep("PROFILE ACCELERATION", 2000),
+            DemoStep("PROFILE ACCELERATION"),
+            DemoStep("STATUS WORD"),
         ),
     ),
-    Wire(
+    DemoWire(
         "the same AZ3, CANopen",
         "az3",
         "can://virtual/barewire-demo?node=1&bitrate=125000",
         (
-            Step("HEATSINK TEMPERATURE"),
-            Step("SPEED KP"),
-            Step("PROFILE ACCELERATION"),
-            Step("TARGET VELOCITY", 1500),
-            Step("TARGET VELOCITY"),
-            Step("STATUS WORD"),
+            DemoStep("HEATSINK TEMPERATURE"),
+            DemoStep("SPEED KP"),
+            DemoStep("PROFILE ACCELERATION"),
+            DemoStep("TARGET VELOCITY", 1500),
+            DemoStep("TARGET VELOCITY"),
+            DemoStep("STATUS WORD"),
         ),
     ),
-    Wire(
+    DemoWire(
         "ADXL soft starter, Modbus RTU",
         "adxl",
-        f"rtu://pty?{LINE}",
-        (Step("Thyristors temperature"), Step("Status"), Step("Motor start command", 1), Step("Status")),
+        f"rtu://pty?{_LINE}",
+        (
+            DemoStep("Thyristors temperature"),
+            DemoStep("Status"),
+            DemoStep("Motor start command", 1),
+            DemoStep("Status"),
+        ),
     ),
-    Wire(
+    DemoWire(
         "the same ADXL, Modbus ASCII",
         "adxl",
-        f"ascii://pty?{LINE}",
-        (Step("Thyristors temperature"), Step("L1 current"), Step("Motor stop command", 1)),
+        f"ascii://pty?{_LINE}",
+        (DemoStep("Thyristors temperature"), DemoStep("L1 current"), DemoStep("Motor stop command", 1)),
     ),
-    Wire(
+    DemoWire(
         "the same ADXL, Modbus TCP",
         "adxl",
         "tcp://127.0.0.1:0",
-        (Step("Thyristors temperature"), Step("Status"), Step("Start counter")),
+        (DemoStep("Thyristors temperature"), DemoStep("Status"), DemoStep("Start counter")),
     ),
-    Wire(
+    DemoWire(
         "CSD MT stepper drive, Modbus TCP",
         "csd-mt",
         "tcp://127.0.0.1:0",
         (
-            Step("Status Word", until="switch on disabled"),
-            Step("Control Word", 0x0006),
-            Step("Status Word", until="ready to switch on"),
-            Step("Control Word", 0x0007),
-            Step("Status Word", until="switched on"),
-            Step("Control Word", 0x000F),
-            Step("Status Word", until="operation enabled"),
-            Step("Position Actual Value"),
+            DemoStep("Status Word", until="switch on disabled"),
+            DemoStep("Control Word", 0x0006),
+            DemoStep("Status Word", until="ready to switch on"),
+            DemoStep("Control Word", 0x0007),
+            DemoStep("Status Word", until="switched on"),
+            DemoStep("Control Word", 0x000F),
+            DemoStep("Status Word", until="operation enabled"),
+            DemoStep("Position Actual Value"),
         ),
     ),
 )
 
 
 @dataclass
-class Frames:
-    """What passed in one exchange, in order; bytes that came in pieces are put together."""
+class ExchangeFrames:
+    """The frames of one exchange, in order; a frame that arrived in pieces is joined."""
 
     protocol: str
-    passed: list[tuple[Direction, bytes | CanFrame]] = field(default_factory=list)
+    items: list[tuple[Direction, bytes | CanFrame]] = field(default_factory=list)
 
     def watch(self, direction: Direction, item: bytes | CanFrame) -> None:
-        """Called for everything that passes the port."""
-        if isinstance(item, bytes) and self.passed and self.passed[-1][0] == direction:
-            before = self.passed[-1][1]
+        """Add what was sent or received; the port calls this."""
+        if isinstance(item, bytes) and self.items and self.items[-1][0] == direction:
+            before = self.items[-1][1]
             assert isinstance(before, bytes)
-            self.passed[-1] = (direction, before + item)
+            self.items[-1] = (direction, before + item)
         elif isinstance(item, bytes) or 0x580 <= item.id < 0x680:
-            # On a bus everybody hears everything; here only the SDO exchange is of interest.
-            self.passed.append((direction, item))
+            # A bus delivers the frames of every node; only those of the SDO exchange are shown.
+            self.items.append((direction, item))
 
     def take(self) -> list[tuple[Direction, Explanation]]:
-        """The frames so far, explained; the next exchange begins empty."""
+        """The frames so far, explained. Start the next exchange."""
         roles = {"sent": "request", "received": "response"}
-        taken = [(direction, explain(self.protocol, item, roles[direction])) for direction, item in self.passed]
-        self.passed.clear()
+        taken = [(direction, explain(self.protocol, item, roles[direction])) for direction, item in self.items]
+        self.items.clear()
         return taken
 
 
-class Exchange(NamedTuple):
-    """One step done: what it gave, and every frame of it."""
+class DemoExchange(NamedTuple):
+    """The result of a step, and its frames."""
 
     endpoint: str
     action: str
@@ -151,23 +155,26 @@ class Exchange(NamedTuple):
     frames: list[tuple[Direction, Explanation]]
 
 
-@click.command()
+@click.command("demo")
 @json_option
-def demo(as_json: bool) -> None:
-    """Watch the three machines being read and written by name over RTU, ASCII, TCP and CANopen."""
+def demo_command(as_json: bool) -> None:
+    """Read and write three simulated machines on every wire.
+
+    Every frame is shown with the meaning of its bytes.
+    """
     console = Console(highlight=False)
     table = Table(title="What was done", title_justify="left", header_style="bold")
     for title in ("machine and wire", "endpoint", "read", "written", "frames", "seconds"):
         table.add_column(title, overflow="fold")
     if not as_json:
-        console.print(INTRODUCTION)
-    machines = {wire.device: simulator(wire.device, time.monotonic()) for wire in WIRES}
-    for wire in WIRES:
+        console.print(_INTRODUCTION)
+    machines = {wire.device: simulator(wire.device, time.monotonic()) for wire in _WIRES}
+    for wire in _WIRES:
         if not as_json:
             console.print(f"\n[bold]{wire.title}[/bold]")
         began = time.monotonic()
         done = []
-        for exchange in play_wire(wire, machines[wire.device]):
+        for exchange in _run_steps(wire, machines[wire.device]):
             done.append(exchange)
             if as_json:
                 print_json(_fields(wire, exchange))
@@ -184,17 +191,17 @@ def demo(as_json: bool) -> None:
         console.print(table)
 
 
-def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
-    """Host the machine on the wire and do the steps there, one after the other."""
+def _run_steps(wire: DemoWire, machine: Simulator) -> Iterator[DemoExchange]:
+    """Serve the machine on the wire and do the steps there, one after the other."""
     description = load(wire.device)
     with ExitStack() as stack:
-        host = stack.enter_context(host_device(wire.device, wire.endpoint, machine))
+        server = stack.enter_context(device_server(wire.device, wire.endpoint, machine))
         scheme = wire.endpoint.partition(":")[0]
-        frames = Frames(scheme)
-        url = f"{host.url}&pace=1" if scheme in ("rtu", "ascii") else host.url
+        frames = ExchangeFrames(scheme)
+        url = f"{server.url}&pace=1" if scheme in ("rtu", "ascii") else server.url
         connected = stack.enter_context(connect(description, url, watch=frames.watch))
         if isinstance(connected.client, CanopenClient):
-            _until_there(connected.client)
+            _wait_for_boot_up(connected.client)
         for step in wire.steps:
             if step.value is not None:
                 connected.write(step.name, step.value)
@@ -202,18 +209,18 @@ def play_wire(wire: Wire, machine: Simulator) -> Iterator[Exchange]:
             else:
                 reading = _read(connected, step, frames)
             action = "read" if step.value is None else "write"
-            yield Exchange(host.url, action, reading, frames.take())
+            yield DemoExchange(server.url, action, reading, frames.take())
 
 
-def _until_there(client: CanopenClient) -> None:
-    """Until the node has said its boot-up message, which it may have done already."""
+def _wait_for_boot_up(client: CanopenClient) -> None:
+    """Wait for the boot-up message of the node, unless it was received already."""
     if not client.bus.monitor.frames:
         with suppress(NoAnswer):
             client.node().nmt.wait_for_boot_up(timeout=0.5)
 
 
-def _read(machine: MachineClient, step: Step, frames: Frames) -> Reading:
-    """Read the name; if the device has to get somewhere first, again and again for three seconds."""
+def _read(machine: MachineClient, step: DemoStep, frames: ExchangeFrames) -> Reading:
+    """Read the name; if the device has to reach a state first, repeat that for up to 3 s."""
     give_up = time.monotonic() + 3.0
     while True:
         reading = machine.read(step.name)
@@ -225,7 +232,7 @@ def _read(machine: MachineClient, step: Step, frames: Frames) -> Reading:
         time.sleep(0.02)
 
 
-def _print(console: Console, exchange: Exchange) -> None:
+def _print(console: Console, exchange: DemoExchange) -> None:
     arrow = "<-" if exchange.action == "write" else "->"
     value = exchange.reading.parameter.text(exchange.reading.value)
     console.print(Text(f"\n  {exchange.action} {exchange.reading.name} {arrow} {value}", style="bold green"))
@@ -235,7 +242,7 @@ def _print(console: Console, exchange: Exchange) -> None:
             console.print(Text(f"      {line}"), soft_wrap=True)
 
 
-def _fields(wire: Wire, exchange: Exchange) -> dict[str, Any]:
+def _fields(wire: DemoWire, exchange: DemoExchange) -> dict[str, Any]:
     reading = exchange.reading
     return {
         "wire": wire.title,

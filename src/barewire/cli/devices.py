@@ -1,4 +1,4 @@
-"""`barewire devices`: the machines there are, and every parameter of one, with every field of its description."""
+"""`barewire devices`: the devices of the catalogue, or every parameter of one with every field of its description."""
 
 from __future__ import annotations
 
@@ -14,21 +14,24 @@ from barewire.devices import Device, Parameter, load, names
 from barewire.devices.parameter import show
 
 
-@click.command()
+@click.command("devices")
 @click.argument("name", required=False)
 @json_option
-def devices(name: str | None, as_json: bool) -> None:
-    """List the devices, or all parameters of NAME (a device, or the directory of a description of your own)."""
+def devices_command(name: str | None, as_json: bool) -> None:
+    """List the devices, or all parameters of one.
+
+    NAME is one of the listed devices, or the directory of your own description.
+    """
     if name is None:
-        _list(as_json)
+        _print_list(as_json)
     elif as_json:
         for parameter in load(name).parameters:
             print_json(parameter.as_dict())
     else:
-        _show(load(name))
+        _print_parameters(load(name))
 
 
-def _list(as_json: bool) -> None:
+def _print_list(as_json: bool) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("name", "device", "parameters", "speaks", "described in"):
         table.add_column(title)
@@ -44,30 +47,30 @@ def _list(as_json: bool) -> None:
         Console().print(table)
 
 
-def _show(device: Device) -> None:
-    """A line for each parameter, its name first, and under it whatever else there is to say. Plain, to be grepped."""
+def _print_parameters(device: Device) -> None:
+    """A line for each parameter, its name first, and its other fields under it; plain text, for grep."""
     print(f"{device.title}: {len(device.parameters)} parameters")
     width = max((len(parameter.name) for parameter in device.parameters), default=0)
     for parameter in device.parameters:
-        print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _facts(parameter)))}")
-        for line in _details(parameter):
+        print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _main_fields(parameter)))}")
+        for line in _other_fields(parameter):
             print(textwrap.fill(line, 110, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False))
 
 
-def _facts(parameter: Parameter) -> Iterator[str]:
+def _main_fields(parameter: Parameter) -> Iterator[str]:
     yield f"{parameter.access} {parameter.type}" + ("" if parameter.scale == 1 else f" x {parameter.scale}")
     yield parameter.unit
     low = "" if parameter.minimum is None else show(parameter.minimum)
     high = "" if parameter.maximum is None else show(parameter.maximum)
     yield f"{low}..{high}" if low or high else ""
     yield "" if parameter.default is None else f"default {show(parameter.default)}"
-    yield modbus_place(parameter)
-    yield object_place(parameter)
+    yield _modbus_address(parameter)
+    yield _object_address(parameter)
     yield f"firmware {parameter.firmware}" if parameter.firmware else ""
     yield "storable" if parameter.storable else ""
 
 
-def _details(parameter: Parameter) -> Iterator[str]:
+def _other_fields(parameter: Parameter) -> Iterator[str]:
     yield from (f"{number}: {meaning}" for number, meaning in parameter.values.items())
     yield from (f"bit {bit}: {meaning}" for bit, meaning in parameter.bits.items())
     if parameter.note:
@@ -75,8 +78,8 @@ def _details(parameter: Parameter) -> Iterator[str]:
     yield from (f"the manual prints for {key}: {printed}" for key, printed in parameter.printed.items())
 
 
-def modbus_place(parameter: Parameter) -> str:
-    """'holding 0FB1h +2', 'input 24 H', 'coil 81': the place on the wire."""
+def _modbus_address(parameter: Parameter) -> str:
+    """The address on the wire, such as 'holding 4017 (0FB1h) +1', 'input 24 (0018h) H', 'coil 81 (0051h)'."""
     place = parameter.modbus
     if place is None:
         return ""
@@ -85,8 +88,8 @@ def modbus_place(parameter: Parameter) -> str:
     return f"{place.table} {place.address} ({place.address:04X}h){words}{part}"
 
 
-def object_place(parameter: Parameter) -> str:
-    """'6041h:00', and the bit if it is only one."""
+def _object_address(parameter: Parameter) -> str:
+    """The object, such as '6041h:00', and the bit if it is a single one."""
     place = parameter.object
     if place is None:
         return ""

@@ -1,4 +1,4 @@
-"""`barewire drive`: enable a drive, move it, stop it, and watch it get there."""
+"""`barewire drive`: enable, move and stop a drive, and show its progress."""
 
 from __future__ import annotations
 
@@ -14,28 +14,27 @@ import click
 from rich.console import Console
 from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from barewire import NoAnswer, PortError, connect, load
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
-from barewire.devices import load
 from barewire.devices.device import drive_roles
 from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
 from barewire.devices.parameter import show
-from barewire.errors import NoAnswer, PortError
 from barewire.io.drive import DriveClient
-from barewire.io.machine import connect
 
-Conduct = Callable[..., DriveStatus]
+_Action = Callable[..., DriveStatus]
+"""A method of a drive with the arguments of its command; returns the status at the end."""
 
 
-@click.group()
+@click.group("drive")
 @endpoint_argument
 @device_argument
 @click.pass_context
-def drive(ctx: click.Context, endpoint: str, device: str) -> None:
-    """Enable, move and stop a drive of CiA 402, over whatever wire.
+def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
+    """Enable, move and stop a CiA 402 drive.
 
-    DEVICE is one whose description has a table [drive]: az3, csd-mt, or your own. It waits until the drive is there;
-    one that does not get there is an error that says in which state it is stuck, and why. Ctrl-C while it waits for
-    a movement is a quick stop; so are SIGTERM, a terminal that is closed, and a reader of the output who leaves.
+    DEVICE is one whose description has a table [drive]: az3, csd-mt, or your own. Each command waits until the drive
+    reaches the state or position. If it does not, the error names the state in which it is stuck, and why. While a
+    movement is under way, Ctrl-C is a quick stop; so are SIGTERM, a closed terminal and a closed pipe.
 
     \b
     barewire drive tcp://192.168.1.10 csd-mt enable
@@ -43,13 +42,13 @@ def drive(ctx: click.Context, endpoint: str, device: str) -> None:
     barewire drive "can://socketcan/can0?node=1" az3 velocity -1500
     barewire drive "rtu:///dev/ttyUSB0?unit=1" az3 quick-stop
     """
-    machine = load(device)
-    drive_roles(machine)  # what is no drive is told before a port is opened
-    ctx.obj = (endpoint, machine)
+    description = load(device)
+    drive_roles(description)  # a device that is no drive is reported before a port is opened
+    ctx.obj = (endpoint, description)
 
 
-class Number(click.ParamType[int | float]):
-    """A whole number where it is one: most drives count in steps."""
+class _DriveNumber(click.ParamType[int | float]):
+    """A number; an int if it has no fraction, because most drives count in steps."""
 
     name = "number"
 
@@ -62,60 +61,62 @@ class Number(click.ParamType[int | float]):
         return int(number) if number.is_integer() else number
 
 
-def word(name: str, *, moves: bool = False) -> Callable[[Conduct], click.Command]:
-    """Make a command of a function that conducts a drive: with --json and --timeout, and Ctrl-C as a quick stop."""
+def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Command]:
+    """Make a command of an action: add --json and --timeout, and make Ctrl-C a quick stop if the action `moves`."""
 
-    def command(conduct: Conduct) -> click.Command:
-        @wraps(conduct)
-        def act(ctx: click.Context, /, as_json: bool, timeout: float, **how: Any) -> None:
+    def make_command(action: _Action) -> click.Command:
+        @wraps(action)
+        def run_action(ctx: click.Context, /, as_json: bool, timeout: float, **arguments: Any) -> None:
             endpoint, device = ctx.obj
-            with connect(device, endpoint) as machine, followed(as_json) as progress:
-                conductor = machine.drive.following(progress, timeout=timeout)
+            with connect(device, endpoint) as machine, _progress_output(as_json) as show_progress:
+                client = machine.drive.following(show_progress, timeout=timeout)
                 try:
-                    with ended_by_signals():
-                        look = conduct(conductor, **how)
+                    with _ended_by_signals():
+                        status = action(client, **arguments)
                 except (NoAnswer, PortError) as error:
-                    if moves and conductor.drive.control is not None:
+                    if moves and client.drive.control is not None:
                         error.add_note(f"{name}: the motor may still be turning")
                     raise
-                except (KeyboardInterrupt, OSError) as gone:
-                    if moves and (isinstance(gone, KeyboardInterrupt) or conductor.drive.control is not None):
-                        stop(conductor)
-                    if isinstance(gone, Ended):
-                        raise click.exceptions.Exit(gone.status) from None
+                except (KeyboardInterrupt, OSError) as error:
+                    if moves and (isinstance(error, KeyboardInterrupt) or client.drive.control is not None):
+                        _quick_stop(client)
+                    if isinstance(error, _EndedBySignal):
+                        raise click.exceptions.Exit(error.status) from None
                     raise
             if not as_json:
-                print(f"{look.state_name}{_values(look)}; status word {look.status_word:04X}h: {_bits(look)}")
+                bits = ", ".join(bit_names(status.status_word)) or "no bit set"
+                print(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
 
-        # Negative targets begin with a dash: -1000 is no option.
+        # A negative target such as -1000 begins with a dash, and is no option.
         settings = {"ignore_unknown_options": moves}
-        return drive.command(name, context_settings=settings)(json_option(timeout_option(click.pass_context(act))))
+        command = json_option(_timeout_option(click.pass_context(run_action)))
+        return drive_command.command(name, context_settings=settings)(command)
 
-    return command
+    return make_command
 
 
-class Ended(KeyboardInterrupt):
-    """Somebody ends this process; `status` is what it says when it is over."""
+class _EndedBySignal(KeyboardInterrupt):
+    """A signal ends this process, with the exit status `status`."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
         self.status = 128 + number
 
 
-ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+_ENDING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """A signal that would end the process becomes `Ended`, as Ctrl-C is KeyboardInterrupt. One is enough."""
+def _ended_by_signals() -> Iterator[None]:
+    """Within the block, a signal that would end the process raises `_EndedBySignal`; later ones are ignored."""
 
     def end(number: int, _: object) -> None:
         for one in handled:
-            signal.signal(one, signal.SIG_IGN)  # nothing but another Ctrl-C disturbs the quick stop that follows
-        raise Ended(number)
+            signal.signal(one, signal.SIG_IGN)  # only another Ctrl-C interrupts the quick stop that follows
+        raise _EndedBySignal(number)
 
-    # Under nohup a terminal that goes away stays ignored.
-    handled = {number: before for number in ENDING if (before := signal.getsignal(number)) is not signal.SIG_IGN}
+    # SIGHUP stays ignored under nohup.
+    handled = {one: before for one in _ENDING_SIGNALS if (before := signal.getsignal(one)) is not signal.SIG_IGN}
     for number in handled:
         signal.signal(number, end)
     try:
@@ -126,142 +127,139 @@ def ended_by_signals() -> Iterator[None]:
                 signal.signal(number, before)
 
 
-def stop(conductor: DriveClient) -> None:
-    """A quick stop, told as long as somebody can be told: the terminal may be gone, and the motor must not know."""
-    tell = conductor.drive.progress
+def _quick_stop(client: DriveClient) -> None:
+    """A quick stop that goes on although its progress cannot be printed: the terminal may be closed."""
+    show_progress = client.drive.progress
 
-    def try_to_tell(progress: DriveProgress) -> None:
+    def try_to_show(progress: DriveProgress) -> None:
         with suppress(OSError):
-            if tell is not None:
-                tell(progress)
+            if show_progress is not None:
+                show_progress(progress)
 
-    conductor.drive.progress = try_to_tell
-    conductor.quick_stop()
+    client.drive.progress = try_to_show
+    client.quick_stop()
 
 
-timeout_option = click.option(
+_timeout_option = click.option(
     "--timeout", default=3.0, show_default=True, metavar="S", help="Seconds for each change of state."
 )
-within_option = click.option("--within", default=60.0, show_default=True, metavar="S", help="Seconds it may take.")
-velocity_option = click.option("--velocity", type=Number(), help="Profile velocity, in the drive's unit.")
-acceleration_option = click.option("--acceleration", type=Number(), help="Profile acceleration.")
-deceleration_option = click.option("--deceleration", type=Number(), help="Profile deceleration.")
+_within_option = click.option(
+    "--within", default=60.0, show_default=True, metavar="S", help="Seconds for the movement."
+)
+_velocity_option = click.option("--velocity", type=_DriveNumber(), help="Profile velocity, in the drive's unit.")
+_acceleration_option = click.option("--acceleration", type=_DriveNumber(), help="Profile acceleration.")
+_deceleration_option = click.option("--deceleration", type=_DriveNumber(), help="Profile deceleration.")
 
 
-def _values(look: DriveStatus) -> str:
-    told = (("position", look.position), ("velocity", look.velocity))
-    return "".join(f", {name} {show(value)}" for name, value in told if value is not None)
-
-
-def _bits(look: DriveStatus) -> str:
-    return ", ".join(bit_names(look.status_word)) or "no bit set"
-
-
-# How it is shown
+# Progress
 
 
 @contextmanager
-def followed(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]:
-    """Who is told of progress: JSON lines, a moving line on a terminal, or a line for each change."""
-    began = time.monotonic()
+def _progress_output(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]:
+    """A function that prints progress: JSON lines, on a terminal one line that is updated, or a line a change."""
+    start = time.monotonic()
     if as_json:
-        yield lambda progress: print_json(_fields(progress, began))
+        yield lambda progress: print_json(progress.as_dict() | {"time": round(progress.status.now - start, 3)})
     elif sys.stdout.isatty():
         columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
         with Bar(*columns, console=Console(highlight=False), transient=True) as bar:
             task = bar.add_task("", total=None)
             yield lambda progress: bar.update(task, description=_short(progress))
     else:
-        yield _changes(began)
+        yield _line_per_change(start)
 
 
-def _fields(progress: DriveProgress, began: float) -> dict[str, Any]:
-    return progress.as_dict() | {"time": round(progress.status.now - began, 3)}
+def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
+    """A function that prints a line for each new state and each new condition, with the seconds since the start."""
+    last: tuple[str, str] | None = None
 
+    def show_progress(progress: DriveProgress) -> None:
+        nonlocal last
+        status, waiting_for = progress.status, progress.waiting_for
+        if waiting_for and last != (status.state_name, waiting_for):
+            last = (status.state_name, waiting_for)
+            text = f"{progress.action}: {status.state_name}, waiting for {waiting_for}{_values(status)}"
+            print(f"{status.now - start:7.3f} s  {text}", flush=True)
 
-def _line(progress: DriveProgress) -> str:
-    waiting = f", waiting for {progress.waiting_for}" if progress.waiting_for else ""
-    return f"{progress.action}: {progress.status.state_name}{waiting}{_values(progress.status)}"
+    return show_progress
 
 
 def _short(progress: DriveProgress) -> str:
-    """The same for one line of a terminal, without what brackets explain."""
+    """The progress in one line of a terminal, without the explanation in brackets."""
     doing = progress.waiting_for.partition(" (")[0] or progress.action
     return f"{doing} | {progress.status.state_name}{_values(progress.status)}"
 
 
-def _changes(began: float) -> Callable[[DriveProgress], None]:
-    """A line for each new state and each new thing that is waited for, with the seconds since the beginning."""
-    last: list[tuple[str, str]] = []
-
-    def tell(progress: DriveProgress) -> None:
-        step = (progress.status.state_name, progress.waiting_for)
-        if progress.waiting_for and step not in last[-1:]:
-            last.append(step)
-            print(f"{progress.status.now - began:7.3f} s  {_line(progress)}", flush=True)
-
-    return tell
+def _values(status: DriveStatus) -> str:
+    values = (("position", status.position), ("velocity", status.velocity))
+    return "".join(f", {name} {show(value)}" for name, value in values if value is not None)
 
 
-# The words
+# The commands
 
 
-@word("status")
-def status(conductor: DriveClient) -> DriveStatus:
-    """Read the drive once."""
-    return conductor.status()
+@_action("status")
+def status_command(drive: DriveClient) -> DriveStatus:
+    """Read state, position and velocity once."""
+    return drive.status()
 
 
-@word("enable")
-def enable(conductor: DriveClient) -> DriveStatus:
-    """To operation enabled. A fault is not reset on the way."""
-    return conductor.enable()
+@_action("enable")
+def enable_command(drive: DriveClient) -> DriveStatus:
+    """Go to operation enabled. A fault is not reset."""
+    return drive.enable()
 
 
-@word("disable")
-def disable(conductor: DriveClient) -> DriveStatus:
-    """Current off. A motor that turns coasts: quick-stop brakes it."""
-    return conductor.disable()
+@_action("disable")
+def disable_command(drive: DriveClient) -> DriveStatus:
+    """Switch the current off. A turning motor coasts; quick-stop brakes it."""
+    return drive.disable()
 
 
-@word("quick-stop")
-def quick_stop(conductor: DriveClient) -> DriveStatus:
+@_action("quick-stop")
+def quick_stop_command(drive: DriveClient) -> DriveStatus:
     """Brake on the quick stop ramp."""
-    return conductor.quick_stop()
+    return drive.quick_stop()
 
 
-@word("reset")
-def reset(conductor: DriveClient) -> DriveStatus:
-    """Out of a fault, once its cause is gone."""
-    return conductor.reset()
+@_action("reset")
+def reset_command(drive: DriveClient) -> DriveStatus:
+    """Reset a fault whose cause is gone."""
+    return drive.reset()
 
 
-@word("move", moves=True)
-@click.argument("target", type=Number())
-@click.option("--relative", is_flag=True, help="By TARGET, not to it.")
+@_action("move", moves=True)
+@click.argument("target", type=_DriveNumber())
+@click.option("--relative", is_flag=True, help="Move by TARGET, not to it.")
 @click.option("--immediately", is_flag=True, help="Replace a movement that is under way.")
-@velocity_option
-@acceleration_option
-@deceleration_option
-@within_option
-def move(conductor: DriveClient, target: int | float, **how: Any) -> DriveStatus:
-    """To the position TARGET, in the drive's unit. What is not given of the profile stays as it is in the drive."""
-    return conductor.move(target, **how)
+@_velocity_option
+@_acceleration_option
+@_deceleration_option
+@_within_option
+def move_command(drive: DriveClient, target: int | float, **arguments: Any) -> DriveStatus:
+    """Move to the position TARGET, in the drive's unit.
+
+    Profile values that are not given stay as they are in the drive.
+    """
+    return drive.move(target, **arguments)
 
 
-@word("velocity", moves=True)
-@click.argument("target", type=Number())
-@acceleration_option
-@deceleration_option
-@within_option
-def velocity(conductor: DriveClient, target: int | float, **how: Any) -> DriveStatus:
-    """To the velocity TARGET, in the drive's unit; the motor goes on turning. 0 stops it on its ramp."""
-    return conductor.velocity(target, **how)
+@_action("velocity", moves=True)
+@click.argument("target", type=_DriveNumber())
+@_acceleration_option
+@_deceleration_option
+@_within_option
+def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) -> DriveStatus:
+    """Turn at the velocity TARGET, in the drive's unit.
+
+    The motor keeps turning after the command ends. 0 stops it on its ramp.
+    """
+    return drive.velocity(target, **arguments)
 
 
-@word("home", moves=True)
+@_action("home", moves=True)
 @click.argument("method", type=int, required=False)
-@within_option
-def home(conductor: DriveClient, method: int | None, within: float) -> DriveStatus:
-    """Find home, with the method that is set in the drive or METHOD."""
-    return conductor.home(method, within=within)
+@_within_option
+def home_command(drive: DriveClient, method: int | None, within: float) -> DriveStatus:
+    """Find the home position, with METHOD or the method that is set in the drive."""
+    return drive.home(method, within=within)

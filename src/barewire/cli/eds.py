@@ -1,4 +1,4 @@
-"""`barewire eds`: what is odd about an EDS or DCF, and a device of the catalogue as one."""
+"""`barewire eds`: export a device of the catalogue as an EDS, and check an EDS or DCF."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from pathlib import Path
 import click
 
 from barewire.canopen.eds import lint, parse
-from barewire.cli.arguments import json_option, print_json
-from barewire.devices.description.load import load
+from barewire.cli.arguments import file_content, json_option, print_json
+from barewire.devices import load
 from barewire.errors import PortError
 
 
-@click.group()
-def eds() -> None:
-    """Electronic data sheets (CiA 306): export one, check one."""
+@click.group("eds")
+def eds_command() -> None:
+    """Export or check electronic data sheets (CiA 306)."""
 
 
-@eds.command("export")
+@eds_command.command("export")
 @click.argument("device")
 @click.argument("file", required=False, type=click.Path(dir_okay=False, path_type=Path))
 def export_command(device: str, file: Path | None) -> None:
-    """Write DEVICE as an EDS to FILE, or to the terminal."""
+    """Write DEVICE as an EDS to FILE, or to stdout."""
     from barewire.devices.description.export_eds import export
 
     document = export(load(device), "" if file is None else file.name)
@@ -35,24 +35,23 @@ def export_command(device: str, file: Path | None) -> None:
     print(f"{file}: {len(document.objects)} objects")
 
 
-@eds.command("lint")
+@eds_command.command("lint")
 @click.argument("file", type=click.Path(path_type=Path))
 @json_option
-def lint_command(file: Path, as_json: bool) -> None:
-    """List everything odd in FILE, one a line; exit status 1 if there is anything."""
-    try:
-        found = lint(parse(file.read_bytes()))
-    except OSError as error:
-        raise PortError(f"{file}: {error.strerror or error}") from None
-    for one in found:
+def lint_command(file: Path, as_json: bool) -> int:
+    """Print every mistake in FILE, one a line.
+
+    Exit status 1 if there is a mistake.
+    """
+    found = lint(parse(file_content(file)))
+    for finding in found:
         if as_json:
-            print_json({"file": str(file), **one._asdict()})
+            print_json({"file": str(file), **finding._asdict()})
         else:
-            print(f"{file}:{one}")
+            print(f"{file}:{finding}")
     if not found:
         if as_json:
-            print_json({"file": str(file), "fine": True})
+            print_json({"file": str(file), "ok": True})
         else:
-            print(f"{file}: nothing to say against it")
-        return
-    raise SystemExit(1)
+            print(f"{file}: no findings")
+    return int(bool(found))

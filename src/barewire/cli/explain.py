@@ -1,4 +1,4 @@
-"""`barewire explain`: a frame byte by byte, or a recording frame by frame."""
+"""`barewire explain`: explain a frame byte by byte, or a recording frame by frame."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from barewire.canopen.frame import AnyFrame, CanFrame
-from barewire.cli.arguments import json_option, print_json
-from barewire.cli.sniff_can import known_nodes
-from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
+from barewire.cli.arguments import file_content, json_option, known_nodes, nodes_option, print_json
+from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain import Explanation, explain_text
 from barewire.explain.can_monitor import CanMonitor, event_as_dict, event_line
 from barewire.explain.can_monitor.events import Gap, Loss, Violation
@@ -21,17 +20,17 @@ from barewire.explain.capture.candump import log_line
 from barewire.explain.capture.model import Recorded, Unread
 
 
-@click.command()
+@click.command("explain")
 @click.argument("protocol", type=click.Choice(["rtu", "ascii", "tcp", "can"]))
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--check", is_flag=True, help="Exit with status 1 if the frame is not valid.")
-@click.option("--role", type=click.Choice(["request", "response"]), help="Its direction; guessed if not given.")
+@click.option("--role", type=click.Choice(["request", "response"]), help="The direction; guessed if not given.")
 @click.option(
     "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for PDO names."
 )
-@click.option("--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each.")
+@nodes_option
 @json_option
-def explain(
+def explain_command(
     protocol: str,
     frame: tuple[str, ...],
     role: str | None,
@@ -40,11 +39,11 @@ def explain(
     devices: tuple[str, ...],
     nodes: tuple[int, ...],
 ) -> int:
-    """Explain a frame byte by byte, and check whether it is valid.
+    """Explain a frame byte by byte and check it.
 
-    HEX may have blanks, commas or 0x, be a list or a string of C or Python, or what xxd, hexdump -C or tshark -x print.
-    ASCII frames may be pasted as they are, CAN frames as candump prints them. For can, HEX may be a file: a recording,
-    of which every frame gets a line.
+    HEX may have blanks, commas or 0x; it may be a list or string of C or Python, or the output of xxd, hexdump -C or
+    tshark -x. Paste ASCII frames as they are, and CAN frames as candump prints them. For can, HEX may be the name of a
+    recording: each of its frames is explained in one line.
 
     \b
     barewire explain rtu "01 04 0F B1 00 02 22 F8"
@@ -55,17 +54,17 @@ def explain(
     barewire explain can bus.log
     """
     if protocol == "can" and len(frame) == 1 and Path(frame[0]).is_file():
-        return _recording(frame[0], devices, nodes, as_json=as_json, check=check)
+        return _explain_recording(frame[0], devices, nodes, as_json=as_json, check=check)
     known = known_nodes(devices, nodes)
     if known and protocol != "can":
-        raise EncodeError("--device is for can")
+        raise EncodeError("--device is for can only")
     try:
         if known:
             explanation = explain_can(parse_any_can(" ".join(frame)), PdoTracker(tuple(known)))
         else:
             explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:
-        # Its place and bytes are for programs; the text names the place in the input.
+        # The text names the position in the input; that of the exception, in the frame, is for programs.
         raise BarewireError(error.text) from None
     if as_json:
         print_json(explanation.as_dict())
@@ -74,12 +73,11 @@ def explain(
     return int(check and not explanation.valid)
 
 
-def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, as_json: bool, check: bool) -> int:
-    """Print a line for each frame, and one more for each rule that it breaks together with the frames before it."""
-    try:
-        data = Path(name).read_bytes()
-    except OSError as error:
-        raise PortError(f"{name}: {error.strerror or error}") from None
+def _explain_recording(
+    name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, as_json: bool, check: bool
+) -> int:
+    """Print a line for each frame, and one for each rule that it violates together with earlier frames."""
+    data = file_content(name)
     monitors, wrong = BusMonitors(known_nodes(devices, nodes)), 0
     try:
         items = read_recording(data)
@@ -105,7 +103,7 @@ def _recording(name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, a
 
 
 def _explained(frame: AnyFrame, monitor: CanMonitor) -> Explanation:
-    """The explanation of a frame by its bytes and by the frames before it."""
+    """The explanation of a frame from its bytes and the frames before it."""
     if isinstance(frame, CanFrame) and monitor.takes_segment(frame):
         return explain_segment(frame)
     return explain_can(frame, monitor.pdos)

@@ -1,4 +1,4 @@
-"""Drawing what was watched: one panel for each unit, time along the bottom. Needs the extra `plot`, only here."""
+"""The plot of `barewire watch`: one panel for each unit, over time. The only file that needs the extra `plot`."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from barewire.codecs import Value
 from barewire.devices.parameter import Parameter
 from barewire.errors import EncodeError, PortError
 
-FORMATS = (".svg", ".png", ".pdf")
+_FORMATS = (".svg", ".png", ".pdf")
 
-Samples = Sequence[tuple[float, Sequence[Value]]]
+_Samples = Sequence[tuple[float, Sequence[Value]]]
 """(seconds, a value for each parameter)."""
 
 
-class Kept:
-    """What is kept to be drawn, of a watch that may go on for weeks: at most `most` polls, evenly spread.
+class PlotSamples:
+    """The samples to draw: at most `most` polls, evenly spread, however long the command runs.
 
-    >>> kept = Kept(most=4)
+    >>> kept = PlotSamples(most=4)
     >>> for number in range(11):
     ...     kept.add(float(number), [number])
     >>> [time for time, _ in kept.samples], kept.every
@@ -30,28 +30,28 @@ class Kept:
         self.most = most
         self.samples: list[tuple[float, Sequence[Value]]] = []
         self.every = 1
-        """One of so many polls is kept."""
-        self._came = 0
+        """One poll in so many is kept."""
+        self._polls = 0
 
     def add(self, time: float, values: Sequence[Value]) -> None:
-        """One poll."""
-        if self._came % self.every == 0:
+        """Keep a poll, or skip it."""
+        if self._polls % self.every == 0:
             self.samples.append((time, values))
-        self._came += 1
+        self._polls += 1
         if len(self.samples) > self.most:
             self.samples = self.samples[::2]
             self.every *= 2
 
 
-def check(file: str) -> None:
-    """Whether it can be drawn at the end, told before anything is watched."""
+def check_plot_file(file: str) -> None:
+    """Check before the first poll that the plot can be written at the end. Raises EncodeError, PortError."""
     path = Path(file).absolute()
-    if path.suffix.lower() not in FORMATS:
-        raise EncodeError(f"--plot {file}: expected a name that ends in {', '.join(FORMATS)}")
+    if path.suffix.lower() not in _FORMATS:
+        raise EncodeError(f"--plot {file}: expected a name that ends in {', '.join(_FORMATS)}")
     if not path.parent.is_dir():
-        raise EncodeError(f"--plot {file}: there is no such directory")
+        raise EncodeError(f"--plot {file}: the directory does not exist")
     if path.is_dir():
-        raise EncodeError(f"--plot {file}: that is a directory")
+        raise EncodeError(f"--plot {file}: expected a file, not a directory")
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise EncodeError(f"--plot {file}: no permission to write there")
     try:
@@ -60,9 +60,9 @@ def check(file: str) -> None:
         raise PortError("drawing needs the extra 'plot': pip install 'barewire[plot]'") from None
 
 
-def draw(file: str, title: str, parameters: Sequence[Parameter], samples: Samples) -> None:
-    """Draw the samples in a file."""
-    # The object-oriented way: no window, no state that is shared with anybody.
+def draw_plot(file: str, title: str, parameters: Sequence[Parameter], samples: _Samples) -> None:
+    """Draw the samples into a file. PortError if it cannot be written."""
+    # Without pyplot there is no window and no global state.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -74,8 +74,8 @@ def draw(file: str, title: str, parameters: Sequence[Parameter], samples: Sample
     for unit, panel in zip(units, panels):
         for place, parameter in enumerate(parameters):
             if parameter.unit == unit:
-                values = [_height(row[place]) for _, row in samples]
-                # What has names instead of sizes does not pass through the values between.
+                values = [_plot_value(row[place]) for _, row in samples]
+                # A value that is a state, not a quantity, is drawn as steps: it does not pass through the numbers between.
                 steps = bool(parameter.values or parameter.bits or parameter.type == "bool")
                 panel.plot(
                     times, values, label=parameter.name, drawstyle="steps-post" if steps else "default", marker="."
@@ -91,6 +91,6 @@ def draw(file: str, title: str, parameters: Sequence[Parameter], samples: Sample
         raise PortError(f"--plot {file}: {error.strerror or error}") from None
 
 
-def _height(value: Value) -> float:
-    """A value as a number; what is none is left out of the curve."""
+def _plot_value(value: Value) -> float:
+    """A value as a number; text leaves a gap in the curve."""
     return float(value) if isinstance(value, (int, float)) else float("nan")

@@ -1,25 +1,34 @@
-"""`barewire sniff`: monitor a serial line or a CAN bus, or a recording of one."""
+"""`barewire sniff`: decode the traffic of a serial line or a CAN bus, or a recording of one."""
 
 from __future__ import annotations
 
-import json
+import signal
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack
-from functools import partial
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import click
 
-from barewire.cli.arguments import json_option
-from barewire.cli.sniff_can import events_of, known_nodes, live, print_events
+from barewire.cli.arguments import file_content, json_option, known_nodes, nodes_option, print_json
 from barewire.errors import DecodeError, EncodeError, PortError
-from barewire.explain.can_monitor.recording import is_can_recording, read_recording
+from barewire.explain.can_monitor import KnownNode, event_as_dict, event_kind, event_line, is_repeated
+from barewire.explain.can_monitor.event_text import EVENT_KINDS
+from barewire.explain.can_monitor.events import MonitorEvent
+from barewire.explain.can_monitor.recording import (
+    BUSES_MAX,
+    BusMonitors,
+    CanRecordingWriter,
+    is_can_recording,
+    read_recording,
+)
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS, PacketBuilder
 from barewire.explain.capture.modbus_replay import replay
+from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
+from barewire.io.canopen.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
 from barewire.modbus.sniffer.sniffer import (
@@ -33,28 +42,33 @@ from barewire.modbus.sniffer.sniffer import (
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 
-FORMS = "a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes in hexadecimal"
+_FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes in hexadecimal"
+_LIVE_BUS = "can0"
 
 
-@click.command()
+@click.command("sniff")
 @click.argument("source", metavar="ENDPOINT|FILE")
 @json_option
 @click.option(
     "--write", type=click.Path(dir_okay=False), metavar="FILE", help="Write every frame to a .pcapng (CAN: or .log)."
 )
-@click.option("--seconds", type=float, help="Stop after so many; until Ctrl-C if not given.")
-@click.option("--window", type=float, default=WINDOW, show_default=True, help="Longest time to an answer, in seconds.")
+@click.option("--seconds", type=float, help="Stop after this time; without it, at Ctrl-C.")
+@click.option(
+    "--window",
+    type=float,
+    default=WINDOW,
+    show_default=True,
+    help="Longest time from a request to its response, in seconds.",
+)
 @click.option("--port", "ports", type=int, multiple=True, help="TCP port of servers in a capture, besides 502.")
 @click.option(
     "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for names and units."
 )
-@click.option("--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each.")
+@nodes_option
 @click.option("--bus", help="CAN: only this bus of a recording that has several.")
-@click.option("--only", multiple=True, metavar="KIND", help="CAN: only such events: sdo, pdo, violation, gap, ...")
-@click.option(
-    "--all", "everything", is_flag=True, help="CAN: also events without news: each heartbeat, SYNC, same PDO."
-)
-def sniff(
+@click.option("--only", multiple=True, metavar="KIND", help="CAN: only events such as sdo, pdo, violation, gap.")
+@click.option("--all", "everything", is_flag=True, help="CAN: also every heartbeat, SYNC and unchanged PDO.")
+def sniff_command(
     source: str,
     as_json: bool,
     write: str | None,
@@ -67,10 +81,11 @@ def sniff(
     only: tuple[str, ...],
     everything: bool,
 ) -> None:
-    """Decode the traffic of a line or a CAN bus without taking part in it, and report what is missing.
+    """Decode the traffic of a line or bus; send nothing.
 
-    Nothing is ever sent. A FILE is a pcapng or pcap capture, a log of lines such as "12.345678 01 03 00 00 ...",
-    or a hex dump; of a CAN bus what candump prints or logs, Vector's ASC or BLF, or a capture.
+    Requests without a response and other things that are missing are reported. A FILE is a pcapng or pcap capture, a
+    log of lines such as "12.345678 01 03 00 00 ...", or a hex dump; of a CAN bus the output or log of candump, an ASC
+    or BLF file of Vector, or a capture.
 
     \b
     barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --write bus.pcapng
@@ -79,87 +94,146 @@ def sniff(
     barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
     """
     endpoint = Endpoint.parse(source) if "://" in source else None
-    data = b"" if endpoint is not None else _content(source, seconds)
-    if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
-        known = known_nodes(devices, nodes)
-        items: Iterator[Any] = read_recording(data) if endpoint is None else live(endpoint, seconds)
-        with ExitStack() as stack:
-            file = None if write is None else stack.enter_context(_opened(write))
-            keep = None if file is None else partial(_keep, file)
-            heard = events_of(items, known, bus, keep, write or "")
-            print_events(heard, as_json=as_json, everything=everything, only=only)
-        return
-    for option, given in (("--device", devices), ("--node", nodes), ("--bus", bus), ("--only", only)):
-        if given:
-            raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
+    data = b"" if endpoint is not None else _recording(source, seconds)
     with ExitStack() as stack:
-        if endpoint is None:
-            events = _replayed(source, data, window, ports)
-        else:
-            events = listen(endpoint, threading.Event(), seconds=seconds, window=window)
-        keeper = None if write is None else _Keeper(stack.enter_context(_opened(write)))
-        try:
-            for event in events:
-                if keeper is not None:
-                    keeper.put(event)
-                line = json.dumps(exchange_as_dict(event), ensure_ascii=False) if as_json else exchange_line(event)
-                if line is not None:
-                    print(line, flush=True)
-        except KeyboardInterrupt:
+        if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
+            known = known_nodes(devices, nodes)
+            items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
+            file = None if write is None else stack.enter_context(_open_for_writing(write))
+            events = _can_events(items, known, bus, file, write or "")
+            _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
+        for option, given in (("--device", devices), ("--node", nodes), ("--bus", bus), ("--only", only)):
+            if given:
+                raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
+        if endpoint is None:
+            exchanges = _replayed(source, data, window, ports)
+        else:
+            exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
+        file = None if write is None else stack.enter_context(_open_for_writing(write))
+        _print_exchanges(exchanges, file, as_json)
+
+
+def _recording(source: str, seconds: float | None) -> bytes:
+    if seconds is not None:
+        raise EncodeError("--seconds is for a line; a recording ends by itself")
+    data = file_content(source)
+    if not data:
+        raise EncodeError(f"{source}: the file is empty; expected {_FORMATS}")
+    return data
+
+
+def _open_for_writing(name: str) -> BinaryIO:
+    """The file, unbuffered: it is complete after every frame, however the command ends."""
+    try:
+        return Path(name).open("wb", buffering=0)
+    except OSError as error:
+        raise PortError(f"{name}: {error.strerror}") from None
+
+
+# Modbus
 
 
 def _replayed(source: str, data: bytes, window: float, ports: tuple[int, ...]) -> Iterator[SnifferEvent]:
     try:
         yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports))
     except DecodeError as error:
-        raise EncodeError(f"{source}: {error.text}; expected {FORMS}") from None
+        raise EncodeError(f"{source}: {error.text}; expected {_FORMATS}") from None
 
 
-def _content(source: str, seconds: float | None) -> bytes:
-    if seconds is not None:
-        raise EncodeError("--seconds is for a line; a recording ends by itself")
+def _print_exchanges(events: Iterator[SnifferEvent], file: BinaryIO | None, as_json: bool) -> None:
+    """Print each event, and write its frame to the file. Ctrl-C ends it."""
+    packets = PacketBuilder()
+    if file is not None:
+        file.write(file_header())
+    with suppress(KeyboardInterrupt):
+        for event in events:
+            packet = None if file is None else _packet(packets, event)
+            if file is not None and packet is not None:
+                file.write(packet_block(event.at, packet))
+            if as_json:
+                print_json(exchange_as_dict(event))
+            elif (line := exchange_line(event)) is not None:
+                print(line, flush=True)
+
+
+def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
+    """The frame of an event as a packet; noise becomes a datagram that is not a frame, a missing response nothing."""
+    if isinstance(event, ResponseMissing):
+        return None
+    if isinstance(event, NoiseSeen):
+        return packets.rtu(event.noise.data, from_client=True)
+    from_client = isinstance(event, RequestSeen | AmbiguousFrame)
+    number = None if isinstance(event, AmbiguousFrame) else event.transaction
+    if number is None:
+        return packets.rtu(rtu_frame(event.unit, event.pdu), from_client=from_client)
+    return packets.tcp(tcp_frame(event.unit, event.pdu, number), from_client=from_client)
+
+
+# CAN
+
+
+def _live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
+    """Frames from a bus until Ctrl-C; a time alone when no frame was received."""
+    stop = threading.Event()
+    with _stopped_by_interrupt(stop):
+        for at, frame in listen_can(endpoint, stop, seconds=seconds):
+            yield at if frame is None else Recorded(at, _LIVE_BUS, frame)
+
+
+@contextmanager
+def _stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
+    """The first Ctrl-C ends the reception, so that the summary is printed; the second one ends the program."""
+
+    def end_reception(number: int, frame: object) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, end_reception)
     try:
-        data = Path(source).read_bytes()
-    except OSError as error:
-        raise PortError(f"{source}: {error.strerror or error}") from None
-    if not data:
-        raise EncodeError(f"{source}: the file is empty; expected {FORMS}")
-    return data
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
-def _opened(write: str) -> BinaryIO:
-    try:
-        return Path(write).open("wb")
-    except OSError as error:
-        raise PortError(f"{write}: {error.strerror}") from None
+def _can_events(
+    items: Iterable[RecordedItem | float], known: Iterable[KnownNode], bus: str | None, file: BinaryIO | None, name: str
+) -> Iterator[tuple[str, MonitorEvent]]:
+    """The events of the frames, each with its bus. The file gets each frame in the format that its `name` selects."""
+    monitors, writer, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
+    if file is not None:
+        file.write(writer.start)
+    for item in items:
+        if isinstance(item, float):
+            # Nothing was received up to now: a message that is due is missing.
+            for one, monitor in monitors.monitors.items():
+                for event in monitor.feed(None, item):
+                    yield one, event
+            continue
+        if file is not None and isinstance(item, Recorded) and bus in (None, item.bus):
+            file.write(writer.put(item.at, item.bus, item.frame))
+        if not isinstance(item, Unread) and len(buses) < BUSES_MAX:
+            buses[item.bus] = None
+        yield from monitors.feed(item)
+    yield from monitors.end()
+    if bus is not None and buses and bus not in buses:
+        raise EncodeError(f"--bus {bus}: no frames on it; there are frames on {', '.join(buses)}")
 
 
-def _keep(file: BinaryIO, data: bytes) -> None:
-    file.write(data)
-    file.flush()
-
-
-class _Keeper:
-    """Writes a capture, which is complete after every packet."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._packer = PacketBuilder()
-        self._file.write(file_header())
-
-    def put(self, event: SnifferEvent) -> None:
-        """Write the frame of an event. Noise is written as a datagram that is not a frame; silence is not written."""
-        if isinstance(event, ResponseMissing):
-            return
-        if isinstance(event, NoiseSeen):
-            data = self._packer.rtu(event.noise.data, from_client=True)
+def _print_can_events(
+    events: Iterable[tuple[str, MonitorEvent]], *, as_json: bool, everything: bool, only: tuple[str, ...]
+) -> None:
+    """Print a line for each event that is no repetition; with `everything` for all events."""
+    for kind in only:
+        if kind not in EVENT_KINDS.values():
+            raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}")
+    buses: set[str] = set()
+    for bus, event in events:
+        buses.add(bus)
+        if (only and event_kind(event) not in only) or (is_repeated(event) and not everything):
+            continue
+        if as_json:
+            print_json(event_as_dict(event) | ({"bus": bus} if bus else {}))
         else:
-            asks = isinstance(event, RequestSeen | AmbiguousFrame)
-            number = None if isinstance(event, AmbiguousFrame) else event.transaction
-            if number is None:
-                data = self._packer.rtu(rtu_frame(event.unit, event.pdu), from_client=asks)
-            else:
-                data = self._packer.tcp(tcp_frame(event.unit, event.pdu, number), from_client=asks)
-        self._file.write(packet_block(event.at, data))
-        self._file.flush()
+            print(f"{bus}  {event_line(event)}" if len(buses - {""}) > 1 else event_line(event), flush=True)

@@ -1,13 +1,21 @@
-"""`barewire watch`: named values of a machine, again and again, as a table, lines, JSON, CSV or a picture."""
+"""`barewire watch`: named values of a machine, read periodically: as a table, lines, JSON, CSV or a plot.
+
+Poll k is due at t0 + k * period. If a poll takes longer than the period, the polls that became due meanwhile are left
+out; later ones are not delayed. If the device refuses a request for several names, they are read one by one; the refused
+names are then read alone, and the others together again.
+"""
 
 from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Protocol
+from functools import partial
+from types import MappingProxyType
+from typing import NamedTuple, Protocol
 
 import click
 from rich.console import Console
@@ -15,23 +23,25 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from barewire.cli.arguments import device_argument, endpoint_argument, print_json
-from barewire.cli.polling import Poll, Source, polls
+from barewire import connect
+from barewire.cli.arguments import device_argument, endpoint_argument, error_text, print_json
 from barewire.codecs import Value
-from barewire.devices.parameter import Parameter, show
+from barewire.devices import Device, Parameter, Reading
+from barewire.devices.parameter import show
 from barewire.devices.raw_address import device_with
+from barewire.errors import BarewireError, EncodeError, PortError, Refused
 
 
-@click.command()
+@click.command("watch")
 @endpoint_argument
 @device_argument
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @click.option("--period", default=0.5, show_default=True, metavar="S", help="Seconds from one poll to the next.")
-@click.option("--count", type=click.IntRange(min=1), help="How many polls; without it, until Ctrl-C.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a poll.")
-@click.option("--csv", "as_csv", is_flag=True, help="One line of CSV a poll; failed polls are told on stderr.")
-@click.option("--plot", metavar="FILE", help="Draw the values in FILE at the end: .svg, .png or .pdf.")
-def watch(
+@click.option("--count", type=click.IntRange(min=1), help="Number of polls; without it, until Ctrl-C.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a poll.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print one line of CSV a poll; failed polls go to stderr.")
+@click.option("--plot", metavar="FILE", help="Plot the values into FILE at the end: .svg, .png or .pdf.")
+def watch_command(
     endpoint: str,
     device: str,
     names: tuple[str, ...],
@@ -43,8 +53,9 @@ def watch(
 ) -> int:
     """Read named values periodically.
 
-    A poll that fails is shown, and polling goes on; with none that succeeded the exit status is 1. A name that is
-    refused is shown as that, and the others go on; in CSV its column is empty, in JSON it is in "refused".
+    A poll that fails is shown, and polling continues; if no poll succeeds, the exit status is 1. If the device refuses
+    a name, the refusal is shown in its place and the other names are still read; in CSV its column is empty, in JSON it
+    is in "refused".
 
     \b
     barewire watch tcp://192.168.1.10 csd-mt "Position Actual Value" "Velocity Actual Value" --period 0.1
@@ -52,96 +63,198 @@ def watch(
     barewire watch tcp://192.168.1.20 raw input:100:f32 --period 1
     """
     if as_json and as_csv:
-        raise click.UsageError("--json and --csv: one of them")
+        raise click.UsageError("--json and --csv: expected only one of them")
     if not 0 < period < 1e6:
         raise click.UsageError(f"--period {period:g}: expected seconds, above 0 and below 1000000")
-    machine = device_with(device, names)
-    parameters = [machine.find(name) for name in names]
+    description = device_with(device, names)
+    parameters = [description.find(name) for name in names]
     if plot is not None:
-        from barewire.cli.plot import check
+        from barewire.cli.plot import check_plot_file
 
-        check(plot)
-    answered = False
-    source = Source(endpoint, machine, names)
+        check_plot_file(plot)
+    succeeded = False
+    poller = Poller(partial(connect, description, endpoint), description, names)
     with ExitStack() as stack:
-        # Drawn in any case: after Ctrl-C, and when whoever read the output has had enough.
-        keep = stack.enter_context(drawn(plot, machine.title, parameters))
-        stack.callback(source.close)
+        # The plot is drawn however the command ends: also after Ctrl-C or a closed pipe.
+        keep = stack.enter_context(_plotted(plot, description.title, parameters))
+        stack.callback(poller.close)
         if count is None:
             stack.enter_context(suppress(KeyboardInterrupt))
-        teller = stack.enter_context(told(parameters, as_json, as_csv))
-        for poll in polls(source, period, count):
+        output = stack.enter_context(_poll_output(parameters, as_json, as_csv))
+        for poll in polls(poller, period, count):
             if poll.readings:
-                answered = True
+                succeeded = True
                 keep(poll)
-            teller.tell(poll)
-    return 0 if answered else 1
+            output.show(poll)
+    return 0 if succeeded else 1
+
+
+# Polling
+
+_NONE_REFUSED: Mapping[str, str] = MappingProxyType({})
+
+
+class Poll(NamedTuple):
+    """One reading of all names. `time` is in seconds after the first poll.
+
+    `refused` holds the names that the device refused, each with the reason. Without any reading, `error` is the reason.
+    """
+
+    time: float
+    readings: tuple[Reading, ...]
+    error: str = ""
+    refused: Mapping[str, str] = _NONE_REFUSED
+
+
+class PolledMachine(Protocol):
+    """What a poller uses of a machine."""
+
+    def read(self, name: str, /) -> Reading: ...
+
+    def read_all(self, names: Sequence[str], /) -> list[Reading]: ...
+
+    def close(self) -> None: ...
+
+
+class Poller:
+    """Polls one machine. After a port failed, the next poll connects again."""
+
+    def __init__(self, connect: Callable[[], PolledMachine], device: Device, names: Sequence[str]) -> None:
+        self._connect = connect
+        self._names = tuple(dict.fromkeys(device.find(name).name for name in names))
+        # Names that are read alone: those refused, or all of them if they are refused only together.
+        self._alone: set[str] = set()
+        # A port that cannot be opened now is an error of the command; later it is the error of a poll.
+        self._machine: PolledMachine | None = connect()
+
+    def poll(self, time: float) -> Poll:
+        """Read every name once."""
+        try:
+            if self._machine is None:
+                self._machine = self._connect()
+            return self._read(self._machine, time)
+        except EncodeError:
+            raise  # a request that cannot be encoded fails in every poll
+        except BarewireError as error:
+            if isinstance(error, PortError):
+                self.close()
+            return Poll(time, (), error_text(error))
+
+    def _read(self, machine: PolledMachine, time: float) -> Poll:
+        readings: dict[str, Reading] = {}
+        refused: dict[str, str] = {}
+        together = [name for name in self._names if name not in self._alone]
+        alone = [name for name in self._names if name in self._alone]
+        last: Refused | None = None
+        try:
+            readings.update((reading.name, reading) for reading in machine.read_all(together))
+        except Refused as error:
+            last, alone = error, list(self._names)
+        if len(self._names) == 1 and last is not None:
+            raise last
+        for name in alone:
+            try:
+                readings[name] = machine.read(name)
+            except Refused as error:
+                last = error
+                refused[name] = str(error)
+        if not readings and last is not None:
+            raise last
+        one_by_one = not refused and (last is not None or len(alone) == len(self._names))
+        self._alone = set(self._names) if one_by_one else set(refused)
+        return Poll(time, tuple(readings[name] for name in self._names if name in readings), "", refused)
+
+    def close(self) -> None:
+        """Close the port."""
+        if self._machine is not None:
+            self._machine.close()
+            self._machine = None
+
+
+def next_poll(number: int, period: float, elapsed: float) -> int:
+    """The number of the poll after `number`: the first whose time is not over yet.
+
+    >>> next_poll(0, 0.5, elapsed=0.1), next_poll(1, 0.5, elapsed=1.0), next_poll(2, 0.5, elapsed=2.3)
+    (1, 2, 5)
+    """
+    # A poll that became due less than a thousandth of a period ago is still made.
+    due = int(elapsed / period + 0.999)
+    return max(number + 1, due)
+
+
+def polls(poller: Poller, period: float, count: int | None) -> Iterator[Poll]:
+    """Polls, each at its time: `count` of them, or without end."""
+    start, number, made = time.monotonic(), 0, 0
+    while count is None or made < count:
+        time.sleep(max(0.0, start + number * period - time.monotonic()))
+        yield poller.poll(time.monotonic() - start)
+        made += 1
+        number = next_poll(number, period, time.monotonic() - start)
+
+
+# Output
 
 
 @contextmanager
-def drawn(plot: str | None, title: str, parameters: list[Parameter]) -> Iterator[Callable[[Poll], None]]:
-    """Who keeps the polls, and draws them at the end, however it ends."""
+def _plotted(plot: str | None, title: str, parameters: list[Parameter]) -> Iterator[Callable[[Poll], None]]:
+    """A function that keeps polls; they are drawn when the block ends, with or without an exception."""
     if plot is None:
         yield lambda poll: None
         return
-    from barewire.cli.plot import Kept, draw
+    from barewire.cli.plot import PlotSamples, draw_plot
 
-    kept = Kept()
+    kept = PlotSamples()
     try:
         yield lambda poll: kept.add(poll.time, _values(poll, parameters))
     finally:
         if kept.samples:
-            draw(plot, title, parameters, kept.samples)
+            draw_plot(plot, title, parameters, kept.samples)
         else:
-            print(f"barewire: --plot {plot}: no value came, nothing is drawn", file=sys.stderr)
+            print(f"barewire: --plot {plot}: no value was read, nothing is drawn", file=sys.stderr)
         if kept.every > 1:
-            print(f"barewire: --plot {plot}: one poll of {kept.every} is drawn", file=sys.stderr)
+            print(f"barewire: --plot {plot}: one poll in {kept.every} is drawn", file=sys.stderr)
 
 
 def _values(poll: Poll, parameters: list[Parameter]) -> list[Value]:
-    """A value for each name; empty text for one that was refused."""
-    came = {reading.name: reading.value for reading in poll.readings}
-    return [came.get(parameter.name, "") for parameter in parameters]
+    """A value for each parameter; empty text for a refused one."""
+    values = {reading.name: reading.value for reading in poll.readings}
+    return [values.get(parameter.name, "") for parameter in parameters]
 
 
-# How it is told
+class _PollOutput(Protocol):
+    """An output format of polls."""
 
-
-class Teller(Protocol):
-    """Who is told of every poll."""
-
-    def tell(self, poll: Poll) -> None: ...
+    def show(self, poll: Poll) -> None: ...
 
 
 @contextmanager
-def told(parameters: list[Parameter], as_json: bool, as_csv: bool) -> Iterator[Teller]:
-    """JSON lines, CSV, a living table on a terminal, or a line for each poll."""
+def _poll_output(parameters: list[Parameter], as_json: bool, as_csv: bool) -> Iterator[_PollOutput]:
+    """JSON lines, CSV, on a terminal a table that is updated, otherwise one line a poll."""
     if as_json:
-        yield JsonLines()
+        yield _JsonLines()
     elif as_csv:
-        yield Csv(parameters)
+        yield _Csv(parameters)
     elif sys.stdout.isatty():
         with Live(console=Console(highlight=False), auto_refresh=False) as live:
-            yield LiveTable(parameters, live)
+            yield _LiveTable(parameters, live)
     else:
-        yield Lines()
+        yield _Lines()
 
 
-class JsonLines:
-    """{"time": 0.5, "values": {...}}, or "error" in place of "values"; names that were refused in "refused"."""
+class _JsonLines:
+    """{"time": 0.5, "values": {...}}, or "error" instead of "values"; refused names are in "refused"."""
 
-    def tell(self, poll: Poll) -> None:
-        """One line."""
-        said: dict[str, object] = {"values": {reading.name: reading.value for reading in poll.readings}}
+    def show(self, poll: Poll) -> None:
+        fields: dict[str, object] = {"values": {reading.name: reading.value for reading in poll.readings}}
         if not poll.readings:
-            said = {"error": poll.error}
+            fields = {"error": poll.error}
         elif poll.refused:
-            said["refused"] = dict(poll.refused)
-        print_json({"time": round(poll.time, 3), **said})
+            fields["refused"] = dict(poll.refused)
+        print_json({"time": round(poll.time, 3), **fields})
 
 
-class Csv:
-    """time and the names as a header, then numbers; nothing where a name was refused, told on stderr when it begins."""
+class _Csv:
+    """A header of time and names, then numbers, empty for a refused name. stderr gets each refusal when it begins."""
 
     def __init__(self, parameters: list[Parameter]) -> None:
         self._parameters = parameters
@@ -149,14 +262,13 @@ class Csv:
         self._writer = csv.writer(sys.stdout, lineterminator="\n")
         self._writer.writerow(["time", *(parameter.name for parameter in parameters)])
 
-    def tell(self, poll: Poll) -> None:
-        """One row; a poll that failed is none."""
+    def show(self, poll: Poll) -> None:
         if poll.error:
             print(f"{poll.time:.3f} s: {poll.error}", file=sys.stderr, flush=True)
             return
-        for name, words in poll.refused.items():
+        for name, reason in poll.refused.items():
             if name not in self._refused:
-                print(f"{poll.time:.3f} s: {name}: {words}", file=sys.stderr, flush=True)
+                print(f"{poll.time:.3f} s: {name}: {reason}", file=sys.stderr, flush=True)
         self._refused = set(poll.refused)
         self._writer.writerow([f"{poll.time:.3f}", *(_number(value) for value in _values(poll, self._parameters))])
         sys.stdout.flush()
@@ -166,35 +278,33 @@ def _number(value: Value) -> str:
     return str(int(value)) if isinstance(value, bool) else show(value)
 
 
-class Lines:
-    """For a pipe: everything of one poll in one line."""
+class _Lines:
+    """One line a poll."""
 
-    def tell(self, poll: Poll) -> None:
-        """One line."""
-        refused = [f"{name}: {words}" for name, words in poll.refused.items()]
-        said = "; ".join([*map(str, poll.readings), *refused]) if poll.readings else f"error: {poll.error}"
-        print(f"{poll.time:9.3f} s  {said}", flush=True)
+    def show(self, poll: Poll) -> None:
+        refused = [f"{name}: {reason}" for name, reason in poll.refused.items()]
+        text = "; ".join([*map(str, poll.readings), *refused]) if poll.readings else f"error: {poll.error}"
+        print(f"{poll.time:9.3f} s  {text}", flush=True)
 
 
 @dataclass
-class LiveTable:
+class _LiveTable:
     """A row for each name: the value, and the least and the greatest so far."""
 
     parameters: list[Parameter]
     live: Live
     least: dict[str, float] = field(default_factory=dict)
     greatest: dict[str, float] = field(default_factory=dict)
-    shown: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
     polled: int = 0
     failed: int = 0
 
-    def tell(self, poll: Poll) -> None:
-        """Draw the table anew."""
+    def show(self, poll: Poll) -> None:
         self.polled += 1
         self.failed += not poll.readings
         for reading in poll.readings:
             name, value = reading.name, reading.value
-            self.shown[name] = reading.parameter.text(value)
+            self.texts[name] = reading.parameter.text(value)
             if isinstance(value, (int, float)):
                 self.least[name] = min(self.least.get(name, value), value)
                 self.greatest[name] = max(self.greatest.get(name, value), value)
@@ -207,11 +317,11 @@ class LiveTable:
             table.add_column(title, overflow="fold")
         for parameter in self.parameters:
             name = parameter.name
-            limits = (show(held[name]) if name in held else "" for held in (self.least, self.greatest))
-            value = Text(self.shown.get(name, ""))
+            limits = (show(values[name]) if name in values else "" for values in (self.least, self.greatest))
+            text = Text(self.texts.get(name, ""))
             if name in poll.refused:
-                value = Text(poll.refused[name], style="red")
-            table.add_row(Text(name), value, *map(Text, limits))
+                text = Text(poll.refused[name], style="red")
+            table.add_row(Text(name), text, *map(Text, limits))
         table.caption = Text(poll.error, style="red") if poll.error else None
         table.caption_justify = "left"
         return table
