@@ -64,9 +64,9 @@ def run_command_line(arguments: list[str]) -> int:
     except click.ClickException as error:
         return _print_error(error.format_message(), error.exit_code)
     except BarewireError as error:
-        from barewire.cli.arguments import error_text
+        from barewire.cli.arguments import text_with_notes
 
-        return _print_error(error_text(error), 1)
+        return _print_error(text_with_notes(error), 1)
     except BrokenPipeError:
         # The reader of the output has ended (`| head`): that is no error, and there is nothing left to flush to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -86,6 +86,8 @@ def _print_error(text: str, status: int) -> int:
 @click.version_option(__version__, prog_name="barewire")
 def barewire_command() -> None:
     """Read, write, simulate, monitor and test Modbus (RTU, ASCII, TCP) and CANopen devices.
+
+    `barewire COMMAND --help` explains a command.
 
     \b
     ENDPOINT is a URL:

@@ -40,7 +40,7 @@ endpoint_argument = click.argument("endpoint", type=EndpointArgument())
 device_argument = click.argument("device")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 timing_option = click.option(
-    "--timing", is_flag=True, help="Print on stderr the silence and pauses of the line, in milliseconds."
+    "--timing", is_flag=True, help="Print the silences and pauses of the line on stderr, in ms."
 )
 nodes_option = click.option(
     "--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each."
@@ -68,7 +68,7 @@ def _without_nan(value: Any) -> Any:
     return [_without_nan(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def error_text(error: Exception) -> str:
+def text_with_notes(error: Exception) -> str:
     """The text of an error, with its notes: which names were being read, what was written before."""
     return "; ".join([str(error), *getattr(error, "__notes__", [])])
 

@@ -18,7 +18,7 @@ from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
-    from barewire.io.canopen.conformance import Result
+    from barewire.io.canopen.conformance import NodeCaseResult
     from barewire.io.modbus.conformance import CaseResult
 
 
@@ -130,14 +130,14 @@ def _object_address(text: str | None) -> tuple[int, int] | None:
     return address
 
 
-def _node_case_line(result: Result) -> str:
+def _node_case_line(result: NodeCaseResult) -> str:
     status = "FAILED" if result.failure else "-" if result.outcome is None else "ok"
     case = result.case
     text = f"{case.title}: {result.failure}" if result.failure else case.title
     return f"{status:6}  {case.name:6}  {text}" + (f" ({result.left_out})" if result.left_out else "")
 
 
-def _node_case_fields(result: Result) -> dict[str, object]:
+def _node_case_fields(result: NodeCaseResult) -> dict[str, object]:
     case = result.case
     return {
         "case": case.name,

@@ -20,7 +20,7 @@ from rich.text import Text
 from barewire import CanopenClient, NoAnswer, connect
 from barewire.canopen import CanFrame
 from barewire.cli.arguments import json_option, print_json
-from barewire.cli.simulate import device_server
+from barewire.cli.simulate import machine_server
 from barewire.codecs import Value
 from barewire.devices import Reading, load
 from barewire.devices.sim import Simulator, simulator
@@ -195,7 +195,7 @@ def _run_steps(wire: DemoWire, machine: Simulator) -> Iterator[DemoExchange]:
     """Serve the machine on the wire and do the steps there, one after the other."""
     description = load(wire.device)
     with ExitStack() as stack:
-        server = stack.enter_context(device_server(wire.device, wire.endpoint, machine))
+        server = stack.enter_context(machine_server(wire.endpoint, machine))
         scheme = wire.endpoint.partition(":")[0]
         frames = ExchangeFrames(scheme)
         url = f"{server.url}&pace=1" if scheme in ("rtu", "ascii") else server.url

@@ -261,5 +261,8 @@ def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) 
 @click.argument("method", type=int, required=False)
 @_within_option
 def home_command(drive: DriveClient, method: int | None, within: float) -> DriveStatus:
-    """Find the home position, with METHOD or the method that is set in the drive."""
+    """Find the home position.
+
+    Without METHOD, the method that is set in the drive is used.
+    """
     return drive.home(method, within=within)

@@ -75,7 +75,7 @@ def draw_plot(file: str, title: str, parameters: Sequence[Parameter], samples: _
         for place, parameter in enumerate(parameters):
             if parameter.unit == unit:
                 values = [_plot_value(row[place]) for _, row in samples]
-                # A value that is a state, not a quantity, is drawn as steps: it does not pass through the numbers between.
+                # A state is drawn as steps: it does not pass through the numbers between.
                 steps = bool(parameter.values or parameter.bits or parameter.type == "bool")
                 panel.plot(
                     times, values, label=parameter.name, drawstyle="steps-post" if steps else "default", marker="."

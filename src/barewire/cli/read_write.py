@@ -58,7 +58,7 @@ def read_command(endpoint: str, device: str, names: tuple[str, ...], as_json: bo
 @endpoint_argument
 @device_argument
 @click.argument("assignments", nargs=-1, required=True, metavar="NAME=VALUE...")
-@click.option("--force", is_flag=True, help="Write also what the description has as read only or out of range.")
+@click.option("--force", is_flag=True, help="Write also values that are read only or out of range.")
 @json_option
 @timing_option
 def write_command(
@@ -66,9 +66,9 @@ def write_command(
 ) -> None:
     """Write named values of a device, in the order given.
 
-    A VALUE is a number (0x for hexadecimal), on or off, or the name of one of the parameter's values. Adjacent registers
-    are written in one request where the device allows it. Half a register, or one bit of a register or of an object,
-    is read, changed and written back; the output line states that.
+    A VALUE is a number (0x for hexadecimal), on or off, or the name of one of the parameter's values. Adjacent
+    registers are written in one request where the device allows it. Half a register, or one bit of a register or of an
+    object, is read, changed and written back; the output line states that.
 
     \b
     barewire write "tcp://127.0.0.1:1502" csd-mt "Control Word=0x0006"

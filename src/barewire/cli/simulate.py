@@ -18,7 +18,6 @@ from barewire.devices.value_text import parse_value
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, parse_faults
 from barewire.io.server.base import ThreadedServer
-from barewire.modbus import Unit
 
 _TABLE = "table"
 
@@ -27,8 +26,8 @@ _TABLE = "table"
 @device_argument
 @click.argument("endpoints", type=EndpointArgument(), nargs=-1, required=True, metavar="ENDPOINT...")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Set a parameter, also a read-only one.")
-@click.option("--world", multiple=True, metavar="NAME=VALUE", help="Set a property of the environment: see below.")
-@click.option("--fault", metavar="KIND[:P],...", help="Disturb responses: see below.")
+@click.option("--world", multiple=True, metavar="NAME=VALUE", help="Set a property of the environment: see above.")
+@click.option("--fault", metavar="KIND[:P],...", help="Disturb responses: see above.")
 @click.option("--seed", type=int, help="Seed of the faults, to repeat them.")
 @click.option("--late", default=LATE, show_default=True, metavar="S", help="Delay of the fault `late` in seconds.")
 def simulate_command(
@@ -45,9 +44,9 @@ def simulate_command(
     DEVICE is a name of `barewire devices`, the directory of your own description, or `table`: 65,536 coils, discrete
     inputs, holding and input registers. Several endpoints lead to the same machine, with the same values.
 
-    A serial ENDPOINT whose path does not exist becomes a new pseudo-terminal with that name, which another program opens
-    like a serial port; `rtu://pty` becomes one without a name. can://socketcand/127.0.0.1:29536/can0 becomes a new bus
-    if no server listens on that port. When an endpoint listens, `ready ENDPOINT` is printed.
+    A serial ENDPOINT whose path does not exist becomes a new pseudo-terminal with that name, which another program
+    opens like a serial port; `rtu://pty` becomes one without a name. can://socketcand/127.0.0.1:29536/can0 becomes a
+    new bus if no server listens on that port. When an endpoint listens, `ready ENDPOINT` is printed.
 
     \b
     barewire simulate adxl rtu:///tmp/adxl &
@@ -56,8 +55,8 @@ def simulate_command(
     barewire simulate my-meter tcp://127.0.0.1:1502 --set "Current=4.2"
     barewire simulate az3 rtu:///tmp/az3 --fault late:0.05,drop,flip:0.01 --seed 7
 
-    --fault applies each KIND to a response with the probability P, or 0.1, and prints `fault KIND`. It works on tcp, tls
-    (before encryption), udp, rtu, ascii, rtu+tcp, ascii+tcp and can.
+    --fault applies each KIND to a response with the probability P, or 0.1, and prints `fault KIND`. It works on tcp,
+    tls (before encryption), udp, rtu, ascii, rtu+tcp, ascii+tcp and can.
 
     \b
     late        the response is sent after a delay: see --late
@@ -86,19 +85,20 @@ def simulate_command(
         stop.set()
 
     if "?order=" in device:
-        raise EncodeError(
-            f"{device!r}: a simulated device has its own byte order: use --set if it has a register for it"
-        )
+        raise EncodeError(f"{device!r}: a simulated device has its own byte order; --set its register, if it has one")
     faults = None if fault is None else parse_faults(fault)
-    machine = (
-        None if device == _TABLE else _configured_machine(device, [Endpoint.parse(endpoint) for endpoint in endpoints])
-    )
+    machine = None if device == _TABLE else _configured_machine(device, list(map(Endpoint.parse, endpoints)))
     _set_initial_state(device, machine, values, world)
     disturbed: dict[str, Any] = {}
     if faults is not None:
         disturbed = {"faults": faults, "fault_seed": seed, "fault_delay": late, "on_fault": _print_fault}
     table = Table()
-    servers = [device_server(device, endpoint, machine, table, **disturbed) for endpoint in endpoints]
+    servers = [
+        _table_server(endpoint, table, **disturbed)
+        if machine is None
+        else machine_server(endpoint, machine, **disturbed)
+        for endpoint in endpoints
+    ]
     # Only now: opening a port may wait, and there Ctrl-C must raise KeyboardInterrupt.
     for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
         signal.signal(number, end)
@@ -142,21 +142,27 @@ def _set_initial_state(device: str, machine: Simulator | None, values: tuple[str
         cell.set(cell.free.check(parse_value(cell.parameter, value)))
 
 
-def device_server(
-    device: str, endpoint: str, machine: Simulator | None = None, table: Table | None = None, **faults: Any
-) -> ThreadedServer:
-    """A server for a simulated device at a URL. `machine`: an existing machine, instead of a new one; `table`: the
-    registers of the device `table`; `faults`: the options of `ModbusServer` for faults."""
+def _tcp_units(at: Endpoint) -> tuple[int, ...]:
+    """Further unit addresses of a device on TCP that is no gateway [MB-TCP 4.4.2]."""
+    return (255, 0) if at.framing == "tcp" else ()
+
+
+def _table_server(endpoint: str, table: Table, **faults: Any) -> ThreadedServer:
+    """A server for a table, unit 1 unless the endpoint gives another."""
     at = Endpoint.parse(endpoint)
-    if device == _TABLE:
-        return ModbusServer(endpoint, _units(at, table or Table(), 1), **faults)
-    if machine is None:
-        machine = _configured_machine(device, [at])
+    address = at.integer("unit", 1)
+    _check_unit(at, address)
+    return ModbusServer(endpoint, dict.fromkeys((address, *_tcp_units(at)), table), **faults)
+
+
+def machine_server(endpoint: str, machine: Simulator, **faults: Any) -> ThreadedServer:
+    """A server for a simulated machine at a URL. `faults` are the options of that name of `ModbusServer`."""
+    at = Endpoint.parse(endpoint)
     if at.scheme == "can":
         if machine.canopen is None:
-            raise EncodeError(f"{device} has no CANopen: expected a Modbus endpoint")
+            raise EncodeError(f"{machine.device.name} has no CANopen: expected a Modbus endpoint")
         return CanopenServer(endpoint, device=machine.canopen, **faults)
-    units = MachineUnits(machine, *((255, 0) if at.framing == "tcp" else ()))
+    units = MachineUnits(machine, *_tcp_units(at))
     _check_unit(at, machine.address)
     return ModbusServer(endpoint, units, **faults)
 
@@ -175,10 +181,3 @@ def _configured_machine(device: str, endpoints: Sequence[Endpoint]) -> Simulator
 def _check_unit(at: Endpoint, address: int) -> None:
     if at.is_serial_port and not 1 <= address <= 247:
         raise EncodeError(f"unit {address}: a unit on a serial line has an address from 1 to 247")
-
-
-def _units(at: Endpoint, unit: Unit, default: int) -> dict[int, Unit]:
-    """The unit at its address; a TCP device that is no gateway is also unit 255 and 0 [MB-TCP 4.4.2]."""
-    address = at.integer("unit", default)
-    _check_unit(at, address)
-    return {address: unit, 255: unit, 0: unit} if at.framing == "tcp" else {address: unit}

@@ -1,8 +1,8 @@
 """`barewire watch`: named values of a machine, read periodically: as a table, lines, JSON, CSV or a plot.
 
 Poll k is due at t0 + k * period. If a poll takes longer than the period, the polls that became due meanwhile are left
-out; later ones are not delayed. If the device refuses a request for several names, they are read one by one; the refused
-names are then read alone, and the others together again.
+out; later ones are not delayed. If the device refuses a request for several names, they are read one by one; from
+then on the refused names are read alone, and the others together.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rich.table import Table
 from rich.text import Text
 
 from barewire import connect
-from barewire.cli.arguments import device_argument, endpoint_argument, error_text, print_json
+from barewire.cli.arguments import device_argument, endpoint_argument, print_json, text_with_notes
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
@@ -138,7 +138,7 @@ class Poller:
         except BarewireError as error:
             if isinstance(error, PortError):
                 self.close()
-            return Poll(time, (), error_text(error))
+            return Poll(time, (), text_with_notes(error))
 
     def _read(self, machine: PolledMachine, time: float) -> Poll:
         readings: dict[str, Reading] = {}
