@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
@@ -24,6 +25,12 @@ Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 
 modest = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 """For property tests: 60 examples, the same in every run."""
+
+
+def free_port() -> int:
+    """A TCP port of the loopback interface on which no server listens."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
 
 
 def unhex(text: str) -> bytes:

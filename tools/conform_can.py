@@ -33,7 +33,7 @@ FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#401810000
 ...
 -       SEG-40  7 bytes written and read back (needs large object)
 ...
-145 of 149 as the standard says, 126 left out
+145 of 149 passed, 126 left out
 ```
 
 First the objects of the device are read, after a reset of its communication if any case changes the device; a case

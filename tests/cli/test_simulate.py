@@ -1,119 +1,106 @@
-"""`barewire simulate`: one machine at several endpoints, parts of registers, what it says of itself."""
+"""`barewire simulate`: a machine at one or several endpoints, a table, the initial state, and the environment."""
 
 from __future__ import annotations
 
-import json
-import signal
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
+import socket
 from pathlib import Path
+
+import pytest
 
 from barewire import CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
 from barewire.io.fault_injection.faults import KINDS
-from tests.cli.test_command import COMMAND, ENVIRONMENT, asked_with, failing, free_port, out
+from tests.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
+from tests.helpers import free_port
 
 
-@contextmanager
-def simulated(device: str, *arguments: str) -> Iterator[list[str]]:
-    """A machine at several endpoints in a process of its own; gives where they are."""
-    command = [*COMMAND, "simulate", device, *arguments]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        try:
-            places = [process.stdout.readline().split()[1] for argument in arguments if "://" in argument]
-            yield [asked_with(place, "timeout=30") for place in places]
-        finally:
-            process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
-        assert process.stderr.read() == ""
-
-
-def test_one_drive_on_both_its_wires(tmp_path: Path) -> None:
+def test_one_machine_at_two_endpoints(tmp_path: Path) -> None:
     urls = (f"rtu://{tmp_path}/az3?unit=4", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=9")
     with simulated("az3", *urls) as (serial, bus):
-        assert out("read", serial, "az3", "MODBUS ADDRESS", "BOOT CAN NODE READ ONLY").splitlines() == [
+        assert output_of("read", serial, "az3", "MODBUS ADDRESS", "BOOT CAN NODE READ ONLY").splitlines() == [
             "MODBUS ADDRESS = 4",
             "BOOT CAN NODE READ ONLY = 9",
         ]
-        out("write", bus, "az3", "TARGET VELOCITY=-250")
-        assert out("read", serial, "az3", "TARGET VELOCITY").startswith("TARGET VELOCITY = -250")
-        out("write", serial, "az3", "CONTROL WORD=6")
-        assert out("read", bus, "az3", "STATUS WORD") == out("read", serial, "az3", "STATUS WORD")
+        output_of("write", bus, "az3", "TARGET VELOCITY=-250")
+        assert output_of("read", serial, "az3", "TARGET VELOCITY").startswith("TARGET VELOCITY = -250")
+        output_of("write", serial, "az3", "CONTROL WORD=6")
+        assert output_of("read", bus, "az3", "STATUS WORD") == output_of("read", serial, "az3", "STATUS WORD")
 
 
 def test_a_table_on_two_ports_is_one_table() -> None:
     with simulated("table", "tcp://127.0.0.1:0", "udp://127.0.0.1:0") as (first, second):
-        out("write", first, "raw", "holding:100:f32=1.5", "coil:7=on")
-        assert out("read", second, "raw", "holding:100:f32", "coil:7") == "holding:100:f32 = 1.5\ncoil:7 = on\n"
+        output_of("write", first, "raw", "holding:100:f32=1.5", "coil:7=on")
+        assert output_of("read", second, "raw", "holding:100:f32", "coil:7") == "holding:100:f32 = 1.5\ncoil:7 = on\n"
 
 
-def test_a_part_of_a_register_says_how_it_was_written() -> None:
-    with simulated("az3", "rtu://pty") as (serial,):
-        said = out("write", serial, "az3", "BRAKE 1 POW VALUE=50", "POLARITY=1")
-    first, second = said.splitlines()
-    assert first == "BRAKE 1 POW VALUE = 50 %, written: its register was read, changed and written back"
-    assert second == "POLARITY = 1, written"
+def test_a_table_answers_until_interrupted() -> None:
+    with simulated_at("table", "tcp://127.0.0.1:0", client_option="") as endpoint:
+        host, _, port = endpoint.removeprefix("tcp://").partition(":")
+        with socket.create_connection((host, int(port)), timeout=30) as client:
+            client.sendall(bytes.fromhex("0001 0000 0006 01 03 FFFF 0001"))
+            assert client.recv(100) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
 
 
-def test_what_it_shows_can_be_set_also_where_a_master_may_not() -> None:
+@pytest.mark.parametrize("unit", [0, 248])
+def test_a_serial_unit_has_an_address_from_1_to_247(unit: int) -> None:
+    assert f"unit {unit}: a unit on a serial line" in error_of("simulate", "table", f"rtu://pty?unit={unit}")
+
+
+def test_a_link_to_a_closed_terminal_is_replaced(tmp_path: Path) -> None:
+    line = tmp_path / "line"
+    line.symlink_to("/dev/pts/999999")
+    with simulated_at("adxl", f"rtu://{line}") as endpoint:
+        assert "Status" in output_of("read", endpoint, "adxl", "Status")
+
+
+def test_an_endpoint_that_cannot_be_served_ends_the_command() -> None:
+    error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "can://socketcand/127.0.0.1:1/can0")
+    assert "adxl has no CANopen: expected a Modbus endpoint" in error
+
+
+def test_set_changes_also_a_read_only_parameter() -> None:
     with simulated("adxl", "--set", "Sub-menu number selection=3", "tcp://127.0.0.1:0") as (url,):
-        assert out("read", url, "adxl", "Sub-menu number selection") == "Sub-menu number selection = 3\n"
-    where = ("simulate", "adxl", "tcp://127.0.0.1:0", "--set")
-    assert "this simulator moves Frequency by itself" in failing(*where, "Frequency=49")
-    assert "did you mean 'Frequency'?" in failing(*where, "Frequenzy=49")
-    assert "expected NAME=VALUE" in failing(*where, "Frequency", status=2)
-    assert "table has no names" in failing("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=1")
+        assert output_of("read", url, "adxl", "Sub-menu number selection") == "Sub-menu number selection = 3\n"
+    command = ("simulate", "adxl", "tcp://127.0.0.1:0", "--set")
+    assert "the simulator computes Frequency itself" in error_of(*command, "Frequency=49")
+    assert "did you mean 'Frequency'?" in error_of(*command, "Frequenzy=49")
+    assert "expected NAME=VALUE" in error_of(*command, "Frequency", status=2)
+    assert "a table has no named values" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=1")
 
 
-def test_what_is_around_it_can_be_said() -> None:
+def test_world_changes_the_environment() -> None:
     with simulated("adxl", "--world", "line=0", "--world", "limits=3", "tcp://127.0.0.1:0") as (url,):
-        said = out("read", url, "adxl", "Status", "Limit 1", "Limit 2", "Limit 3")
-    assert said.splitlines() == ["Status = 0 (Absence of power)", "Limit 1 = on", "Limit 2 = on", "Limit 3 = off"]
+        text = output_of("read", url, "adxl", "Status", "Limit 1", "Limit 2", "Limit 3")
+    assert text.splitlines() == ["Status = 0 (Absence of power)", "Limit 1 = on", "Limit 2 = on", "Limit 3 = off"]
     with simulated("az3", "--world", "volts=0", "rtu://pty") as (url,):
-        assert "voltage enabled" not in out("read", url, "az3", "STATUS WORD")
+        assert "voltage enabled" not in output_of("read", url, "az3", "STATUS WORD")
+    assert "expected NAME=NUMBER with a name of volts" in error_of("simulate", "az3", "rtu://pty", "--world", "volt=1")
+    assert "a table has no environment" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--world", "volts=1")
 
 
-def test_neighbours_are_written_in_one_request_and_a_name_twice_in_two() -> None:
-    with simulated("csd-mt", "tcp://127.0.0.1:0") as (url,):
-        said = out("write", url, "csd-mt", "Profile Velocity=1000", "Control Word=6", "Control Word=0", "--json")
-        told = [json.loads(line) for line in said.splitlines()]
-    assert [(one["name"], one["value"], one["how"]) for one in told] == [
-        ("Profile Velocity", 1000, "written"),
-        ("Control Word", 6, "written"),
-        ("Control Word", 0, "written"),
-    ]
-
-
-def test_a_drive_without_high_voltage_says_so_on_both_wires(tmp_path: Path) -> None:
+def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
     machine = simulator("az3")
     assert isinstance(machine, Az3)
     machine.supply(0.0, 0.0)
     bus = f"can://socketcand/127.0.0.1:{free_port()}/can0"
-    assert "expected NAME=NUMBER with a name of volts" in failing("simulate", "az3", "rtu://pty", "--world", "volt=1")
-    assert "nothing around a table" in failing("simulate", "table", "tcp://127.0.0.1:0", "--world", "volts=1")
     with (
         ModbusServer("rtu://pty", units=MachineUnits(machine)) as serial,
         CanopenServer(bus, device=machine.canopen) as can,
     ):
         for url in (serial.url, can.url):
-            command = [*COMMAND, "drive", url, "az3", "enable", "--timeout", "0.3"]
-            done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=60, check=False)
+            done = run_command("drive", url, "az3", "enable", "--timeout", "0.3")
             assert done.returncode == 1
             assert "enable: stuck in 'ready to switch on' after 0.3 s" in done.stderr
             assert "no high voltage, bit 4 (voltage enabled) is off" in done.stderr
 
 
-def test_a_second_endpoint_that_cannot_be_had_is_the_end_of_both() -> None:
-    said = failing("simulate", "adxl", "tcp://127.0.0.1:0", "can://socketcand/127.0.0.1:1/can0")
-    assert "adxl has no CANopen: it speaks Modbus" in said
+@pytest.mark.parametrize("late", ["nan", "-1", "inf"])
+def test_the_delay_of_the_fault_late_is_checked(late: str) -> None:
+    error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late", f"--late={late}")
+    assert error.endswith(f"late = {late}: expected seconds, from 0 on and below 3600\n")
 
 
 def test_the_help_names_every_fault_and_every_carrier() -> None:
-    said = out("simulate", "--help")
+    text = output_of("simulate", "--help")
     for word in (*KINDS, "tls", "udp", "rtu+tcp", "ascii+tcp", "can"):
-        assert word in said
+        assert word in text

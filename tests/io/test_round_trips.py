@@ -13,8 +13,8 @@ from barewire import CanopenServer, ModbusServer, connect
 from barewire.devices import Device, Parameter, load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.io.server.base import ThreadedServer
-from tests.cli.test_command import free_port
 from tests.devices.sim.test_round_trips import MENU, PDO_RECORDS, PUSHED, in_range, same, wanted
+from tests.helpers import free_port
 
 LINES = [
     ("az3", "rtu://pty?baudrate=115200&pace=0"),

@@ -17,8 +17,8 @@ from barewire.io.canopen.conformance import NodeCaseResult, conform_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
 from tests.canopen.conformance.devices import LARGE, NODE, plain
-from tests.cli.test_command import barewire, free_port, simulated
-from tests.helpers import refused
+from tests.cli.helpers import run_command, simulated_at
+from tests.helpers import free_port, refused
 from tests.io.peers import again
 
 URL = f"can://virtual/conform?node={NODE}"
@@ -78,26 +78,29 @@ def test_no_device_and_another_scheme_are_errors() -> None:
 
 
 def test_cases_with_remote_frames_are_left_out_on_socketcand() -> None:
-    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url, CanopenClient(url) as client:
+    with (
+        simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as url,
+        CanopenClient(url) as client,
+    ):
         with refused(PortError, "socketcand carries no remote frames"):
             client.send(CanFrame.parse("705#R1"))
         assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
 
 
 def test_the_command() -> None:
-    with simulated("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", asking="") as url:
-        done = barewire("conform", f"{url}&timeout=1", "--only", "sdo-0,sdo-31,seg-01")
+    with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as url:
+        done = run_command("conform", f"{url}&timeout=1", "--only", "sdo-0,sdo-31,seg-01")
         assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
         assert "FAILED  SDO-03  upload of 1018h:00, entries of the identity: after 605#40181000" in done.stdout
         assert "-       SDO-31  a remote frame is not answered (needs remote frames, which socketcand" in done.stdout
-        assert done.stdout.splitlines()[-1] == "5 of 7 as the standard says, 4 left out"
+        assert done.stdout.splitlines()[-1] == "5 of 7 passed, 4 left out"
         assert done.returncode == 1
-        done = barewire("conform", f"{url}&timeout=5", "--only", "SDO-05", "--json", "--gentle")
+        done = run_command("conform", f"{url}&timeout=5", "--only", "SDO-05", "--json", "--gentle")
         assert done.returncode == 0
         (line,) = map(json.loads, done.stdout.splitlines())
         assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
-        assert line["heard"] == [["585#4300100092010200"]] * 5
-        done = barewire("conform", f"{url}&timeout=0.2", "--only", "XYZ")
+        assert line["received"] == [["585#4300100092010200"]] * 5
+        done = run_command("conform", f"{url}&timeout=0.2", "--only", "XYZ")
         assert (done.returncode, done.stderr) == (1, "barewire: --only 'XYZ': no case has a name that begins so\n")
 
 
@@ -108,7 +111,7 @@ def test_the_command_refuses_wrong_options() -> None:
         (("can://virtual/nobody", "--large", "here"), "--large 'here': expected INDEX:SUB"),
         (("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
     ):
-        done = barewire("conform", *arguments)
+        done = run_command("conform", *arguments)
         assert done.returncode == 1
         assert len(done.stderr.splitlines()) == 1
         assert said in done.stderr

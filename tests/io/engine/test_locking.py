@@ -14,7 +14,7 @@ from barewire.devices.sim import Az3, simulator
 from barewire.io.engine.locking import SharedUnits, exclusive
 from barewire.modbus import Table
 from barewire.modbus.messages.base import Response
-from tests.cli.test_command import free_port
+from tests.helpers import free_port
 
 
 class Watched(Table):

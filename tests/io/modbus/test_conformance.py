@@ -26,7 +26,7 @@ from barewire.modbus import Server, Table
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.rtu import RtuLine, Timing
 from tests.certificates import tls_url
-from tests.cli.test_command import barewire
+from tests.cli.helpers import run_command
 from tests.helpers import refused
 from tests.io.peers import again, honest, peer
 
@@ -148,18 +148,18 @@ def test_the_conform_command() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
         for patience in ("0.25", "2"):  # as `again`
             url = f"{host.url}?timeout={patience}"
-            done = barewire("conform", "--timing", url)
+            done = run_command("conform", "--timing", url)
             if done.returncode == 0:
                 break
     assert done.returncode == 0
     assert done.stderr == f"barewire: {url} keeps no silence: lengths and numbers tell frames and answers apart\n"
     assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
-    assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} as the standard says"
+    assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} passed"
     with peer(honest) as port:
-        done = barewire("conform", f"tcp://127.0.0.1:{port}?timeout=0.5", "--json")
+        done = run_command("conform", f"tcp://127.0.0.1:{port}?timeout=0.5", "--json")
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
-    assert (first["ok"], first["clause"], first["heard"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
+    assert (first["ok"], first["clause"], first["received"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
 
 
 def flood(connection: socket.socket) -> None:
@@ -248,7 +248,7 @@ def test_a_server_that_is_restarted_is_tested_further() -> None:
 def test_the_conform_command_reports_cases_that_were_not_run() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
         mute.bind(("127.0.0.1", 0))
-        done = barewire("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")
+        done = run_command("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")
     said = [json.loads(line) for line in done.stdout.splitlines()]
     assert [one["ok"] for one in said[:-1]] == [False, False, False]
     assert said[-1]["not_run"] == len(CASES_TCP) - 3

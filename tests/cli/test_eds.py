@@ -1,4 +1,4 @@
-"""`barewire eds` as a person types it."""
+"""The command `barewire eds`."""
 
 from __future__ import annotations
 
@@ -8,31 +8,35 @@ from pathlib import Path
 import pytest
 
 from barewire.canopen import eds
-from tests.cli.test_command import barewire, failing, out
+from tests.cli.helpers import (
+    error_of,
+    output_of,
+    run_command,
+)
 
 
 def test_export_to_a_file_and_lint_it(tmp_path: Path) -> None:
     file = tmp_path / "drive.eds"
-    assert out("eds", "export", "az3", str(file)) == f"{file}: 171 objects\n"
+    assert output_of("eds", "export", "az3", str(file)) == f"{file}: 171 objects\n"
     assert eds.parse(file.read_bytes(), strict=True).get("FileInfo", "FileName") == "drive.eds"
-    assert out("eds", "lint", str(file)) == f"{file}: nothing to say against it\n"
-    assert json.loads(out("eds", "lint", str(file), "--json")) == {"file": str(file), "fine": True}
-    assert out("eds", "export", "az3").startswith("[FileInfo]\nFileName=az3.eds\n")
+    assert output_of("eds", "lint", str(file)) == f"{file}: no findings\n"
+    assert json.loads(output_of("eds", "lint", str(file), "--json")) == {"file": str(file), "ok": True}
+    assert output_of("eds", "export", "az3").startswith("[FileInfo]\nFileName=az3.eds\n")
 
 
-def test_lint_says_line_rule_and_sentence(tmp_path: Path) -> None:
+def test_lint_prints_line_rule_and_text(tmp_path: Path) -> None:
     file = tmp_path / "odd.eds"
     file.write_bytes(b"[1000]\nDataType=010\n")
-    done = barewire("eds", "lint", str(file))
+    done = run_command("eds", "lint", str(file))
     assert done.returncode == 1
     assert f"{file}:2: leading-zeros: [1000] DataType = 010: a leading zero makes a number octal;" in done.stdout
     assert done.stderr == ""
-    rows = [json.loads(line) for line in barewire("eds", "lint", "--json", str(file)).stdout.splitlines()]
+    rows = [json.loads(line) for line in run_command("eds", "lint", "--json", str(file)).stdout.splitlines()]
     assert {"file", "line", "rule", "text"} == set(rows[0])
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("arguments", "message"),
     [
         (("lint", "nowhere.eds"), "nowhere.eds: No such file or directory"),
         (("export", "az3", "nowhere/az3.eds"), "nowhere/az3.eds: No such file or directory"),
@@ -40,5 +44,5 @@ def test_lint_says_line_rule_and_sentence(tmp_path: Path) -> None:
         (("export", "az33"), "no device 'az33' in the catalogue"),
     ],
 )
-def test_errors_are_one_line(words: tuple[str, ...], says: str) -> None:
-    assert says in failing("eds", *words)
+def test_errors_are_one_line(arguments: tuple[str, ...], message: str) -> None:
+    assert message in error_of("eds", *arguments)

@@ -1,0 +1,86 @@
+"""Run the command `barewire` in a process of its own, and simulated devices in others, on real ports."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+COMMAND = [sys.executable, "-m", "barewire.cli"]
+ENVIRONMENT = os.environ | {"COLUMNS": "200", "NO_COLOR": "1"}
+
+
+def run_command(*arguments: str, timeout: float = 60) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=timeout, env=ENVIRONMENT, check=False
+    )
+
+
+def output_of(*arguments: str) -> str:
+    """The output of a command that must succeed."""
+    done = run_command(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def error_of(*arguments: str, status: int = 1) -> str:
+    """The one line on stderr of a command that must fail, and print nothing else."""
+    done = run_command(*arguments)
+    assert done.returncode == status, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stdout == ""
+    return done.stderr
+
+
+@contextmanager
+def simulated(*arguments: str, client_option: str = "timeout=30") -> Iterator[list[str]]:
+    """A simulated device in a process of its own: the URL of each endpoint, with an option for the client added. The
+    long time-out is for a computer that stands still for more than the usual second."""
+    command = [*COMMAND, "simulate", *arguments]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        urls = []
+        try:
+            for argument in arguments:
+                if "://" in argument:
+                    line = process.stdout.readline()
+                    assert line.startswith("ready "), process.stderr.read()
+                    urls.append(with_option(line.split()[1], client_option))
+            yield urls
+        finally:
+            process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0
+        assert process.stderr.read() == ""
+
+
+@contextmanager
+def simulated_at(device: str, endpoint: str, client_option: str = "timeout=30") -> Iterator[str]:
+    """The same with one endpoint: its URL."""
+    with simulated(device, endpoint, client_option=client_option) as (url,):
+        yield url
+
+
+def with_option(url: str, option: str) -> str:
+    """The URL with one more option; unchanged if the option is empty."""
+    return f"{url}{'&' if '?' in url else '?'}{option}" if option else url
+
+
+def read_until(endpoint: str, device: str, name: str, expected: str, *write: str) -> str:
+    """The output of `read` as soon as it contains the expected text: another process changes the value. The command
+    `write` is repeated before each reading."""
+    give_up = time.monotonic() + 20
+    if write:
+        output_of(*write)
+    while expected not in (text := output_of("read", endpoint, device, name)):
+        assert time.monotonic() < give_up, f"{text.strip()}: never {expected!r}"
+        if write:
+            output_of(*write)
+    return text

@@ -1,0 +1,84 @@
+"""The main command: help, version, wrong usage, and errors as one line on stderr."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+from pathlib import Path
+
+import can
+import pytest
+
+from barewire import CanopenClient
+from barewire.cli.app import COMMANDS
+from barewire.errors import PortError
+from tests.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, simulated_at
+from tests.helpers import free_port
+
+
+def test_version_and_help_with_a_full_line_for_every_command() -> None:
+    assert output_of("--version").startswith("barewire")
+    text = output_of("--help")
+    assert "ENDPOINT" in text
+    listed = [line for line in text.partition("Commands:\n")[2].splitlines() if line]
+    assert [line.split()[0] for line in listed] == list(COMMANDS)
+    assert all(line.endswith(".") and not line.endswith("..") for line in listed)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("read", "http://127.0.0.1", "adxl", "Status"),
+        ("read", "tcp://127.0.0.1?colour=red", "adxl", "Status"),
+        ("write", "tcp://127.0.0.1", "adxl", "Status"),
+        ("explain", "morse", "00"),
+        ("nonsense",),
+        ("read",),
+    ],
+)
+def test_wrong_usage_is_one_line_and_status_2(arguments: tuple[str, ...]) -> None:
+    assert error_of(*arguments, status=2)
+
+
+@pytest.mark.parametrize("query", ["timeout=-1", "idle=300?unit=5", "any_unit=yes", "recovery=hope", "unit=x"])
+def test_a_wrong_option_of_an_endpoint_is_wrong_usage(query: str) -> None:
+    error = error_of("read", f"tcp://127.0.0.1:1?{query}", "adxl", "Status", status=2)
+    assert error.startswith("barewire: Invalid value for 'ENDPOINT': endpoint 'tcp://127.0.0.1:1?")
+
+
+def test_four_causes_of_failure_are_four_different_lines(tmp_path: Path) -> None:
+    no_port = error_of("read", "rtu:///dev/tty-nowhere", "adxl", "Status")
+    refused = error_of("read", f"tcp://127.0.0.1:{free_port()}", "csd-mt", "Status Word")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        silent = error_of("read", f"tcp://127.0.0.1:{port}?timeout=0.2", "csd-mt", "Status Word")
+    with simulated_at("adxl", f"rtu://{tmp_path}/line") as endpoint:
+        exception = error_of("read", endpoint, "csd-mt", "Status Word")
+    assert no_port == "barewire: /dev/tty-nowhere: no such file or directory\n"
+    assert "connection refused" in refused
+    assert "did not answer Read Holding Registers within 0.2 s" in silent
+    assert "exception 02 (illegal data address) to function 03" in exception
+    assert "while reading Status Word" in exception
+    assert len({no_port, refused, silent, exception}) == 4
+
+
+def test_a_socketcand_port_without_server_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    url = f"can://socketcand/127.0.0.1:{free_port()}/can0"
+    assert "connection refused" in error_of("read", url, "az3", "STATUS WORD")
+    # python-can itself would try for ten seconds: it is not even called.
+    monkeypatch.setattr(can, "Bus", lambda *_, **__: pytest.fail("python-can was called"))
+    with pytest.raises(PortError, match="connection refused"):
+        CanopenClient(url)
+
+
+def test_an_unknown_name_suggests_the_nearest() -> None:
+    error = error_of("read", "tcp://127.0.0.1:1", "adxl", "Tyristor temperature")
+    assert "did you mean 'Thyristors temperature'?" in error
+    assert "did you mean 'adxl'" in error_of("read", "tcp://127.0.0.1:1", "adxk", "Status")
+
+
+def test_output_without_a_degree_sign_in_its_encoding() -> None:
+    environment = ENVIRONMENT | {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*COMMAND, "devices", "adxl"], capture_output=True, env=environment, check=False)
+    assert done.returncode == 0
+    assert b"Thyristors temperature" in done.stdout

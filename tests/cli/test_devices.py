@@ -1,0 +1,47 @@
+"""`barewire devices` and `barewire demo`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.helpers import error_of, output_of
+
+
+def test_the_list_of_devices() -> None:
+    listed = [json.loads(line) for line in output_of("devices", "--json").splitlines()]
+    assert {device["name"] for device in listed} == {"az3", "adxl", "csd-mt"}
+    assert "TEM AZ3" in output_of("devices")
+
+
+@pytest.mark.parametrize("name", ["az3", "adxl", "csd-mt"])
+def test_every_parameter_is_listed_with_every_field(name: str) -> None:
+    keys = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
+    rows = [json.loads(line) for line in output_of("devices", name, "--json").splitlines()]
+    assert len(rows) >= 20
+    for row in rows:
+        assert list(row)[:13] == [*keys, "modbus", "object"]
+        if row["modbus"]:
+            assert list(row["modbus"]) == ["table", "address", "words", "half", "bit", "order"]
+        if row["object"]:
+            assert list(row["object"]) == ["index", "sub", "bit"]
+    assert rows[0]["name"] in output_of("devices", name)
+
+
+def test_a_device_without_parameters(tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text('name = "bare"\ntitle = "Bare"\n')
+    assert output_of("devices", str(tmp_path)) == "Bare: 0 parameters\n"
+    assert "bare has no Modbus: no table [modbus]" in error_of("simulate", str(tmp_path), "tcp://127.0.0.1:0")
+
+
+def test_the_demo_shows_every_wire_in_json() -> None:
+    exchanges = [json.loads(line) for line in output_of("demo", "--json").splitlines()]
+    assert {exchange["endpoint"].partition(":")[0] for exchange in exchanges} == {"rtu", "ascii", "tcp", "can"}
+    assert {exchange["device"] for exchange in exchanges} == {"az3", "adxl", "csd-mt"}
+    assert all(frame["valid"] for exchange in exchanges for frame in exchange["frames"])
+    assert all(exchange["frames"] for exchange in exchanges)
+    states = [exchange["text"] for exchange in exchanges if exchange["name"] == "Status Word"]
+    assert "switch on disabled" in states[0]
+    assert "operation enabled" in states[-1]

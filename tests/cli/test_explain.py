@@ -1,0 +1,84 @@
+"""`barewire explain`: single frames and recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tests.cli.helpers import error_of, output_of, run_command
+
+EXCHANGE = """\
+(1.000000) can0 705#00
+(1.100000) can0 605#4041600000000000
+(1.101200) can0 585#4B41600037060000
+what is this
+(1.200000) can0 205#0F00A8610000
+(1.200000) can1 705#06
+"""
+
+
+def test_a_request() -> None:
+    text = output_of("explain", "rtu", "01 04 0F B1 00 02 22 F8")
+    for part in ("unit 1", "Read Input Registers", "0FB1h", "quantity", "CRC ok"):
+        assert part in text
+
+
+def test_a_response_with_a_wrong_crc() -> None:
+    frame = json.loads(output_of("explain", "rtu", "01 04 04 00 00 01 10 3B C3", "--role", "response", "--json"))
+    assert frame["valid"] is False
+    assert frame["role"] == "response"
+    assert frame["error"]["reason"] == "checksum"
+    assert frame["error"]["at"] == 7
+    assert "FB D8" in frame["error"]["text"]
+    assert [field["length"] for field in frame["fields"]] == [1, 1, 1, 2, 2, 2]
+
+
+def test_an_invalid_frame_is_a_failure_only_with_check() -> None:
+    assert run_command("explain", "rtu", "01 04", "--check").returncode == 1
+    assert run_command("explain", "rtu", "01 04").returncode == 0
+
+
+def test_text_that_is_not_hexadecimal_is_an_error() -> None:
+    assert "hex" in error_of("explain", "rtu", "01 0G").lower()
+
+
+def test_a_recording_frame_by_frame(tmp_path: Path) -> None:
+    log = tmp_path / "bus.log"
+    log.write_text(
+        EXCHANGE + "(1.3) can0 605#C600210007000000\n(1.4) can0 585#A40021007F000000\n(1.5) can0 605#8100010203040506\n"
+    )
+    text = output_of("explain", "can", str(log), "--device", "az3", "--node", "5")
+    assert "valid: SDO answer from node 5: initiate upload, 6041h:00 STATUS WORD, 2 bytes: 0637h" in text
+    assert "valid: RPDO1 to node 5: CONTROL WORD = 15 (" in text
+    assert "605#8100010203040506  valid: SDO request to node 5: segment 1 of a block, the last" in text
+    assert "    1.200000  node 6    VIOLATION" not in text
+    assert "UNREAD      line 4: " in text
+    assert run_command("explain", "can", str(log), "--check").returncode == 1
+    rows = [json.loads(line) for line in output_of("explain", "can", str(log), "--json").splitlines()]
+    assert [row["frame"] for row in rows if "frame" in row and "fields" in row][1] == "605#4041600000000000"
+
+
+def test_objects_of_a_recording_have_their_names(tmp_path: Path) -> None:
+    log = tmp_path / "sdo.log"
+    log.write_text(
+        "(1.0) can0 605#4041600000000000\n(1.1) can0 585#4B41600037060000\n(1.2) can0 585#4108100004000000\n"
+    )
+    first, second, third, *_ = output_of("explain", "can", str(log), "--device", "az3", "--node", "5").splitlines()
+    assert first.endswith("SDO request to node 5: initiate upload, 6041h:00 STATUS WORD")
+    assert "initiate upload, 6041h:00 STATUS WORD, 2 bytes: 0637h, 1591 (ready to switch on, " in second
+    assert third.endswith("initiate upload, 1008h:00")  # the description does not have this object
+
+
+def test_a_can_frame_with_the_names_of_a_device() -> None:
+    az3 = ("--device", "az3", "--node", "5")
+    rows = output_of("explain", "can", "585#4B41600037060000", *az3).splitlines()
+    assert rows[2].split() == ["1", "41", "60", "index", "6041h", "STATUS", "WORD"]
+    assert "1591 (ready to switch on, " in rows[4]
+    assert "TARGET VELOCITY" in output_of("explain", "can", "205#0F00A8610000", *az3)
+    assert "not valid: 6 bytes are mapped, here are 2" in output_of("explain", "can", "205#0F00", *az3)
+    assert "--device is for can" in error_of("explain", "rtu", "01", "--device", "az3")
+
+
+def test_can_fd_frames_and_error_frames() -> None:
+    assert "CAN FD frame" in output_of("explain", "can", "123##1AABB")
+    assert "controller problem: receive buffer overrun" in output_of("explain", "can", "20000004#0001000000000000")
