@@ -25,7 +25,7 @@ from barewire.io.endpoint import Endpoint  # noqa: E402
 from barewire.io.modbus.conformance import conform  # noqa: E402
 from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP  # noqa: E402
-from barewire.modbus.conformance.model import ServerCase, accepted_way, answer_text  # noqa: E402
+from barewire.modbus.conformance.model import ServerCase, accepted_sequence, answer_text  # noqa: E402
 from barewire.rtu import RtuLine  # noqa: E402
 from barewire.tcp import TcpLine  # noqa: E402
 from tests.modbus.client import faulty  # noqa: E402
@@ -59,17 +59,17 @@ def measure(url: str, patience: float = 0.3) -> dict[str, str]:
 def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:
     """One result as a cell of the table."""
     if failure is None:
-        way = accepted_way(case, heard)
-        assert way is not None
-        return "ok" if len(case.ways) == 1 else f"ok: {in_words(way)}"
-    # Of a long answer the beginning is enough.
+        accepted = accepted_sequence(case, heard)
+        assert accepted is not None
+        return "ok" if len(case.accepts) == 1 else f"ok: {in_words(accepted)}"
+    # The beginning of a long answer is enough.
     answers = [answer_text(one) for one in heard]
     return f"**{in_words([answer if len(answer) < 24 else f'{answer[:17]} ...' for answer in answers])}**"
 
 
-def in_words(way: Sequence[str]) -> str:
+def in_words(sequence: Sequence[str]) -> str:
     """The answers, step by step."""
-    return ", then ".join(one or "silence" for one in way)
+    return ", then ".join(one or "silence" for one in sequence)
 
 
 def ours(kind: str) -> dict[str, str]:
@@ -125,7 +125,7 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 
 def expected(case: ServerCase) -> str:
     """The allowed answers of a case, in a cell."""
-    return " or<br>".join(dict.fromkeys(in_words(way) for way in case.ways))
+    return " or<br>".join(dict.fromkeys(in_words(sequence) for sequence in case.accepts))
 
 
 def battery_lines(kind: str, own: Results, measured: Mapping[str, Mapping[str, Results]]) -> list[str]:

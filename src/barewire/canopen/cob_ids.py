@@ -1,4 +1,4 @@
-"""COB-IDs: which identifier belongs to which service of which node.   [CiA 301, predefined connection set]
+"""COB-IDs: the CAN identifier of each service of each node.   [CiA 301, predefined connection set]
 
         10  9  8  7 | 6  5  4  3  2  1  0
        function code|      node-ID              605h = 1100 | 0000101  = SDO request to node 5
@@ -75,15 +75,15 @@ SERVICES: tuple[CobService, ...] = (
 )
 
 _BY_NAME = {service.name: service for service in SERVICES}
-_OF_ALL = {service.base: service for service in SERVICES if service.broadcast}
-_OF_NODE = {service.function_code: service for service in SERVICES if not service.broadcast}
+_BROADCASTS = {service.base: service for service in SERVICES if service.broadcast}
+_BY_FUNCTION_CODE = {service.function_code: service for service in SERVICES if not service.broadcast}
 
 # May not be used for a PDO, SYNC, EMCY or a further SDO channel.            [CiA 301, restricted CAN-IDs]
 _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
 
 
 def check_node(node: int) -> int:
-    """The node-ID itself; EncodeError outside 1..127: 0 addresses all nodes in an NMT command and is no node-ID."""
+    """Return the node-ID. Raises EncodeError outside 1..127: 0 is not a node-ID, but "all nodes" in an NMT command."""
     if not NODE_MIN <= node <= NODE_MAX:
         raise EncodeError(f"node {node}: expected {NODE_MIN}..{NODE_MAX}")
     return node
@@ -101,7 +101,7 @@ def cob_id(service: ServiceName, node: int | None = None) -> int:
     if row.broadcast:
         return row.base
     if node is None:
-        raise EncodeError(f"{service} has an identifier for each node: expected a node")
+        raise EncodeError(f"{service} has one identifier for each node: expected a node")
     return row.base + check_node(node)
 
 
@@ -116,17 +116,17 @@ def classify(frame: CanFrame) -> tuple[CobService, int] | None:
     """
     if frame.extended:
         return None
-    of_all = _OF_ALL.get(frame.id)
-    if of_all is not None:
-        return of_all, 0
-    of_node = _OF_NODE.get(frame.id >> 7)
+    broadcast = _BROADCASTS.get(frame.id)
+    if broadcast is not None:
+        return broadcast, 0
+    service = _BY_FUNCTION_CODE.get(frame.id >> 7)
     node = frame.id & 0x7F
-    return (of_node, node) if of_node is not None and node else None
+    return (service, node) if service is not None and node else None
 
 
 SYNC_KEY = (cob_id("SYNC"), False)
 TIME_KEY = (cob_id("TIME"), False)
-"""(identifier, extended) by default; a network may configure other COB-IDs for SYNC and TIME."""
+"""Default (identifier, extended) of SYNC and TIME; a network may configure other COB-IDs."""
 
 
 def is_restricted(identifier: int) -> bool:
@@ -154,7 +154,7 @@ class CobEntry(NamedTuple):
 
     @classmethod
     def unpack(cls, word: int) -> CobEntry:
-        """From the 32 bits of the object; without bit 29 only the low 11 identifier bits count."""
+        """From the 32 bits of the object. Without bit 29 the identifier is the low 11 bits."""
         extended = bool(word >> 29 & 1)
         identifier = word & (0x1FFF_FFFF if extended else 0x7FF)
         return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))

@@ -5,8 +5,8 @@
 
         2 January 1984, 00:00:01     E8 03 00 00 | 01 00         both little-endian, 48 bits in all
 
-A value is the total of milliseconds as an int, so it has an order and limits like any other number; `datetime` and
-`timedelta` are conversions of it. There are no time zones and no leap seconds: the value is the local time of a device.
+A value is an int, the total of milliseconds, so it can be compared and limited like any other number; `datetime` and
+`timedelta` convert it. There are no time zones and no leap seconds: the value is the local time of a device.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class TimeOfDay(int):
 
 
 class TimeCodec:
-    """The codec of both: milliseconds, a datetime or a timedelta in; TimeOfDay or TimeDifference out.
+    """The codec of both types: encodes milliseconds, a datetime or a timedelta; decodes TimeOfDay or TimeDifference.
 
     >>> TimeCodec("time_of_day").encode(datetime(1984, 1, 2, 0, 0, 1)).hex(" ").upper()
     'E8 03 00 00 01 00'
@@ -83,26 +83,26 @@ class TimeCodec:
 
     size = 6
     minimum, maximum = 0, DAY << 16
-    """Milliseconds, the maximum excluded."""
+    """Limits in milliseconds; the maximum is excluded."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def encode(self, value: Value | datetime | timedelta) -> bytes:
-        """Six bytes. EncodeError for another type, and outside of 0..65535 days."""
+        """Six bytes. Raises EncodeError for another type, and outside of 0..65535 days."""
         if isinstance(value, datetime) and self.name == "time_of_day":
             value = TimeOfDay.of(value)
         elif isinstance(value, timedelta) and self.name == "time_difference":
             value = TimeDifference.of(value)
         if not isinstance(value, int):
-            raise EncodeError(f"{value!r} is no {self.name}: expected milliseconds, or the type of datetime")
+            raise EncodeError(f"{value!r} is not a {self.name}: expected milliseconds, a datetime or a timedelta")
         if not self.minimum <= value < self.maximum:
-            raise EncodeError(f"{int(value)} ms do not fit {self.name}: expected 65536 days from 0")
+            raise EncodeError(f"{int(value)} ms do not fit {self.name}: expected less than 65536 days")
         days, milliseconds = divmod(int(value), DAY)
         return milliseconds.to_bytes(4, "little") + days.to_bytes(2, "little")
 
     def decode(self, data: bytes) -> TimeOfDay | TimeDifference:
-        """The value; the four void bits are ignored, 24 hours or more in the first field are DecodeError("value")."""
+        """The value. The four void bits are ignored; DecodeError("value") for 24 hours or more in the first field."""
         if len(data) != self.size:
             short = len(data) < self.size
             text = f"{self.name} takes {self.size} bytes, here are {len(data)}"

@@ -1,4 +1,4 @@
-"""The explanation of a frame: a value with all its fields and a verdict.
+"""The explanation of a frame, a value: its fields byte by byte, and a verdict.
 
     offset  hex     name            value         meaning
        0    01      unit            1             unit 1
@@ -36,8 +36,8 @@ _IN_HEX_ONLY = frozenset({"LRC", "COB-ID", "command", "index", "abort code", "er
 class ExplainedField(NamedTuple):
     """One field: its place, name, bytes, value and meaning.
 
-    `offset` and `length` count bytes, in an ASCII frame characters. `hex` is the bytes as hexadecimal pairs, in an
-    ASCII frame the characters themselves. `value` is a number, a text, or None where the field is incomplete.
+    `offset` and `length` count bytes, or characters in an ASCII frame. `hex` has the bytes as hexadecimal pairs, or the
+    characters of an ASCII frame. `value` is a number, a text, or None if the field is incomplete.
     """
 
     offset: int
@@ -112,14 +112,14 @@ class Explanation:
         }
 
     def lines(self) -> list[str]:
-        """A line for each field, in columns, and the verdict."""
+        """One line for each field, in columns, then the verdict."""
         rows = [(str(field.offset), _clipped(field.hex), field.name, field.shown) for field in self.fields]
         widths = [max((len(row[column]) for row in rows), default=0) for column in range(4)]
-        printed = []
+        lines = []
         for (offset, digits, name, value), field in zip(rows, self.fields):
-            start = f"{offset:>{widths[0]}}  {digits:<{widths[1]}}  {name:<{widths[2]}}  {value:<{widths[3]}}"
-            printed.append(f"{start}  {field.meaning}".rstrip())
-        return [*printed, self.verdict]
+            columns = f"{offset:>{widths[0]}}  {digits:<{widths[1]}}  {name:<{widths[2]}}  {value:<{widths[3]}}"
+            lines.append(f"{columns}  {field.meaning}".rstrip())
+        return [*lines, self.verdict]
 
 
 def _clipped(digits: str) -> str:
@@ -128,28 +128,27 @@ def _clipped(digits: str) -> str:
 
 
 def fill_gaps(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
-    """The fields, with one more for each gap between them and up to `size`.
+    """The fields of `size` bytes, with a field for each gap between them and after the last one.
 
-    `cut` is the name of the next field, which the frame has too few bytes for.
+    `cut` is the name of the field after the last one, if the frame ends inside it.
 
     >>> [(field.offset, field.length, field.name) for field in fill_gaps([Field(0, 1, "unit", 1)], 3)]
     [(0, 1, 'unit'), (1, 2, 'left over')]
     """
-    whole: list[Field] = []
-    at = 0
+    filled: list[Field] = []
+    end = 0
     for field in fields:
-        if field.offset > at:
-            whole.append(Field(at, field.offset - at, LEFT_OVER, None))
-        whole.append(field)
-        at = field.offset + field.length
-    if at < size:
-        gap = Field(at, size - at, cut, None, "cut short") if cut else Field(at, size - at, LEFT_OVER, None)
-        whole.append(gap)
-    return whole
+        if field.offset > end:
+            filled.append(Field(end, field.offset - end, LEFT_OVER, None))
+        filled.append(field)
+        end = field.offset + field.length
+    if end < size:
+        filled.append(Field(end, size - end, cut or LEFT_OVER, None, "cut short" if cut else ""))
+    return filled
 
 
 def counted(number: int, noun: str = "byte") -> str:
-    """A number of things: '1 byte', '2 bytes'."""
+    """A number and its noun: '1 byte', '2 bytes'."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 

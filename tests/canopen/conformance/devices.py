@@ -17,7 +17,7 @@ from barewire.canopen import (
 from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.model import NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import probe
-from barewire.canopen.conformance.runner import prepare, run_case, wants_reset
+from barewire.canopen.conformance.runner import needs_reset, prepare, run_case
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import Participant, VirtualBus
 
@@ -61,7 +61,7 @@ def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = 
 
 def run_after_reset(bus: VirtualBus, subject: Subject, case: NodeCase, before: NodeCase | None = None) -> NodeOutcome:
     """Run one case, after a reset if it needs one."""
-    if wants_reset(case, before):
+    if needs_reset(case, before):
         bus.run(prepare(subject))
     return bus.run(run_case(case))
 

@@ -107,7 +107,7 @@ def wait(condition: Callable[[], bool]) -> None:
 
 def test_a_node_in_the_url_must_be_that_of_the_device() -> None:
     for node in (device(7), simulator("az3").canopen):
-        with pytest.raises(EncodeError, match=r"node 5 is asked for, and the device is node (7|1)"):
+        with pytest.raises(EncodeError, match=r"node 5 is requested, the device is node (7|1)"):
             CanopenServer("can://virtual/other?node=5", device=node)
     CanopenServer("can://virtual/other?node=7", device=device(7)).close()
     CanopenServer("can://virtual/other?node=7", device=device(None)).close()

@@ -106,7 +106,7 @@ class Served(ThreadedServer):
     def _serve(self, stop: threading.Event) -> None:
         self.service.serve(lambda: self.is_over(stop))
 
-    def _give_back(self) -> None:
+    def _release(self) -> None:
         self.service.close()
 
 

@@ -160,4 +160,4 @@ def test_every_case_has_a_unique_name_and_a_clause() -> None:
         assert len({case.name for case in cases}) == len(cases)
     for case in BY_NAME.values():
         assert case.clause.startswith("MB-")
-        assert {len(way) for way in case.ways} == {len(case.steps)}
+        assert {len(sequence) for sequence in case.accepts} == {len(case.steps)}

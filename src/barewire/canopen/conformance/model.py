@@ -2,9 +2,9 @@
 
     Subject     the device under test: its node-ID and what it has, as `probe` read it
     NodeCase    a name, the clause, the reason, and steps; or what the device lacks, and then the case is not run
-    NodeStep    frames that are sent at once, and the accepted ways of answering them
-    way         frames as text with a dot for any digit: "585#6017100...", a comma between two, a bar between two that
-                are equally good, {2,5} behind a frame that may come so often, SILENCE for no frame
+    NodeStep    frames that are sent at once, and the accepted patterns of answers
+    pattern     frames as text with a dot for any digit: "585#6017100...", a comma between two, a bar between two that
+                are equally good, {2,5} after a frame that may come so often, SILENCE for no frame
 
 Depends on: COB-IDs and LSS addresses.  Used by: every file of this room.
 """
@@ -29,8 +29,8 @@ BOOT = 3.0
 
 
 class NodeStep(NamedTuple):
-    """One step. It ends when a way is complete, at the latest after `wait` seconds (None: the time-out of the runner);
-    with `full_wait` it listens all that time. `ends` are further accepted ways, which end the case."""
+    """One step. It ends when a pattern is complete, at the latest after `wait` seconds (None: the time-out of the
+    runner); with `full_wait` it listens all that time. `ends` are further accepted patterns, which end the case."""
 
     sends: tuple[str, ...]
     accepts: tuple[str, ...]
@@ -40,7 +40,7 @@ class NodeStep(NamedTuple):
 
 
 class NodeCase(NamedTuple):
-    """One case. `listens` are beginnings of the frames that it regards; `lacks` is what the device does not have."""
+    """One case. `listens` are the beginnings of the frames that it compares; `lacks` is what the device is missing."""
 
     name: str
     title: str

@@ -97,8 +97,8 @@ def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
 
     def change(command: str, state: str, before: str = "7F") -> NodeStep:
         # A heartbeat may still have the previous state; some devices send the new one at once.
-        ways = (f"{own}{before}{{0,1}}, {own}{state}{{1,2}}",)
-        return NodeStep((nmt_command(command, node),), ways, wait=0.3)
+        accepted = (f"{own}{before}{{0,1}}, {own}{state}{{1,2}}",)
+        return NodeStep((nmt_command(command, node),), accepted, wait=0.3)
 
     yield case("HB-01", "a period of 100 ms", set_100, window("7F", 4, 7, 0.55), why="4 to 7 in 550 ms")
     yield case("HB-02", "OPERATIONAL is 05", set_100, change(START, "05"), window("05", 1, 4, 0.25))

@@ -1,7 +1,7 @@
-"""Carries out one case: sends its steps, compares what is received with the accepted ways, and stops at a difference.
+"""Carries out one case: sends its steps, compares received frames with the accepted patterns, stops at a difference.
 
-Frames that a case does not listen for (heartbeats, process data of other nodes) are passed over. `prepare` resets the
-communication of the device before a case that changes it, and after one.
+Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored. `prepare` resets the
+communication of the device before and after a case that changes it.
 
 Depends on: the model.  Used by: `io.canopen.conformance`.
 """
@@ -17,15 +17,16 @@ from barewire.canopen.nmt.messages import NmtCommand
 from barewire.conversation import Conversation, Listen, Send
 
 _SETTLE = 0.01
-"""Seconds of silence behind the last answer of a case: no answer is repeated."""
+"""Seconds of silence after the last answer of a case, in which a repeated answer would be noticed."""
 FLOOD = 500
-"""This many frames in one step end it: the longest accepted answer, a block, has 128."""
+"""A step ends after so many frames: the longest accepted answer, a block, has 128."""
 _SHOWN = 8
+"""The most received frames in the text of a difference."""
 
 
-def wants_reset(case: NodeCase, before: NodeCase | None) -> bool:
-    """Whether the device is reset before this case: if this case changes it, or the one before did."""
-    return case.effect != "reads" or (before is not None and before.effect != "reads")
+def needs_reset(case: NodeCase, previous: NodeCase | None) -> bool:
+    """Whether the device must be reset before this case: this case changes it, or the previous one did."""
+    return case.effect != "reads" or (previous is not None and previous.effect != "reads")
 
 
 def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, bool]:
@@ -45,13 +46,14 @@ def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, b
 
 
 def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
-    """Send the steps of a case and compare the answers with the accepted ways. `timeout` is in seconds."""
+    """Send the steps of a case and compare the answers with the accepted patterns. `timeout` is in seconds."""
     received: list[tuple[str, ...]] = []
     for number, step in enumerate(case.steps):
         heard = None
         for text in step.sends:
             heard = yield Send(CanFrame.parse(text))
-        heard = heard or (yield Listen(float("-inf")))
+        if heard is None:
+            heard = yield Listen(float("-inf"))  # returns at once, with the time
         frames: list[str] = []
         if heard.item is not None and str(heard.item).startswith(case.listens):
             frames.append(str(heard.item))
@@ -67,40 +69,42 @@ def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Convers
             if heard.item is not None and str(heard.item).startswith(case.listens):
                 frames.append(str(heard.item))
         received.append(tuple(frames))
-        if any(_matches(way, frames) for way in step.ends):
+        if any(_matches(pattern, frames) for pattern in step.ends):
             break
-        if not any(_matches(way, frames) for way in step.accepts):
+        if not any(_matches(pattern, frames) for pattern in step.accepts):
             return NodeOutcome(case, tuple(received), _difference(step, frames))
     return NodeOutcome(case, tuple(received), None)
 
 
 def _fits(step: NodeStep, frames: list[str]) -> bool:
-    return any(_matches(way, frames) for way in (*step.accepts, *step.ends))
+    return any(_matches(pattern, frames) for pattern in (*step.accepts, *step.ends))
 
 
-def _matches(way: str, frames: list[str]) -> bool:
-    """Whether the received frames are this way.
+def _matches(pattern: str, frames: list[str]) -> bool:
+    """Whether the received frames match this pattern.
 
     >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
     False
     >>> _matches("705#7F{1,3}, 585#43....|585#60....", ["705#7F", "585#600017"])
     True
     """
-    return re.fullmatch("".join(map(_pattern, _frames(way))), "".join(f"{one} " for one in frames)) is not None
+    regex = "".join(map(_regex, _split(pattern)))
+    return re.fullmatch(regex, "".join(f"{frame} " for frame in frames)) is not None
 
 
-def _frames(way: str) -> Iterator[str]:
-    return (one.strip() for one in re.split(r",(?![0-9]+\})", way) if one.strip())
+def _split(pattern: str) -> Iterator[str]:
+    """The parts between commas, but not at the comma in {1,3}."""
+    return (part.strip() for part in re.split(r",(?![0-9]+\})", pattern) if part.strip())
 
 
-def _pattern(frame: str) -> str:
-    one, brace, often = frame.partition("{")
-    return f"(?:(?:{one.replace('.', '[0-9A-F]')}) ){brace}{often}"
+def _regex(part: str) -> str:
+    frame, brace, count = part.partition("{")
+    return f"(?:(?:{frame.replace('.', '[0-9A-F]')}) ){brace}{count}"
 
 
 def _difference(step: NodeStep, frames: list[str]) -> str:
     sent = ", ".join(step.sends) or "a while"
-    expected = " or ".join(way or "silence" for way in dict.fromkeys((*step.accepts, *step.ends)))
+    expected = " or ".join(pattern or "silence" for pattern in dict.fromkeys((*step.accepts, *step.ends)))
     answers = ", ".join(frames[:_SHOWN]) or "silence"
     if len(frames) > _SHOWN:
         answers += f" ... {len(frames)} frames{' and more' if len(frames) >= FLOOD else ''}"

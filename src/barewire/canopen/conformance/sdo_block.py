@@ -55,11 +55,11 @@ class _Block:
     def blocks(self, value: bytes, first: int, count: int, request: str) -> NodeStep:
         """Send a request and expect these segments, numbered from 1."""
         pieces = parts(value)
-        ways = [
+        accepted = [
             self.s.answer(block_segment(number + 1, pieces[first + number], first + number == len(pieces) - 1))
             for number in range(count)
         ]
-        return NodeStep((self.s.request(request),), (", ".join(ways),))
+        return NodeStep((self.s.request(request),), (", ".join(accepted),))
 
     def up(self, index: int, value: bytes, *, crc: bool = True, blksize: int = 20) -> list[NodeStep]:
         """A complete upload."""
@@ -69,15 +69,15 @@ class _Block:
             steps.append(self.blocks(value, first, now, sends))
             first, sends = first + now, f"A2{now:02X}{blksize:02X}"
         ends = self.s.answer(block_end(value, 0))
-        ways = f"{self.s.answer(block_end(value))}|{ends}" if crc else ends
-        return [*steps, NodeStep((self.s.request(sends),), (ways,)), self.done]
+        accepted = f"{self.s.answer(block_end(value))}|{ends}" if crc else ends
+        return [*steps, NodeStep((self.s.request(sends),), (accepted,)), self.done]
 
     def begin_down(self, index: int, sub: int, size: int | None, *, crc: bool = True, more: str = "") -> NodeStep:
         """Request a download in blocks; `more` is another accepted answer."""
         at = multiplexer(index, sub)
         request = f"{0xC0 | crc << 2 | (size is not None) << 1:02X}{at}{little(size or 0, 4)}"
-        ways = (self.s.answer(f"A[04]{at}"), *([more] if more else []))
-        return NodeStep((self.s.request(request),), ways, (self.none,))
+        accepted = (self.s.answer(f"A[04]{at}"), *([more] if more else []))
+        return NodeStep((self.s.request(request),), accepted, (self.none,))
 
 
 def _uploads(subject: Subject) -> Iterator[NodeCase]:
@@ -187,8 +187,8 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     )
     for name, number in (("BLK-34", "82"), ("BLK-35", "80")):
         what = "a block begins with segment 2" if number == "82" else "a segment 0 with the last bit is an abort"
-        ways = (s.aborted(_SEQUENCE, _COMMAND), s.answer("A200"), SILENCE) if number == "82" else (SILENCE,)
-        yield case(name, what, begin, NodeStep((s.request(f"{number} 1027"),), ways), block.abort, kept,
+        accepted = (s.aborted(_SEQUENCE, _COMMAND), s.answer("A200"), SILENCE) if number == "82" else (SILENCE,)
+        yield case(name, what, begin, NodeStep((s.request(f"{number} 1027"),), accepted), block.abort, kept,
                    why="05040003, or acknowledged as 0" if number == "82" else "80h")  # fmt: skip
     yield case(
         "BLK-36",

@@ -113,8 +113,8 @@ def _nonsense(subject: Subject) -> Iterator[NodeCase]:
     )
     short = s.upload(0x1000)
     for name, bytes_ in (("SDO-28", 7), ("SDO-29", 4), ("SDO-30", 0)):
-        ways = (SILENCE, s.any_abort, s.any_value(0x1000)) if bytes_ >= 4 else (SILENCE, s.any_abort)
-        cut = NodeStep((short[: 4 + 2 * bytes_],), ways)
+        accepted = (SILENCE, s.any_abort, s.any_value(0x1000)) if bytes_ >= 4 else (SILENCE, s.any_abort)
+        cut = NodeStep((short[: 4 + 2 * bytes_],), accepted)
         yield case(name, f"an upload request of {bytes_} bytes has no lasting effect", cut, works,
                    why="SDO frames have 8 bytes; devices ignore, refuse or serve shorter ones")  # fmt: skip
     yield case("SDO-31", "a remote frame is not answered", NodeStep((f"{0x600 + node:03X}#R8",), (SILENCE,)), works)

@@ -1,9 +1,9 @@
-"""The sections and keys of an EDS or DCF, and changes of single lines.
+"""The sections and keys of an EDS or DCF file, with changes line by line.
 
         bytes --> lines --> sections: name -> keys -> positions of their lines
         bytes <-- lines <-- put, append: one line is changed, added or removed
 
-The lines are the only state. Sections are computed from them when needed, and again after a change.
+The lines are the only state. Sections are computed from them on demand, and anew after a change.
 
 Depends on: lexer, section names. Used by: reader and edit, which give keys a meaning; `Eds`, which adds the objects.
 """
@@ -21,7 +21,7 @@ from barewire.errors import EncodeError
 
 
 class Section(NamedTuple):
-    """A section: the meaning of its name, the line of its head (from 1), and the positions of its keys in the lines."""
+    """A section: its name, the number of its head line (from 1), and for each key the position of its line, and its name."""
 
     name: SectionName
     line: int
@@ -37,10 +37,10 @@ class Document:
     def __init__(self, text: EdsText) -> None:
         self._text = text
         self._lines: list[EdsLine] = split_lines(text.text)
-        self._changed()
+        self._discard_sections()
 
-    def _changed(self) -> None:
-        """Discard what was computed from the lines."""
+    def _discard_sections(self) -> None:
+        """The lines were changed: compute sections and diagnostics again when they are needed."""
         self._sections: dict[str, Section] | None = None
         self._name_diagnostics: list[Diagnostic] = []
 
@@ -54,22 +54,22 @@ class Document:
 
     @property
     def encoding(self) -> str:
-        """The encoding of the file, as Python calls it."""
+        """The encoding of the file, by its name in Python."""
         return self._text.encoding
 
     @property
     def lines(self) -> tuple[EdsLine, ...]:
-        """All lines, the first one of the file at 0."""
+        """All lines; the first one of the file is at position 0."""
         return tuple(self._lines)
 
     def encode(self) -> bytes:
-        """The file: the parsed bytes, except for changed lines."""
+        """The bytes of the file: as parsed, except for changed lines."""
         return self._text.mark + "".join(line.text for line in self._lines).encode(self._text.encoding)
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """All diagnostics of lines, sections and keys, in the order of lines."""
-        _ = self.sections
+        _ = self.sections  # fills `_name_diagnostics`
         text = self._text._replace(text="".join(line.text for line in self._lines))
         return tuple(sorted({*text_diagnostics(text, self._lines), *self._name_diagnostics}))
 
@@ -82,18 +82,18 @@ class Document:
         return self._sections
 
     def get(self, section: str, key: str) -> str | None:
-        """The text of a key, in any capitals; None without it."""
+        """The text of a key; None if it is missing. Capitals do not matter in either name."""
         found = self.sections.get(section_name(section).key)
         return None if found is None else self.value(found, key_name(found.name, key).key)
 
     def value(self, section: Section, key: str) -> str | None:
-        """The text of a key in lower case of a section; None without it."""
+        """The text of a key, given in lower case, of a section; None if it is missing."""
         at = section.keys.get(key)
         return None if at is None else self._lines[at].value
 
     @property
     def node_id(self) -> int | None:
-        """The node-ID of [DeviceComissioning]; None without a valid one."""
+        """The node-ID of [DeviceComissioning]; None if it is missing or not in 1..127."""
         number = read_integer(self.get("DeviceComissioning", "NodeID") or "").value
         return number if number is not None and 1 <= number <= 127 else None
 
@@ -108,39 +108,39 @@ class Document:
     # Changing
 
     def put(self, section: str, key: str, value: str | None) -> None:
-        """Write the text of a key: in its line, or in a new one at the end of the section, or of a new section.
+        """Set the text of a key: in its line, or in a new line at the end of the section, which is added if it is missing.
 
-        None removes the line. Raises EncodeError for a text that would not be read back unchanged.
+        None removes the key. Raises EncodeError for a text that would not be read back unchanged.
         """
         name = section_name(section)
         found = self.sections.get(name.key)
-        wanted = key_name(found.name if found else name, key)
-        at = None if found is None else found.keys.get(wanted.key)
+        new_key = key_name(found.name if found else name, key)
+        at = None if found is None else found.keys.get(new_key.key)
         if value is None:
             while at is not None:  # the key may occur more than once
                 del self._lines[at]
-                self._changed()
-                at = self.sections[name.key].keys.get(wanted.key)
+                self._discard_sections()
+                at = self.sections[name.key].keys.get(new_key.key)
         elif at is not None:
             old = self._lines[at]
-            after = f" {old.after}" if old.after.startswith(";") else old.after
+            after = f" {old.after}" if old.after.startswith(";") else old.after  # a comment needs a blank before it
             self._lines[at] = self._checked(old._replace(value=value, after=after))
         else:
             end = self._line_end()
-            new = self._checked(EdsLine("pair", "", wanted.proper, "=", value, "", end))
+            new = self._checked(EdsLine("pair", "", new_key.proper, "=", value, "", end))
             if found is None:
                 head = self._checked(EdsLine("section", "[", name.proper, after="]", end=end))
                 gap = [EdsLine("blank", end=end)] if self._lines else []
                 self._insert(len(self._lines), [*gap, head, new])
             else:
                 self._insert(max([found.line, *(place + 1 for place in found.keys.values())]), [new])
-        self._changed()
+        self._discard_sections()
 
     def append(self, lines: Iterable[str]) -> None:
-        """Add lines at the end of the file, with its line end."""
+        """Add lines at the end of the file, with the line end that the file has."""
         end = self._line_end()
         self._insert(len(self._lines), [self._checked(line) for text in lines for line in split_lines(text + end)])
-        self._changed()
+        self._discard_sections()
 
     def _line_end(self) -> str:
         return next((line.end for line in self._lines if line.end), "\r\n")
@@ -152,12 +152,15 @@ class Document:
         self._lines[at:at] = new
 
     def _checked(self, line: EdsLine) -> EdsLine:
+        """The line. Raises EncodeError if it cannot be encoded, or would be read back as another line."""
         try:
             line.text.encode(self._text.encoding)
         except UnicodeEncodeError:
-            raise EncodeError(f"{line.value!r} cannot be written in {self._text.encoding}, as the file is") from None
-        again = split_lines(line.text)
-        if len(again) != 1 or again[0][:5] != line[:5]:
+            raise EncodeError(
+                f"{line.value!r} cannot be written in {self._text.encoding}, the encoding of the file"
+            ) from None
+        parsed = split_lines(line.text)
+        if len(parsed) != 1 or parsed[0][:5] != line[:5]:
             raise EncodeError(
                 f"{line.key}={line.value!r} would not be read back: no line ends, no ' ;', no outer blanks"
             )
@@ -192,5 +195,5 @@ class Document:
             section.keys[name.key] = at
             section.names[name.key] = name
 
-    def _report(self, at: int, rule: str, what: str) -> None:
-        self._name_diagnostics.append(diagnostic(at + 1, rule, what))
+    def _report(self, at: int, rule: str, shown: str) -> None:
+        self._name_diagnostics.append(diagnostic(at + 1, rule, shown))

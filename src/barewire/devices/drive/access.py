@@ -1,9 +1,9 @@
-"""Access of the drive code to a drive: read by name, write by name, wait. One class for each bus.
+"""How the drive code reaches a drive: read by name, write by name, wait. One class for each protocol.
 
         drive.py  --read, write, wait-->  ModbusAccess   Conversation[bytes, ...]      RTU, ASCII, TCP
                                           CanopenAccess  Conversation[CanFrame, ...]   SDO
 
-`wait` returns the time, and passes what is received meanwhile to the bus or the channel, which keeps its statistics.
+`wait` returns the time. It passes received bytes or frames to the bus or the channel, which counts them.
 
 Depends on: reading and writing by name.  Used by: `drive.py`.
 """
@@ -24,7 +24,7 @@ from barewire.modbus import Bus
 
 
 class DriveAccess(Protocol[Item]):
-    """What the drive code needs of a bus."""
+    """The operations that the drive code needs."""
 
     def read(self, names: Sequence[str]) -> Conversation[Item, list[Reading]]:
         """Read values by name, in the order of `names`."""
@@ -33,11 +33,11 @@ class DriveAccess(Protocol[Item]):
         """Write values by name, in their order."""
 
     def wait(self, until: float) -> Conversation[Item, float]:
-        """Wait until then, or not at all if it is past; returns the time."""
+        """Wait until this time, not at all if it is past; returns the present time."""
 
 
 class ModbusAccess:
-    """Access to a drive that is `unit` on a Modbus line."""
+    """Access to the drive with address `unit` on a Modbus line."""
 
     def __init__(self, bus: Bus, unit: int, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
         self.bus, self.unit, self.device, self.timeout = bus, unit, device, timeout
@@ -47,11 +47,11 @@ class ModbusAccess:
         return read_modbus(self.bus, self.unit, self.device, names, timeout=self.timeout)
 
     def write(self, values: Mapping[str, Value]) -> Conversation[bytes, None]:
-        """Write after all values are checked."""
+        """Check all values, then write them."""
         return write_modbus(self.bus, self.unit, self.device, values, timeout=self.timeout)
 
     def wait(self, until: float) -> Conversation[bytes, float]:
-        """Wait; the bus is given what is received."""
+        """Wait; received bytes go to `Bus.overhear`."""
         while True:
             heard = yield Listen(until)
             self.bus.overhear(heard.item, heard.now)
@@ -60,7 +60,7 @@ class ModbusAccess:
 
 
 class CanopenAccess:
-    """Access to a drive that is the node of an SDO channel."""
+    """Access to the drive at the other end of an SDO channel."""
 
     def __init__(self, channel: Channel, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
         self.channel, self.device, self.timeout = channel, device, timeout
@@ -70,11 +70,11 @@ class CanopenAccess:
         return read_canopen(self.channel, self.device, names, timeout=self.timeout)
 
     def write(self, values: Mapping[str, Value]) -> Conversation[CanFrame, None]:
-        """Write after all values are checked."""
+        """Check all values, then write them."""
         return write_canopen(self.channel, self.device, values, timeout=self.timeout)
 
     def wait(self, until: float) -> Conversation[CanFrame, float]:
-        """Wait; the channel is given what is received."""
+        """Wait; received frames go to the channel."""
         while True:
             heard = yield Listen(until)
             if heard.item is not None:

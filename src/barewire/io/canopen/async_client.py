@@ -1,12 +1,11 @@
-"""The asyncio CANopen client: the methods of the blocking one, awaited, on the same buses.
+"""The asyncio CANopen client: the same methods as the blocking client, awaited, on the same buses.
 
     async with AsyncCanopenClient("can://socketcan/can0", timeout=0.5) as bus:
         await bus.node(5, device="az3").read("STATUS WORD")
         await asyncio.gather(*(bus.node(number).sdo.upload(0x1000) for number in range(1, 6)))
 
-On one SDO channel there is one transfer at a time, in the order in which they were asked for; transfers with different
-nodes run at the same time. A task that is cancelled abandons its transfer: the device gets an abort, and responses that
-still come are ignored.
+Transfers on one SDO channel run one at a time, in the order of the calls; transfers with different nodes run at the same
+time. If a task is cancelled, its transfer is aborted, and late responses are ignored.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ E = TypeVar("E")
 class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
-    A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the thread that reads.
+    A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the reader thread of the bus.
     """
 
     def __init__(
@@ -57,6 +56,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
         watch: WatchFrames | None = None,
         **options: Any,
     ) -> None:
+        # The client itself is the runner of its methods.
         super().__init__(self, bus, node, timeout, dialect, watch, options)
         self._receiving = asyncio.Lock()
         self._everything: AsyncSubscriber | None = None
@@ -79,23 +79,23 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
         await self.aclose()
 
     def close(self) -> None:
-        """Close the streams and background tasks of this client, and the bus unless it is shared."""
-        self._end()
+        """Close the streams and background tasks of this client, and the bus if this client opened it."""
+        self._close_tasks()
         if self.owns_bus and self._bus is not None:
             self._bus.close()
 
     async def aclose(self) -> None:
-        """The same, without blocking the loop until the reader of the bus has ended."""
-        self._end()
+        """The same as `close`, but the loop is not blocked while the reader thread of the bus ends."""
+        self._close_tasks()
         if self.owns_bus and self._bus is not None:
             await asyncio.to_thread(self._bus.close)
 
-    def _end(self) -> None:
+    def _close_tasks(self) -> None:
         self._closed = True
         if self._everything is not None:
             self._everything.close()
-        for one in list(self._running):
-            one.close()
+        for running in list(self._running):
+            running.close()
 
     @overload
     def node(
@@ -130,30 +130,30 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
     ) -> Node[AsyncBusRunner]:
         """One node of the bus: `number` (1..127), or that of the URL, or the device's own. `device` is the name or path
         of a description, or a description; `eds` the path of an EDS, a parsed one, or an ObjectDictionary."""
-        described, place = self._described(number, device, eds)
+        description, node_id = self._described(number, device, eds)
         settings: dict[str, Any] = self._settings(timeout, dialect)
-        if described is not None:
-            return AsyncDeviceNode(self, place, described, **settings)
+        if description is not None:
+            return AsyncDeviceNode(self, node_id, description, **settings)
         if eds is not None:
-            return EdsNode(self, place, dictionary_of(eds, place), **settings)
-        return Node(self, place, **settings)
+            return EdsNode(self, node_id, dictionary_of(eds, node_id), **settings)
+        return Node(self, node_id, **settings)
 
     async def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry any conversation out. It has the bus alone, because its channels are unknown."""
+        """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
         return await self.carry_out(BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
-        """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
+        """The events of any machine that only listens. `receives`: the (identifier, extended) of its frames, None for all."""
         return self.subscribe(Subscription(machine, receives))
 
     def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> AsyncRunning:
-        """Run any machine that sends frames by itself, until it is stopped."""
+        """Run any machine that also sends frames, until it is stopped."""
         return self.start_task(BackgroundTask(machine, receives))
 
     async def receive(self, timeout: float | None = None) -> CanFrame | None:
-        """The next frame on the bus within `timeout` seconds, or None. Frames are kept from the first call on.
+        """The next frame on the bus, None if there is none within `timeout` seconds. The first call begins to keep frames.
 
-        `frames` gives a stream.
+        `frames` returns them as a stream.
         """
         wait = self.timeout if timeout is None else timeout
         check_timeout(wait)
@@ -171,7 +171,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
     # The runner of the methods
 
     async def carry_out(self, operation: BusOperation[T]) -> T:
-        """Wait for the locks of an operation, then carry it out. A bus that is being opened again gets `timeout`."""
+        """Wait for the locks of an operation, then carry it out. While the bus is opened again, wait `timeout` for it."""
         await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
         async with channels_locked(self.bus, operation.locks):
             with AsyncSubscriber(self.bus, operation.receives) as subscriber:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome
 from barewire.canopen.conformance.probe import is_there, probe
-from barewire.canopen.conformance.runner import prepare, run_case, wants_reset
+from barewire.canopen.conformance.runner import needs_reset, prepare, run_case
 from barewire.canopen.frame import CanFrame
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import EncodeError, NoAnswer, PortError
@@ -72,7 +72,7 @@ def conform_can(
                 continue
             not_run = sum(not _left_out(other, gentle, remote=remote) for other in wanted[place:])
             try:
-                if wants_reset(case, before) and not run(prepare(subject, boot=boot), port):
+                if needs_reset(case, before) and not run(prepare(subject, boot=boot), port):
                     # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
                     boot = patience
                     _check_answers(node, patience, port, not_run, before)
@@ -83,7 +83,7 @@ def conform_can(
             before = case
             if outcome.failure is not None and not outcome.received[-1] and case.effect == "reads":
                 _check_answers(node, patience, port, not_run - 1, case)
-        if before is not None and wants_reset(before, before):
+        if before is not None and needs_reset(before, before):
             run(prepare(subject, boot=boot), port)
     finally:
         port.close()

@@ -97,7 +97,7 @@ def conform(endpoint: Endpoint) -> Iterator[CaseResult]:
 
 def _must_answer(case: ServerCase) -> bool:
     """Whether every accepted way of this case has an answer."""
-    return all(any(one not in (SILENCE, CLOSED) for one in way) for way in case.ways)
+    return all(any(answer not in (SILENCE, CLOSED) for answer in sequence) for sequence in case.accepts)
 
 
 class _Tester:
@@ -142,7 +142,7 @@ class _Tester:
         answers = []
         for place, step in enumerate(case.steps):
             following = case.steps[place + 1].after if place + 1 < len(case.steps) else 0.0
-            is_silent = bool(case.ways) and all(way[place] == SILENCE for way in case.ways)
+            is_silent = bool(case.accepts) and all(sequence[place] == SILENCE for sequence in case.accepts)
             # If the next step is due soon, do not wait longer than that for an answer that must not come.
             answers.append(self._step(step, following if following and is_silent else self._timeout))
         self.was_answered |= any(answers)

@@ -71,7 +71,7 @@ class ThreadedServer(ABC):
             has_started, self._has_started = self._has_started, True
         self._stop.set()
         if not has_started:
-            self._give_back()
+            self._release()
             self._released.set()
         elif self._served_by != threading.get_ident():
             self._released.wait(_CLOSING)
@@ -87,7 +87,7 @@ class ThreadedServer(ABC):
         """Serve until it `is_over`."""
 
     @abstractmethod
-    def _give_back(self) -> None:
+    def _release(self) -> None:
         """Release the port. Called once."""
 
     def _begin(self) -> None:
@@ -101,7 +101,7 @@ class ThreadedServer(ABC):
         try:
             self._serve(stop)
         finally:
-            self._give_back()
+            self._release()
             self._released.set()
 
     def _run(self) -> None:

@@ -1,9 +1,10 @@
-"""A CANopen node of one's own on a bus: a server of its objects.
+"""Servers of one CANopen node on a bus: `CanopenServer` in a thread, `AsyncCanopenServer` in an asyncio task.
 
     with CanopenServer("can://socketcan/can0?node=5", device="az3") as server:         a simulator
     async with AsyncCanopenServer("can://virtual/x?node=5", eds="drive.eds") as server:
 
-`device` is a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any machine of frames.
+`device` is a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any object with `feed` and
+`deadline` that receives and returns frames.
 
 A socketcand bus between processes needs a server: if none listens at a can://socketcand endpoint on this computer, the
 first node that is served starts one (`io.canopen.socketcand`).
@@ -45,13 +46,13 @@ if TYPE_CHECKING:
 
 
 class CanopenServer(ThreadedServer):
-    """A node on a bus. The port is taken at once, and served by `with`, `start()` or `run(stop)`.
+    """A node on a bus, served in a thread. The constructor opens the port; `with`, `start()` or `run(stop)` serve.
 
-    `device` is the node: a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any machine of
-    frames; `eds` is the path of an EDS. `node` is the node-ID of those that have none yet (1 without it). `options` are
-    those of the URL, which they override. A port that fails is opened again; for the node the bus was only silent.
-    `others` counts frames that are not classical CAN: reports of the controller, CAN FD. The faults are those of
-    `ModbusServer`.
+    `device` is the node: a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any object with
+    `feed` and `deadline`; `eds` is the path of an EDS. `node` is the node-ID of a device that has none of its own (1 if
+    not given). `options` are those of the URL, which they override. A port that fails is opened again; the node
+    receives nothing meanwhile. `others` counts received items that are not classical CAN frames: reports of the
+    controller, CAN FD. The faults are those of `ModbusServer`.
 
     Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
     """
@@ -71,7 +72,7 @@ class CanopenServer(ThreadedServer):
     ) -> None:
         super().__init__()
         endpoint = can_endpoint(url, node=node, **options)
-        self._node = SharedNode(_machine(endpoint, device, eds))
+        self._node = SharedNode(_node_of(endpoint, device, eds))
         self.others = 0
         self._sending = threading.RLock()  # frames leave in the order in which they were made
         self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
@@ -104,23 +105,24 @@ class CanopenServer(ThreadedServer):
             with self._sending:
                 self._send(driver.feed(item, clock()))
 
-    def _give_back(self) -> None:
+    def _release(self) -> None:
         self.port.close()
         if self._hub is not None:
             self._hub.close()
 
     def do(self, action: Action) -> None:
-        """Call `action(now)` while no other thread is in the node. The frames that it returns are sent, and those that
-        are due then. A value that is changed without `do` is noticed within a tenth of a second.
+        """Call `action(now)` with the node locked, then send the frames that it returns and those that became due.
 
-        server.do(lambda now: device.error(0x4210, now))
+            server.do(lambda now: device.error(0x4210, now))
+
+        A value that is changed without `do` takes effect within 0.1 s.
         """
         with self._sending:
             self._send(self._node.do(action, time.monotonic()))
 
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
-            # A bus without another node that acknowledges is no reason for this one to end.
+            # Sending fails while no other node acknowledges: the server goes on.
             with contextlib.suppress(PortError):
                 self.port.send(frame)
 
@@ -132,7 +134,7 @@ def _with_faults(
     delay: float | None,
     on_fault: Callable[[str], None] | None,
 ) -> Callable[[], Port[CanFrame]]:
-    """Ports whose frames have these faults."""
+    """`dial`, with these faults in the frames of the port that it opens."""
     from barewire.io.fault_injection.faults import faults_on_can
     from barewire.io.fault_injection.ports import FaultyPort
 
@@ -141,7 +143,10 @@ def _with_faults(
 
 
 class AsyncCanopenServer:
-    """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`; `async with` opens the bus."""
+    """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`, without the faults.
+
+    `async with` opens the bus.
+    """
 
     def __init__(
         self,
@@ -153,7 +158,7 @@ class AsyncCanopenServer:
         **options: Any,
     ) -> None:
         self._endpoint = can_endpoint(url, node=node, **options)
-        self._node = SharedNode(_machine(self._endpoint, device, eds))
+        self._node = SharedNode(_node_of(self._endpoint, device, eds))
         self.url = str(self._endpoint)
         self._hub: SocketcandHub | None = None
         self._bus: CanBus | None = None
@@ -184,13 +189,13 @@ class AsyncCanopenServer:
         await self.aclose()
 
     async def do(self, action: Action) -> None:
-        """Call `action(now)`. The frames that it returns are sent, and those that are due then."""
+        """Call `action(now)`, then send the frames that it returns and those that became due."""
         if self._running is None:
             raise PortError(f"{self.url}: not served: enter `async with`")
         await self._running.do(action)
 
     async def aclose(self) -> None:
-        """Leave the bus."""
+        """Stop serving and close the bus."""
         if self._running is not None:
             self._running.stop()
         if self._bus is not None:
@@ -199,52 +204,52 @@ class AsyncCanopenServer:
             await asyncio.to_thread(self._hub.close)
 
 
-def _machine(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | None) -> CanopenNode:
-    """The node as a machine of frames. EncodeError for what cannot be one."""
+def _node_of(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | None) -> CanopenNode:
+    """The node to serve, with `feed` and `deadline`. Raises EncodeError for any other device."""
     from barewire.canopen.object_dictionary import ObjectDictionary
 
     if (device is None) == (eds is None):
         raise EncodeError(f"endpoint {str(endpoint)!r}: expected device= or eds=, one of them", "device")
-    number = endpoint.integer("node", 0) or None
+    node = endpoint.integer("node", 0) or None
     if isinstance(device, (str, Device)):
         from barewire.devices.sim import simulator
 
-        device = simulator(device, time.monotonic(), node=number)
+        device = simulator(device, time.monotonic(), node=node)
     adapter = getattr(device, "canopen", device)
     if device is not None and adapter is None:
         described = getattr(device, "device", None)
         raise EncodeError(f"{described.name if described else shown(device)} has no CANopen", "device")
     if hasattr(adapter, "feed") and hasattr(adapter, "deadline"):
         machine = cast("CanopenNode", adapter)
-        _check_number(endpoint, machine)
+        _check_node_id(endpoint, machine)
         return machine
     from barewire.canopen import LocalNode, pdos_of
     from barewire.canopen.eds.eds_file import Eds
     from barewire.io.canopen.node import dictionary_of
 
-    number = number or 1
-    described = device if eds is None else eds
-    if eds is None and not isinstance(described, (ObjectDictionary, Eds)):
+    node = node or 1
+    source = device if eds is None else eds
+    if eds is None and not isinstance(source, (ObjectDictionary, Eds)):
         expected = (
             "a LocalNode, a simulator or its name, an ObjectDictionary, an EDS, or a machine with feed and deadline"
         )
         raise EncodeError(f"device={shown(device)}: expected {expected}", "device")
-    objects = dictionary_of(cast("Eds | ObjectDictionary", described), number)
-    return LocalNode(number, objects, pdos_of(objects, number))
+    objects = dictionary_of(cast("Eds | ObjectDictionary", source), node)
+    return LocalNode(node, objects, pdos_of(objects, node))
 
 
-def _check_number(endpoint: Endpoint, node: CanopenNode) -> None:
-    """The node-ID in the URL must be that of the device: clients use the same URL."""
-    asked, own = endpoint.integer("node", 0), getattr(node, "node", None)
-    own = getattr(own, "node", own)  # the node of a simulator is a LocalNode, which has the number
-    if asked and isinstance(own, int) and own != asked:
+def _check_node_id(endpoint: Endpoint, machine: CanopenNode) -> None:
+    """Raise EncodeError if the URL has another node-ID than the device: clients use the same URL."""
+    requested, own = endpoint.integer("node", 0), getattr(machine, "node", None)
+    own = getattr(own, "node", own)  # the `node` of a simulator is a LocalNode, whose `node` is the number
+    if requested and isinstance(own, int) and own != requested:
         raise EncodeError(
-            f"endpoint {str(endpoint)!r}: node {asked} is asked for, and the device is node {own}", "node"
+            f"endpoint {str(endpoint)!r}: node {requested} is requested, the device is node {own}", "node"
         )
 
 
 def _hub(endpoint: Endpoint) -> SocketcandHub | None:
-    """The bus itself, for a socketcand endpoint on this computer at which no server listens."""
+    """A socketcand server, if the endpoint is one on this computer at which none listens yet; otherwise None."""
     interface, _, channel = endpoint.place.partition("/")
     host, port = socketcand_address(channel)
     if interface != "socketcand" or host not in ("127.0.0.1", "localhost", "::1"):

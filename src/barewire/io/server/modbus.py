@@ -94,7 +94,7 @@ class ModbusServer(ThreadedServer):
     def _serve(self, stop: threading.Event) -> None:
         self._service.serve(lambda: self.is_over(stop))
 
-    def _give_back(self) -> None:
+    def _release(self) -> None:
         self._service.close()
 
 

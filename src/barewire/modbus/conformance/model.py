@@ -1,13 +1,13 @@
 """The model of a conformance case: what is sent to a server, and which answers are accepted.
 
-    ServerCase    a name, the clause, the steps, and the accepted ways
+    ServerCase    a name, the clause, the steps, and the accepted sequences
     ServerStep    after a pause, some stimuli at once
     Stimulus      a PDU to the unit under test or to another one, or raw bytes
-    way           for each step one answer as text: "83 03", with .. for any byte, ... for any rest, "; " between
+    sequence      one answer for each step, as text: "83 03", with .. for any byte, ... for any rest, "; " between
                   several responses, SILENCE, or CLOSED
 
 A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
-closed the connection, it opens a new one for the next step. `difference` compares the answers with the ways.
+closed the connection, it opens a new one for the next step. `difference` compares the answers with the sequences.
 
 Depends on: adu. Used by: cases, io.modbus.conformance.
 """
@@ -23,19 +23,19 @@ SILENCE, CLOSED = "", "closed"
 
 
 class Stimulus(NamedTuple):
-    """A PDU to `unit` (None: the one under test), its frame changed by `how` if given; or raw bytes."""
+    """A PDU to `unit` (None: the one under test), its frame altered by `change` if given; or raw bytes."""
 
     pdu: bytes = b""
     unit: int | None = None
     raw: bytes = b""
-    how: Callable[[bytes], bytes] | None = None
+    change: Callable[[bytes], bytes] | None = None
 
     def framed(self, frame: Callable[[int, bytes], bytes], unit: int) -> bytes:
         """The bytes on the wire: `frame(unit, pdu)` makes a frame, `unit` is the one under test."""
         if self.raw:
             return self.raw
-        whole = frame(unit if self.unit is None else self.unit, self.pdu)
-        return whole if self.how is None else self.how(whole)
+        adu = frame(unit if self.unit is None else self.unit, self.pdu)
+        return adu if self.change is None else self.change(adu)
 
 
 class ServerStep(NamedTuple):
@@ -46,12 +46,12 @@ class ServerStep(NamedTuple):
 
 
 class ServerCase(NamedTuple):
-    """One case: `ways` are the accepted ones, each with one answer for each step."""
+    """One case: `accepts` are the accepted sequences, each with one answer for each step."""
 
     name: str
     clause: str
     steps: tuple[ServerStep, ...]
-    ways: tuple[tuple[str, ...], ...]
+    accepts: tuple[tuple[str, ...], ...]
 
 
 StepAnswer = Sequence[Adu] | None
@@ -67,22 +67,27 @@ def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> st
     >>> difference(case, [[Adu(1, bytes.fromhex("8001"), 1)]], unit=1)
     '03 with quantity 0: 80 01, expected 83 03'
     """
-    if accepted_way(case, answers) is not None:
+    if accepted_sequence(case, answers) is not None:
         others = {adu.unit for answer in answers for adu in answer or ()} - _addressed(case, unit)
         return f"{case.name}: an answer from unit {min(others)}" if others else None
     received = ", then ".join(answer_text(one) or "silence" for one in answers)
-    expected = " or ".join(dict.fromkeys(", then ".join(one or "silence" for one in way) for way in case.ways))
+    expected = " or ".join(
+        dict.fromkeys(", then ".join(answer or "silence" for answer in sequence) for sequence in case.accepts)
+    )
     return f"{case.name}: {received}, expected {expected}"
 
 
-def accepted_way(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[str, ...] | None:
-    """The accepted way that fits the answers; None if there is none."""
+def accepted_sequence(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[str, ...] | None:
+    """The accepted sequence that fits the answers; None if there is none."""
     texts = [answer_text(one) for one in answers]
-    return next((way for way in case.ways if len(way) == len(texts) and all(map(_fits, way, texts))), None)
+    for sequence in case.accepts:
+        if len(sequence) == len(texts) and all(map(_fits, sequence, texts)):
+            return sequence
+    return None
 
 
 def answer_text(answer: StepAnswer) -> str:
-    """An answer in the notation of a way."""
+    """An answer in the notation of a sequence."""
     return CLOSED if answer is None else "; ".join(adu.pdu.hex(" ").upper() for adu in answer)
 
 

@@ -1,4 +1,4 @@
-"""A unit of four tables in memory: enough for most gateways and first experiments.
+"""A unit kept in memory: the four tables of Modbus, FIFO queues, files, exception status and identification.
 
     coils              read and write    01 05 0F             discrete inputs    read only    02
     holding registers  read and write    03 06 10 16 17       input registers    read only    04
@@ -33,7 +33,9 @@ _SIZE = 0x10000
 
 
 class Table:
-    """`size` entries of each kind, all zero, addressed from 0. An access beyond the end is exception 02.
+    """A unit with `size` coils, discrete inputs, holding and input registers, all zero, addressed from 0.
+
+    An access beyond the end is exception 02.
 
     >>> table = Table(objects={0x80: "serial 42"})
     >>> table.handle(registers.WriteSingleRegister(5, 42), now=0.0)
@@ -41,9 +43,9 @@ class Table:
     >>> table.handle(combined.ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 
-    `objects` are identification objects besides the three mandatory ones; `files` are registers by file number. Values
-    that could never be read are an EncodeError at once. `queues` (registers by address) and `exception_status` (eight
-    bits) may be set by the owner of the table.
+    `objects` are identification objects besides the three mandatory ones; `files` are registers by file number. Raises
+    EncodeError for values that no message can carry. The application may set `queues` (registers by address) and
+    `exception_status` (eight bits).
     """
 
     def __init__(
@@ -73,21 +75,21 @@ class Table:
         return request in _ANSWERS
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """The response to one request; ModbusException 01 for an unsupported function, 02 beyond the end."""
-        for kind in type(request).__mro__:  # a subclass of a request is answered as that request
-            if kind in _ANSWERS:
-                return _ANSWERS[kind](self, request)
+        """The response to one request. Raises ModbusException: 01 for an unsupported function, 02 beyond the end."""
+        for base in type(request).__mro__:  # a subclass of a request is answered as that request
+            if base in _ANSWERS:
+                return _ANSWERS[base](self, request)
         raise ModbusException(ILLEGAL_FUNCTION)
 
     # One method for each request class, in the order of `_ANSWERS`
 
     def _read_coils(self, request: coils.ReadCoils) -> Response:
-        row = self.coils[self._span(request.address, request.quantity)]
-        return coils.ReadCoilsResponse(tuple(map(bool, row)))
+        bits = self.coils[self._span(request.address, request.quantity)]
+        return coils.ReadCoilsResponse(tuple(map(bool, bits)))
 
     def _read_discrete_inputs(self, request: coils.ReadDiscreteInputs) -> Response:
-        row = self.discrete_inputs[self._span(request.address, request.quantity)]
-        return coils.ReadDiscreteInputsResponse(tuple(map(bool, row)))
+        bits = self.discrete_inputs[self._span(request.address, request.quantity)]
+        return coils.ReadDiscreteInputsResponse(tuple(map(bool, bits)))
 
     def _write_single_coil(self, request: coils.WriteSingleCoil) -> Response:
         self.coils[self._span(request.address, 1)] = bytes([request.value])
@@ -112,9 +114,9 @@ class Table:
         return registers.WriteMultipleRegistersResponse(request.address, request.quantity)
 
     def _mask_write_register(self, request: combined.MaskWriteRegister) -> Response:
-        at = self._span(request.address, 1).start
-        old = self.holding_registers[at]
-        self.holding_registers[at] = combined.masked(old, request.and_mask, request.or_mask)
+        span = self._span(request.address, 1)
+        old = self.holding_registers[request.address]
+        self.holding_registers[span] = array("H", [combined.masked(old, request.and_mask, request.or_mask)])
         return combined.MaskWriteRegisterResponse(request.address, request.and_mask, request.or_mask)
 
     def _read_write_multiple_registers(self, request: combined.ReadWriteMultipleRegisters) -> Response:
@@ -132,14 +134,16 @@ class Table:
         return ReadFifoQueueResponse(tuple(queue))
 
     def _read_file_record(self, request: files.ReadFileRecord) -> Response:
-        spans = [(file, self._records(file, record, length)) for file, record, length in request.places]
+        spans = [(file, self._record_span(file, first, length)) for file, first, length in request.places]
         return files.ReadFileRecordResponse(tuple(tuple(self.files[file][span]) for file, span in spans))
 
     def _write_file_record(self, request: files.WriteFileRecord) -> Response:
-        # Nothing is written before all places are known to exist.
-        targets = [(file, self._records(file, record, len(row)), row) for file, record, row in request.records]
-        for file, span, row in targets:
-            self.files[file][span] = array("H", row)
+        # All records are checked before the first one is written.
+        targets = [
+            (file, self._record_span(file, first, len(values)), values) for file, first, values in request.records
+        ]
+        for file, span, values in targets:
+            self.files[file][span] = array("H", values)
         return files.WriteFileRecordResponse(request.records)
 
     def _read_exception_status(self, request: ReadExceptionStatus) -> Response:
@@ -156,10 +160,10 @@ class Table:
             raise ModbusException(ILLEGAL_DATA_ADDRESS)
         return slice(address, address + quantity)
 
-    def _records(self, file: int, record: int, length: int) -> slice:
-        if record + length > len(self.files.get(file, ())):
+    def _record_span(self, file: int, first: int, length: int) -> slice:
+        if first + length > len(self.files.get(file, ())):
             raise ModbusException(ILLEGAL_DATA_ADDRESS)
-        return slice(record, record + length)
+        return slice(first, first + length)
 
 
 _ANSWERS: dict[type[Request[Any]], Callable[[Table, Any], Response]] = {
@@ -180,15 +184,15 @@ _ANSWERS: dict[type[Request[Any]], Callable[[Table, Any], Response]] = {
     ReportServerId: Table._report_server_id,
     ReadDeviceIdentification: Table._read_device_identification,
 }
-"""The functions of a table, and the method that answers each."""
+"""Request class -> the method that answers it."""
 
 
 def _file(number: int, content: Sequence[int]) -> array[int]:
-    """The registers of a file, checked."""
+    """The registers of a file. Raises EncodeError for a wrong file number, size or value."""
     check_range("file", number, 1, 0xFFFF)
-    if len(content) > files.RECORD_LIMIT + 1:
-        most = files.RECORD_LIMIT + 1
-        raise EncodeError(f"file {number}: {len(content)} records, a file has at most {most}", "files")
+    limit = files.RECORD_LIMIT + 1
+    if len(content) > limit:
+        raise EncodeError(f"file {number}: {len(content)} records, a file has at most {limit}", "files")
     try:
         from_registers(content)
     except EncodeError as error:
