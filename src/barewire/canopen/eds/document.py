@@ -21,7 +21,7 @@ from barewire.errors import EncodeError
 
 
 class Section(NamedTuple):
-    """A section: its name, the number of its head line (from 1), and for each key the position of its line, and its name."""
+    """A section: its name, the number of its head line (from 1), and the line position and the name of each key."""
 
     name: SectionName
     line: int
@@ -37,9 +37,9 @@ class Document:
     def __init__(self, text: EdsText) -> None:
         self._text = text
         self._lines: list[EdsLine] = split_lines(text.text)
-        self._discard_sections()
+        self._discard_computed()
 
-    def _discard_sections(self) -> None:
+    def _discard_computed(self) -> None:
         """The lines were changed: compute sections and diagnostics again when they are needed."""
         self._sections: dict[str, Section] | None = None
         self._name_diagnostics: list[Diagnostic] = []
@@ -108,7 +108,7 @@ class Document:
     # Changing
 
     def put(self, section: str, key: str, value: str | None) -> None:
-        """Set the text of a key: in its line, or in a new line at the end of the section, which is added if it is missing.
+        """Set the text of a key: in its line, or in a new one at the end of the section, which is added if missing.
 
         None removes the key. Raises EncodeError for a text that would not be read back unchanged.
         """
@@ -119,7 +119,7 @@ class Document:
         if value is None:
             while at is not None:  # the key may occur more than once
                 del self._lines[at]
-                self._discard_sections()
+                self._discard_computed()
                 at = self.sections[name.key].keys.get(new_key.key)
         elif at is not None:
             old = self._lines[at]
@@ -134,13 +134,13 @@ class Document:
                 self._insert(len(self._lines), [*gap, head, new])
             else:
                 self._insert(max([found.line, *(place + 1 for place in found.keys.values())]), [new])
-        self._discard_sections()
+        self._discard_computed()
 
     def append(self, lines: Iterable[str]) -> None:
         """Add lines at the end of the file, with the line end that the file has."""
         end = self._line_end()
         self._insert(len(self._lines), [self._checked(line) for text in lines for line in split_lines(text + end)])
-        self._discard_sections()
+        self._discard_computed()
 
     def _line_end(self) -> str:
         return next((line.end for line in self._lines if line.end), "\r\n")
@@ -156,9 +156,8 @@ class Document:
         try:
             line.text.encode(self._text.encoding)
         except UnicodeEncodeError:
-            raise EncodeError(
-                f"{line.value!r} cannot be written in {self._text.encoding}, the encoding of the file"
-            ) from None
+            encoding = self._text.encoding
+            raise EncodeError(f"{line.value!r} cannot be written in {encoding}, the encoding of the file") from None
         parsed = split_lines(line.text)
         if len(parsed) != 1 or parsed[0][:5] != line[:5]:
             raise EncodeError(

@@ -36,8 +36,8 @@ class Eds(Document):
 
     __slots__ = ("_object_diagnostics", "_objects")
 
-    def _changed(self) -> None:
-        super()._changed()
+    def _discard_computed(self) -> None:
+        super()._discard_computed()
         self._objects: dict[int, EdsObject] | None = None
         self._object_diagnostics: list[Diagnostic] = []
 
@@ -55,7 +55,7 @@ class Eds(Document):
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """All departures from CiA 306, in the order of lines."""
-        _ = self.objects
+        _ = self.objects  # fills `_object_diagnostics`
         return tuple(sorted({*super().diagnostics, *self._object_diagnostics}))
 
     def dictionary(self, node_id: int | None = None) -> ObjectDictionary:

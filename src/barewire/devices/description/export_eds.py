@@ -6,8 +6,9 @@
         CanopenSettings.pdos  objects in PDOs          ----> PDOMapping=1
 
 An EDS has raw numbers, so ranges and defaults lose scale and unit. COB-IDs of PDO records become formulas of the
-node-ID again. Fields without a source in the description stay neutral: the name of a record is the common part
-of the names of its entries, vendor and product are 0. The objects of every node (1000h, 1001h, 1018h) are added.
+node-ID again. Fields that the description does not have get neutral values: the name of a record is the common
+beginning of the names of its entries, vendor and product are 0. The objects of every node (1000h, 1001h, 1018h) are
+added.
 
 Depends on: Device, canopen.eds.  Used by: the command `barewire eds`.
 """
@@ -36,7 +37,7 @@ _RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
 
 def export(device: Device, file_name: str = "") -> Eds:
-    """The EDS of a device. EncodeError if its description has no CANopen.
+    """The EDS of a device. Raises EncodeError if its description has no CANopen.
 
     >>> from barewire.devices import load
     >>> document = export(load("az3"))
@@ -45,7 +46,7 @@ def export(device: Device, file_name: str = "") -> Eds:
     """
     if device.canopen is None:
         raise EncodeError(f"{device.name} has no CANopen in its description")
-    objects = {described.index: described for described in (*_basic(device), *_objects(device))}
+    objects = {described.index: described for described in (*_mandatory_objects(device), *_described_objects(device))}
     rates = {device.canopen.bitrate, *_selectable_rates(device)}
     receive = sum(0x1400 <= index < 0x1600 for index in objects)
     transmit = sum(0x1800 <= index < 0x1A00 for index in objects)
@@ -77,27 +78,28 @@ def export(device: Device, file_name: str = "") -> Eds:
 
 
 def _selectable_rates(device: Device) -> Iterator[int]:
-    """The bit rates in the names of values of parameters on CANopen, as in "7: 500 kbit/s"."""
-    for parameter in _with_object(device):
+    """The bit rates among the named values of parameters, such as "7: 500 kbit/s"."""
+    for parameter in _on_canopen(device):
         for text in parameter.values.values():
             if match := _RATE.fullmatch(text):
                 yield int(match[1]) * (1_000_000 if match[2] == "M" else 1000)
 
 
-def _basic(device: Device) -> Iterator[EdsObject]:
-    """The objects of every node; those in the description replace them."""
-    profile = _SERVO_DRIVE if any(_place(one)[0] == _STATUS_WORD for one in _with_object(device)) else 0
+def _mandatory_objects(device: Device) -> Iterator[EdsObject]:
+    """The objects of every node. Objects of the description replace them."""
+    is_servo = any(_index_and_sub(parameter)[0] == _STATUS_WORD for parameter in _on_canopen(device))
+    profile = _SERVO_DRIVE if is_servo else 0
     yield _variable(0x1000, EdsItem(0, "Device type", "u32", "ro", profile))
     yield _variable(0x1001, EdsItem(0, "Error register", "u8", "ro", 0))
     vendor = EdsItem(1, "Vendor-ID", "u32", "ro", 0)
-    yield EdsObject(0x1018, "Identity object", RECORD, (_highest(1), vendor))
+    yield EdsObject(0x1018, "Identity object", RECORD, (_highest_sub(1), vendor))
 
 
-def _objects(device: Device) -> Iterator[EdsObject]:
+def _described_objects(device: Device) -> Iterator[EdsObject]:
     """One object for each index of the parameters."""
     by_index: dict[int, dict[int, Parameter]] = {}
-    for parameter in _with_object(device):
-        index, sub = _place(parameter)
+    for parameter in _on_canopen(device):
+        index, sub = _index_and_sub(parameter)
         by_index.setdefault(index, {}).setdefault(sub, parameter)
     mapped = {(index, sub) for pdo in device.canopen.pdos for index, sub, _ in pdo.map} if device.canopen else set()
     for index, subs in sorted(by_index.items()):
@@ -107,17 +109,17 @@ def _objects(device: Device) -> Iterator[EdsObject]:
             continue
         if 0 not in subs:
             first = EdsItem(0, "Number of mapped objects", "u8", "rw", len(items))
-            items.insert(0, first if index in _MAPPING_RECORDS else _highest(max(subs)))
+            items.insert(0, first if index in _MAPPING_RECORDS else _highest_sub(max(subs)))
         yield EdsObject(index, _record_name(index, subs.values()), RECORD, tuple(items))
 
 
-def _with_object(device: Device) -> Iterator[Parameter]:
-    """The parameters with an object; whole objects first, so that their bits are not exported beside them."""
-    of_objects = [parameter for parameter in device.parameters if parameter.object is not None]
-    return iter(sorted(of_objects, key=lambda parameter: _bit(parameter) is not None))
+def _on_canopen(device: Device) -> Iterator[Parameter]:
+    """The parameters with an object. Whole objects come first, so that they are exported instead of their bits."""
+    parameters = [parameter for parameter in device.parameters if parameter.object is not None]
+    return iter(sorted(parameters, key=lambda parameter: _bit(parameter) is not None))
 
 
-def _place(parameter: Parameter) -> tuple[int, int]:
+def _index_and_sub(parameter: Parameter) -> tuple[int, int]:
     assert parameter.object is not None
     return parameter.object.index, parameter.object.sub
 
@@ -130,13 +132,13 @@ def _variable(index: int, item: EdsItem) -> EdsObject:
     return EdsObject(index, item.name, VAR, (item,))
 
 
-def _highest(sub: int) -> EdsItem:
+def _highest_sub(sub: int) -> EdsItem:
     return EdsItem(0, "Highest sub-index supported", "u8", "const", sub)
 
 
 def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
-    words = zip(*(parameter.name.split() for parameter in parameters))
-    common = " ".join(row[0] for row in takewhile(lambda row: len({*row}) == 1, words))
+    columns = zip(*(parameter.name.split() for parameter in parameters))
+    common = " ".join(words[0] for words in takewhile(lambda words: len({*words}) == 1, columns))
     if index in _COMMUNICATION_RECORDS or index in _MAPPING_RECORDS:
         kind = "communication" if index in _COMMUNICATION_RECORDS else "mapping"
         return f"{common.partition(' ')[0]} {kind} parameter".strip()
@@ -144,7 +146,7 @@ def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
 
 
 def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
-    index, sub = _place(parameter)
+    index, sub = _index_and_sub(parameter)
     if _bit(parameter) is not None:
         return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mapped)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
@@ -156,7 +158,7 @@ def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
 
 
 def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:
-    """A limit as a raw number; that of a text is a length, for which an EDS has no key."""
+    """A limit as a raw number. None for a text: its limits are lengths, for which an EDS has no key."""
     if limit is None or parameter.type == "text":
         return None
     raw = parameter.to_raw(limit)

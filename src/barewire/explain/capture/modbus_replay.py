@@ -1,7 +1,7 @@
-"""Recordings of Modbus, decoded: captures, logs and dumps, by the sniffer that also decodes live lines.
+"""Decodes recordings of Modbus (captures, logs, dumps) with the sniffer that also decodes live lines.
 
 pcapng, pcap     TCP port 502 by connection and direction; RTU in datagrams on port 5020
-anything else    text, as `bytelog` reads it: RTU, or ASCII where the bytes begin with a colon
+anything else    text, parsed by `bytelog`: RTU, or ASCII if the bytes begin with a colon
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from barewire.modbus.sniffer.sniffer import WINDOW, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 
-_SEGMENTS = 64
-_ANY_SPEED = Timing(0.0, 0.0, 0.0)
+_EARLY_SEGMENTS = 64
+"""The most segments that wait for a missing one before it is skipped."""
+_ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 """The bit rate of a recording is unknown: only pauses end a frame of unknown length."""
 
 
 def _rtu_line() -> Line:
     """An RTU line that receives both directions, at any bit rate."""
-    return RtuLine(_ANY_SPEED, role="listener")
+    return RtuLine(_ANY_BITRATE, role="listener")
 
 
 def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBUS_PORTS) -> Iterator[SnifferEvent]:
@@ -56,63 +57,64 @@ def _replay_log(text: str, window: float) -> Iterator[SnifferEvent]:
 
 
 def _feed(sniffer: Sniffer, data: bytes, at: float) -> Iterator[SnifferEvent]:
-    """Take bytes received at this time, after the deadlines before it."""
+    """Feed the deadlines before `at`, then the bytes received at that time."""
     while (deadline := sniffer.deadline) is not None and deadline < at:
         yield from sniffer.feed(None, deadline)
     yield from sniffer.feed(data, at)
 
 
-class _Stream:
-    """One direction of a TCP connection: puts segments in order, each byte once."""
+class _Reassembly:
+    """One direction of a TCP connection: puts the segments in order and drops repeated bytes."""
 
     def __init__(self) -> None:
         self._next: int | None = None
         self._early: dict[int, bytes] = {}
 
     def put(self, sequence: int, data: bytes) -> bytes:
-        """Take a segment: the bytes that are complete now."""
+        """Take a segment; return the bytes that now continue the stream."""
         if self._next is None:
             self._next = sequence
         self._early[sequence] = max(self._early.get(sequence, b""), data, key=len)
-        if len(self._early) > _SEGMENTS:  # the missing one was not captured: continue after it
+        if len(self._early) > _EARLY_SEGMENTS:  # the next one was not captured: skip it
             expected = self._next
-            self._next = min(self._early, key=lambda number: number - expected & 0xFFFFFFFF)
-        out = b""
-        while (found := self._following(self._next)) is not None:
-            out += found
-            self._next = self._next + len(found) & 0xFFFFFFFF
-        return out
+            self._next = min(self._early, key=lambda start: start - expected & 0xFFFFFFFF)
+        complete = b""
+        while (following := self._take_at(self._next)) is not None:
+            complete += following
+            self._next = self._next + len(following) & 0xFFFFFFFF
+        return complete
 
-    def _following(self, at: int) -> bytes | None:
-        for number in list(self._early):
-            behind = at - number & 0xFFFFFFFF
-            if behind < 0x80000000:
-                rest = self._early.pop(number)[behind:]
-                if rest:
-                    return rest
+    def _take_at(self, position: int) -> bytes | None:
+        """Bytes at this sequence number. Segments before it are removed; sequence numbers wrap at 32 bits."""
+        for start in list(self._early):
+            known = position - start & 0xFFFFFFFF
+            if known < 0x80000000:
+                new = self._early.pop(start)[known:]
+                if new:
+                    return new
         return None
 
 
 def _replay_capture(data: bytes, window: float, ports: Container[int]) -> Iterator[SnifferEvent]:
     serial: dict[ConnectionKey, Sniffer] = {}
     numbered: dict[ConnectionKey, NumberedSniffer] = {}
-    streams: dict[tuple[ConnectionKey, bool], _Stream] = {}
+    reassemblies: dict[tuple[ConnectionKey, bool], _Reassembly] = {}
     now = 0.0
     for packet in read_packets(data):
-        carried = modbus_payload(packet, ports)
-        if carried is None:
+        payload = modbus_payload(packet, ports)
+        if payload is None:
             continue
-        now, where = carried.at, carried.connection
-        if carried.sequence is None:
-            sniffer = serial.setdefault(where, Sniffer(_rtu_line(), window=window))
-            yield from _feed(sniffer, carried.data, now)
+        now, connection = payload.at, payload.connection
+        if payload.sequence is None:
+            sniffer = serial.setdefault(connection, Sniffer(_rtu_line(), window=window))
+            yield from _feed(sniffer, payload.data, now)
             # A datagram is a complete frame, or noise.
-            if (ends := sniffer.line.deadline) is not None:
-                yield from sniffer.feed(None, ends)
+            if (deadline := sniffer.line.deadline) is not None:
+                yield from sniffer.feed(None, deadline)
         else:
-            pair = numbered.setdefault(where, NumberedSniffer(TcpLine(), TcpLine(), window=window))
-            stream = streams.setdefault((where, carried.from_client), _Stream())
-            yield from pair.feed(carried.from_client, stream.put(carried.sequence, carried.data), now)
+            pair = numbered.setdefault(connection, NumberedSniffer(TcpLine(), TcpLine(), window=window))
+            segments = reassemblies.setdefault((connection, payload.from_client), _Reassembly())
+            yield from pair.feed(payload.from_client, segments.put(payload.sequence, payload.data), now)
     for sniffer in serial.values():
         yield from sniffer.end(now)
     for pair in numbered.values():

@@ -4,8 +4,8 @@
         await bus.node(5, device="az3").read("STATUS WORD")
         await asyncio.gather(*(bus.node(number).sdo.upload(0x1000) for number in range(1, 6)))
 
-Transfers on one SDO channel run one at a time, in the order of the calls; transfers with different nodes run at the same
-time. If a task is cancelled, its transfer is aborted, and late responses are ignored.
+Transfers on one SDO channel run one at a time, in the order of the calls; transfers with different nodes run
+concurrently. If a task is cancelled, its transfer is aborted, and late responses are ignored.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ E = TypeVar("E")
 class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
-    A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the reader thread of the bus.
+    A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the reader thread.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
         return await self.carry_out(BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
-        """The events of any machine that only listens. `receives`: the (identifier, extended) of its frames, None for all."""
+        """The events of a machine that only listens. `receives` are its (identifier, extended), None for all frames."""
         return self.subscribe(Subscription(machine, receives))
 
     def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> AsyncRunning:
@@ -151,9 +151,9 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
         return self.start_task(BackgroundTask(machine, receives))
 
     async def receive(self, timeout: float | None = None) -> CanFrame | None:
-        """The next frame on the bus, None if there is none within `timeout` seconds. The first call begins to keep frames.
+        """The next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.
 
-        `frames` returns them as a stream.
+        `frames` returns a stream.
         """
         wait = self.timeout if timeout is None else timeout
         check_timeout(wait)
@@ -171,7 +171,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
     # The runner of the methods
 
     async def carry_out(self, operation: BusOperation[T]) -> T:
-        """Wait for the locks of an operation, then carry it out. While the bus is opened again, wait `timeout` for it."""
+        """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
         async with channels_locked(self.bus, operation.locks):
             with AsyncSubscriber(self.bus, operation.receives) as subscriber:

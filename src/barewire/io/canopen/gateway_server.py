@@ -1,11 +1,11 @@
-"""The text gateway on a TCP port: many connections, one bus.   [CiA 309-3]
+"""The CiA 309-3 text gateway on a TCP port: many connections, one bus.
 
         netcat ----+                         +--- transfers with different nodes at the same time
         a script --+-- one session each -----+--- one transfer at a time on each SDO channel
         telnet ----+                         +--- boot-ups, emergencies, PDOs reported to all
 
-The lines of a connection are carried out in their order. Lines that come faster than the bus carries them out wait in
-the socket. A connection that is not read loses notices, and gets their number; responses are never lost.
+The commands of a connection are carried out one after the other; further ones wait in the socket. If a client does not
+read, notices to it are dropped, and their number is reported later; responses are never dropped.
 
 Depends on: the asyncio client, `canopen.gateway` for what a line means.  Used by: `barewire canopen-gateway`.
 """
@@ -31,17 +31,17 @@ from barewire.io.ports.tcp import reason
 
 GATEWAY_CONNECTIONS = 64
 UNREAD_LIMIT = 0x10000
-"""Bytes that may wait for a connection that is not read; further notices are lost."""
+"""Bytes that may wait for a client that does not read; further notices are dropped."""
 _CHUNK = 4096
 _LINE_END = re.compile(rb"[\r\n]")
 
 _CONTROLLER, _BUS_OFF = 0x04, 0x40
 _PASSIVE = 0x30
-"""Bits of the second byte of a controller's report: error passive, receiving or sending."""
+"""Bits of the second byte of a controller's report: error passive, while receiving or sending."""
 
 
 class CanopenGateway:
-    """A listening gateway. `port` is its TCP port. Leaving its `async with` closes every connection, not the client."""
+    """A listening gateway. Leaving its `async with` closes every connection, but not `client`."""
 
     def __init__(self, client: AsyncCanopenClient, *, net: int = 1, version: str = "") -> None:
         self.client = client
@@ -69,7 +69,7 @@ class CanopenGateway:
 
     @property
     def port(self) -> int:
-        """The port on which it listens: with port 0 the system chose it."""
+        """The TCP port on which the gateway listens; the system chooses it if port 0 was requested."""
         assert self._server is not None
         return int(self._server.sockets[0].getsockname()[1])
 
@@ -80,19 +80,18 @@ class CanopenGateway:
         for connection in list(self._connections):
             connection.end()
         while self._connections:
-            await asyncio.gather(*(one.ended.wait() for one in self._connections))
+            await asyncio.gather(*(connection.ended.wait() for connection in self._connections))
 
     def fail(self, why: PortError) -> None:
-        """The bus was closed, for this reason: end."""
+        """Record that the bus was closed, for this reason, and set `ended`."""
         self.failure = self.failure or why
         self.ended.set()
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connection = _Connection(self, reader, writer)
         if len(self._connections) >= GATEWAY_CONNECTIONS:
-            connection.write(
-                [error_line(0, GatewayCode.OUT_OF_MEMORY, f"{GATEWAY_CONNECTIONS} connections are the most")]
-            )
+            text = f"at most {GATEWAY_CONNECTIONS} connections"
+            connection.write([error_line(0, GatewayCode.OUT_OF_MEMORY, text)])
             writer.close()
             return
         self._connections.add(connection)
@@ -104,7 +103,7 @@ class CanopenGateway:
 
 
 class _Connection:
-    """One connection: a task that carries out its lines, one that sends its notices, one that waits for its end."""
+    """One connection, in three tasks: carry out its lines, send its notices, wait until it is closed."""
 
     def __init__(self, gateway: CanopenGateway, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = gateway.client
@@ -113,21 +112,21 @@ class _Connection:
         self._client = client
         self._reader = reader
         self._writer = writer
-        remote = not client.bus.name.startswith("socketcand/")  # which carries no remote frames
+        remote = not client.bus.name.startswith("socketcand/")  # a socketcand bus carries no remote frames
         self._session = GatewaySession(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
         self._subscriber = AsyncSubscriber(client.bus, None, reports=True)
         self._lost = 0
         self._tasks: tuple[asyncio.Task[None], ...] = ()
 
     def end(self) -> None:
-        """Close it."""
+        """Cancel the tasks of the connection."""
         for task in self._tasks:
             task.cancel()
 
     async def serve(self) -> None:
         """Serve until the client closes the connection, or the bus is closed."""
-        work = self._carry_out_lines(), self._send_notices(), self._wait_closed()
-        self._tasks = tuple(asyncio.create_task(one) for one in work)
+        coroutines = self._carry_out_lines(), self._send_notices(), self._wait_closed()
+        self._tasks = tuple(asyncio.create_task(coroutine) for coroutine in coroutines)
         try:
             await asyncio.wait(self._tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -142,33 +141,33 @@ class _Connection:
                     raise error
 
     async def _wait_closed(self) -> None:
-        """Wait until the connection is closed. A client that closed its sending half, as `nc -N`, still receives."""
+        """Wait until the connection is closed. A client that closed only its sending half (`nc -N`) still receives."""
         with suppress(OSError):
             await asyncio.shield(self._writer.wait_closed())
 
     # Lines
 
     async def _carry_out_lines(self) -> None:
-        held, skipping = b"", False
+        partial, skipping = b"", False
         while True:
             try:
                 chunk = await self._reader.read(_CHUNK)
             except OSError:
                 return
-            *lines, held = _LINE_END.split(held + chunk)  # CR LF ends two lines; the empty one has no effect
+            *lines, partial = _LINE_END.split(partial + chunk)  # CR LF ends two lines; the empty one has no effect
             for line in lines:
                 if skipping:
                     skipping = False
                 else:
                     await self._answer(line)
-            if len(held) > MAX_LINE:
-                held = b""
+            if len(partial) > MAX_LINE:
+                partial = b""
                 if not skipping:
                     skipping = True
                     await self._answer(b"#", too_long=True)
             if not chunk:
-                if held and not skipping:
-                    await self._answer(held)
+                if partial and not skipping:
+                    await self._answer(partial)
                 return
 
     async def _answer(self, line: bytes, *, too_long: bool = False) -> None:
@@ -178,18 +177,16 @@ class _Connection:
             text = line.decode("utf-8", "replace")
             self.write(await self._client.carry_out(self._operation(text)))
             self._feed_notices(None, time.monotonic())
-            self._subscriber.wake()  # the line may have changed how long the other task has to wait
+            self._subscriber.wake()  # the deadline of the other task may have changed
         await self._writer.drain()
 
     def _operation(self, text: str) -> BusOperation[list[str]]:
         conversation, target = self._session.answer(text), self._session.target(text)
         if target is None:
             return BusOperation(conversation, NO_LOCKS, NO_FRAMES)
-        return (
-            BusOperation(conversation, LSS_LOCK, LSS_RECEIVES)
-            if target == "LSS"
-            else sdo_transfer(target, conversation, self._client.timeout)
-        )
+        if target == "LSS":
+            return BusOperation(conversation, LSS_LOCK, LSS_RECEIVES)
+        return sdo_transfer(target, conversation, self._client.timeout)
 
     # Notices
 
@@ -212,12 +209,12 @@ class _Connection:
 
     def _feed_notices(self, frame: CanFrame | None, now: float) -> None:
         frames, lines = self._session.notices.feed(frame, now)
-        for one in frames:
-            self._subscriber.write(one)
+        for outgoing in frames:
+            self._subscriber.write(outgoing)
         self._notice(lines)
 
     def _notice(self, lines: list[str]) -> None:
-        """Send lines that are no responses; they are lost if the connection is not read."""
+        """Send notices. They are dropped and counted while the client does not read."""
         if self._writer.transport.get_write_buffer_size() > UNREAD_LIMIT:
             self._lost += len(lines)
             return
@@ -227,12 +224,13 @@ class _Connection:
         self.write(lines)
 
     def write(self, lines: list[str]) -> None:
-        """Send lines."""
+        """Write lines to the connection, unless it is closing."""
         if lines and not self._writer.is_closing():
             self._writer.write("".join(f"{line}\r\n" for line in lines).encode("utf-8", "replace"))
 
 
 def _code_of(report: ErrorFrame) -> GatewayCode | None:
+    """The code for a report of the controller; None if it is neither bus-off nor error passive."""
     if report.classes & _BUS_OFF:
         return GatewayCode.BUS_OFF
     passive = report.classes & _CONTROLLER and report.data[1:2] and report.data[1] & _PASSIVE
@@ -242,9 +240,9 @@ def _code_of(report: ErrorFrame) -> GatewayCode | None:
 async def serve_gateway(
     client: AsyncCanopenClient, host: str = "127.0.0.1", port: int = 0, *, net: int = 1, version: str = ""
 ) -> CanopenGateway:
-    """Start a gateway to the bus of `client` at `host`:`port`. `net` (1..127) is the number of its net.
+    """Start a gateway to the bus of `client` on the TCP port `host`:`port`. `net` (1..127) is its net number.
 
-    Raises PortError, and EncodeError for a wrong net.
+    Raises PortError if the port cannot be opened, EncodeError for a wrong net.
     """
     if not 1 <= net <= 127:
         raise EncodeError(f"net {net}: expected 1..127")

@@ -1,4 +1,4 @@
-"""The asyncio engine: `blocking` with await."""
+"""The asyncio engine: carries out conversations on asyncio ports, as `blocking` does on blocking ports."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ R = TypeVar("R", bound="Response")
 async def run(
     conversation: Conversation[Item, Result], port: AsyncPort[Item], heard: Heard[Item] | None = None
 ) -> Result:
-    """Carry out a conversation; one that listens already is given `heard` first. Raises what it raises.
+    """Carry out a conversation and return its result. `heard` is the first input of one that already listens.
 
-    If the task is cancelled or the port fails, the conversation is abandoned, and what it sends then is written.
+    Raises the errors of the conversation. If the task is cancelled or the port fails, the conversation is abandoned,
+    and the abort frames that it sends are written.
     """
     clock = asyncio.get_running_loop().time
     try:
@@ -37,11 +38,11 @@ async def run(
                 wait = step.until - clock()
                 item = await port.receive(wait if wait > 0.0 else 0.0)
             else:
-                for one in step.items:
-                    port.write(one)
-                leaving = port.sent()
-                if leaving is not None:
-                    await leaving
+                for outgoing in step.items:
+                    port.write(outgoing)
+                sent = port.sent()
+                if sent is not None:  # None: the bytes are on the wire already
+                    await sent
             step = conversation.send(Heard(item, clock()))
     except StopIteration as stop:
         result: Result = stop.value
@@ -52,14 +53,14 @@ async def run(
 
 
 def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], error: BaseException) -> None:
-    """End a conversation that `error` interrupted, and write what it still sends, if the port can do that."""
+    """End a conversation that `error` interrupted, and write its abort frames, if the port still accepts them."""
     for item in frames_of_abort(conversation, error):
         with contextlib.suppress(BarewireError):
             port.write(item)
 
 
 async def exchange(bus: Bus, unit: int, request: Request[R], timeout: float, port: AsyncPort[bytes]) -> R:
-    """`exchange` of `fast_path`, with await. Where answers are numbered, what is written is on the wire."""
+    """`fast_path.exchange` for an asyncio port. Only for numbered answers (TCP): there `write` needs no `sent`."""
     frame = bus.begin(unit, request) if timeout > 0.0 else None
     if frame is None:
         return await run(bus.ask(unit, request, timeout=timeout), port)

@@ -1,6 +1,6 @@
-"""The fast path: one request, one response, without a conversation.
+"""The fast path: one request and one response over a blocking port, without running a conversation.
 
-    bus.begin(unit, request)  -->  the frame     None: something has to be done before -> bus.ask
+    bus.begin(unit, request)  -->  the frame     None: the request cannot be sent at once                 -> bus.ask
     port.send(frame)
     port.receive(timeout)     -->  the bytes
     line.answer_in(bytes)     -->  the PDU       None: these bytes are not exactly the answer              }
@@ -8,10 +8,9 @@
 
 On TCP nearly every exchange takes this path, in about two thirds of the time (8.8 instead of 12.4 us, without the
 network). It is a fourth path beside the three that carry out conversations (`blocking`, `asyncio`,
-`conversation.Wire`), and it cannot change results: every irregular case - nothing came, too little, too much, something
-else, the port failed, the user interrupted - is delegated, with all that was received, to the conversation of
-`bus.ask`, at the point where it listens. tests/io/engine/test_fast_path.py compares results, errors and counters of
-both.
+`conversation.Wire`), and it cannot change results: every irregular case (no bytes, too few, too many, other bytes, the
+port failed, the user interrupted) is delegated, with all received bytes, to the conversation of `bus.ask` at the point
+where it listens. tests/io/engine/test_fast_path.py compares results, errors and counters of both.
 """
 
 from __future__ import annotations
@@ -30,13 +29,14 @@ if TYPE_CHECKING:
     from barewire.io.ports.base import Port
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response
+
 R = TypeVar("R", bound="Response")
 
 
 def exchange(
     bus: Bus, unit: int, request: Request[R], timeout: float, port: Port[bytes], clock: Clock = time.monotonic
 ) -> R:
-    """The same as `run(bus.ask(unit, request, timeout=timeout), port)`."""
+    """The same result, errors and counters as `run(bus.ask(unit, request, timeout=timeout), port)`, faster."""
     frame = bus.begin(unit, request) if timeout > 0.0 else None
     if frame is None:
         return run(bus.ask(unit, request, timeout=timeout), port, clock)
@@ -56,14 +56,14 @@ def exchange(
 
 
 def listening(bus: Bus, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
-    """The conversation of a request that was sent, at the point where it listens."""
+    """The conversation of a request that was already sent, advanced to the point where it listens."""
     rest = bus.rest(unit, request, timeout, sent_at)
     next(rest)
     return rest
 
 
 def answer(bus: Bus, unit: int, request: Request[R], data: bytes | None, now: float) -> R | None:
-    """The response, if `data` is exactly that. If not, None, and nothing has changed."""
+    """The response, if `data` is exactly one; otherwise None, and the state of the bus is unchanged."""
     line = bus.line
     pdu = line.answer_in(data) if data is not None and isinstance(line, TcpLine) else None
     if pdu is None:

@@ -12,29 +12,29 @@ Item = TypeVar("Item")
 
 
 class Port(Protocol[Item]):
-    """What the blocking engine sends and receives through: bytes, or CAN frames. All methods raise PortError."""
+    """A port of the blocking engine: it sends and receives bytes or CAN frames. All methods raise PortError."""
 
     def send(self, item: Item) -> None:
         """Send; returns when the item is on the wire, as far as the system knows."""
 
     def receive(self, timeout: float) -> Item | None:
-        """What came within `timeout` seconds, or None."""
+        """The item received within `timeout` seconds, or None."""
 
     def close(self) -> None:
         """Close the port."""
 
 
 class AsyncPort(Protocol[Item]):
-    """The same for the asyncio engine. `write` does not wait, so it can be called while a task is cancelled."""
+    """A port of the asyncio engine. `write` does not wait, so it can be called while a task is cancelled."""
 
     def write(self, item: Item) -> None:
         """Hand the item over."""
 
     def sent(self) -> Awaitable[float | None] | None:
-        """What to await until everything written is on the wire; None if it is."""
+        """An awaitable that ends when everything written is on the wire; None if it is already."""
 
     async def receive(self, timeout: float) -> Item | None:
-        """What came within `timeout` seconds, or None."""
+        """The item received within `timeout` seconds, or None."""
 
 
 class AsyncLink(Protocol):
@@ -47,7 +47,7 @@ class AsyncLink(Protocol):
         """Hand the bytes over with everything else that is written in this round of the loop, where that saves time."""
 
     def sent(self) -> Awaitable[float | None] | None:
-        """What to await until everything written is on the wire; None if it is."""
+        """An awaitable that ends when everything written is on the wire; None if it is already."""
 
     def close(self) -> None:
         """Close the connection."""

@@ -1,4 +1,7 @@
-"""Asyncio servers without connections: on a UDP port, and on a serial port. `AsyncModbusServer` makes them."""
+"""Asyncio servers without connections: on a UDP port, and on a serial port.
+
+Used by: `AsyncModbusServer`, by the scheme of its URL.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,10 @@ from barewire.modbus import Server, Unit
 
 
 class DatagramServer(asyncio.DatagramProtocol):
-    """A server on a UDP port: each datagram is a frame, and its answer goes where it came from."""
+    """A server on a UDP port: each datagram is a frame, its answer is sent to the address it came from."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
-        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # datagrams have none
+        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: datagrams have none
         self._endpoint = endpoint
         self._inject = inject
         self._server = Server(modbus_line(endpoint, "server"), units, serial=False)
@@ -30,17 +33,17 @@ class DatagramServer(asyncio.DatagramProtocol):
 
     @property
     def port(self) -> int:
-        """The number of the port that it listens on."""
+        """The UDP port number on which the server listens."""
         assert self._transport is not None
         return int(self._transport.get_extra_info("sockname")[1])
 
     async def listen(self, listener: socket.socket | None = None) -> None:
-        """Begin to listen; on a socket that is bound already, if there is one."""
+        """Begin to listen, on `listener` if given (a bound socket). Raises PortError."""
         loop = asyncio.get_running_loop()
         host, port = self._endpoint.host_and_port
-        where: dict[str, Any] = {"sock": listener} if listener is not None else {"local_addr": (host, port)}
+        address: dict[str, Any] = {"sock": listener} if listener is not None else {"local_addr": (host, port)}
         try:
-            await loop.create_datagram_endpoint(lambda: self, **where)
+            await loop.create_datagram_endpoint(lambda: self, **address)
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
 
@@ -50,7 +53,7 @@ class DatagramServer(asyncio.DatagramProtocol):
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        # Not every loop's transport is an instance of the class it fulfils.
+        # A cast, because the transports of some event loops do not inherit from DatagramTransport.
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
@@ -62,12 +65,13 @@ class DatagramServer(asyncio.DatagramProtocol):
 
     def _send(self, data: bytes, addr: Any) -> None:
         assert self._transport is not None
-        if not self._full and not self._transport.is_closing():  # a datagram may be lost, memory must not fill
+        # Dropped while the buffer is full: a datagram may be lost, memory must stay limited.
+        if not self._full and not self._transport.is_closing():
             with suppress(OSError):
                 self._transport.sendto(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """asyncio: a client is not there any more, which needs no action."""
+        """Called by asyncio if an earlier datagram could not be delivered. Nothing to do."""
 
     def pause_writing(self) -> None:
         self._full = True
@@ -77,13 +81,13 @@ class DatagramServer(asyncio.DatagramProtocol):
 
 
 class SerialServer:
-    """A server on a serial port of this loop."""
+    """A server on a serial port, read and written by the running event loop."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
         from barewire.io.ports.async_serial import SerialLink
         from barewire.io.ports.serial import SerialPort
 
-        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # a line has none
+        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: a line has none
         self._inject = inject
         self._line = modbus_line(endpoint, "server", tuple(units))
         self._server = Server(self._line, units, serial=True)
@@ -91,7 +95,7 @@ class SerialServer:
         self._timer: asyncio.TimerHandle | None = None
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
-        """Why it ended by itself: the port failed."""
+        """The error of the port that ended the server; None while it runs, or if it was closed."""
         self._link = SerialLink(SerialPort.of(endpoint), self._feed, self._fail)
 
     def _feed(self, data: bytes | None) -> None:

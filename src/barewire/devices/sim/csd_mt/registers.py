@@ -4,8 +4,8 @@
 1260 = 1111h  IP, mask, gateway --------+-->  saved if the 24 V stay on for 5 s  (ch. 12)
 1261 = 6F6Ch  the defaults ------------'
 
-Also here: the registers with rules of their own (vetoes), and those that act on the encoder and on Auto Sync. Network
-registers are saved, and have no effect.
+This file also has the write checks of single registers, and the registers that act on the encoder and on Auto Sync.
+Network registers are saved and have no other effect.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from barewire.devices.sim.csd_mt.shaft import NO_ENCODER, Shaft
 from barewire.devices.sim.motion.cia402_axis import CURRENT_ON
 
 _STORE, _STORE_NETWORK = 0x6173, 0x1111
-_SAVING_TAKES = 5.0
+_SAVING_TIME = 5.0
+"""Seconds that saving takes."""
 _NETWORK = range(1130, 1142)
 
 _IDENTITY = {
@@ -33,7 +34,7 @@ _IDENTITY = {
     "Serial Number": 1,
     **{f"Read MAC Address {place}": word for place, word in ((1, 0x0200), (2, 0x0000), (3, 0x0094))},
 }
-"""Values that the manual does not print: those of this simulator."""
+"""Values chosen for this simulator: the manual does not print them."""
 
 _DEFAULT_MOTOR = 0x1544
 _SHORTEST_WATCHDOG = 100
@@ -47,7 +48,7 @@ class ServiceRegisters:
     def __init__(self, context: Context, shaft: Shaft, axis: StepperAxis) -> None:
         self.context, self.store, self.shaft, self.axis = context, context.store, shaft, axis
         self._saving: tuple[float, dict[str, Value]] | None = None
-        """When the values will be saved, and the values."""
+        """The time at which the values under way will be saved, and the values."""
         store = self.store
         for name, value in _IDENTITY.items():
             store.cell(name).default = value
@@ -61,12 +62,13 @@ class ServiceRegisters:
             store.measure(f"Drive Alarm Code {place}", partial(self._alarm, place, 1))
         self._show_motor(store["Motor Code"])
         order = store.cell("Little Endian / Big Endian")
-        store.words_reversed = lambda: order.held == 0  # described little-endian, register 1162 = 1
+        # The description is little-endian: register 1162 = 1.
+        store.words_reversed = lambda: order.held == 0
 
     def _bind_writes(self) -> None:
         checks: dict[str, Callable[[Value], None]] = {
-            "Enable SW bit 7": self._not_with("Enable SW bit 15"),
-            "Enable SW bit 15": self._not_with("Enable SW bit 7"),
+            "Enable SW bit 7": self._excludes("Enable SW bit 15"),
+            "Enable SW bit 15": self._excludes("Enable SW bit 7"),
             "Following Error Reaction Code": self._check_reaction,
             "Position Error Reset": self._check_position_reset,
             "Auto Sync Enable": self._check_auto_sync,
@@ -88,13 +90,13 @@ class ServiceRegisters:
         }
         for name, check in checks.items():
             self.store.veto(name, check)
-        for name, act in actions.items():
-            self.store.after(name, act)
+        for name, action in actions.items():
+            self.store.after(name, action)
 
     # Memory
 
     def events(self) -> Iterator[TimedAction]:
-        """The end of saving."""
+        """The time at which saving ends, and the action then."""
         yield self._saving[0] if self._saving else inf, self._saved
 
     def _saved(self) -> None:
@@ -103,21 +105,22 @@ class ServiceRegisters:
             self._saving = None
 
     def restart(self) -> None:
-        """As at power-on: unfinished saving is lost (ch. 12, registers 1260, 1261)."""
+        """Restore the state at power-on: unfinished saving is lost (ch. 12, registers 1260, 1261)."""
         self._saving = None
         self._show_motor(self.store["Motor Code"])
 
     def _save(self, value: Value) -> None:
-        """Begin to save. Values other than the two signatures have no effect."""
+        """Begin to save. A value other than the two signatures has no effect."""
         if value in (_STORE, _STORE_NETWORK):
             values = self.store.snapshot(lambda cell: _saved_by(cell) == value)
-            self._saving = (self.context.now + _SAVING_TAKES, self.store.saved | values)
+            self._saving = (self.context.now + _SAVING_TIME, self.store.saved | values)
         self.store["Save All Parameters"] = 0
 
     def _restore(self, value: Value) -> None:
+        """Set the storable parameters to their defaults, and begin to save that; network registers are kept."""
         store = self.store
         others = {name: held for name, held in store.saved.items() if _saved_by(store.cell(name)) != _STORE}
-        self._saving = (self.context.now + _SAVING_TAKES, others)
+        self._saving = (self.context.now + _SAVING_TIME, others)
         for cell in store:
             if _saved_by(cell) == _STORE:
                 cell.set(cell.default)
@@ -145,7 +148,7 @@ class ServiceRegisters:
         store["Motor Current Limit"] = digits & 0xF
 
     def _outputs(self) -> int:
-        """Register 1010: Set Output (1087), where Output Config (1089) gives no other meaning to an output."""
+        """Register 1010: Set Output (1087), except for outputs to which Output Config (1089) gives another meaning."""
         outputs, axis = self.store.whole("Set Output"), self.axis
         if self.context.environment.model != "94":
             outputs &= 0b111
@@ -163,7 +166,7 @@ class ServiceRegisters:
         return self.axis.state in CURRENT_ON
 
     def _reset_position_error(self, value: Value) -> None:
-        """Act at once; no effect below Operation Enabled or without encoder (register 1086, note 2)."""
+        """Reset the position error. No effect below Operation Enabled or without encoder (register 1086, note 2)."""
         if not (self.shaft.has_encoder and self.axis.ready):
             return
         if value == 1:
@@ -182,9 +185,9 @@ class ServiceRegisters:
         else:
             self.axis.reset_encoder()
 
-    # Vetoes
+    # Checks before a write
 
-    def _not_with(self, other: str) -> Callable[[Value], None]:
+    def _excludes(self, other: str) -> Callable[[Value], None]:
         def check(value: Value) -> None:
             if value and self.store.whole(other):
                 raise Declined("value", f"not together with {other}")
@@ -219,7 +222,7 @@ class ServiceRegisters:
 
 
 def _saved_by(cell: Cell) -> int:
-    """The signature that saves a parameter, 0 if it cannot be saved."""
+    """The signature that saves the parameter, 0 if it cannot be saved."""
     place = cell.parameter.modbus
     if not cell.parameter.storable or place is None:
         return 0
