@@ -1,8 +1,8 @@
-"""The fixture `enter`, which runs a race once and hands each contestant's rounds to pytest-benchmark.
+"""The fixture `enter`: runs a race once and passes the rounds of each contestant to pytest-benchmark.
 
-pytest-benchmark would measure one contestant after the other, minutes apart. So the race itself is run in turns
-(`bench/race.py`), and each test gives what was measured back to pytest-benchmark by its `timer` option: the tables,
-the JSON file and comparisons are pytest-benchmark's. Ratios to the floor go into `extra_info`.
+pytest-benchmark would measure one contestant after the other, minutes apart. So `bench/race.py` runs the contestants in
+turns, and each test replays its measured times to pytest-benchmark through the `timer` option: pytest-benchmark makes
+the tables, the JSON file and the comparisons. Ratios to the floor go into `extra_info`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _marks: list[float] = []
 
 
 def replay() -> float:
-    """The clock of pytest-benchmark here: the beginning and the end of each round, as they were measured."""
+    """The clock for pytest-benchmark: start and end of each round, as they were measured."""
     return _marks.pop(0) if _marks else 0.0
 
 
@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: dict[str, Any]) -> None:
-    """What the page says about the machine: no names of it, only what it is."""
+    """The machine as the page describes it: without its name, with the versions of the libraries."""
     machine_info.pop("node", None)
     found: dict[str, str | None] = {}
     for name in PEERS:
@@ -52,9 +52,9 @@ def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: di
 
 
 def pytest_benchmark_update_json(output_json: dict[str, Any]) -> None:
-    """Who is not in a race, and why."""
+    """Which contestants a race does not have, and why."""
     output_json["absent"] = {
-        group: outcome.missing | {who: f"which failed: {error}" for who, error in outcome.failed.items()}
+        group: outcome.missing | {name: f"which failed: {error}" for name, error in outcome.failed.items()}
         for group, outcome in _outcomes.items()
         if outcome.missing or outcome.failed
     }
@@ -62,7 +62,7 @@ def pytest_benchmark_update_json(output_json: dict[str, Any]) -> None:
 
 @pytest.fixture
 def enter(benchmark: BenchmarkFixture) -> Callable[[Race, str], None]:
-    """`enter(race, who)`: the rounds of this one contestant."""
+    """`enter(race, who)`: report the rounds of this one contestant; `who` is its name."""
 
     def report(race: Race, who: str) -> None:
         benchmark.group = race.group
@@ -79,7 +79,7 @@ def enter(benchmark: BenchmarkFixture) -> Callable[[Race, str], None]:
             pytest.skip(f"{who} failed: {type(outcome.failed[who]).__name__}: {outcome.failed[who]}")
         floor = next(iter(race.contestants))
         benchmark.extra_info.update(family=race.family, what=race.what, size=race.size, who=who, floor=floor)
-        # Ours beside everybody, everybody beside the floor and beside ours.
+        # Ratios of ours to all contestants, of each contestant to the floor and to ours.
         beside = [name for name in outcome.seconds if who.startswith("barewire") or name in (floor, "barewire")]
         others = {name: outcome.ratio(who, name) for name in beside}
         benchmark.extra_info["ratios"] = others

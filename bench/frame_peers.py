@@ -1,8 +1,8 @@
-"""How strangers read and build frames: what of each library does just that, without a port.
+"""How other libraries read and build frames: the functions of each that do only this, without a port.
 
-A reader takes the bytes of a whole answer and gives the registers, in whatever it has them; a builder gives the bytes
-of a request. Where a library has no such function (pyModbusTCP does both in its socket calls), it is in the races of
-`test_tcp` only. Names with an underscore are theirs.
+A reader takes the bytes of a whole answer and returns the registers, in the type of the library; a builder returns the
+bytes of a request. A library without such functions (pyModbusTCP does both in its socket calls) takes part in the races
+of `test_tcp` only. Imported names with an underscore are private names of those libraries.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def umodbus(envelope: str, quantity: int) -> Reader:
     else:
         from umodbus.client.serial.rtu import parse_response_adu, read_holding_registers
     request = read_holding_registers(1, 0, quantity)
-    asked = request[7:] if envelope == "tcp" else request
-    return lambda data: parse_response_adu(data, asked)
+    sent = request[7:] if envelope == "tcp" else request
+    return lambda data: parse_response_adu(data, sent)
 
 
 def umodbus_builder(envelope: str) -> Builder:
@@ -88,7 +88,7 @@ def modbus_tk(envelope: str, quantity: int) -> Reader:
 
     def read(data: bytes) -> Any:
         pdu = query.parse_response(data)
-        code, count = struct.unpack(">BB", pdu[:2])  # from here on as in its Master.execute
+        code, count = struct.unpack(">BB", pdu[:2])  # from here on as in modbus_tk's Master.execute
         if code > 0x80 or len(pdu[2:]) != count:
             raise ValueError
         return struct.unpack(">" + count // 2 * "H", pdu[2:])
@@ -106,7 +106,7 @@ def modbus_tk_builder(envelope: str) -> Builder:
 
 
 def tmodbus(envelope: str, quantity: int) -> Reader:
-    """The parts that its protocol classes call for an answer, without their futures."""
+    """The functions that the protocol classes of tmodbus call for an answer, without the futures."""
     from tmodbus.pdu import ReadHoldingRegistersPDU
 
     pdu = ReadHoldingRegistersPDU(0, quantity)

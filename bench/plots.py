@@ -22,7 +22,7 @@ SIZES = {
     "Idle connections": "connections",
     "Named read": "values",
 }
-"""What the size of a family is, for those that have several."""
+"""The label of the sizes, for the families that have several."""
 OUR_COLOURS = ("#1f77b4", "#17becf", "#08306b")
 COLOURS = (
     *("#7f7f7f", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#bcbd22", "#000000"),
@@ -31,7 +31,7 @@ COLOURS = (
 
 
 def plot(family: str, groups: dict[tuple[str, int | str], list[Entry]], folder: Path) -> str:
-    """One SVG for a family: cost against size where there are sizes, a row for each otherwise. Its file name."""
+    """Write one SVG for a family: cost against size if there are sizes, else a row for each. Returns its file name."""
     import matplotlib
 
     matplotlib.use("svg")
@@ -60,12 +60,12 @@ def plot(family: str, groups: dict[tuple[str, int | str], list[Entry]], folder: 
 
 
 def cost(row: Entry) -> float:
-    """What is drawn: bytes of idle connections, microseconds of everything else."""
+    """The plotted number: bytes of idle connections, microseconds of all other work."""
     return row.memory if row.family == "Idle connections" and row.memory else row.seconds * 1e6
 
 
 def _draw_lines(axes: Any, lines: dict[str, list[tuple[float, float]]]) -> None:
-    """A line for each, ours thick and blue."""
+    """A line for each contestant, ours thick and blue."""
     ours, others = cycle(OUR_COLOURS), cycle(COLOURS)
     for who, points in lines.items():
         is_ours = who.startswith("barewire")
@@ -77,7 +77,7 @@ def _draw_lines(axes: Any, lines: dict[str, list[tuple[float, float]]]) -> None:
 
 
 def _draw_rows(axes: Any, groups: dict[tuple[str, int | str], list[Entry]]) -> float:
-    """A dot for each with its number, race by race (a bar has no beginning on such an axis). How high that is."""
+    """A dot with its number for each contestant, by race (bars make no sense on a log axis). Returns the height."""
     labels: list[str] = []
     for (what, size), rows in groups.items():
         labels.append(f"{what}, {size}")

@@ -1,14 +1,14 @@
-"""A race: the same work done by several, in turns, in one run.
+"""A race: the same work done by several contestants, in turns, in one run.
 
-    round 1   floor  ours   pymodbus  ...        a turn is the same work so often that it takes about `turn` seconds
-    round 2   pymodbus  ...  ours  floor         the order is drawn anew for each round, and is the same in each run
+    round 1   floor  ours   pymodbus  ...        a turn repeats the work until it has taken about `turn` seconds
+    round 2   pymodbus  ...  ours  floor         the order is shuffled for each round, with the same seed in each run
     round 3   ours  floor   ...  pymodbus
-              |___________________________ in each round: this one's time for one piece of work / the floor's
+              |___________________________ in each round: time of this contestant for one piece of work / the floor's
 
-What else the machine does at the time falls on neighbours alike, so the ratio of one round is worth more than the two
-times, and the median of the ratios more than any of them. Nobody has the same one before him each time, who leaves
-caches, and the other processor, as they happen to be then; and the first piece of a turn is not measured, for it wakes
-up what slept (unless it is the whole turn). The garbage collector rests meanwhile.
+Other load on the machine affects the turns of one round alike, so their ratio is more reliable than the two times, and
+the median of the ratios is more reliable still. No contestant always runs after the same one, which leaves its data in
+the caches and the other processor awake or asleep. The first piece of a turn is not measured, unless it is the whole
+turn, because it wakes up what slept. The garbage collector is off during the race.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ TURN = 0.002
 
 
 class Many:
-    """Work that is done `count` times by one call: inside an event loop, or on many things at a time."""
+    """Work that one call does `count` times: inside an event loop, or on several objects at a time."""
 
     measures_itself = False
-    """Whether `run` returns the seconds that it took, because only a part of it counts."""
+    """Whether `run` returns the measured seconds, because only a part of it counts."""
 
     def __init__(self, run: Callable[[int], Any]) -> None:
         self.run = run
@@ -47,11 +47,11 @@ Factory = Callable[[ExitStack], Work]
 
 @dataclass(frozen=True)
 class Race:
-    """Who does the work `what` of one `family` at one `size`. The first contestant is the floor.
+    """The contestants that do the work `what` of one `family` at one `size`. The first contestant is the floor.
 
-    A factory is given an ExitStack for what has to be closed afterwards, and returns the work; each must return
-    `expect` (a list is as good as a tuple there; None: whatever it returns is fine). It imports the library that it
-    needs: one that is missing is named.
+    A factory receives an ExitStack for what must be closed afterwards, and returns the work. The result of the work
+    must equal `expect`; a list may stand for a tuple, and None allows any result. The factory imports the library that
+    it needs; a library that is missing is reported.
     """
 
     family: str
@@ -64,7 +64,7 @@ class Race:
 
     @property
     def group(self) -> str:
-        """The title of its table."""
+        """The title of the table."""
         return f"{self.family}: {self.what}, {self.size}"
 
     def __str__(self) -> str:
@@ -73,7 +73,7 @@ class Race:
 
 @dataclass
 class Outcome:
-    """`seconds` for one piece of work, round by round; who is `missing`, and who `failed`, with the reason."""
+    """`seconds` for one piece of work, round by round; contestants that are `missing` or `failed`, with the reason."""
 
     seconds: dict[str, list[float]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
@@ -87,12 +87,12 @@ class Outcome:
 
 
 def _turn(work: Work, count: int) -> float:
-    """Seconds for one piece of work, on the average of one turn."""
+    """Seconds for one piece of work: the mean of one turn."""
     clock = time.perf_counter
     if isinstance(work, Many):
         start = clock()
-        told = work.run(count)
-        return float(told) if work.measures_itself else (clock() - start) / count
+        result = work.run(count)
+        return float(result) if work.measures_itself else (clock() - start) / count
     turns = range(count)
     start = clock()
     for _ in turns:
@@ -101,13 +101,13 @@ def _turn(work: Work, count: int) -> float:
 
 
 def _plain(found: Any) -> Any:
-    """Nobody is made to turn a list into a tuple within his time."""
+    """The result with tuples in place of lists, so that no contestant must convert within its measured time."""
     return tuple(map(_plain, found)) if isinstance(found, list | tuple) else found
 
 
 def _how_often(work: Work, turn: float) -> int:
-    """So often that it takes about `turn` seconds. The quickest of three counts: one stall here would make all turns of
-    the race short ones."""
+    """How often the work fits into about `turn` seconds, from the fastest of three trials: a single stall here would
+    make all turns of the race too short."""
     count = 1
     if turn == 0.0:
         return count
@@ -117,7 +117,7 @@ def _how_often(work: Work, turn: float) -> int:
 
 
 def run(race: Race) -> Outcome:
-    """Everybody who can, `rounds` times, in turns."""
+    """Run all contestants that work, `rounds` times, in turns."""
     outcome = Outcome()
     with ExitStack() as closing:
         works: dict[str, tuple[Work, int]] = {}
@@ -130,7 +130,7 @@ def run(race: Race) -> Outcome:
                 works[name] = work, _how_often(work, race.turn)
             except ImportError as error:
                 outcome.missing[name] = str(error)
-            except Exception as error:  # a stranger that fails is told of, and the others go on
+            except Exception as error:  # a library that fails is reported, and the race goes on without it
                 outcome.failed[name] = error
         outcome.seconds = {name: [] for name in works}
         order, draw = list(works), Random(0)
@@ -145,7 +145,7 @@ def run(race: Race) -> Outcome:
                         if count > 1:
                             work()
                         outcome.seconds[name].append(_turn(work, count))
-                    except Exception as error:  # as above: half a race of one is none, and the others go on
+                    except Exception as error:  # as above; its earlier rounds are dropped
                         outcome.failed[name] = error
                         del outcome.seconds[name]
                         order.remove(name)

@@ -1,4 +1,4 @@
-"""What came out of a run: rows of pytest-benchmark's JSON with what `conftest.py` adds; how numbers are shown."""
+"""The results of a run: rows of pytest-benchmark's JSON with the additions of `conftest.py`; how numbers are shown."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def read(data: dict[str, Any]) -> list[Entry]:
     for row in data["benchmarks"]:
         extra = row["extra_info"]
         if "family" in extra:
-            told = {key: extra[key] for key in ("family", "what", "size", "who", "floor", "ratios")}
-            found.append(Entry(**told, seconds=row["stats"]["median"], memory=extra.get("memory")))
+            fields = {key: extra[key] for key in ("family", "what", "size", "who", "floor", "ratios")}
+            found.append(Entry(**fields, seconds=row["stats"]["median"], memory=extra.get("memory")))
     return found
 
 
@@ -51,7 +51,7 @@ def show(seconds: float) -> str:
 
 
 def times(ratio: float) -> str:
-    """A ratio with two decimals, or as many as it takes to see it.
+    """A ratio with two decimals, or with two significant digits if it is small.
 
     >>> times(1.004), times(0.18349), times(0.00642)
     ('1.00', '0.18', '0.0064')

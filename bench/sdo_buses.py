@@ -1,8 +1,8 @@
-"""Clients and servers of SDO on python-can's virtual bus, in one process, and the bus itself with nobody on it.
+"""Clients and servers of SDO on python-can's virtual bus, in one process.
 
         server (thread) -> port -> queue of python-can -> reader (thread) -> client
 
-A bus each for our server and for theirs, since both are node 5.
+Our server and theirs are on separate buses, since both are node 5.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ def our_server(store: Store) -> Iterator[None]:
     port = CanPort(Endpoint.parse("can://virtual/bench"))
     server, stop = SdoServer(NODE, store), threading.Event()
 
-    def live() -> None:
+    def serve() -> None:
         while not stop.is_set():
             wait = 0.05 if server.deadline is None else min(0.05, max(0.0, server.deadline - time.monotonic()))
             for frame in server.feed(port.receive(wait), time.monotonic()):
                 port.send(frame)
 
-    thread = threading.Thread(target=live)
+    thread = threading.Thread(target=serve)
     thread.start()
     try:
         yield
@@ -78,7 +78,7 @@ async def with_asyncio(value: bytes | None) -> bytes:
 
 
 def moved(client: str, value: bytes | None) -> bytes:
-    """One block transfer by a client that is opened and closed for it."""
+    """One block transfer by a client that is opened and closed for it; returns the value."""
     if client == "barewire, asyncio":
         return asyncio.run(with_asyncio(value))
     if client == "barewire":

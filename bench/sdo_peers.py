@@ -1,12 +1,12 @@
 """Clients and servers of SDO without a bus: ours, the `canopen` library's, and a server that only counts.
 
-        our client   --  ours(hear, conversation)   --\
-                                                       hear(frame) -> frames     Counting, or our server (`real`)
-        their client --  TheirNetwork               --/
-        their client --  TheirNetwork  -------------------------------------->   their own server
+        our client   --  run_ours(answer, conversation)  --\
+                                                            answer(frame) -> frames     Counting, or our server (`real`)
+        their client --  TheirNetwork                    --/
+        their client --  TheirNetwork  ----------------------------------------------->   their own server
 
-What is sent is heard at once, and what is said to it waits in a queue for the client: no thread, no wait, no message
-of python-can. Each side is run as its shell would run it.
+A frame is answered at once, and the answers wait in a queue for the client: no thread, no wait, no message of
+python-can. Each side runs as its own engine would run it.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from barewire.conversation import Conversation, Heard, Listen
 
 NODE = 5
 
-Hear = Callable[[bytes | bytearray], list[Any]]
-"""What a server says to a frame, as its hearer has frames: ours `CanFrame`, theirs the eight bytes."""
+Answer = Callable[[bytes | bytearray], list[Any]]
+"""The answers of a server to a frame, in the client's type of frames: ours `CanFrame`, theirs the eight bytes."""
 
 
 class Store:
@@ -50,7 +50,7 @@ class Store:
 
 
 class Counting:
-    """A server that does no work while it is timed: its frames are made beforehand, what it hears it counts."""
+    """A server that does no work during the measurement: frames are made beforehand, received ones are counted."""
 
     def __init__(self, value: bytes, make: Callable[[bytes], Any]) -> None:
         size = len(value).to_bytes(4, "little")
@@ -63,12 +63,12 @@ class Counting:
             self._frames.append(block)
         unused = -len(value) % 7
         self._frames.append([bytes([0xC1 | unused << 2]) + crc_hqx(value, 0).to_bytes(2, "little") + bytes(5)])
-        self._frames = deque([make(frame) for frame in said] for said in self._frames)
+        self._frames = deque([make(frame) for frame in block] for block in self._frames)
         self._make = make
         self._inside = 0
         self._downloads = False
 
-    def hear(self, data: bytes | bytearray) -> list[Any]:
+    def answer(self, data: bytes | bytearray) -> list[Any]:
         command = data[0]
         if not self._downloads:
             if command & 0xE0 == 0xC0:
@@ -80,32 +80,32 @@ class Counting:
         self._inside += 1
         if command < 0x7F:
             return []
-        said = bytes([0xA2, self._inside, 0x7F]) + bytes(5)
+        acknowledgement = bytes([0xA2, self._inside, 0x7F]) + bytes(5)
         self._inside = -1 if command & 0x80 else 0
-        return [self._make(said)]
+        return [self._make(acknowledgement)]
 
 
-def real(store: Store, client: str) -> Hear:
-    """barewire's server, heard without a bus."""
+def real(store: Store, client: str) -> Answer:
+    """barewire's server without a bus, as a function."""
     server = SdoServer(NODE, store)
 
-    def hear(frame: CanFrame) -> list[Any]:
-        said = server.feed(frame, 0.0)
+    def answer(frame: CanFrame) -> list[Any]:
+        answers = server.feed(frame, 0.0)
         while server.deadline is not None and server.deadline <= 0.0:
-            said += server.feed(None, 0.0)
-        return said
+            answers += server.feed(None, 0.0)
+        return answers
 
     if client == "barewire":
-        return hear
-    # Theirs says a bytearray and takes bytes as well: of the two ways only one costs a copy.
-    return lambda data: [frame.data for frame in hear(CanFrame(0x605, bytes(data)))]
+        return answer
+    # Their client sends a bytearray and accepts bytes: only one of the two directions costs a copy.
+    return lambda data: [frame.data for frame in answer(CanFrame(0x605, bytes(data)))]
 
 
 # Our client --------------------------------------------------------------------------------------------------
 
 
-def ours(hear: Callable[[CanFrame], list[CanFrame]], conversation: Conversation[CanFrame, Any]) -> Any:
-    """Our client on it, as the engine of the shells carries a conversation out."""
+def run_ours(answer: Callable[[CanFrame], list[CanFrame]], conversation: Conversation[CanFrame, Any]) -> Any:
+    """Run a conversation of our client on a server, as the engine in `io` does."""
     coming: deque[CanFrame] = deque()
     new = tuple.__new__
     try:
@@ -116,8 +116,8 @@ def ours(hear: Callable[[CanFrame], list[CanFrame]], conversation: Conversation[
                 if coming:
                     frame = coming.popleft()
             else:
-                for said in step.items:
-                    coming.extend(hear(said))
+                for item in step.items:
+                    coming.extend(answer(item))
             step = conversation.send(new(Heard, (frame, 0.0)))
     except StopIteration as stop:
         return stop.value
@@ -127,15 +127,15 @@ def ours(hear: Callable[[CanFrame], list[CanFrame]], conversation: Conversation[
 
 
 class TheirNetwork(canopen.Network):  # type: ignore[misc]
-    """A network of theirs without python-can, whose messages ours does not have here either: what is sent is given to
-    `hear`."""
+    """A network of the canopen library without python-can: sent frames go to `receive`. Our client has no python-can
+    messages in these races either."""
 
-    def __init__(self, hear: Callable[[int, bytes | bytearray], None]) -> None:
+    def __init__(self, receive: Callable[[int, bytes | bytearray], None]) -> None:
         super().__init__()
-        self._hear = hear
+        self._receive = receive
 
     def send_message(self, can_id: int, data: bytes | bytearray, remote: bool = False) -> None:
-        self._hear(can_id, data)
+        self._receive(can_id, data)
 
 
 def their_node(network: Any) -> Any:
@@ -144,19 +144,19 @@ def their_node(network: Any) -> Any:
     return node
 
 
-def with_server(hear: Hear) -> Any:
-    """Their client on a server that is a function."""
+def with_server(server: Answer) -> Any:
+    """Their client, connected to a server that is a function."""
 
     def answer(identifier: int, data: bytes | bytearray) -> None:
-        for said in hear(data):
-            network.notify(0x585, said, 0.0)
+        for frame in server(data):
+            network.notify(0x585, frame, 0.0)
 
     network = TheirNetwork(answer)
     return their_node(network)
 
 
 def their_objects() -> Any:
-    """A dictionary of theirs with one object of any length."""
+    """A dictionary of the canopen library with one object of any length."""
     objects = canopen.ObjectDictionary()
     domain = canopen.objectdictionary.ODVariable("anything", 0x2100, 0)
     domain.data_type, domain.access_type = canopen.objectdictionary.DOMAIN, "rw"
@@ -165,7 +165,7 @@ def their_objects() -> Any:
 
 
 def with_their_server(value: bytes) -> Any:
-    """Their client on their server: two networks that hear each other."""
+    """Their client on their server: two networks, each of which receives the frames of the other."""
     theirs = TheirNetwork(lambda identifier, data: served.notify(identifier, data, 0.0))
     served = TheirNetwork(lambda identifier, data: theirs.notify(identifier, data, 0.0))
     served.create_node(NODE, their_objects()).set_data(0x2100, 0, value)
@@ -182,14 +182,14 @@ def their_download(node: Any, value: bytes) -> None:
         stream.write(value)
 
 
-# Either of them, on one of our servers ------------------------------------------------------------------------
+# Servers for either client ------------------------------------------------------------------------
 
 
-def listening(client: str, alone: bytes | None, store: Store) -> Any:
-    """A server for one of the clients: one that only counts, or the real one."""
+def server_for(client: str, alone: bytes | None, store: Store) -> Any:
+    """A server for one of the clients: the counting one if `alone` is a value, else the real one."""
     if client == "canopen":
-        return with_server(real(store, client) if alone is None else Counting(alone, bytearray).hear)
+        return with_server(real(store, client) if alone is None else Counting(alone, bytearray).answer)
     if alone is None:
         return real(store, client)
     counting = Counting(alone, lambda data: CanFrame(0x585, data))
-    return lambda frame: counting.hear(frame.data)
+    return lambda frame: counting.answer(frame.data)

@@ -1,9 +1,9 @@
 """Servers of the ten registers 0..9, each in its own process: `python -m bench.servers NAME [CORE]` prints its port.
 
-raw             a blocking socket in a thread: what came is answered with prepared bytes, nothing is looked at
-raw asyncio     the floor of servers: header and request unpacked, the registers cut out of bytes
-barewire        our server without asyncio: what `ModbusServer` runs behind tcp://
-barewire, asyncio, and the others   each library's own server, started as its documentation says
+raw             a blocking socket in a thread: every request is answered with prepared bytes and not parsed
+raw asyncio     the floor of servers: header and request are unpacked, the registers are a slice of bytes
+barewire        `ModbusServer` at tcp://, without asyncio
+barewire, asyncio, and the others   the server of each library, started as its documentation shows
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else
 
 
 def start(name: str, closing: ExitStack, core: int | None = None) -> int:
-    """The server in its own process, on this core; its port. ImportError if its library is missing."""
+    """Start a server in its own process, on this core; return its port. ImportError if its library is missing."""
     place = [] if core is None else [str(core)]
     command = [sys.executable, "-W", "ignore", "-m", "bench.servers", name, *place]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -40,8 +40,8 @@ def start(name: str, closing: ExitStack, core: int | None = None) -> int:
     line = process.stdout.readline().strip()
     if not line.isdecimal():
         process.kill()
-        said = process.communicate()[1].strip().splitlines()
-        raise ImportError(said[-1] if said else f"the server of {name} did not start")
+        errors = process.communicate()[1].strip().splitlines()
+        raise ImportError(errors[-1] if errors else f"the server of {name} did not start")
     return int(line)
 
 
@@ -66,7 +66,7 @@ def raw() -> None:
     def talk(connection: socket.socket) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         while data := connection.recv(4096):
-            # One answer for each request of twelve bytes that came.
+            # One answer for each received request of twelve bytes.
             connection.sendall(b"".join(data[at : at + 2] + answer for at in range(0, len(data), 12)))
 
     while True:
@@ -75,7 +75,7 @@ def raw() -> None:
 
 
 class RawProtocol(asyncio.Protocol):
-    """The least that answers: no limits, no exceptions, no time-outs."""
+    """The smallest server that answers: no limits, no exceptions, no time-outs."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = transport
@@ -185,7 +185,7 @@ def modbus_tk() -> None:
     unit = server.add_slave(1)
     unit.add_block("block", 3, 0, 10)
     unit.set_values("block", 0, REGISTERS)
-    for _ in range(100):  # it listens as soon as its thread gets around to it
+    for _ in range(100):  # it listens some time after `start`, in its thread
         try:
             socket.create_connection(("127.0.0.1", port)).close()
             break

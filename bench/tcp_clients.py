@@ -1,7 +1,7 @@
-"""Clients of Modbus TCP, each as its documentation says: what asks for ten registers, over a connection that stands.
+"""Clients of Modbus TCP, each used as its documentation shows: they read ten registers over an open connection.
 
-Blocking ones are given a port and return what asks once. Those of asyncio are given the number of questions under way
-too, and return what is awaited.
+A blocking client is a function of the port; it returns a function that reads once. An asyncio client also takes the
+number of requests in flight, and returns a function that is awaited.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ Connect = Callable[[int, ExitStack], Work]
 
 
 def raw_socket(port: int, closing: ExitStack, flight: int = 1) -> Work:
-    """The floor: a request is packed, the answer unpacked, and nobody minds what else may come, or nothing."""
+    """The floor: pack a request, unpack the answer; no check, and no time-out for a single request."""
     connection = closing.enter_context(socket.create_connection(("127.0.0.1", port)))
-    # One at a time is never lost. Of many at once some servers answer the first and drop the others.
+    # A single request is always answered. Of many at once some servers answer the first and drop the others.
     connection.settimeout(None if flight == 1 else 2.0)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     send, receive = connection.sendall, connection.recv
@@ -35,7 +35,7 @@ def raw_socket(port: int, closing: ExitStack, flight: int = 1) -> Work:
     size = flight * 29
     number = 0
 
-    def ask() -> tuple[int, ...]:
+    def read_once() -> tuple[int, ...]:
         nonlocal number
         number = number + 1 & 0xFFFF
         send(pack(number, 0, 6, 1, 3, 0, 10))
@@ -48,11 +48,11 @@ def raw_socket(port: int, closing: ExitStack, flight: int = 1) -> Work:
             data += receive(4096)
         return [unpack(data, at + 9) for at in range(0, size, 29)][-1]
 
-    return ask if flight == 1 else ask_many
+    return read_once if flight == 1 else ask_many
 
 
 def socket_with_timeout(port: int, closing: ExitStack) -> Work:
-    """The floor with a time-out and with a look before each question at whether the server has hung up."""
+    """The floor with a time-out, and with a check before each request whether the server has closed the connection."""
     connection = closing.enter_context(socket.create_connection(("127.0.0.1", port)))
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     import select
@@ -63,7 +63,7 @@ def socket_with_timeout(port: int, closing: ExitStack) -> Work:
     pack, unpack = REQUEST.pack, struct.Struct(">10H").unpack_from
     number = 0
 
-    def ask() -> tuple[int, ...]:
+    def read_once() -> tuple[int, ...]:
         nonlocal number
         number = number + 1 & 0xFFFF
         if look.poll(0):
@@ -71,7 +71,7 @@ def socket_with_timeout(port: int, closing: ExitStack) -> Work:
         connection.sendall(pack(number, 0, 6, 1, 3, 0, 10))
         return unpack(connection.recv(4096), 9)
 
-    return ask
+    return read_once
 
 
 def barewire(port: int, closing: ExitStack) -> Work:
@@ -128,12 +128,12 @@ def libmodbus(port: int, closing: ExitStack) -> Work:
     row = (ctypes.c_uint16 * 10)()
     read = library.modbus_read_registers
 
-    def ask() -> tuple[int, ...]:
+    def read_once() -> tuple[int, ...]:
         if read(context, 0, 10, row) != 10:
             raise OSError("libmodbus did not get its answer")
         return tuple(row)
 
-    return ask
+    return read_once
 
 
 BLOCKING: dict[str, Connect] = {
@@ -155,7 +155,7 @@ class RawClient(asyncio.Protocol):
     """The floor: a future for each request, found by its number."""
 
     def __init__(self) -> None:
-        self.asked: dict[int, asyncio.Future[tuple[int, ...]]] = {}
+        self.pending: dict[int, asyncio.Future[tuple[int, ...]]] = {}
         self.number = 0
         self.unpack = struct.Struct(">10H").unpack_from
 
@@ -166,25 +166,25 @@ class RawClient(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         for at in range(0, len(data), 29):
-            self.asked.pop(data[at] << 8 | data[at + 1]).set_result(self.unpack(data, at + 9))
+            self.pending.pop(data[at] << 8 | data[at + 1]).set_result(self.unpack(data, at + 9))
 
-    async def ask(self) -> tuple[int, ...]:
+    async def read_once(self) -> tuple[int, ...]:
         self.number = self.number + 1 & 0xFFFF
-        answer = self.asked[self.number] = self.loop.create_future()
+        answer = self.pending[self.number] = self.loop.create_future()
         self.transport.write(REQUEST.pack(self.number, 0, 6, 1, 3, 0, 10))
         return await answer
 
 
-Ask = Callable[[], Awaitable[Any]]
+ReadOnce = Callable[[], Awaitable[Any]]
 
 
-async def raw_protocol(port: int, flight: int, closing: ExitStack) -> Ask:
+async def raw_protocol(port: int, flight: int, closing: ExitStack) -> ReadOnce:
     _, protocol = await asyncio.get_running_loop().create_connection(RawClient, "127.0.0.1", port)
     closing.callback(lambda: protocol.transport.abort())
-    return protocol.ask
+    return protocol.read_once
 
 
-async def barewire_async(port: int, flight: int, closing: ExitStack) -> Ask:
+async def barewire_async(port: int, flight: int, closing: ExitStack) -> ReadOnce:
     from barewire import AsyncModbusClient
 
     client = AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=flight)
@@ -192,20 +192,20 @@ async def barewire_async(port: int, flight: int, closing: ExitStack) -> Ask:
     return lambda: client.read_holding_registers(0, 10)
 
 
-async def pymodbus_async(port: int, flight: int, closing: ExitStack) -> Ask:
+async def pymodbus_async(port: int, flight: int, closing: ExitStack) -> ReadOnce:
     from pymodbus.client import AsyncModbusTcpClient
 
     client = AsyncModbusTcpClient("127.0.0.1", port=port)
     await client.connect()
     closing.callback(client.close)
 
-    async def ask() -> Any:
+    async def read_once() -> Any:
         return (await client.read_holding_registers(0, count=10, device_id=1)).registers
 
-    return ask
+    return read_once
 
 
-async def tmodbus_async(port: int, flight: int, closing: ExitStack) -> Ask:
+async def tmodbus_async(port: int, flight: int, closing: ExitStack) -> ReadOnce:
     from tmodbus import create_async_tcp_client
 
     client = create_async_tcp_client("127.0.0.1", port, unit_id=1)
@@ -213,7 +213,7 @@ async def tmodbus_async(port: int, flight: int, closing: ExitStack) -> Ask:
     return lambda: client.read_holding_registers(0, 10)
 
 
-ASYNC: dict[str, Callable[[int, int, ExitStack], Awaitable[Ask]]] = {
+ASYNC: dict[str, Callable[[int, int, ExitStack], Awaitable[ReadOnce]]] = {
     "raw protocol": raw_protocol,
     "barewire": barewire_async,
     "pymodbus": pymodbus_async,

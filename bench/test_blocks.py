@@ -1,6 +1,7 @@
 """Registers of a planned block to typed values with names: 1 to 60 values of 32 bits, with a scale of a tenth.
 
-pymodbus has names of types, but no names nor scales of values, so its converter and the product by hand stand for it.
+pymodbus has names for types, but neither names nor scales for values, so it takes part with its converter and a
+division.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def _race(count: int) -> Race:
     def pymodbus(_: ExitStack) -> Work:
         from pymodbus.client.mixin import ModbusClientMixin as Mixin
 
-        registers = list(content)  # as its answers have them
+        registers = list(content)  # a list, as in its answers
 
         def read() -> dict[str, float]:
             found = Mixin.convert_from_registers(registers, Mixin.DATATYPE.UINT32)

@@ -15,13 +15,13 @@ Crc = Callable[[bytes], int]
 
 
 def _swapped(sum_of: Callable[[bytes], int]) -> Crc:
-    """For those who give the two bytes in the order in which they are sent, as one number."""
+    """For a function that returns the two bytes in transmission order as one number."""
     return lambda data: int.from_bytes(sum_of(data).to_bytes(2, "big"), "little")
 
 
 def _crcmod_c() -> Crc:
     import crcmod
-    import crcmod._crcfunext  # without it crcmod quietly takes its Python form
+    import crcmod._crcfunext  # without it crcmod silently uses its Python form
 
     return crcmod.mkCrcFun(0x18005, initCrc=0xFFFF, rev=True)
 
@@ -89,7 +89,7 @@ LENGTHS = (6, 12, 20, 26, 27, 32, 64, 254, 1024, 4096, 65536)
 
 
 def _right(found: object, right: int) -> bool:
-    """Some give the number, some the two bytes, some the number of the two bytes."""
+    """Some libraries return the number, some the two bytes, some the number of the two bytes."""
     sent = right.to_bytes(2, "little")
     return found in (right, sent, int.from_bytes(sent, "big"))
 
@@ -106,7 +106,7 @@ def _factory(form: Callable[[], Crc], data: bytes) -> Factory:
 
 def _race(length: int) -> Race:
     data = bytes(i * 7 & 0xFF for i in range(length))
-    # Beyond a frame the definition, which is there to be read, would only cost time; and so would most tables.
+    # Beyond the length of a frame the bitwise definition and most tables would only make the run longer.
     slow = ("bit by bit", "uModbus", "modbus-tk", "tmodbus", "minimalmodbus")
     forms = {name: form for name, form in FORMS.items() if length < 256 or name not in slow}
     return Race("CRC-16", "one frame", length, {name: _factory(form, data) for name, form in forms.items()})

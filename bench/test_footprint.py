@@ -1,7 +1,7 @@
-"""What it costs to be there at all: time and memory of an import, time and memory of a connection that is idle.
+"""Fixed costs: time and memory of an import, time and memory of an idle connection.
 
-Each import is a new interpreter (`-I -S`, nothing of the environment is loaded beforehand, with the paths given), which
-measures itself: seconds, and how much its resident memory grew. Interleaved like everything here.
+Each import runs in a new interpreter (`-I -S` and explicit paths, so nothing is loaded beforehand), which measures its
+own seconds and the growth of its resident memory. The contestants are interleaved as in every race.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ _memory: dict[str, list[int]] = {}
 
 
 class Imported(Many):
-    """The import in a new interpreter; what is measured there counts, not the start of the interpreter."""
+    """The import in a new interpreter. The start of the interpreter is not measured."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -108,7 +108,7 @@ def test_import(enter: Callable[[Race, str], None], benchmark: BenchmarkFixture,
 
 
 class Silent(asyncio.Protocol):
-    """The least that can be connected to: what asyncio itself takes for a connection."""
+    """An empty protocol: the cost of a connection in asyncio itself."""
 
 
 async def _raw() -> tuple[int, Callable[[], Any]]:
@@ -143,7 +143,7 @@ async def _connected(port: int, count: int) -> list[socket.socket]:
 
 
 async def _all_that_came() -> int:
-    """Bytes that Python holds, as soon as they stay the same: the server may be in another thread."""
+    """Bytes that Python has allocated, once the number is stable: the server may run in another thread."""
     before = -1
     for _ in range(100):
         await asyncio.sleep(0.05)
@@ -156,7 +156,7 @@ async def _all_that_came() -> int:
 
 
 async def _grown(make: Callable[[], Any], count: int) -> tuple[float, float]:
-    """Seconds and bytes for each of so many idle connections. Each is looked at alone: looking at memory takes time."""
+    """Seconds and bytes for each of `count` idle connections, measured apart: tracing memory takes time."""
     port, close = await make()
     clients = await _connected(port, 1)
     start = time.perf_counter()
@@ -167,7 +167,7 @@ async def _grown(make: Callable[[], Any], count: int) -> tuple[float, float]:
     empty = await _all_that_came()
     more = await _connected(port, count)
     grown = await _all_that_came() - empty
-    # The clients' own sockets are in it too, and the list of them: what they take is taken off.
+    # This includes the clients' sockets and their list: measure the same number of sockets alone and subtract them.
     before = tracemalloc.get_traced_memory()[0]
     spare = [socket.socket() for _ in range(count)]
     grown -= tracemalloc.get_traced_memory()[0] - before

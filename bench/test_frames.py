@@ -1,7 +1,7 @@
 """A response of 1 to 125 registers from bytes on the wire to numbers, and a request from values to bytes.
 
-Whole (one frame, `decode`), streamed (through the line, which does not know where a frame ends), and many frames in one
-chunk. The floor is what one would write by hand for this message alone, with our CRC.
+Whole (one frame, `decode`), streamed (through the line, which must find the end of the frame), and many frames in one
+chunk. The floor is code written by hand for this message alone, with our CRC.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _request(envelope: str) -> Race:
         def factory(_: ExitStack) -> Work:
             work = make(envelope)
             built = bytes(work())
-            # Of TCP each numbers its transactions as it likes.
+            # On TCP each library has its own transaction numbers.
             assert built[2:] == right[2:] if envelope == "tcp" else built == right, built
             return work
 

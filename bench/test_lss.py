@@ -1,7 +1,7 @@
-"""An LSS fastscan on python-can's virtual bus: who is there that has no node-ID yet?
+"""An LSS fastscan on python-can's virtual bus: find a device without a node-ID.
 
-Each on a bus of its own, with a device of ours. What is not answered is waited out, so the time is mostly waits: the
-`canopen` library is told to wait as short as ours does at its shortest. Left alone it waits half a second for each.
+Each library is on a bus of its own, with a device of ours. A request without an answer costs a time-out, so the time is
+mostly waiting: the `canopen` library is set to the shortest time-out that ours uses; its default is half a second.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from barewire.canopen.lss.fastscan import _FLOOR
 from bench.race import Many, Race, entries
 
 ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)
-"""128 unknown bits, 92 of them ones, which cost a wait each."""
+"""128 unknown bits; each of the 92 ones costs a time-out."""
 
 
 def _device(channel: str, closing: ExitStack) -> None:
@@ -55,8 +55,8 @@ def theirs(closing: ExitStack) -> Many:
     return Many(work)
 
 
-WHO = {"barewire": ours, "canopen": theirs}
-FASTSCAN = Race("LSS", "fastscan, python-can's virtual bus", "128 bits", WHO, rounds=3, turn=0.0)
+CONTESTANTS = {"barewire": ours, "canopen": theirs}
+FASTSCAN = Race("LSS", "fastscan, python-can's virtual bus", "128 bits", CONTESTANTS, rounds=3, turn=0.0)
 
 
 @pytest.mark.parametrize(("race", "who"), entries(FASTSCAN))

@@ -1,4 +1,4 @@
-"""A read by name beside the raw read of the same registers: the blocking client and our server, on the loopback."""
+"""A read by name compared with the raw read of the same registers: blocking client and our server, on the loopback."""
 
 from __future__ import annotations
 

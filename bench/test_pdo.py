@@ -1,4 +1,4 @@
-"""A default TPDO of the AZ3, between eight bytes and four named values, both ways."""
+"""A default TPDO of the AZ3: eight bytes to four named values, and back."""
 
 from __future__ import annotations
 

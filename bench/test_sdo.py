@@ -1,15 +1,15 @@
-"""A mebibyte over SDO: by us and by the `canopen` library, the same value, checked.
+"""A mebibyte over SDO, by barewire and by the `canopen` library; the transferred value is checked.
 
-    the client alone       against a server that only counts: it hands over what a client must hear, made beforehand
+    the client alone       against a server that only counts and sends frames made beforehand
     in memory              with barewire's server; no bus, no thread
     on python-can          its virtual bus: threads, queues, a message object for each frame; client and server in one
-                           process, so one time is the sum of both sides
-    each with its own      what users of the one library get, and what users of the other
+                           process, so the time is the sum of both sides
+    each with its own      what users of each library get
     server
 
-The library's own server has no blocks: what its users get from one of its nodes is segmented. Those rows have a smaller
-value, since it is that much slower; both ways cost so much for each byte, however many there are. Times are of the
-processor, in all threads, because a waiting thread is no work.
+The server of `canopen` has no block transfer, so its users get segments. Those rows have a smaller value, because they
+are so much slower; in both the time is proportional to the bytes. Times are processor times of all threads, because
+waiting is not work.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from bench.sdo_buses import moved, our_server, their_network, their_server
 from bench.sdo_peers import (
     NODE,
     Store,
-    listening,
-    ours,
     real,
+    run_ours,
+    server_for,
     their_download,
     their_upload,
     with_their_server,
@@ -43,7 +43,7 @@ VALUE = bytes(place * 7 % 251 for place in range(MEBIBYTE))
 
 
 class Prepared(Many):
-    """Work with something to prepare before each time, which does not count. What it gives is held against `right`."""
+    """Work with a preparation before each time, which is not measured. The result must equal `right`."""
 
     measures_itself = True
 
@@ -52,7 +52,7 @@ class Prepared(Many):
         self.prepare, self.work, self.right = prepare, work, right
 
     def measure(self, count: int) -> float:
-        """Seconds of the processor for one."""
+        """Processor seconds for one piece of work."""
         took = 0.0
         for _ in range(count):
             it = self.prepare()
@@ -66,8 +66,8 @@ class Prepared(Many):
 # Without a bus ---------------------------------------------------------------------------------------------------
 
 
-def our_upload(hear: Any) -> bytes:
-    return bytes(ours(hear, upload(NODE, 0x2100, block=True)))
+def our_upload(answer: Any) -> bytes:
+    return bytes(run_ours(answer, upload(NODE, 0x2100, block=True)))
 
 
 def without_bus(verb: str, server: str) -> Race:
@@ -77,7 +77,7 @@ def without_bus(verb: str, server: str) -> Race:
     def factory(client: str) -> Factory:
         def prepare() -> Any:
             store = Store(value)
-            return listening(client, alone, store), store
+            return server_for(client, alone, store), store
 
         def upload_it(prepared: Any) -> bytes:
             it, _ = prepared
@@ -88,7 +88,7 @@ def without_bus(verb: str, server: str) -> Race:
             if client == "canopen":
                 their_download(it, VALUE)
             else:
-                ours(it, download(NODE, 0x2100, 0, VALUE, block=True))
+                run_ours(it, download(NODE, 0x2100, 0, VALUE, block=True))
             return VALUE if alone is not None else bytes(store.value)
 
         return lambda closing: Prepared(prepare, upload_it if verb == "upload" else download_it, VALUE)
@@ -119,7 +119,7 @@ def on_python_can(verb: str) -> Race:
 
 
 def the_bus_itself(closing: ExitStack) -> Prepared:
-    """As many messages as a mebibyte has segments, sent and received, and nothing done with them."""
+    """Send and receive as many messages as a mebibyte has segments, and do nothing with them."""
     sender, receiver = (can.Bus(interface="virtual", channel="floor") for _ in range(2))
     closing.callback(sender.shutdown)
     closing.callback(receiver.shutdown)
@@ -164,7 +164,7 @@ def in_memory_with_their_own_server(closing: ExitStack) -> Prepared:
 
 
 OWN = "upload, each with its own server"
-"""The best that each has: blocks, and segments. On a bus each, for both servers are node 5."""
+"""Each library at its best: blocks, and segments. On separate buses, because both servers are node 5."""
 IN_MEMORY: dict[str, Factory] = {"barewire": in_memory_with_own_server, "canopen": in_memory_with_their_own_server}
 ON_PYTHON_CAN: dict[str, Factory] = {
     "barewire": on_python_can_with_own_server,

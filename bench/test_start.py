@@ -1,7 +1,7 @@
-"""How long a start takes: `load("az3")`, and `barewire read` from its start to its first line.
+"""Start-up times: `load("az3")`, and `barewire read` from its start to its first line.
 
-Both are compared with a new interpreter that imports click, on which the command line is built. Each piece of work is
-a new interpreter; that of `load` measures the call itself, after `from barewire.devices import load`.
+Both are compared with a new interpreter that imports click, which the command line uses. Each piece of work is a new
+interpreter; that of `load` measures the call itself, after `from barewire.devices import load`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Loaded(Many):
 
 
 class FirstLine(Many):
-    """The command from its start to its first line of output."""
+    """A command, measured from its start to its first line of output."""
 
     measures_itself = True
 

@@ -1,9 +1,9 @@
 """Modbus TCP on the loopback: ten registers, again and again, over one connection; then over many at once.
 
-Client and server are two processes. *Two cores*: each has its own, and the wait for the other one to wake up is in the
-time, as it is wherever the two are not one program. *One core*: both on the same, so nobody ever waits and nothing is
-counted but work; this is the strict one. *Its own work*: the same, but what is counted is the processor time of the
-client alone, whatever else the machine does. Every client talks to the same server, every server to the same client.
+Client and server are two processes. *Two cores*: each has its own core, and the time includes waking up the other
+process, as in any use with two programs. *One core*: both are on the same core, so the time is work only, without
+waiting; this is the strict one. *Its own work*: the same, but only the processor time of the client is counted,
+independent of other load. All clients use the same server, all servers are used by the same client.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ import pytest
 
 from bench.race import Factory, Many, Race, Work, entries
 from bench.servers import CORES, IMAGE, REGISTERS, SERVERS, on_core, start
-from bench.tcp_clients import ASYNC, BLOCKING, REQUEST, Ask, Connect, barewire_async, raw_socket
+from bench.tcp_clients import ASYNC, BLOCKING, REQUEST, Connect, ReadOnce, barewire_async, raw_socket
 
 PLACES = {"two cores": (CORES[0], CORES[-1]), "one core": (CORES[0], CORES[0])}
 if len(CORES) < 2:
     del PLACES["two cores"]
 OWN_WORK = "its own work"
 CLIENT_PLACES = PLACES | {OWN_WORK: PLACES["one core"]}
-# Short turns and many of them: of two neighbours in time one is as likely to be disturbed as the other. Where each side
-# has a core, waking up takes as long as it likes, so there are more of them.
+# Many short turns: a disturbance hits any two contestants with the same probability. With a core for each side the
+# time of waking up varies most, so there are more rounds.
 ROUNDS, TURN = {"two cores": 201, "one core": 61, OWN_WORK: 61}, 0.01
 PROCESSES = 4
-"""Of one program one process is quicker than the next by up to a tenth, for as long as it lives: where its memory
-happens to lie. So each server runs so often, and the rounds go from one process to the next."""
+"""Processes of the same program differ in speed by up to a tenth, each for its whole life, because of their memory
+layout. So each server runs in this many processes, and the rounds alternate between them."""
 
 
 class OwnWork(Many):
@@ -66,8 +66,8 @@ def _own_work(work: Work) -> Work:
 
 
 def _one_for_all(server: str, core: int) -> Callable[[ExitStack], int]:
-    """The port of a server that all contestants of a race ask. It is started for the first of them, and ends with the
-    race."""
+    """The port of a server that all contestants of a race share. It is started for the first of them, and ends with
+    the race."""
     ports: dict[ExitStack, int] = {}
 
     def port(closing: ExitStack) -> int:
@@ -80,7 +80,7 @@ def _one_for_all(server: str, core: int) -> Callable[[ExitStack], int]:
 
 
 def _its_own(server: str, core: int) -> Callable[[ExitStack], int]:
-    """The port of a server that is started for whoever asks."""
+    """The port of a new server for each contestant."""
     return lambda closing: start(server, closing, core)
 
 
@@ -107,7 +107,10 @@ def blocking(place: str) -> Race:
 
 
 def _in_loop(
-    make: Callable[[int, int, ExitStack], Awaitable[Ask]], served: Callable[[ExitStack], int], flight: int, place: str
+    make: Callable[[int, int, ExitStack], Awaitable[ReadOnce]],
+    served: Callable[[ExitStack], int],
+    flight: int,
+    place: str,
 ) -> Factory:
     ours, _ = CLIENT_PLACES[place]
 
@@ -117,15 +120,15 @@ def _in_loop(
         loop = asyncio.new_event_loop()
         closing.callback(loop.close)
         closing.callback(lambda: loop.run_until_complete(asyncio.sleep(0.01)))
-        ask = loop.run_until_complete(_made(make(port, flight, closing)))
+        read_once = loop.run_until_complete(_made(make(port, flight, closing)))
 
         async def one_after_the_other(count: int) -> Any:
             for _ in range(count):
-                found = await ask()
+                found = await read_once()
             return found
 
         async def side_by_side(count: int) -> Any:
-            each, more = divmod(count, flight)  # no question more than is counted
+            each, more = divmod(count, flight)  # exactly `count` requests
             tasks = (one_after_the_other(each + (place < more)) for place in range(min(flight, count)))
             return (await asyncio.gather(*tasks))[0]
 
@@ -136,12 +139,12 @@ def _in_loop(
     return factory
 
 
-async def _made(coming: Awaitable[Ask]) -> Ask:
+async def _made(coming: Awaitable[ReadOnce]) -> ReadOnce:
     return await coming
 
 
 def asyncio_client(flight: int, place: str) -> Race:
-    # pymodbus has one question under way whatever is asked of it, so it stands in both.
+    # pymodbus always has one request in flight, so it takes part in both races.
     served = _one_for_all("raw asyncio", CLIENT_PLACES[place][1])
     contestants = {name: _in_loop(make, served, flight, place) for name, make in ASYNC.items()}
     if flight > 1:
@@ -153,17 +156,17 @@ def asyncio_client(flight: int, place: str) -> Race:
 
 
 class OneByOne(Many):
-    """The same work by several, each of which has a whole turn."""
+    """The same work with several processes in rotation, one for each turn."""
 
     def __init__(self, works: list[Work]) -> None:
         self._works = deque(works)
         super().__init__(self.measure)
 
     def __call__(self) -> Any:
-        return self._works[0]()  # whose turn is next
+        return self._works[0]()  # the process of the next turn
 
     def measure(self, count: int) -> None:
-        """A turn."""
+        """One turn with one process."""
         work = self._works[0]
         for _ in range(count):
             work()
@@ -176,39 +179,39 @@ def _server(name: str, flight: int, place: str) -> Factory:
     def factory(closing: ExitStack) -> Work:
         works = [one(closing) for _ in range(PROCESSES)]
         if len({tuple(work()) for work in works}) > 1:
-            raise AssertionError(f"{name}: its processes differ")  # the first is held against what is expected
+            raise AssertionError(f"{name}: its processes differ")  # the race compares the first one with `expect`
         return OneByOne(works)
 
     return factory
 
 
 def server(flight: int, place: str) -> Race:
-    # What comes first is the floor. pyModbusTCP, modbus-tk and uModbus read one request at a time out of a chunk.
+    # The first one is the floor. pyModbusTCP, modbus-tk and uModbus read one request at a time from a chunk.
     contestants = {name: _server(name, flight, place) for name in SERVERS if name != "raw"}
     return _race("TCP server", f"10 registers, {flight} at once", place, contestants, REGISTERS)
 
 
 def many_sockets(port: int, closing: ExitStack, count: int) -> Work:
-    """One question on each of so many connections, then all the answers."""
+    """Send one request on each of `count` connections, then receive all answers."""
     connections = [closing.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(count)]
     for connection in connections:
         connection.settimeout(5.0)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    question, unpack = REQUEST.pack(1, 0, 6, 1, 3, 0, 10), struct.Struct(">10H").unpack_from
+    request, unpack = REQUEST.pack(1, 0, 6, 1, 3, 0, 10), struct.Struct(">10H").unpack_from
 
-    def ask() -> tuple[int, ...]:
+    def read_once() -> tuple[int, ...]:
         for connection in connections:
-            connection.sendall(question)
+            connection.sendall(request)
         return [unpack(connection.recv(4096), 9) for connection in connections][-1]
 
-    return ask
+    return read_once
 
 
 def connections(count: int) -> Race:
     place = next(iter(PLACES))
     names = [name for name in SERVERS if name != "raw"]
-    ask, core = partial(many_sockets, count=count), PLACES[place][1]
-    contestants = {name: _client(ask, _its_own(name, core), place) for name in names}
+    read_once, core = partial(many_sockets, count=count), PLACES[place][1]
+    contestants = {name: _client(read_once, _its_own(name, core), place) for name in names}
     family, what = "TCP server, connections", "10 registers of each at once"
     return Race(family, what, count, contestants, REGISTERS, rounds=ROUNDS["one core"], turn=TURN)
 

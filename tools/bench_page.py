@@ -1,7 +1,7 @@
-"""Writes docs/speed.md and docs/speed/*.svg of one run: `python tools/bench_page.py build/bench.json` or `make bench`.
+"""Writes docs/speed.md and docs/speed/*.svg for one run: `python tools/bench_page.py build/bench.json` or `make bench`.
 
-The input is the JSON of pytest-benchmark with what `bench/conftest.py` adds: family, size, who, and the ratios to the
-floor, round by round. A run of some families only is not made into a page. matplotlib draws (extra `plot`).
+The input is the JSON of pytest-benchmark with the additions of `bench/conftest.py`: family, size, contestant, and the
+ratios to the floor. A run with some of the families only writes no page. matplotlib draws the plots (extra `plot`).
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ PAGE = ROOT / "docs" / "speed.md"
 PLOTS = ROOT / "docs" / "speed"
 
 FAMILIES = {
-    "CRC-16": "The checksum of RTU. The floor is the usual table of 256 entries; how ours works: [crc](crc.md).",
-    "RTU response": "A whole answer to registers: checksum, function, byte count, numbers.",
+    "CRC-16": "The checksum of RTU. The floor is the usual table of 256 entries; [crc](crc.md) explains ours.",
+    "RTU response": "A whole answer to register values: checksum, function, byte count, numbers.",
     "ASCII response": "The same in hexadecimal digits with an LRC.",
     "TCP response": "The same behind an MBAP header.",
     "Building a request": "From the values to the bytes on the wire: read 10 holding registers from 107 of unit 1.",
-    "RTU chunk": "Many frames in one read, through the line, which has to find out where each ends.",
+    "RTU chunk": "Many frames in one read, through the line, which must find the end of each.",
     "ASCII chunk": "Many frames in one read, through the line.",
     "TCP chunk": "Many frames in one read, through the line.",
-    "Block": "The registers of a planned block as values with names and a scale.",
+    "Block": "The registers of a planned block to values with names and a scale.",
     "PDO": "Eight bytes on CAN to four named values, and back.",
-    "TCP client, blocking": "Everybody asks the same server, which looks at nothing.",
-    "TCP client, asyncio": "Everybody asks the same server, a raw asyncio protocol.",
-    "SDO": "Values of so many bytes, in memory and over python-can's virtual bus, which takes most of the time there.",
-    "LSS": "Who is on the bus? Most of it is waiting; the canopen library is told to wait as short as ours does.",
-    "TCP server": "The same client, a blocking socket, asks everybody: one request at a time, and 16 in one send.",
-    "TCP server, connections": "One question on each of so many connections, then all the answers.",
-    "Import": "Time and resident memory of an import in a new interpreter. Everything is held against pymodbus.client.",
+    "TCP client, blocking": "All clients use the same server, which answers without parsing the request.",
+    "TCP client, asyncio": "All clients use the same server, a raw asyncio protocol.",
+    "SDO": "Values of that many bytes, in memory and over python-can's virtual bus, which takes most of the time.",
+    "LSS": "Finding a device without a node-ID: mostly time-outs, the canopen library with the shortest of ours.",
+    "TCP server": "One client, a blocking socket, uses all servers: one request at a time, and 16 in one send.",
+    "TCP server, connections": "One request on each of the connections, then all the answers.",
+    "Import": "Time and resident memory of an import in a new interpreter. The floor is pymodbus.client.",
     "Start": "Loading a device of the catalogue, and `barewire read` up to its first line, beside `import click`.",
     "Named read": "Values of a device by name; the floor is the raw read of the same registers, with the same client.",
-    "Idle connections": "To be connected, by clients in the same program; and what Python keeps for such a connection.",
+    "Idle connections": "Opening a connection, with clients in the same program, and the memory of Python for it.",
 }
 
 
 def table(rows: list[Entry]) -> list[str]:
-    """One race as a table: who, how long, times the floor with quartiles, times ours."""
+    """One race as a table: contestant, median, ratio to the floor with quartiles, ratio to ours."""
     floor, kept = rows[0].floor, any(row.memory is not None for row in rows)
     ours = next((row.who for row in rows if row.who == "barewire" != floor), None)
     head = ["", "median", f"x {floor} (quartiles)"] + ([f"x {ours}"] if ours else []) + (["memory"] if kept else [])
@@ -64,7 +64,7 @@ def table(rows: list[Entry]) -> list[str]:
 
 
 def goals(entries: list[Entry]) -> list[str]:
-    """What was to be shown, and what this run shows."""
+    """The goals with the ratios of this run."""
     by_place = {(row.family, row.what, row.size, row.who): row for row in entries}
     lines = ["| goal | wanted | measured | |", "|---|---:|---:|---|"]
     for goal in wanted():
@@ -86,7 +86,7 @@ def goals(entries: list[Entry]) -> list[str]:
 
 
 def _absolute(by_place: dict[tuple[str, str, int | str, str], Entry]) -> list[str]:
-    """The two goals that are no ratios."""
+    """The goals that are absolute numbers."""
     lines = []
     tpdo = by_place.get(("PDO", "TPDO of the AZ3 to named values", 4, "barewire"))
     if tpdo is not None:
@@ -112,19 +112,19 @@ def page(data: dict[str, Any]) -> str:
     missing = [name for name, version in machine["versions"].items() if not version]
     lines = ["# Speed", "", "<!-- Written by tools/bench_page.py (make bench); edit that, not this. -->", ""]
     lines += [
-        "The same work by barewire, by hand and by others, in turns, in one run: `make bench`. What counts is the",
-        "ratio between neighbours of the same round; a number of microseconds alone tells of the machine. How it",
-        "is measured: [bench](../bench/README.md).",
+        "The same work by barewire, by hand-written code and by other libraries, in turns, in one run: `make bench`.",
+        "The ratios within a round are what counts; microseconds alone depend on the machine.",
+        "[bench](../bench/README.md) explains the measurement.",
         "",
         f"- machine: {cpu}, {machine['cores']} cores, {machine['system']}",
         f"- {python}; {', '.join(there)}",
-        f"- missing in this run: {', '.join(missing) or 'nobody'}",
+        f"- missing in this run: {', '.join(missing) or 'none'}",
         f"- date: {data['datetime'][:10]}",
         "",
-        "## What it had to show",
+        "## Goals",
         "",
-        "Each number is our time (or memory) divided by the other's: below 1 is faster. Why some are missed stands in",
-        "[bench](../bench/README.md#limits).",
+        "Each number is our time (or memory) divided by that of the other: below 1 is faster.",
+        "[bench](../bench/README.md#limits) explains the missed goals.",
         "",
         *goals(entries),
         "",
@@ -135,12 +135,12 @@ def page(data: dict[str, Any]) -> str:
         for (what, size), rows in groups.items():
             lines += [f"**{what}, {size}**", "", *table(rows), ""]
             absent: dict[str, str] = data.get("absent", {}).get(f"{family}: {what}, {size}", {})
-            lines += [line for who, why in absent.items() for line in (f"Not here: {who}, {why}", "")]
+            lines += [line for who, why in absent.items() for line in (f"Missing: {who}, {why}", "")]
     return "\n".join(lines)
 
 
 def verdicts(text: str) -> dict[str, tuple[str, str]]:
-    r"""Of a page: goal -> met or missed, and the number.
+    r"""The results on a page: goal -> met or missed, and the number.
 
     >>> verdicts("| Server: 0.8 | 1.25 | 1.05 | met |\n| ... ahead of it | 1 | 1.1 | **missed** |")
     {'Server: 0.8': ('met', '1.05'), 'Server ... ahead of it': ('missed', '1.1')}
@@ -159,7 +159,7 @@ def main(arguments: list[str]) -> int:
     data = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
     lacking = sorted(FAMILIES.keys() - {entry.family for entry in read(data)})
     if lacking:
-        sys.stdout.write(f"docs/speed.md is left as it was: this run has no {'; '.join(lacking)}\n")
+        sys.stdout.write(f"docs/speed.md is unchanged: this run lacks {'; '.join(lacking)}\n")
         return 0
     before = verdicts(PAGE.read_text(encoding="utf-8")) if PAGE.exists() else {}
     PAGE.write_text(page(data), encoding="utf-8")

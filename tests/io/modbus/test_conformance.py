@@ -85,7 +85,7 @@ def test_the_page_has_the_present_results_of_barewire() -> None:
     spec.loader.exec_module(tool)
     assert tool.OURS == OURS
     own = {
-        kind: {result.case.name: tool.told(result.case, result.failure, result.heard) for result in held(url)}
+        kind: {result.case.name: tool.cell_of(result.case, result.failure, result.heard) for result in held(url)}
         for kind, url in OURS.items()
     }
     assert tool.PAGE.read_text(encoding="utf-8") == tool.page(own), "run python tools/conform_page.py"
