@@ -1,7 +1,7 @@
-"""Every case of vectors/, run by the library that they describe; and what makes the vectors a product.
+"""Every case of vectors/, run with barewire, and the rules for the files.
 
-A case of a kind is run by `tests/vectors_runner`. Here is what holds for all: the schema, unique ids, no kind without
-a runner, no reason that barewire does not have, files and README in the form that `tools/vectors.py` gives them.
+`tests/vectors_runner` runs the cases. The rules: the schema, unique ids, a runner for each kind, the reasons of
+barewire, and files and README as `tools/vectors.py` formats them.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ def test_vector(kind: str, case: Case) -> None:
 validator = jsonschema.Draft202012Validator(SCHEMA)
 
 
-def test_the_schema_is_one() -> None:
+def test_the_schema_is_a_valid_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
 @pytest.mark.parametrize("file", FILES, ids=named)
-def test_file(file: Path) -> None:
+def test_a_file_follows_the_schema_and_the_rules(file: Path) -> None:
     document = DOCUMENTS[file]
     wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(document)]
     assert not wrong, "\n".join(wrong)
-    assert document["kind"] in RUNNERS, "a kind that nobody runs"
+    assert document["kind"] in RUNNERS, "a kind without a runner"
     assert len(document["cases"]) < 100, "one subject, under a hundred cases"
     for case in document["cases"]:
         assert re.fullmatch(rf"{re.escape(file.stem)}-[1-9]\d*", case["id"]), case["id"]
 
 
-def test_every_runner_has_vectors_and_every_kind_is_told() -> None:
+def test_every_kind_has_a_runner_vectors_and_a_section_of_the_readme() -> None:
     assert set(RUNNERS) == {document["kind"] for document in DOCUMENTS.values()}
     assert set(RUNNERS) == set(SCHEMA["properties"]["kind"]["enum"])
     assert [kind for kind in RUNNERS if f"### {kind}" not in README] == []
@@ -81,7 +81,7 @@ def test_flags_are_explained() -> None:
     assert set(flags) == {flag for _, case in CASES for flag in case.get("flags", ())}
 
 
-def test_f5_is_here_twice() -> None:
+def test_the_printed_lrc_f5_is_in_an_invalid_and_a_valid_case() -> None:
     """The ADXL manual's LRC of 01 04 00 00 08: F3 is right, the printed F5 belongs to 01 04 00 00 06."""
     found = {(case["bytes"], case["lrc"]): case["result"] for kind, case in CASES if kind == "lrc"}
     assert found["01 04 00 00 08", "F3"] == "valid"
@@ -89,7 +89,7 @@ def test_f5_is_here_twice() -> None:
     assert found["01 04 00 00 06", "F5"] == "valid"
 
 
-WHAT_IS_GIVEN: dict[str, list[tuple[str, ...]]] = {
+HALVES: dict[str, list[tuple[str, ...]]] = {
     "crc16": [("bytes",)],
     "lrc": [("bytes",)],
     "number": [("type", "order", "value"), ("type", "order", "bytes")],
@@ -100,19 +100,19 @@ WHAT_IS_GIVEN: dict[str, list[tuple[str, ...]]] = {
     "drive-state": [("word",), ("state",)],
     "drive-command": [("word",), ("command",)],
 }
-"""What a case begins with, by kind: one half of what is compared."""
+"""By kind: the fields that are one half of a comparison."""
 
 
 @pytest.mark.parametrize("file", FILES, ids=named)
-def test_beside_what_is_not_equal_stands_what_is(file: Path) -> None:
-    """A pair that does not belong together proves little alone: any slip of the pen gives one. A half of it stands in
-    a valid case of the same file, with the other half that it has."""
+def test_a_wrong_pair_shares_one_half_with_a_valid_case(file: Path) -> None:
+    """A pair that does not match proves little alone: any typing error makes one. So one half of it is in a valid case
+    of the same file, with the matching other half."""
     cases, kind = DOCUMENTS[file]["cases"], DOCUMENTS[file]["kind"]
     right = [case for case in cases if case["result"] == "valid"]
     for case in cases:
         if case.get("fails") == "compare":
-            halves = [[case.get(key) for key in given] for given in WHAT_IS_GIVEN[kind]]
-            known = [[one.get(key) for key in given] for given in WHAT_IS_GIVEN[kind] for one in right]
+            halves = [[case.get(key) for key in given] for given in HALVES[kind]]
+            known = [[one.get(key) for key in given] for given in HALVES[kind] for one in right]
             assert any(half in known for half in halves), case["id"]
 
 
@@ -129,15 +129,15 @@ def tool() -> ModuleType:
     return module
 
 
-def test_every_file_is_in_a_room_of_the_table(tool: ModuleType) -> None:
+def test_every_file_is_in_the_table(tool: ModuleType) -> None:
     assert sorted(tool.files()) == FILES
 
 
 @pytest.mark.parametrize("file", FILES, ids=named)
-def test_form(file: Path, tool: ModuleType) -> None:
+def test_a_file_is_formatted(file: Path, tool: ModuleType) -> None:
     text = file.read_text(encoding="utf-8")
     assert tool.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
 
 
-def test_counts(tool: ModuleType) -> None:
+def test_the_table_of_the_readme_is_up_to_date(tool: ModuleType) -> None:
     assert tool.with_counts(README) == README, "run python tools/vectors.py"

@@ -1,10 +1,10 @@
-"""Keeps vectors/ in its form: `python tools/vectors.py` after every change of a case.
+"""Formats vectors/: run `python tools/vectors.py` after every change of a case.
 
-    ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never given twice
-    form    few lines for a case: what it is, what it says, where from, then the fields; nothing wider than 120
-    counts  the table of vectors/README.md, between its two marks
+    ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never reused
+    form    few lines for a case: result, comment, source, then the fields; no line longer than 120 characters
+    counts  the table of vectors/README.md, between its two markers
 
-The tests call the same functions and fail when something is not as this tool would leave it.
+The tests call the same functions, and fail if a file is not as this tool would write it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ VECTORS = Path(__file__).parent.parent / "vectors"
 WIDTH = 120
 BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts -->"
 
-# The keys of a case in the order in which they are read. What is not named here follows as it stands in the file.
+# The first keys of a case, in rows. The other keys follow in the order of the file.
 ROWS = (("id", "result", "reason", "fails", "flags"), ("comment",), ("source",))
 
 
@@ -30,7 +30,7 @@ def files() -> list[Path]:
 
 
 def number(document: dict[str, Any], stem: str) -> None:
-    """Give an id to each case that has none, above every number that was ever used here."""
+    """Give each case without an id the next number, above all numbers of the file."""
     last = max([int(case["id"].rpartition("-")[2]) for case in document["cases"] if "id" in case], default=0)
     for case in document["cases"]:
         if "id" not in case:
@@ -43,7 +43,7 @@ def _flat(value: Any) -> str:
 
 
 def _pack(items: list[str], indent: str) -> list[str]:
-    """Items one behind the other, a new line where they would become too wide."""
+    """Items joined to lines of at most WIDTH characters."""
     lines: list[str] = []
     line = indent
     for item in items:
@@ -55,7 +55,7 @@ def _pack(items: list[str], indent: str) -> list[str]:
 
 
 def _value(value: Any, indent: str, used: int) -> str:
-    """A value: on one line if it fits there or cannot be cut, otherwise an element on each line."""
+    """A value: on one line if it fits or is a scalar, otherwise one element on each line."""
     flat = _flat(value)
     if used + len(flat) + 1 <= WIDTH or not isinstance(value, (list, dict)) or not value:
         return flat
@@ -95,7 +95,7 @@ def form(document: dict[str, Any]) -> str:
 
 
 def counts() -> str:
-    """The table: each file with its subject, its kind, and how many cases of each result it has."""
+    """The table: each file with its subject, its kind, and the number of cases with each result."""
     rows = ["| file | subject | kind | valid | invalid | acceptable |", "|---|---|---|--:|--:|--:|"]
     total: Counter[str] = Counter()
     for file in files():
@@ -111,14 +111,14 @@ def counts() -> str:
 
 
 def with_counts(readme: str) -> str:
-    """The README with the table of today."""
+    """The README with the table up to date."""
     before, _, rest = readme.partition(BEGIN)
     _, _, after = rest.partition(END)
     return f"{before}{BEGIN}\n\n{counts()}\n\n{END}{after}"
 
 
 def main() -> None:
-    """Bring everything into its form; say what was changed."""
+    """Format all files; print the names of the changed ones."""
     for file in files():
         before = file.read_text(encoding="utf-8")
         document = json.loads(before)

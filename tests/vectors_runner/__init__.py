@@ -1,1 +1,1 @@
-"""How barewire runs a vector, kind by kind. `RUNNERS` is the table of contents; `tests/test_vectors.py` uses it."""
+"""The runners of the vectors, a function for each kind; `kinds.RUNNERS` lists them, `tests/test_vectors.py` uses it."""

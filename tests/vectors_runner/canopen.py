@@ -47,27 +47,27 @@ def frame_of(case: Case) -> CanFrame:
 
 
 def wire(case: Case) -> str | None:
-    """What must come out of encode, as text."""
+    """The expected result of encode, as text."""
     return line(case) if "cob_id" in case else None
 
 
 def can_text(case: Case) -> None:
     """A frame and its text."""
-    told = case.get("frame")
+    fields = case.get("frame")
     frame = None
-    if told is not None:
-        flags = {name: told[name] for name in ("extended", "remote", "requested")}
-        frame = CanFrame.checked(int(told["id"], 16), octets(told["data"]), **flags)
+    if fields is not None:
+        flags = {name: fields[name] for name in ("extended", "remote", "requested")}
+        frame = CanFrame.checked(int(fields["id"], 16), octets(fields["data"]), **flags)
     check(case, encode=lambda: str(frame), wire=case["text"], decode=lambda: CanFrame.parse(case["text"]), value=frame)
 
 
 def cob_ids(case: Case) -> None:
-    """Which identifier a service of a node has, and whose an identifier is."""
+    """The identifier of a service of a node, and the service and node of an identifier."""
 
     def decode() -> tuple[str, int]:
         found = classify(frame_of({"cob_id": case["cob_id"], "data": ""}))
         if found is None:
-            raise DecodeError("mismatch", b"", 0, "nobody's")
+            raise DecodeError("mismatch", b"", 0, "not in the predefined connection set")
         return found[0].name, found[1]
 
     check(
@@ -80,7 +80,7 @@ def cob_ids(case: Case) -> None:
 
 
 def cob_restricted(case: Case) -> None:
-    """Whether it may be configured."""
+    """Whether an identifier is restricted, so that it must not be configured."""
     assert is_restricted(int(case["cob_id"], 16)) == case["restricted"]
 
 
@@ -105,37 +105,37 @@ def nmt(case: Case) -> None:
 
 def node_state(case: Case) -> None:
     """Heartbeat, boot-up, answer to guarding."""
-    told = NodeState(case["node"], int(case["state"], 16), case["toggle"]) if "state" in case else None
+    state = NodeState(case["node"], int(case["state"], 16), case["toggle"]) if "state" in case else None
     check(
         case,
-        encode=lambda: str(told.encode()) if told else None,
+        encode=lambda: str(state.encode()) if state else None,
         wire=wire(case),
         decode=lambda: NodeState.decode(frame_of(case)),
-        value=told,
+        value=state,
     )
-    if told is not None and case.get("name") is not None:
-        assert told.name == {"boot-up": "initialising"}.get(case["name"], case["name"])
-        assert told.is_boot_up == (case["name"] == "boot-up")
+    if state is not None and case.get("name") is not None:
+        assert state.name == {"boot-up": "initialising"}.get(case["name"], case["name"])
+        assert state.is_boot_up == (case["name"] == "boot-up")
 
 
 def heartbeat_consumer(case: Case) -> None:
     """One entry of 1016h."""
-    told = None if case["node"] is None else (case["node"], case["milliseconds"] / 1000)
+    entry = None if case["node"] is None else (case["node"], case["milliseconds"] / 1000)
     word = int(case["value"])
-    assert consumer_entry(word) == told
+    assert consumer_entry(word) == entry
     assert codec("u32", "DCBA").encode(word) == octets(case["bytes"])
 
 
-def sdo_message(told: dict[str, Any]) -> Any:
+def sdo_message(described: dict[str, Any]) -> Any:
     """The message of a case."""
-    fields: dict[str, Any] = {"index": int(told["index"], 16), "sub": int(told["sub"], 16)}
-    if "data" in told:
-        fields |= {"data": octets(told["data"]), "indicated": told["indicated"]}
-    if "size" in told:
-        fields["size"] = told["size"]
-    if "code" in told:
-        fields["code"] = int(told["code"], 16)
-    return SDO_MESSAGES[told["name"]](**fields)
+    fields: dict[str, Any] = {"index": int(described["index"], 16), "sub": int(described["sub"], 16)}
+    if "data" in described:
+        fields |= {"data": octets(described["data"]), "indicated": described["indicated"]}
+    if "size" in described:
+        fields["size"] = described["size"]
+    if "code" in described:
+        fields["code"] = int(described["code"], 16)
+    return SDO_MESSAGES[described["name"]](**fields)
 
 
 def sdo(case: Case) -> None:
@@ -147,20 +147,20 @@ def sdo(case: Case) -> None:
         frame = frame_of(case)
         assert frame.id == identifier
         message = messages.decode_sdo_request(frame.data) if request else messages.decode_sdo_response(frame.data)
-        if isinstance(message, messages.InitiateUpload):  # how it was asked is told by the bytes, not by the message
+        if isinstance(message, messages.InitiateUpload):  # the requested transfer mode is in the bytes, not in the case
             return messages.InitiateUpload(message.index, message.sub)
         return message
 
-    told = sdo_message(case["message"]) if "message" in case else None
+    expected = sdo_message(case["message"]) if "message" in case else None
     check(
         case,
         encode=lambda: str(CanFrame(identifier, sdo_message(case["message"]).encode())),
         wire=wire(case),
         decode=decode,
-        value=told,
+        value=expected,
     )
-    if told is not None and "known" in case:
-        assert (told.code in {int(code) for code in AbortCode}) == case["known"]
+    if expected is not None and "known" in case:
+        assert (expected.code in {int(code) for code in AbortCode}) == case["known"]
 
 
 def pdo(case: Case) -> None:
@@ -205,7 +205,7 @@ def emcy(case: Case) -> None:
 
 
 def sync(case: Case) -> None:
-    """A SYNC with or without its number."""
+    """A SYNC with or without its counter."""
     check(
         case,
         encode=lambda: str(SyncMessage(case["counter"]).encode()),

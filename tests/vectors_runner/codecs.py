@@ -9,7 +9,7 @@ from tests.vectors_runner.common import Case, bits, check, octets, whole_or_floa
 
 
 def number(case: Case) -> None:
-    """A value stands for the nearest number of its type, so what is read is compared as that number."""
+    """A value stands for the nearest number of its type, so the decoded number is compared with that one."""
     kind = codec(case["type"], case["order"])
     value = whole_or_float(case["value"]) if "value" in case else 0
 
@@ -21,7 +21,7 @@ def number(case: Case) -> None:
         assert math.isnan(kind.decode(kind.encode(value)))
         return
     if case.get("fails") == "compare":
-        # Each half alone is a number of this type; it is only not the other.
+        # Each half alone is a number of this type, but they are different numbers.
         assert kind.encode(kind.decode(octets(case["bytes"]))) == octets(case["bytes"])
         assert kind.decode(kind.encode(value)) == nearest()
     check(
@@ -34,7 +34,7 @@ def number(case: Case) -> None:
 
 
 def packed_bits(case: Case) -> None:
-    """A row of bits, the reader told how many."""
+    """A sequence of bits; the decoder is given the number of bits."""
     row = bits(case["bits"])
     data = octets(case["bytes"])
     check(case, encode=lambda: pack_bits(row), wire=data, decode=lambda: unpack_bits(data, len(row)), value=row)

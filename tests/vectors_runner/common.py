@@ -1,4 +1,4 @@
-"""What every kind shares: hexadecimal texts, and what valid, invalid and acceptable mean."""
+"""Shared by all kinds: hexadecimal texts, and the meaning of valid, invalid and acceptable."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def check(
     decode: Callable[[], object],
     value: object,
 ) -> None:
-    """Hold both directions against the case. `wire` is what it shows on the wire, `value` what it means.
+    """Check both directions of a case. `wire` is its encoded form, `value` its decoded one.
 
-    acceptable    reading must give the value; with the flag `tolerant`, writing must give something else
+    acceptable    decoding must give the value; with the flag `tolerant`, encoding must give something else
     """
     if case["result"] == "invalid":
         refuse(case, encode=encode, wire=wire, decode=decode, value=value)
@@ -60,9 +60,9 @@ def check(
 def refuse(
     case: Case, *, encode: Callable[[], object], wire: object, decode: Callable[[], object], value: object
 ) -> None:
-    """An invalid case fails where it says: `encode`, `decode`, or when both are compared."""
+    """Check that an invalid case fails as its `fails` states: in encode, in decode, or when both are compared."""
     if case["fails"] == "encode":
-        assert case["reason"] == "value", "what cannot be said has the reason value"
+        assert case["reason"] == "value", "fields that cannot be encoded have the reason value"
         with pytest.raises(EncodeError):
             encode()
     elif case["fails"] == "decode":
@@ -70,6 +70,6 @@ def refuse(
             decode()
         assert caught.value.reason == case["reason"], str(caught.value)
     else:
-        assert case["reason"] in ("mismatch", "checksum"), "each half is well formed, so nothing else can be wrong"
+        assert case["reason"] in ("mismatch", "checksum"), "each half is well formed, so no other reason is possible"
         assert decode() != value
         assert encode() != wire

@@ -20,14 +20,14 @@ from tests.vectors_runner.common import Case, check, octets, whole_or_float, wor
 
 
 def parameter(case: Case) -> None:
-    """A value, and its bytes in each of its places."""
-    told = case["parameter"]
-    place, entry = told.get("modbus"), told.get("object")
+    """A value, and its registers and bytes."""
+    described = case["parameter"]
+    place, entry = described.get("modbus"), described.get("object")
     one = Parameter(
         "the parameter",
-        told["type"],
-        unit=told.get("unit", ""),
-        scale=Fraction(told.get("scale", "1")),
+        described["type"],
+        unit=described.get("unit", ""),
+        scale=Fraction(described.get("scale", "1")),
         modbus=ModbusAt(**place) if place else None,
         object=ObjectAt(int(entry["index"], 16), int(entry["sub"], 16), entry.get("bit")) if entry else None,
     )
@@ -37,14 +37,14 @@ def parameter(case: Case) -> None:
         if one.type.startswith("f"):
             value = codec(one.type).decode(codec(one.type).encode(value))  # the nearest float
 
-    def said() -> Value:
+    def given() -> Value:
         assert value is not None
         return value
 
     if place:
         check(
             case,
-            encode=lambda: one.to_registers(said(), words(case.get("old", ""))),
+            encode=lambda: one.to_registers(given(), words(case.get("old", ""))),
             wire=words(case.get("registers", "")),
             decode=lambda: one.from_registers(words(case["registers"])),
             value=value,
@@ -52,7 +52,7 @@ def parameter(case: Case) -> None:
     if entry:
         check(
             case,
-            encode=lambda: one.to_object(said(), octets(case.get("old", ""))),
+            encode=lambda: one.to_object(given(), octets(case.get("old", ""))),
             wire=octets(case.get("bytes", "")),
             decode=lambda: one.from_object(octets(case["bytes"])),
             value=value,
@@ -60,24 +60,24 @@ def parameter(case: Case) -> None:
 
 
 def drive_state(case: Case) -> None:
-    """One state fits a status word, or none."""
-    word, told = int(case["word"], 16), State(case["state"])
+    """At most one state matches a status word."""
+    word, given = int(case["word"], 16), State(case["state"])
     assert [bit for bit in range(16) if get_bit(word, bit)] == case["bits"]
-    assert (int(case["mask"], 16), int(case["masked"], 16)) == STATUS_PATTERNS[told]
+    assert (int(case["mask"], 16), int(case["masked"], 16)) == STATUS_PATTERNS[given]
     try:
         found: State | None = state_of(word)
     except DecodeError:
         found = None
-    assert (found is told) == (case["result"] == "valid")
+    assert (found is given) == (case["result"] == "valid")
     assert sum(word & mask == value for mask, value in STATUS_PATTERNS.values()) == (found is not None)
 
 
 def drive_command(case: Case) -> None:
-    """The bits of a command, whatever the others are. Disable operation is the word of switch on."""
+    """The bits of a command; other bits are ignored. Disable operation has the word of switch on."""
     name: str = "switch on" if case["command"] == "disable operation" else case["command"]
-    told = DriveCommand[name.upper().replace(" ", "_")]
+    given = DriveCommand[name.upper().replace(" ", "_")]
     bits = (int(case["mask"], 16), int(case["masked"], 16))
-    assert bits == CONTROL_PATTERNS.get(told, (DriveCommand.FAULT_RESET, DriveCommand.FAULT_RESET))
-    assert (command_of(int(case["word"], 16)) is told) == (case["result"] == "valid")
-    causes = {step.number for step in TRANSITIONS if step.command is told}
+    assert bits == CONTROL_PATTERNS.get(given, (DriveCommand.FAULT_RESET, DriveCommand.FAULT_RESET))
+    assert (command_of(int(case["word"], 16)) is given) == (case["result"] == "valid")
+    causes = {step.number for step in TRANSITIONS if step.command is given}
     assert set(case["transitions"]) <= causes

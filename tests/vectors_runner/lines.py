@@ -1,7 +1,7 @@
-"""crc16, lrc, rtu-timing; the frames of the three envelopes, each delivered every way.
+"""crc16, lrc, rtu-timing; the frames of the three envelopes, each delivered in every way.
 
-A valid frame is fed to its room's line whole, byte by byte, cut at every place, twice glued together, and after
-noise. Every byte that is fed comes out in exactly one frame or one noise, or is still held.
+A valid frame is fed to its line whole, byte by byte, cut at every place, twice without a gap, and after noise. Every
+byte that is fed is reported in exactly one frame or noise event, or is still held.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from barewire.tcp import TcpLine
 from tests.vectors_runner.common import Case, check, octets, refuse
 
 LATER = 1e6
-"""Long after every silence."""
+"""A time long after every time-out of a line."""
 
 CHARACTER = 11 / 19200
 
 
 def text(characters: str) -> bytes:
-    """A text of an ASCII line: one character for one byte."""
+    """The bytes of a text of an ASCII line, one for each character."""
     return characters.encode("latin-1")
 
 
@@ -43,10 +43,10 @@ def walk(data: bytes) -> list[dict[str, Any]]:
         register ^= byte
         step: dict[str, Any] = {"byte": f"{byte:02X}", "xor": f"{register:04X}", "shifts": []}
         for _ in range(8):
-            fell_out = register & 1
+            shifted_out = register & 1
             register >>= 1
-            shown = f"{register:04X} {fell_out}"
-            if fell_out:
+            shown = f"{register:04X} {shifted_out}"
+            if shifted_out:
                 register ^= 0xA001
                 shown += f" {register:04X}"
             step["shifts"].append(shown)
@@ -54,42 +54,42 @@ def walk(data: bytes) -> list[dict[str, Any]]:
     return steps
 
 
-def wrong_places(told: Any, right: Any) -> int:
-    """In how many places a walk differs from the right one. It has the shape of a walk in any case."""
+def wrong_places(given: Any, right: Any) -> int:
+    """The number of places in which a walk differs from the right one; its structure must be the same."""
     if isinstance(right, dict):
-        assert told.keys() == right.keys()
-        return sum(wrong_places(told[key], value) for key, value in right.items())
+        assert given.keys() == right.keys()
+        return sum(wrong_places(given[key], value) for key, value in right.items())
     if isinstance(right, list):
-        return sum(wrong_places(*pair) for pair in zip(told, right, strict=True))
-    return int(told != right)
+        return sum(wrong_places(*pair) for pair in zip(given, right, strict=True))
+    return int(given != right)
 
 
 def crc(case: Case) -> None:
     """The CRC as a number and on the wire; with a walk, every step of it.
 
-    An invalid case is wrong in one thing: the number, or, where a walk is told, one step of that.
+    An invalid case has exactly one error: in the number or, if it has a walk, in one step of the walk.
     """
     data = octets(case["bytes"])
-    told, right, steps = int(case["crc"], 16), crc16(data), walk(data)
+    given, right, steps = int(case["crc"], 16), crc16(data), walk(data)
     assert right == crc16_bit_by_bit(data)
-    assert octets(case["wire"]) == told.to_bytes(2, "little"), "both say the same, right or wrong"
+    assert octets(case["wire"]) == given.to_bytes(2, "little"), "`crc` and `wire` agree, also in a wrong case"
     wrong = wrong_places(case.get("walk", steps), steps)
     if case["result"] == "valid":
-        assert (told, wrong) == (right, 0)
+        assert (given, wrong) == (right, 0)
         return
     assert (case["fails"], case["reason"]) == ("compare", "checksum")
-    assert (told != right, wrong) == ("walk" not in case, int("walk" in case))
+    assert (given != right, wrong) == ("walk" not in case, int("walk" in case))
 
 
 def lrc8(case: Case) -> None:
-    """The LRC: one byte, that of these bytes or another."""
-    told = octets(case["lrc"])
-    assert len(told) == 1
+    """The LRC: one byte, right or wrong."""
+    given = octets(case["lrc"])
+    assert len(given) == 1
     if case["result"] == "valid":
-        assert lrc(octets(case["bytes"])) == told[0]
+        assert lrc(octets(case["bytes"])) == given[0]
         return
     assert (case["fails"], case["reason"]) == ("compare", "checksum")
-    assert lrc(octets(case["bytes"])) != told[0]
+    assert lrc(octets(case["bytes"])) != given[0]
 
 
 def timing(case: Case) -> None:
@@ -98,18 +98,18 @@ def timing(case: Case) -> None:
     def nanoseconds() -> list[int]:
         return [round(1e9 * time) for time in Timing.of(case["baud"], case["bits"])]
 
-    told = [case.get(name) for name in ("character_ns", "t15_ns", "t35_ns")]
+    given = [case.get(name) for name in ("character_ns", "t15_ns", "t35_ns")]
     if case["result"] == "invalid":
-        refuse(case, encode=nanoseconds, wire=told, decode=nanoseconds, value=told)
+        refuse(case, encode=nanoseconds, wire=given, decode=nanoseconds, value=given)
     else:
-        assert nanoseconds() == told
+        assert nanoseconds() == given
 
 
 # Frames ----------------------------------------------------------------------------------------------------------
 
 
-def listen(line: Line, pieces: Iterable[bytes], pack: Callable[[Adu], bytes]) -> list[Adu | Noise]:
-    """Feed the pieces at the speed of 19200 bit/s, then let time pass; no byte may vanish."""
+def feed_pieces(line: Line, pieces: Iterable[bytes], pack: Callable[[Adu], bytes]) -> list[Adu | Noise]:
+    """Feed the pieces at 19200 bit/s, then let time pass; return the events. No byte may be lost."""
     events: list[Adu | Noise] = []
     now, fed = 1.0, 0
     for piece in pieces:
@@ -123,22 +123,22 @@ def listen(line: Line, pieces: Iterable[bytes], pack: Callable[[Adu], bytes]) ->
 
 
 def frames(events: Iterable[Adu | Noise]) -> list[Adu]:
-    """Only what is a frame."""
+    """The frames among the events."""
     return [event for event in events if isinstance(event, Adu)]
 
 
 def deliver(
     frame: bytes, adu: Adu, line: Callable[[], Line], pack: Callable[[Adu], bytes], *, glued: bool, noise: bytes
 ) -> None:
-    """Every way in which a frame can come."""
-    assert listen(line(), [frame], pack) == [adu], "whole"
-    assert listen(line(), [frame[at : at + 1] for at in range(len(frame))], pack) == [adu], "byte by byte"
+    """Assert that a frame is received in every way in which it can be delivered."""
+    assert feed_pieces(line(), [frame], pack) == [adu], "whole"
+    assert feed_pieces(line(), [frame[at : at + 1] for at in range(len(frame))], pack) == [adu], "byte by byte"
     for at in range(1, len(frame)):
-        assert listen(line(), [frame[:at], frame[at:]], pack) == [adu], f"cut at {at}"
+        assert feed_pieces(line(), [frame[:at], frame[at:]], pack) == [adu], f"cut at {at}"
     if glued:
-        assert listen(line(), [frame + frame], pack) == [adu, adu], "two glued together"
+        assert feed_pieces(line(), [frame + frame], pack) == [adu, adu], "two glued together"
         if noise:
-            events = listen(line(), [noise + frame], pack)
+            events = feed_pieces(line(), [noise + frame], pack)
             assert frames(events) == [adu], "after noise"
             assert b"".join(event.data for event in events if isinstance(event, Noise)) == noise
 
@@ -167,9 +167,9 @@ def rtu_frame(case: Case) -> None:
         countable = measure(adu.pdu) is not None
         assert countable != ("uncountable" in case.get("flags", ())) or adu.pdu[0] < 0x64
         deliver(frame, adu, line, pack, glued=countable, noise=b"\xff\x00\x07")
-        assert listen(line(None), [frame], pack) == [adu]
+        assert feed_pieces(line(None), [frame], pack) == [adu]
     elif case["fails"] == "decode":
-        events = listen(RtuLine(timing, patience=None), [frame], pack)
+        events = feed_pieces(RtuLine(timing, patience=None), [frame], pack)
         assert not frames(events)
         assert [event.reason for event in events if isinstance(event, Noise)][:1] in ([], [case["reason"]])
 
@@ -207,6 +207,6 @@ def tcp_frame(case: Case) -> None:
         assert adu is not None
         deliver(frame, adu, TcpLine, pack, glued=True, noise=b"")
     elif case["fails"] == "decode" and case["reason"] in ("protocol", "length"):
-        events = listen(TcpLine(), [frame], pack)
+        events = feed_pieces(TcpLine(), [frame], pack)
         assert [event.reason for event in events if isinstance(event, Noise)] == [case["reason"]]
         assert not frames(events)

@@ -21,7 +21,7 @@ from tests.vectors_runner.common import Case, bits, octets, refuse, words
 
 
 def from_json(name: str, value: Any) -> Any:
-    """A field of a message as the library has it."""
+    """The value of a message field in the types of the library."""
     if name == "bits":
         return bits(value)
     if name == "registers":
@@ -52,8 +52,8 @@ def build(case: Case) -> Message:
     return made(**fields)
 
 
-def assert_says(message: Message, fields: dict[str, Any]) -> None:
-    """The decoded message has the fields of the case; a row of bits may have more, the padding, and that is zero."""
+def assert_fields(message: Message, fields: dict[str, Any]) -> None:
+    """Assert that the decoded message has the fields of the case; `bits` may have padding, which must be zero."""
     for name, value in fields.items():
         wanted, found = from_json(name, value), getattr(message, name)
         if name == "bits":
@@ -65,7 +65,7 @@ def assert_says(message: Message, fields: dict[str, Any]) -> None:
 
 
 def assert_measured(measure: Callable[[bytes], int | None], pdu: bytes) -> None:
-    """Byte by byte, the count asks for more until it has the whole, and never for too much."""
+    """Assert that `measure`, given the start of a PDU, asks for more bytes until it has all, never for too many."""
     have = 1
     while (wanted := measure(pdu[:have])) is not None and wanted > have:
         assert wanted <= len(pdu)
@@ -83,7 +83,7 @@ def pdu(case: Case) -> None:
     if case["result"] == "invalid":
         refuse(case, encode=lambda: build(case).encode(), wire=None, decode=decode, value=None)
         return
-    assert_says(decode(), case["message"])
+    assert_fields(decode(), case["message"])
     if "uncountable" not in case.get("flags", ()):
         assert_measured(measure_request if request else measure_response, octets(case["pdu"]))
     if case["result"] == "valid":
@@ -93,7 +93,7 @@ def pdu(case: Case) -> None:
 
 
 def exchange(case: Case) -> None:
-    """A question and what came back."""
+    """A request and its response."""
     request = decode_request(octets(case["request"]))
 
     def read() -> Message:
@@ -107,6 +107,6 @@ def exchange(case: Case) -> None:
         assert caught.value.code == case["exception_code"]
     else:
         message = read()
-        assert_says(message, case["message"])
+        assert_fields(message, case["message"])
         if "bits" in case["message"]:
             assert message.bits == bits(case["message"]["bits"])  # type: ignore[attr-defined]

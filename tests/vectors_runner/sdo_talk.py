@@ -1,4 +1,4 @@
-"""sdo-talk, object-value: whole SDO transfers, each side by itself, and values that are no numbers."""
+"""sdo-talk, object-value: whole SDO transfers, each side alone, and values that are not numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TYPES = {row.standard: row.name for row in DATA_TYPES}
 
 
 def sdo_talk(case: Case) -> None:
-    """Both sides, each against what the other one says. A transfer that fails is a valid case: `ends` tells how."""
+    """Test each side with the frames of the other. A failing transfer is a valid case: `ends` has the abort."""
     assert case["result"] == "valid"
     if case.get("broken") != "client":
         run_client(case)
@@ -28,10 +28,10 @@ def sdo_talk(case: Case) -> None:
 
 
 def run_client(case: Case) -> None:
-    """Our client, with the server's lines as they stand: it says the client's lines, and ends as told."""
+    """Feed the lines of the server to our client: it must send the client's lines, and end as `ends` states."""
     node, place = case["node"], (int(case["index"], 16), int(case["sub"], 16))
-    asks = case.get("block")
-    block: BlockSettings | bool = BlockSettings(**asks) if asks else False
+    settings = case.get("block")
+    block: BlockSettings | bool = BlockSettings(**settings) if settings else False
     value = octets(case["value"])
     conversation: Conversation[CanFrame, Any]
     if case["direction"] == "upload":
@@ -46,16 +46,16 @@ def run_client(case: Case) -> None:
 
 
 def outcome(conversation: Conversation[CanFrame, Any], talk: list[list[str]], node: int, *, in_blocks: bool) -> Any:
-    """How the conversation ends: with a value, or with the abort that it says or hears. Takes from `talk`."""
+    """The result of the conversation: a value, or the code of the abort that it sends or receives. Consumes `talk`."""
     now = 0.0
     try:
         step = next(conversation)
         while True:
             if not isinstance(step, Listen):
                 for item in step.items:
-                    who, said = talk.pop(0)
-                    assert who.startswith("client")
-                    assert item == CanFrame(cob_id("SDO request", node), octets(said))
+                    side, data = talk.pop(0)
+                    assert side.startswith("client")
+                    assert item == CanFrame(cob_id("SDO request", node), octets(data))
                 step = conversation.send(Heard(None, now))
                 continue
             while talk and talk[0][0] == "server lost":
@@ -73,27 +73,27 @@ def outcome(conversation: Conversation[CanFrame, Any], talk: list[list[str]], no
 
 
 def run_server(case: Case) -> None:
-    """Our server, with the client's lines as they stand: it says the server's lines, and keeps what was written."""
+    """Feed the lines of the client to our server: it must send the server's lines, and store a written value."""
     node, value = case["node"], octets(case["value"])
     written = case["direction"] == "download"
     objects = ObjectDictionary([Entry(0x2100, 0, "value", "domain", "rw", b"" if written else value)])
     server = SdoServer(node, objects, blksize=case.get("blksize", 127))
     now = 0.0
-    said: list[str] = []
-    for who, data in case["talk"]:
-        frame = CanFrame(cob_id("SDO request" if who.startswith("client") else "SDO answer", node), octets(data))
-        if who.startswith("client"):
-            assert said == [], "the server said more than the talk has"
-            if who == "client":
+    sent: list[str] = []
+    for side, data in case["talk"]:
+        frame = CanFrame(cob_id("SDO request" if side.startswith("client") else "SDO answer", node), octets(data))
+        if side.startswith("client"):
+            assert sent == [], "the server sent more than the talk has"
+            if side == "client":
                 now += 0.001
-                said += [str(answer) for answer in server.feed(frame, now)]
+                sent += [str(answer) for answer in server.feed(frame, now)]
             continue
-        while not said:
-            assert server.deadline is not None, f"the server does not say {frame}"
+        while not sent:
+            assert server.deadline is not None, f"the server does not send {frame}"
             now = max(now, server.deadline)
-            said += [str(answer) for answer in server.feed(None, now)]
-        assert said.pop(0) == str(frame)
-    assert said == []
+            sent += [str(answer) for answer in server.feed(None, now)]
+        assert sent.pop(0) == str(frame)
+    assert sent == []
     if case["ends"] == "done" and written:
         assert objects.read(0x2100, 0) == value
 
@@ -104,15 +104,15 @@ def object_value(case: Case) -> None:
     codec = object_codec(name)
 
     def value() -> Any:
-        told = case["value"]
+        given = case["value"]
         if name in ("octets", "domain"):
-            return octets(told)
-        if isinstance(told, dict):
-            if not 0 <= told["milliseconds"] < DAY:
-                raise EncodeError(f"a day has no {told['milliseconds']} ms")
-            total = told["days"] * DAY + told["milliseconds"]
+            return octets(given)
+        if isinstance(given, dict):
+            if not 0 <= given["milliseconds"] < DAY:
+                raise EncodeError(f"a day has no {given['milliseconds']} ms")
+            total = given["days"] * DAY + given["milliseconds"]
             return TimeOfDay(total) if name == "time_of_day" else TimeDifference(total)
-        return told
+        return given
 
     check(
         case,

@@ -1,4 +1,4 @@
-"""time, lss, node-talk: the services of CANopen that came after the first frames."""
+"""time, lss, node-talk: TIME, LSS, and devices with node guarding and LSS."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from tests.vectors_runner.common import Case, check, octets
 def time(case: Case) -> None:
     """The time of day of one day."""
 
-    def told() -> TimeStamp:
+    def stamp() -> TimeStamp:
         if not 0 <= case["milliseconds"] < DAY:
-            raise EncodeError(f"a day has no {case['milliseconds']} ms")  # the value of barewire is one number
+            raise EncodeError(f"a day has no {case['milliseconds']} ms")  # in barewire both are one number
         return TimeStamp(TimeOfDay(case["days"] * DAY + case["milliseconds"]))
 
     check(
         case,
-        encode=lambda: str(told().encode()),
+        encode=lambda: str(stamp().encode()),
         wire=wire(case),
         decode=lambda: TimeStamp.decode(frame_of(case)),
-        value=told() if case["result"] != "invalid" else None,
+        value=stamp() if case["result"] != "invalid" else None,
     )
 
 
 def lss(case: Case) -> None:
     """One message."""
-    told = None
+    message = None
     if "service" in case:
-        told = LssMessage(int(case["service"], 16), octets(case["body"]), case["side"] == "answer")
+        message = LssMessage(int(case["service"], 16), octets(case["body"]), case["side"] == "answer")
     check(
         case,
-        encode=lambda: str(told.encode()) if told else None,
+        encode=lambda: str(message.encode()) if message else None,
         wire=wire(case),
         decode=lambda: LssMessage.decode(frame_of(case)),
-        value=told,
+        value=message,
     )
 
 
 def node_talk(case: Case) -> None:
-    """A machine and what it says."""
+    """A machine, fed step by step, and the frames and events that it returns."""
     assert case["result"] == "valid"
     node = case["node"]
     machine: GuardedNode | LssSlave
@@ -58,5 +58,5 @@ def node_talk(case: Case) -> None:
         machine = LssSlave(LssAddress(*(int(part, 16) for part in node["address"])), node["id"])
     for step in case["talk"]:
         frame = None if step["hear"] is None else CanFrame.parse(step["hear"])
-        said = machine.feed(frame, step["at"] / 1e6)
-        assert [str(item) if isinstance(item, CanFrame) else item.kind for item in said] == step["said"], step
+        found = machine.feed(frame, step["at"] / 1e6)
+        assert [str(item) if isinstance(item, CanFrame) else item.kind for item in found] == step["said"], step

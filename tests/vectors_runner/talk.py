@@ -1,7 +1,7 @@
-"""rtu-talk, ascii-talk, tcp-talk: a receiver fed step by step, and what it reports.
+"""rtu-talk, ascii-talk, tcp-talk: a receiver fed step by step, and the events that it reports.
 
-A case that is valid must hold for every receiver of the standard, so here it is held against more than ours: on RTU
-against one that knows silence and CRC only, and everywhere against the frames as anybody would write them.
+A valid case must hold for every receiver that follows the standard. So it is checked with more than our receivers: on
+RTU with one that uses silence and CRC only, and everywhere with the encoded frames.
 """
 
 from __future__ import annotations
@@ -24,48 +24,49 @@ from tests.vectors_runner.common import Case, octets
 from tests.vectors_runner.lines import text
 
 
-def adu_of(told: dict[str, Any]) -> Adu:
-    """The frame of an event."""
-    return Adu(told["unit"], octets(told["pdu"]), told.get("transaction"))
+def adu_of(expected: dict[str, Any]) -> Adu:
+    """The frame of an expected event."""
+    return Adu(expected["unit"], octets(expected["pdu"]), expected.get("transaction"))
 
 
 def talk(case: Case, line: Line, read: Callable[[str], bytes]) -> list[Adu]:
-    """Step by step: what is fed at which time, and what comes out of it. Returns the frames."""
-    assert case["result"] in ("valid", "acceptable"), "a receiver is never wrong to hear what was said"
+    """Feed each step at its time and compare the events; return the frames."""
+    assert case["result"] in ("valid", "acceptable"), "a talk has no invalid result"
     for step in case["talk"]:
         events = line.feed(read(step["hear"]) if "hear" in step else None, step["at"] / 1e6)
         assert [event[:2] if isinstance(event, Noise) else event for event in events] == [
-            (read(told["noise"]), told["reason"]) if "noise" in told else adu_of(told) for told in step["events"]
+            (read(expected["noise"]), expected["reason"]) if "noise" in expected else adu_of(expected)
+            for expected in step["events"]
         ]
     assert line.held == read(case["held"])
-    return [adu_of(told) for step in case["talk"] for told in step["events"] if "pdu" in told]
+    return [adu_of(expected) for step in case["talk"] for expected in step["events"] if "pdu" in expected]
 
 
-def said_as_written(case: Case, frames: list[Adu], heard: bytes, pack: Callable[[Adu], bytes]) -> None:
-    """A frame stands in what was heard as anybody would write it; where the case is tolerant, it does not."""
-    written = [pack(frame) in heard for frame in frames]
-    assert written == ["tolerant" not in case.get("flags", ())] * len(frames)
+def assert_encoded(case: Case, frames: list[Adu], fed: bytes, pack: Callable[[Adu], bytes]) -> None:
+    """Assert that each frame, encoded, is part of the fed bytes; in a tolerant case it must not be."""
+    found = [pack(frame) in fed for frame in frames]
+    assert found == ["tolerant" not in case.get("flags", ())] * len(frames)
 
 
-def heard_in(case: Case, read: Callable[[str], bytes]) -> bytes:
-    """All that is fed, one behind the other."""
+def fed_in(case: Case, read: Callable[[str], bytes]) -> bytes:
+    """All bytes that are fed, joined."""
     return b"".join(read(step["hear"]) for step in case["talk"] if "hear" in step)
 
 
 def by_silence(case: Case, timing: Timing) -> list[Adu]:
-    """The frames that a receiver hears which knows silence and CRC, and neither functions nor counts."""
-    setup, found, piece, spoiled, heard_at = case["line"], list[Adu](), b"", False, 0.0
+    """The frames of a receiver that uses silence and CRC, and neither function codes nor byte counts."""
+    setup, found, piece, spoiled, last_at = case["line"], list[Adu](), b"", False, 0.0
     ends = timing.t35 if setup["patience"] is None else setup["patience"] / 1e6
     breaks = timing.t15 if setup["patience"] is None else ends
     for step in case["talk"]:
         data, at = octets(step.get("hear", "")), step["at"] / 1e6
-        gap = at - len(data) * timing.character - heard_at
+        gap = at - len(data) * timing.character - last_at
         if piece and gap >= ends:
             with suppress(DecodeError):
                 found += [] if spoiled else [barewire.rtu.decode(piece)]
             piece, spoiled = b"", False
         spoiled = spoiled or (bool(piece and data) and gap > breaks)
-        piece, heard_at = piece + data, at if data else heard_at
+        piece, last_at = piece + data, at if data else last_at
     if piece and not spoiled and not case["held"]:
         with suppress(DecodeError):
             found.append(barewire.rtu.decode(piece))
@@ -75,33 +76,33 @@ def by_silence(case: Case, timing: Timing) -> list[Adu]:
 def rtu_talk(case: Case) -> None:
     """`line`: role, units of a server, baud, bits, patience in microseconds or null for strict.
 
-    What is valid, and not only acceptable, is heard by silence and CRC alone: more cannot be asked of another stack.
+    A valid case, unlike an acceptable one, needs silence and CRC only: other stacks need no more than that.
     """
     setup = case["line"]
     patience = None if setup["patience"] is None else setup["patience"] / 1e6
     timing = Timing.of(setup["baud"], setup["bits"])
     line = RtuLine(timing, role=setup["role"], units=set(setup.get("units", ())), patience=patience)
     frames = talk(case, line, octets)
-    said_as_written(case, frames, heard_in(case, octets), lambda frame: barewire.rtu.encode(frame.unit, frame.pdu))
+    assert_encoded(case, frames, fed_in(case, octets), lambda frame: barewire.rtu.encode(frame.unit, frame.pdu))
     if case["result"] == "valid":
         assert by_silence(case, timing) == frames
 
 
 def ascii_talk(case: Case) -> None:
-    """`line`: timeout in microseconds, data bits. What ends a frame can be changed, so it is not compared here."""
+    """`line`: timeout in microseconds, data bits. The last character of a frame may differ, so it is not compared."""
     setup = case["line"]
     frames = talk(case, AsciiLine(character_timeout=setup["timeout"] / 1e6, data_bits=setup["data_bits"]), text)
-    heard = heard_in(case, text)
+    fed = fed_in(case, text)
     if setup["data_bits"] == 7:
-        heard = bytes(byte & 0x7F for byte in heard)
-    said_as_written(case, frames, heard, lambda frame: barewire.ascii.encode(frame.unit, frame.pdu)[:-1])
+        fed = bytes(byte & 0x7F for byte in fed)
+    assert_encoded(case, frames, fed, lambda frame: barewire.ascii.encode(frame.unit, frame.pdu)[:-1])
 
 
 def tcp_talk(case: Case) -> None:
-    """`line` has nothing to set."""
+    """`line` has no settings."""
     frames = talk(case, TcpLine(), octets)
 
     def pack(frame: Adu) -> bytes:
         return barewire.tcp.encode(frame.unit, frame.pdu, frame.transaction or 0)
 
-    said_as_written(case, frames, heard_in(case, octets), pack)
+    assert_encoded(case, frames, fed_in(case, octets), pack)
