@@ -16,13 +16,19 @@ from tests.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, simulat
 from tests.helpers import free_port
 
 
-def test_version_and_help_with_a_full_line_for_every_command() -> None:
+def test_version_and_help() -> None:
     assert output_of("--version").startswith("barewire")
     text = output_of("--help")
     assert "ENDPOINT" in text
-    listed = [line for line in text.partition("Commands:\n")[2].splitlines() if line]
-    assert [line.split()[0] for line in listed] == list(COMMANDS)
-    assert all(line.endswith(".") and not line.endswith("..") for line in listed)
+    listed = [line.split(maxsplit=1) for line in text.partition("Commands:\n")[2].splitlines() if line]
+    assert [(name, summary) for name, summary in listed] == [(name, COMMANDS[name][1]) for name in COMMANDS]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_begins_with_its_line_of_the_list(name: str) -> None:
+    usage, empty, first, *_ = output_of(name, "--help").splitlines()
+    assert usage.startswith(f"Usage: barewire {name} ")
+    assert (empty, first.strip()) == ("", COMMANDS[name][1])
 
 
 @pytest.mark.parametrize(

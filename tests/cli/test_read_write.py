@@ -145,7 +145,7 @@ def test_timing_is_printed_on_stderr_if_requested(option: list[str]) -> None:
         done = run_command("read", *option, f"{url}&latency=uart", "adxl", "Status")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Status")
-    times = "speaks after 2.01 ms of silence (t3.5), forgives pauses of 5 ms inside a frame\n"
+    times = "sends after 2.01 ms of silence (t3.5), accepts pauses up to 5 ms inside a frame\n"
     assert done.stderr == (f"barewire: {url}&latency=uart {times}" if option else "")
 
 
@@ -153,7 +153,7 @@ def test_timing_is_printed_before_the_port_is_opened() -> None:
     done = run_command("write", "rtu:///dev/nothing?latency=tunnel&baudrate=9600", "az3", "CONTROL WORD=6", "--timing")
     assert done.returncode == 1
     first, second = done.stderr.splitlines()
-    assert first.endswith("speaks after 4.01 ms of silence (t3.5), forgives pauses of 200 ms inside a frame")
+    assert first.endswith("sends after 4.01 ms of silence (t3.5), accepts pauses up to 200 ms inside a frame")
     assert second == "barewire: /dev/nothing: no such file or directory"
 
 

@@ -17,21 +17,21 @@ from barewire import __version__
 from barewire.errors import BarewireError
 
 COMMANDS = {
-    "demo": "demo",
-    "devices": "devices",
-    "simulate": "simulate",
-    "read": "read_write",
-    "write": "read_write",
-    "watch": "watch",
-    "drive": "drive",
-    "explain": "explain",
-    "sniff": "sniff",
-    "conform": "conform",
-    "canopen-gateway": "canopen_gateway",
-    "eds": "eds",
+    "demo": ("demo", "Read and write three simulated machines on every wire."),
+    "devices": ("devices", "List the devices, or all parameters of one."),
+    "simulate": ("simulate", "Simulate a device on real ports until interrupted."),
+    "read": ("read_write", "Read named values of a device."),
+    "write": ("read_write", "Write named values of a device, in the order given."),
+    "watch": ("watch", "Read named values periodically."),
+    "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
+    "explain": ("explain", "Explain a frame byte by byte and check it."),
+    "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
+    "conform": ("conform", "Test a server or device against the standard."),
+    "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
+    "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),
 }
-"""Command -> file. A file is loaded when its command is used, so `explain` loads no CAN bus; in it, the click command
-of `canopen-gateway` is `canopen_gateway_command`."""
+"""Command -> (file, first line of its help). A file is loaded when the command is used: `explain` loads no CAN bus,
+and `--help` none of them. In the file, the click command of `canopen-gateway` is `canopen_gateway_command`."""
 
 
 class LazyGroup(click.Group):
@@ -45,10 +45,15 @@ class LazyGroup(click.Group):
         """The command of that name, from its file."""
         if cmd_name not in COMMANDS:
             return None
-        module = import_module(f"barewire.cli.{COMMANDS[cmd_name]}")
+        module = import_module(f"barewire.cli.{COMMANDS[cmd_name][0]}")
         command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands from the table."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, summary) for name, (_, summary) in COMMANDS.items()])
 
 
 def run_command_line(arguments: list[str]) -> int:

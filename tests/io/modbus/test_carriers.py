@@ -214,14 +214,14 @@ def test_in_flight_above_one_needs_transaction_numbers(url: str, in_flight: int,
 @pytest.mark.parametrize(
     ("url", "said"),
     [
-        ("rtu:///dev/x", "speaks after 2.01 ms of silence (t3.5), forgives pauses of 30 ms inside a frame"),
+        ("rtu:///dev/x", "sends after 2.01 ms of silence (t3.5), accepts pauses up to 30 ms inside a frame"),
         (
             "rtu:///dev/x?latency=uart&baudrate=115200",
-            "speaks after 1.75 ms of silence (t3.5), forgives pauses of 5 ms",
+            "sends after 1.75 ms of silence (t3.5), accepts pauses up to 5 ms",
         ),
-        ("rtu:///dev/x?latency=tunnel&patience=0.5", "forgives pauses of 500 ms inside a frame"),
-        ("rtu:///dev/x?patience=strict", "forgives no pause above 0.86 ms (t1.5) inside a frame"),
-        ("rtu+tcp://host:4001", "keeps no silence, forgives pauses of 200 ms inside a frame"),
+        ("rtu:///dev/x?latency=tunnel&patience=0.5", "accepts pauses up to 500 ms inside a frame"),
+        ("rtu:///dev/x?patience=strict", "accepts pauses up to 0.86 ms (t1.5) inside a frame"),
+        ("rtu+tcp://host:4001", "waits for no silence, accepts pauses up to 200 ms inside a frame"),
     ],
 )
 def test_the_times_of_a_line_in_words(url: str, said: str) -> None:

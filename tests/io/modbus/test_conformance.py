@@ -152,7 +152,10 @@ def test_the_conform_command() -> None:
             if done.returncode == 0:
                 break
     assert done.returncode == 0
-    assert done.stderr == f"barewire: {url} keeps no silence: lengths and numbers tell frames and answers apart\n"
+    assert (
+        done.stderr
+        == f"barewire: {url} waits for no silence: length fields delimit frames, transaction numbers match responses\n"
+    )
     assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
     assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} passed"
     with peer(honest) as port:

@@ -72,22 +72,22 @@ def timing_in_words(endpoint: Endpoint) -> str:
     """The times that the settings of a line mean, in one line.
 
     >>> timing_in_words(Endpoint.parse("rtu:///dev/ttyUSB0?latency=uart"))
-    'speaks after 2.01 ms of silence (t3.5), forgives pauses of 5 ms inside a frame'
+    'sends after 2.01 ms of silence (t3.5), accepts pauses up to 5 ms inside a frame'
     >>> timing_in_words(Endpoint.parse("ascii:///dev/ttyUSB0"))
-    'keeps no silence, forgives pauses of 1000 ms between two characters of a frame'
+    'waits for no silence, accepts pauses up to 1000 ms between two characters of a frame'
     >>> timing_in_words(Endpoint.parse("tcp://10.0.0.5"))
-    'keeps no silence: lengths and numbers tell frames and answers apart'
+    'waits for no silence: length fields delimit frames, transaction numbers match responses'
     """
     if endpoint.framing == "tcp":
-        return "keeps no silence: lengths and numbers tell frames and answers apart"
+        return "waits for no silence: length fields delimit frames, transaction numbers match responses"
     if endpoint.framing == "ascii":
         between = 1e3 * endpoint.seconds("patience", DEFAULT_ASCII_PATIENCE)
-        return f"keeps no silence, forgives pauses of {between:g} ms between two characters of a frame"
+        return f"waits for no silence, accepts pauses up to {between:g} ms between two characters of a frame"
     timing, forgiven = _timing(endpoint), patience(endpoint)
-    speaks = f"speaks after {1e3 * timing.t35:.2f} ms of silence (t3.5)" if timing.t35 else "keeps no silence"
+    sends = f"sends after {1e3 * timing.t35:.2f} ms of silence (t3.5)" if timing.t35 else "waits for no silence"
     if forgiven is None:
-        return f"{speaks}, forgives no pause above {1e3 * timing.t15:.2f} ms (t1.5) inside a frame"
-    return f"{speaks}, forgives pauses of {1e3 * forgiven:g} ms inside a frame"
+        return f"{sends}, accepts pauses up to {1e3 * timing.t15:.2f} ms (t1.5) inside a frame"
+    return f"{sends}, accepts pauses up to {1e3 * forgiven:g} ms inside a frame"
 
 
 def _timing(endpoint: Endpoint) -> Timing:
