@@ -1,4 +1,4 @@
-"""Certificates for tests of TLS, made by openssl: a CA, and whatever it signs. EC P-256 [MB-TLS R-61]."""
+"""Certificates for tests of TLS, made by openssl: a CA, and the certificates that it signs. EC P-256 [MB-TLS R-61]."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def authority(where: Path, name: str = "ca") -> None:
 def leaf(
     where: Path, name: str, *, role: str | None = None, server: bool = False, days: int = 3650, ca: str = "ca"
 ) -> None:
-    """NAME.crt and NAME.key, signed by the CA; with `days=-1` it expired before it was made. `role` is text, or what
-    openssl understands as a value of ASN.1."""
+    """NAME.crt and NAME.key, signed by the CA; with `days=-1` it is already expired. `role` is a text, or an ASN.1
+    value in the notation of openssl."""
     rows = ["[e]", "basicConstraints=critical,CA:FALSE", "keyUsage=critical,digitalSignature"]
     rows += ["subjectKeyIdentifier=hash", "authorityKeyIdentifier=keyid"]
     rows.append(f"extendedKeyUsage={'serverAuth' if server else 'clientAuth'}")

@@ -1,13 +1,13 @@
-"""What all tests share: programs from outside PyPI, and the rule that CI skips nothing.
+"""Settings of all tests: programs from outside PyPI, and the rule that CI skips no test.
 
-A test that talks to somebody else's program says so:
+A test that uses another program is marked:
 
     @pytest.mark.needs("socat", "mbpoll")
     def test_mbpoll_reads_our_server() -> None: ...
 
-Each name is a line of `.ci/apt-packages.txt`. Where the program is missing, the test is skipped and the reason
-says how to get it. Where `BAREWIRE_NO_SKIPS=1` is set (`.ci/run` does that), every skip, for whatever reason, is a
-failure: a green run has run everything.
+Each name is a line of `.ci/apt-packages.txt`. Where the program is missing, the test is skipped and the reason names
+the package. With `BAREWIRE_NO_SKIPS=1` (set by `.ci/run`) every skip, for any reason, is a failure: a run without
+failures has run all tests.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from typing import NamedTuple
 import pytest
 from hypothesis import settings
 
-# The same examples every day and everywhere: a test that fails for somebody fails for everybody.
+# The same examples in every run and on every machine, so that failures are reproducible.
 settings.register_profile("steady", derandomize=True, database=None)
 settings.load_profile("steady")
 
-# A shell that starts the tests in the background makes them ignore Ctrl-C, and nohup the loss of the terminal; what
-# they start would ignore it too, and some tests end a program that way. A signal that is caught is not inherited so.
+# A shell that starts the tests in the background makes them ignore SIGINT, and nohup makes them ignore SIGHUP. Child
+# processes would inherit that, but some tests end a program with these signals. A handler is not inherited.
 for ignored in (signal.SIGINT, signal.SIGHUP):
     if signal.getsignal(ignored) is signal.SIG_IGN:
         signal.signal(ignored, lambda *_: None)
@@ -38,7 +38,7 @@ NO_SKIPS = "BAREWIRE_NO_SKIPS"
 
 
 class Program(NamedTuple):
-    """One line of the list: the name that tests use, the Debian package, and what shows that it is installed."""
+    """One line of the list: the name in tests, the Debian package, and the program or file that proves its presence."""
 
     name: str
     package: str
@@ -65,11 +65,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def forbid_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
-    """Turn a skip into a failure when nothing may be skipped. An expected failure (xfail) is not a skip."""
+    """Turn a skip into a failure if skips are forbidden. An expected failure (xfail) is not a skip."""
     if os.environ.get(NO_SKIPS) == "1" and report.skipped and not hasattr(report, "wasxfail"):
         reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
         report.outcome = "failed"
-        report.longrepr = f"{report.nodeid}\n{reason}\n({NO_SKIPS}=1: nothing may be skipped here)"
+        report.longrepr = f"{report.nodeid}\n{reason}\n({NO_SKIPS}=1: no test may be skipped)"
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,4 +1,4 @@
-"""docs/devices.md: as many rows as the manuals have, every correction, and as `tools/devices.py` would leave it."""
+"""docs/devices.md: the catalogue has every row of the manuals; the page has every correction and is up to date."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def tool() -> ModuleType:
     return module
 
 
-def test_as_many_rows_as_the_manuals_have(tool: ModuleType) -> None:
+def test_every_table_has_as_many_rows_as_in_the_manual(tool: ModuleType) -> None:
     counted = {(count.device, count.table): count.here() for count in tool.COUNTS}
     assert counted == {(count.device, count.table): count.manual for count in tool.COUNTS}
 
 
-def test_every_row_that_is_counted_is_a_parameter(tool: ModuleType) -> None:
+def test_every_counted_row_is_a_parameter(tool: ModuleType) -> None:
     for name in names():
         assert len(tool.rows(name.replace("-", "_"))) == len(load(name).parameters)
 

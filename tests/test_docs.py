@@ -1,16 +1,16 @@
-"""Every example that a reader can see is run.
+"""Runs every example of the documentation.
 
 In docstrings of src/barewire: each `>>>`, by doctest. In README.md, docs/ and the other Markdown files: each fenced
-block, by the word behind its three backticks.
+block, according to the word behind its three backticks.
 
-    python    run as it stands; with `>>>` in it, as a doctest. One namespace for the whole file, from top to bottom.
+    python    run as it is; with `>>>` in it, as a doctest. One namespace for the whole file, from top to bottom.
     console   each `$ barewire ...` is run and its output compared with the lines below it. A line `...` stands for
-              any number of lines. Without lines below, it must only end well. What is not `barewire` (pip, make,
-              socat) is there for the reader and not run.
+              any number of lines. Without lines below, its exit status must be 0. Other commands (pip, make, socat)
+              are not run.
     others    are pictures, tables, data: not run.
 
-A file's blocks share an empty working directory, so one block can write what the next one reads. A block that cannot
-run here says why in the line before it:
+The blocks of a file share an empty working directory, so one block can write a file that the next one reads. A block
+that cannot run here has the reason in the line before it:
 
     <!-- test: skip (needs a drive on /dev/ttyUSB0) -->
 """
@@ -46,15 +46,15 @@ def named(file: Path) -> str:
 
 
 @pytest.mark.parametrize("file", MODULES, ids=named)
-def test_docstrings(file: Path) -> None:
+def test_docstring_examples_run(file: Path) -> None:
     name = ".".join(file.relative_to(SRC).with_suffix("").parts).removesuffix(".__init__")
     module = importlib.import_module(name)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    said: list[str] = []
+    output: list[str] = []
     for example in doctest.DocTestFinder(exclude_empty=True).find(module, name):
-        runner.run(example, out=said.append)
-    assert runner.tries, f"{named(file)}: holds >>> but no docstring that doctest can find"
-    assert not runner.failures, "\n" + "".join(said)
+        runner.run(example, out=output.append)
+    assert runner.tries, f"{named(file)}: contains >>> but no docstring that doctest can find"
+    assert not runner.failures, "\n" + "".join(output)
 
 
 # Markdown --------------------------------------------------------------------------------------------------------
@@ -87,14 +87,14 @@ def blocks(page: str) -> Iterator[Block]:
 
 
 def run_python(block: Block, page: str, names: dict[str, Any]) -> str:
-    """Run a block; return what went wrong, or nothing."""
+    """Run a block; return the error as text, or an empty text."""
     if re.search(r"^\s*>>> ", block.text, re.MULTILINE):
-        said: list[str] = []
+        output: list[str] = []
         runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
         example = doctest.DocTestParser().get_doctest(block.text, names, page, page, block.line - 1)
-        runner.run(example, out=said.append, clear_globs=False)
+        runner.run(example, out=output.append, clear_globs=False)
         names.update(example.globs)  # doctest works on a copy
-        return "".join(said)
+        return "".join(output)
     try:
         # Empty lines before it, so that a traceback counts lines as the page does.
         exec(compile("\n" * (block.line - 1) + block.text, page, "exec", dont_inherit=True), names)
@@ -114,7 +114,7 @@ class Command(NamedTuple):
 
 
 def commands(block: Block) -> Iterator[Command]:
-    """Each `$ ` line (continued after a backslash) with the output that stands below it."""
+    """Each `$ ` line (continued after a backslash) with the output below it."""
     lines = list(enumerate(block.text.splitlines(), start=block.line))
     while lines:
         number, typed = lines.pop(0)
@@ -131,13 +131,13 @@ def commands(block: Block) -> Iterator[Command]:
 
 
 def fits(expected: list[str], got: list[str]) -> bool:
-    """Line by line the same, where an expected line `...` stands for any number of lines."""
+    """Whether the lines are equal; an expected line `...` matches any number of lines."""
     pattern = "".join("(.*\n)*?" if line.strip() == "..." else re.escape(line) + "\n" for line in expected)
     return re.fullmatch(pattern, "".join(line + "\n" for line in got)) is not None
 
 
 def run_console(block: Block, page: str) -> str:
-    """Run the barewire commands of a block; return what went wrong, or nothing."""
+    """Run the barewire commands of a block; return the error as text, or an empty text."""
     # A terminal of 100 columns without colours, the same on every machine.
     terminal = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "PYTHONUTF8": "1"}
     for line, words, expected in commands(block):
@@ -172,7 +172,7 @@ def run_console(block: Block, page: str) -> str:
 
 
 def run_page(text: str, page: str) -> str:
-    """Run all blocks of a page in order and in the current directory; return everything that went wrong."""
+    """Run all blocks of a page in order and in the current directory; return all errors as text."""
     names: dict[str, Any] = {"__name__": "__page__"}
     wrong = ""
     for block in blocks(text):
@@ -188,15 +188,15 @@ def run_page(text: str, page: str) -> str:
 
 
 @pytest.mark.parametrize("file", PAGES, ids=named)
-def test_pages(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_of_a_page_run(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     wrong = run_page(file.read_text(encoding="utf-8"), named(file))
     assert not wrong, "\n" + wrong
 
 
 @pytest.mark.parametrize("file", PAGES, ids=named)
-def test_links(file: Path) -> None:
-    """A link to a file of this repository leads somewhere."""
+def test_links_of_a_page_lead_to_files(file: Path) -> None:
+    """Each link to a file of this repository has an existing target."""
     gone = []
     for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
         for target in re.findall(r"\]\(([^)#\s]+)", line):
@@ -205,7 +205,7 @@ def test_links(file: Path) -> None:
     assert not gone, "\n" + "\n".join(gone)
 
 
-# The examiner examined -------------------------------------------------------------------------------------------
+# The functions above ---------------------------------------------------------------------------------------------
 
 GOOD_PAGE = """\
 ```python
@@ -241,7 +241,7 @@ def test_blocks_share_one_namespace() -> None:
 
 
 @pytest.mark.parametrize(
-    ("page", "says"),
+    ("page", "reported"),
     [
         ("text\n\n```python\none = 1\nassert one == 2\n```\n", "page.md:5: AssertionError"),
         ("```python\none =\n```\n", "page.md:2:"),
@@ -252,8 +252,8 @@ def test_blocks_share_one_namespace() -> None:
         ("```console\n$ barewire --help\nsurprise\n```\n", "page.md:2: $ barewire --help\n  page  | surprise"),
     ],
 )  # fmt: skip
-def test_a_wrong_example_is_found(page: str, says: str) -> None:
-    assert says in run_page(page, "page.md")
+def test_a_wrong_example_is_reported(page: str, reported: str) -> None:
+    assert reported in run_page(page, "page.md")
 
 
 def test_dots_stand_for_any_number_of_lines() -> None:

@@ -1,6 +1,6 @@
-"""What an import loads, module by module, in a fresh interpreter.
+"""The modules that an import loads, in a fresh interpreter.
 
-How long it takes and how much memory it needs is measured by `bench/test_footprint.py`; here nothing is timed.
+`bench/test_footprint.py` measures time and memory of imports; here only the names of modules are compared.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ SRC = Path(__file__).parent.parent / "src"
 
 DOOR = {"barewire", "barewire._lazy"}
 ENVELOPE = {*DOOR, "barewire.errors", "barewire.modbus", "barewire.modbus.adu"}
-ENVELOPE |= {"barewire.modbus.messages"}  # the list of message names, and no message
+ENVELOPE |= {"barewire.modbus.messages"}  # only the list of message names
 HEAVY = {"asyncio", "dataclasses", "inspect", "ast", "ssl", "socket", "logging", "tomllib", "subprocess", "json"}
-"""What a room of pure bytes does not need. (`enum` and `re` come with `typing` on CPython 3.11 and 3.12.)"""
+"""Modules that a room of pure bytes must not load. (`enum` and `re` come with `typing` on CPython 3.11 and 3.12.)"""
 
 
 def loaded(statement: str) -> set[str]:
-    """The modules that a statement adds. `-I -S`: nothing of the environment is there before it."""
+    """The modules that a statement adds. With `-I -S` nothing of the environment is loaded before it."""
     look = f"import sys; sys.path.insert(0, {str(SRC)!r}); there = set(sys.modules); {statement}; "
     look += "print(*(set(sys.modules) - there))"
     run = subprocess.run([sys.executable, "-I", "-S", "-c", look], capture_output=True, text=True, check=False)
@@ -63,7 +63,7 @@ OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "bare
 
 
 def files(found: set[str], room: str) -> set[str]:
-    """Which files of a room are among the modules."""
+    """The files of a room among the modules."""
     return {name.removeprefix(f"{room}.") for name in found if name.startswith(f"{room}.")}
 
 
@@ -71,7 +71,7 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
     found = loaded(BLOCKING)
     assert not NO_CLIENT_NEEDS & found
     assert not set(OTHER_ROOMS) & found
-    # No message before one is said, not even what a bus itself may have to say, nor how values become bytes.
+    # No message is loaded before one is sent, not even the bus's own probes, and no codec.
     assert "barewire.codecs" not in found
     assert files(found, "barewire.modbus") == {
         "adu",
@@ -105,7 +105,7 @@ def test_the_first_message_loads_its_file_and_the_base_of_messages() -> None:
 
 
 def test_the_asyncio_client_loads_asyncio_and_little_more() -> None:
-    """What asyncio loads differs by version. On top of it come only the files that the blocking client has."""
+    """asyncio itself loads other modules in each version. Beyond them only the files of the blocking client load."""
     found = loaded("import asyncio; there = set(sys.modules); from barewire import AsyncModbusClient")
     assert not (NO_CLIENT_NEEDS - {"asyncio", "ssl", "logging", "subprocess"}) & found - {"pathlib", "random"}
     assert not set(OTHER_ROOMS) & found
@@ -137,7 +137,7 @@ CANOPEN = "from barewire import CanopenClient"
 
 
 def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() -> None:
-    """`typing` and `dataclasses` are not spared here: python-can, which every opened bus needs, brings both along."""
+    """`typing` and `dataclasses` are allowed here: python-can, which every opened bus needs, loads both."""
     found = loaded(CANOPEN)
     assert not found & {
         "can",
@@ -169,7 +169,7 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
 
 
 def test_a_client_or_server_loads_no_other() -> None:
-    for name, strangers in {
+    for name, others in {
         "io.Endpoint": ("engine", "modbus", "canopen", "server"),
         "ModbusClient": ("engine.asyncio", "modbus.async_client", "canopen", "server"),
         "AsyncModbusClient": ("modbus.client", "canopen", "server"),
@@ -177,7 +177,7 @@ def test_a_client_or_server_loads_no_other() -> None:
     }.items():
         room, _, what = f"barewire.{name}".rpartition(".")
         found = files(loaded(f"from {room} import {what}"), "barewire.io")
-        assert not found & set(strangers), name
+        assert not found & set(others), name
 
 
 def test_a_method_loads_the_file_of_its_message_only() -> None:
@@ -204,7 +204,7 @@ def test_reading_by_name_over_modbus_loads_no_canopen() -> None:
 
 
 def test_the_reasons_are_those_of_their_type() -> None:
-    """`Reason` is written for type checkers, so a program cannot read it, but the source can be read."""
+    """`Reason` exists for type checkers only, so the test reads it from the source."""
     tree = ast.parse((SRC / "barewire" / "errors.py").read_text(encoding="utf-8"))
     literals = [
         node.value.slice

@@ -1,4 +1,4 @@
-"""`needs("...")`: skipped with the way to get it; never skipped in CI; a name that is not in the list is an error."""
+"""The marker `needs("...")`: a skip names the package; CI allows no skip; a name outside the list is an error."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ def run_suite(folder: Path, suite: str, **environment: str) -> str:
     return run.stdout + run.stderr
 
 
-def test_a_missing_program_is_a_skip_that_says_how_to_get_it(tmp_path: Path) -> None:
-    said = run_suite(tmp_path, SUITE)
-    assert "needs mbfly: apt-get install mbfly-tools" in said
-    assert "needs header: apt-get install libfly-dev" in said
-    assert "1 passed, 2 skipped, 1 xfailed" in said
+def test_a_missing_program_is_a_skip_with_the_package_to_install(tmp_path: Path) -> None:
+    output = run_suite(tmp_path, SUITE)
+    assert "needs mbfly: apt-get install mbfly-tools" in output
+    assert "needs header: apt-get install libfly-dev" in output
+    assert "1 passed, 2 skipped, 1 xfailed" in output
 
 
 def test_in_ci_a_skip_is_a_failure(tmp_path: Path) -> None:
-    said = run_suite(tmp_path, SUITE, BAREWIRE_NO_SKIPS="1")
-    assert "needs mbfly: apt-get install mbfly-tools" in said
-    assert "1 passed, 1 xfailed, 2 errors" in said
+    output = run_suite(tmp_path, SUITE, BAREWIRE_NO_SKIPS="1")
+    assert "needs mbfly: apt-get install mbfly-tools" in output
+    assert "1 passed, 1 xfailed, 2 errors" in output
 
 
 @pytest.mark.parametrize("skip", ["pytest.importorskip('no_such_module')", "pytest.skip('x', allow_module_level=True)"])
@@ -72,5 +72,5 @@ def test_in_ci_a_whole_file_cannot_be_skipped_either(tmp_path: Path, skip: str) 
 
 
 def test_a_name_that_is_not_in_the_list_is_an_error(tmp_path: Path) -> None:
-    said = run_suite(tmp_path, SUITE.replace('"header"', '"haeder"'))
-    assert "needs('haeder') is not a name in" in said
+    output = run_suite(tmp_path, SUITE.replace('"header"', '"haeder"'))
+    assert "needs('haeder') is not a name in" in output

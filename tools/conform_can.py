@@ -1,7 +1,4 @@
-"""Writes docs/conform-canopen.md: every case of the CANopen conformance battery, as the code has it.
-
-python tools/conform_can.py
-"""
+"""Writes docs/conform-canopen.md, the list of all CANopen conformance cases: run `python tools/conform_can.py`."""
 
 from __future__ import annotations
 
@@ -104,7 +101,7 @@ The list for a device that supports everything. *Accepted* explains what is not 
 
 
 def subject() -> Subject:
-    """A device with everything that a case can need."""
+    """A device with all objects that any case needs."""
     address = LssAddress(0x360, 1, 0x1_0002, 7)
     objects = [
         *standard_objects(address, name="barewire plain device"),

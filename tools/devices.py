@@ -1,10 +1,10 @@
 """Writes docs/devices.md: run `python tools/devices.py` after every change of the catalogue.
 
-    counts        each table of the manuals: how many rows the page has, and how many the catalogue has
-    corrections   every `printed`: the text of the page, and the value in the catalogue
+    counts        for each table of the manuals its number of rows, there and in the catalogue
+    corrections   every `printed`: the text in the manual, and the value in the catalogue
 
-The numbers of the manuals are constants here, as counted on the pages; the others are counted by this tool. The tests
-call the same functions, and fail if the two differ or if the page is out of date.
+The numbers of the manuals are constants, as counted on their pages; this tool counts the catalogue. The tests call the
+same functions, and fail if the two differ or if the page is out of date.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Row = dict[str, Any]
 
 
 class Count(NamedTuple):
-    """One table of a manual: the number of its rows, and how to count those of the catalogue."""
+    """One table of a manual: the number of its rows, and a function that counts those of the catalogue."""
 
     device: str
     table: str
@@ -33,7 +33,7 @@ class Count(NamedTuple):
 
 
 def rows(device: str, *files: str) -> list[Row]:
-    """The [[parameter]] rows of some files of a device, of all files without names."""
+    """The [[parameter]] rows in the given files of a device, or in all its files."""
     found: list[Row] = []
     for file in sorted((CATALOG / device).glob("*.toml")):
         if not files or file.stem in files:
@@ -54,13 +54,13 @@ def guide_objects() -> list[Row]:
 
 
 def addresses(device: str) -> int:
-    """How many register addresses the parameters take."""
+    """The number of register addresses of all parameters."""
     wide = {"u32": 2, "i32": 2, "f32": 2}
     return len({row["holding"] + word for row in rows(device) for word in range(wide.get(row["type"], 1))})
 
 
 def commands(number: str) -> int:
-    """The rows of table 3 of the ADXL; Save and reboot is in the table of the parameter setting."""
+    """The number of commands in table 3 of the ADXL, or in the table of parameter settings (Save and reboot)."""
     return sum((row["name"] == "Save and reboot") == (number == "setting") for row in rows("adxl", "commands"))
 
 
@@ -155,7 +155,7 @@ def _corrections(device: str) -> Iterator[str]:
 
 
 def _own_tables(device: str) -> Iterator[Row]:
-    """The corrected tables of device.toml that are no parameters, such as [serial] or [[motor]]."""
+    """The corrected tables of device.toml other than parameters, such as [serial] or [[motor]]."""
     for name, table in head(device).items():
         for one in table if isinstance(table, list) else [table]:
             if isinstance(one, dict) and "printed" in one:

@@ -1,8 +1,8 @@
-"""Draws which room imports which, from the imports of the source, into ARCHITECTURE.md:   python tools/rooms.py
+"""Draws the imports between rooms into ARCHITECTURE.md: run `python tools/rooms.py`.
 
-A room is a package; in the drawing of a room's inside, the files beside its packages are rooms too. A room stands above
-every room that it imports, so all arrows point down. `tests/test_layers.py` uses the same functions: it fails on a
-circle of files, and when the drawing in ARCHITECTURE.md is not the one of today's imports.
+A room is a package; in the drawing of the inside of a room, the files beside its packages are rooms too. A room is
+drawn above every room that it imports, so all arrows point down. `tests/test_layers.py` uses the same
+functions: it fails on a circle of files, and when the drawing in ARCHITECTURE.md is out of date.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SRC = ROOT / "src"
 PAGE = ROOT / "ARCHITECTURE.md"
 BEGIN, END = "<!-- drawn by tools/rooms.py -->\n", "<!-- end of the drawing -->\n"
 INSIDE = ("modbus", "canopen", "canopen.sdo", "devices", "explain", "io")
-"""The rooms whose inside is drawn too."""
+"""The rooms whose inside is drawn, too."""
 
 Graph = dict[str, set[str]]
 
@@ -69,7 +69,7 @@ def file_imports() -> Graph:
 
 
 def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
-    """The groups of two and more that import each other, directly or by way of others (Tarjan's algorithm)."""
+    """The groups of two or more that import each other, directly or through others (Tarjan's algorithm)."""
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
@@ -141,7 +141,7 @@ def drawing(within: str = "") -> str:
 
 
 def page() -> str:
-    """ARCHITECTURE.md with the drawings of today."""
+    """ARCHITECTURE.md with the drawings up to date."""
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
     parts = [f"```\n{drawing()}\n```\n"]
