@@ -126,7 +126,7 @@ def readiness(connection: socket.socket) -> Callable[[float], object]:
     return lambda timeout: poll(1e3 * min(timeout, LONGEST_WAIT) if timeout else 0)
 
 
-def listen(endpoint: Endpoint) -> tuple[socket.socket, str]:
+def listening_socket(endpoint: Endpoint) -> tuple[socket.socket, str]:
     """The socket of a server at this endpoint, and the URL that clients use: port 0 takes a free one.
 
     Raises PortError for a port that cannot be taken.

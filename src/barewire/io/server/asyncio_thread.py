@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.tcp import listen
+from barewire.io.ports.tcp import listening_socket
 from barewire.io.server.asyncio_stream import server_at
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import Inject
@@ -25,7 +25,7 @@ class AsyncioService:
     ) -> None:
         self._server = server_at(endpoint, units, authorization, inject)
         self.connections = self._server.connections
-        self._listener, self.url = listen(endpoint)
+        self._listener, self.url = listening_socket(endpoint)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""

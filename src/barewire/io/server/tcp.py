@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import CHUNK, listen, reason, set_socket_options
+from barewire.io.ports.tcp import CHUNK, listening_socket, reason, set_socket_options
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, send_replies
 from barewire.modbus.server.server import Server
@@ -46,7 +46,7 @@ class TcpService:
         self.endpoint = endpoint
         self.units = units
         modbus_line(endpoint, "server", units)  # raises for wrong options before the port is taken
-        self._listener, self.url = listen(endpoint)
+        self._listener, self.url = listening_socket(endpoint)
         self._listener.setblocking(False)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
