@@ -128,6 +128,8 @@ def can_be_host(name: str) -> bool:
     >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
     (True, False, False, True)
     """
+    if not name.isprintable():
+        return False
     if name.isascii():
         *labels, last = name.split(".")
         return all(0 < len(label) < 64 for label in labels) and len(last) < 64
@@ -135,6 +137,12 @@ def can_be_host(name: str) -> bool:
         return bool(name.encode("idna"))  # loads a codec, and `re` with it
     except UnicodeError:
         return False
+
+
+def check_timeout(timeout: float | None) -> None:
+    """Raise EncodeError for a time-out that would never end (nan), is negative, or is no number."""
+    if timeout is not None and not (isinstance(timeout, (int, float)) and timeout >= 0):
+        raise EncodeError(f"time-out {shown(timeout)}: expected 0 or more seconds", "timeout")
 
 
 SetDirection = Callable[[bool], None]
@@ -147,7 +155,7 @@ def _text(url: str, key: str, value: object) -> str:
         return str(fspath(value))
     if isinstance(value, float):
         return str(int(value)) if value.is_integer() else str(value)
-    if isinstance(value, int):
+    if isinstance(value, int) and value.bit_length() <= 256:
         return str(int(value))
     raise EncodeError(f"endpoint {url!r}: {key}={shown(value)}: expected a text, a number, a boolean or a path", key)
 

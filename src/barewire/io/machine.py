@@ -127,6 +127,10 @@ class AsyncMachineClient(AsyncNamedValues):
     ) -> None:
         await self.client.__aexit__(kind, error, at)
 
+    def close(self) -> None:
+        """Close the client."""
+        self.client.close()
+
     @property
     def readable(self) -> list[str]:
         """The names of all parameters that can be read over this wire."""

@@ -41,7 +41,11 @@ def described(device: str | Path | Device) -> Device:
 
     from barewire.devices.description.load import load
 
-    return load(device) if isinstance(device, (str, Path)) else device
+    if isinstance(device, (str, Path)):
+        return load(device)
+    if not (hasattr(device, "modbus") and hasattr(device, "canopen")):
+        raise EncodeError(f"device {shown(device)}: expected the name or the path of a description, or a Device")
+    return device
 
 
 class _Names(ABC):
@@ -75,6 +79,10 @@ class _Names(ABC):
             name = {name: value}
         self._names(name)
         return name  # type: ignore[no-any-return]
+
+    # The values cannot be iterated over or searched: Python would call __getitem__ with 0, 1, 2, ...
+    __iter__: None = None
+    __contains__: None = None
 
 
 class NamedValues(_Names):

@@ -152,7 +152,7 @@ def test_a_client_refuses_wrong_urls_and_options() -> None:
         "CANopen needs can://INTERFACE/CHANNEL": ("tcp://127.0.0.1", {}),
         "node 200: expected 1..127": ("can://virtual/x?node=200", {}),
         "node 0: expected 1..127": ("can://virtual/x", {"node": 0}),
-        "time-out -1": ("can://virtual/x", {"timeout": -1}),
+        "timeout='-1'": ("can://virtual/x", {"timeout": -1}),
         "SDO dialect 'french': expected one of": ("can://virtual/x?dialect=french", {}),
         "5: expected a URL such as": (5, {}),
         "bitrate: an option of a bus that is opened by its URL": (MemoryPort(), {"bitrate": 5}),

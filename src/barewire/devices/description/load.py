@@ -21,7 +21,7 @@ from typing import Any, cast
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.build import build_device
 from barewire.devices.device import Device, UnknownName, fold, suggest
-from barewire.errors import shown
+from barewire.errors import EncodeError, shown
 
 CATALOG = Path(__file__).parent.parent / "catalog"
 DEVICE_FILE = "device.toml"
@@ -50,6 +50,8 @@ def load(name_or_path: str | Path) -> Device:
     A device of the catalogue is read once in a process. Raises UnknownName for what is neither, DescriptionError with
     file, line and key for a description that does not follow the format.
     """
+    if not isinstance(name_or_path, (str, os.PathLike)):
+        raise EncodeError(f"device {shown(name_or_path)}: expected the name or the path of a description")
     plain, mark, option = str(name_or_path).rpartition("?")
     if mark and not os.path.isdir(name_or_path):
         key, _, order = option.partition("=")

@@ -17,7 +17,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -34,8 +34,8 @@ from barewire.io.canopen.subscriber import (
     FrameBus,
     Key,
     Subscriber,
-    check_timeout,
 )
+from barewire.io.endpoint import check_timeout
 from barewire.io.ports.base import SEND_TIMEOUT, no_room
 
 E = TypeVar("E")
@@ -154,6 +154,27 @@ async def wait_until_open(bus: CanBus, timeout: float) -> None:
                 await asyncio.wait_for(is_open.wait(), timeout)
         finally:
             bus.forget(wake)
+
+
+async def open_in_thread(open_bus: Callable[[], CanBus]) -> CanBus:
+    """Open a bus in a thread. If the task is cancelled meanwhile, the bus is closed as soon as it is open."""
+    opened: list[CanBus] = []
+    abandoned = threading.Event()
+
+    def work() -> CanBus:
+        bus = open_bus()
+        opened.append(bus)
+        if abandoned.is_set():
+            bus.close()
+        return bus
+
+    try:
+        return await asyncio.to_thread(work)
+    except asyncio.CancelledError:
+        abandoned.set()
+        for bus in opened:
+            bus.close()
+        raise
 
 
 @contextlib.asynccontextmanager

@@ -18,14 +18,22 @@ from barewire.canopen import CanFrame
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream, AsyncSubscriber, channels_locked, wait_until_open
+from barewire.io.canopen.async_bus import (
+    AsyncRunning,
+    AsyncStream,
+    AsyncSubscriber,
+    channels_locked,
+    open_in_thread,
+    wait_until_open,
+)
 from barewire.io.canopen.client_base import ClientBase
 from barewire.io.canopen.event_stream import Listener
 from barewire.io.canopen.methods.operations import AsyncBusRunner, BackgroundTask, BusOperation, Subscription
 from barewire.io.canopen.node import AsyncDeviceNode, EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Speaker
 from barewire.io.canopen.shared_bus import CanBus, WatchFrames
-from barewire.io.canopen.subscriber import Key, check_timeout
+from barewire.io.canopen.subscriber import Key
+from barewire.io.endpoint import check_timeout
 from barewire.io.engine.asyncio import run
 from barewire.io.ports.base import Port
 
@@ -59,15 +67,19 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner]):
         # The client itself is the runner of its methods.
         super().__init__(self, bus, node, timeout, dialect, watch, options)
         self._receiving = asyncio.Lock()
+        self._connecting = asyncio.Lock()
         self._everything: AsyncSubscriber | None = None
         self._closed = False
         if self._endpoint is None:
-            self._open()
+            self._bus = self._new_bus()
 
     async def connect(self) -> Self:
         """Open the bus, unless it is open. Raises PortError."""
-        if self._bus is None:
-            await asyncio.to_thread(self._open)
+        async with self._connecting:
+            if self._bus is None:
+                self._bus = await open_in_thread(self._new_bus)
+                if self._closed:
+                    await asyncio.to_thread(self._bus.close)
         return self
 
     async def __aenter__(self) -> Self:

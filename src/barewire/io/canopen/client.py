@@ -31,7 +31,8 @@ from barewire.io.canopen.methods.operations import BackgroundTask, BlockingBusRu
 from barewire.io.canopen.node import DeviceNode, EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Running, Speaker
 from barewire.io.canopen.shared_bus import CanBus, WatchFrames
-from barewire.io.canopen.subscriber import Key, Subscriber, check_timeout
+from barewire.io.canopen.subscriber import Key, Subscriber
+from barewire.io.endpoint import check_timeout
 from barewire.io.engine.blocking import run
 from barewire.io.ports.base import Port
 
@@ -69,7 +70,7 @@ class CanopenClient(ClientBase[BlockingBusRunner]):
         self._receiving = threading.Lock()
         self._everything: Subscriber | None = None
         self._closed = False
-        self._open()
+        self._bus = self._new_bus()
 
     def __enter__(self) -> Self:
         return self

@@ -15,7 +15,7 @@ from weakref import WeakSet
 from barewire import canopen
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import DEFAULT_TIMEOUT
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.event_stream import FrameListener
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL, NetworkNmtMethods
 from barewire.io.canopen.methods.operations import (
@@ -31,7 +31,8 @@ from barewire.io.canopen.methods.operations import (
 )
 from barewire.io.canopen.node_runner import Speaker
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
-from barewire.io.canopen.subscriber import Key, check_timeout
+from barewire.io.canopen.subscriber import Key
+from barewire.io.endpoint import check_timeout
 from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
@@ -65,13 +66,13 @@ class ClientBase(Methods[R]):
         self._endpoint: Endpoint | None = None
         self._bus: CanBus | None = None
         self._watch = watch
-        check_timeout(timeout)
         if isinstance(bus, str):
             endpoint = self._endpoint = can_endpoint(bus, node=node, timeout=timeout, **options)
             node = endpoint.integer("node", 0) or None
             timeout = endpoint.timeout
             dialect = dialect or endpoint.options.get("dialect")
         else:
+            check_timeout(timeout)
             if options or watch is not None:
                 names = ", ".join([*options, *(["watch"] if watch is not None else [])])
                 raise EncodeError(f"{names}: an option of a bus that is opened by its URL; this one is open")
@@ -99,12 +100,11 @@ class ClientBase(Methods[R]):
             raise PortError(f"{self._endpoint}: not connected: enter `async with`, or await connect()")
         return self._bus
 
-    def _open(self) -> CanBus:
+    def _new_bus(self) -> CanBus:
+        """The bus that the constructor was given, or a new one for its URL or port."""
         if self._endpoint is not None:
-            self._bus = CanBus.open(self._endpoint, watch=self._watch)
-        elif self._bus is None and self._port is not None:
-            self._bus = CanBus(self._port)
-        return self.bus
+            return CanBus.open(self._endpoint, watch=self._watch)
+        return self.bus if self._port is None else CanBus(self._port)
 
     def channel(self, node: int | None = None) -> Channel:
         """The channel to the default SDO server of a node."""
@@ -208,8 +208,10 @@ class ClientBase(Methods[R]):
 def _dialect(dialect: str | SdoDialect | None) -> SdoDialect:
     if dialect is None or dialect == STANDARD.name:
         return STANDARD
-    if not isinstance(dialect, str):
+    if isinstance(dialect, SdoDialect):
         return dialect
+    if not isinstance(dialect, str):
+        raise EncodeError(f"dialect {shown(dialect)}: expected its name, or an SdoDialect", "dialect")
     from barewire.devices.sdo_dialects import sdo_dialect  # loaded only for a dialect that is not the standard's
 
     return sdo_dialect(dialect)

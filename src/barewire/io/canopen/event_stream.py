@@ -31,8 +31,8 @@ from barewire.io.canopen.subscriber import (
     FramesLost,
     Key,
     Subscriber,
-    check_timeout,
 )
+from barewire.io.endpoint import check_timeout
 
 E_co = TypeVar("E_co", covariant=True)
 E = TypeVar("E")

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from os import fspath
 from typing import TYPE_CHECKING, Any
 
 from barewire import canopen
 from barewire.canopen.sdo.dialect import SdoDialect
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
 from barewire.io.canopen.methods.operations import (
     AsyncBusRunner,
@@ -213,9 +214,12 @@ def dictionary_of(eds: str | Path | Eds | ObjectDictionary, node: int) -> Object
     if isinstance(eds, Eds):
         return eds.dictionary(node)
     try:
-        with open(eds, "rb") as file:
+        with open(fspath(eds), "rb") as file:
             data = file.read()
-    except (OSError, TypeError) as error:
+    except (OSError, TypeError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "expected a path, an EDS, or an ObjectDictionary"
-        raise EncodeError(f"eds {str(eds)!r}: {why}", "eds") from None
-    return parse(data).dictionary(node)
+        raise EncodeError(f"eds {shown(eds)}: {why}", "eds") from None
+    described = parse(data)
+    if not described.objects:
+        raise EncodeError(f"eds {shown(str(eds))}: the file describes no object", "eds")
+    return described.dictionary(node)

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.errors import BarewireError, PortError
 
 SUBSCRIBER_ROOM = 4096
 """Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
@@ -27,12 +27,6 @@ LONGEST_PULL = 86400.0
 
 Key: TypeAlias = tuple[int, bool]
 """The sender of a frame: (identifier, extended)."""
-
-
-def check_timeout(timeout: float | None) -> None:
-    """Raise EncodeError for a time-out that would never end (nan) or is negative."""
-    if timeout is not None and not timeout >= 0:
-        raise EncodeError(f"time-out {timeout} s: expected 0 or more")
 
 
 class FramesLost(NamedTuple):

@@ -35,6 +35,15 @@ class CanopenNode(Protocol):
 
 
 _LOCK = "_barewire_lock"
+
+
+class _MachineLock(type(threading.RLock())):  # type: ignore[misc]  # the class has no public name
+    """The lock of one machine. A copy of the machine, and a pickled one, has a new lock."""
+
+    def __reduce__(self) -> tuple[type[_MachineLock], tuple[()]]:
+        return _MachineLock, ()
+
+
 _shared_lock = threading.RLock()
 """For objects that cannot have attributes, and so no lock of their own."""
 
@@ -51,13 +60,12 @@ def exclusive(thing: object) -> AbstractContextManager[Any]:
     no other thread is in the table
     """
     owner = getattr(thing, "machine", thing)
-    try:
-        attributes = vars(owner)
-    except TypeError:
+    attributes = getattr(owner, "__dict__", None)
+    if not isinstance(attributes, dict):
         return _shared_lock
     found: AbstractContextManager[Any] | None = attributes.get(_LOCK)
     # One step of the interpreter: of two threads that come first, both get the same lock.
-    return attributes.setdefault(_LOCK, threading.RLock()) if found is None else found
+    return attributes.setdefault(_LOCK, _MachineLock()) if found is None else found
 
 
 class SharedUnit:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 from barewire.modbus import Adu
 from barewire.rtu import frame as rtu_frame
 from barewire.tcp import frame as tcp_frame
@@ -197,11 +197,15 @@ class Faults(Generic[Item]):
         delay: float = LATE,
         on_fault: Callable[[str], None] | None = None,
     ) -> None:
-        for kind in faults:
+        if not isinstance(faults, Mapping):
+            raise EncodeError(f"faults {shown(faults)}: expected a text such as 'late:0.5,drop', or a dict", "faults")
+        for kind, probability in faults.items():
             if kind not in wire.kinds:
                 raise EncodeError(f"fault {kind!r} is not possible on this wire: expected {', '.join(wire.kinds)}")
-        if not 0 <= delay < _LONGEST_DELAY:
-            raise EncodeError(f"late = {delay:g}: expected seconds, from 0 on and below {_LONGEST_DELAY:g}")
+            if not (isinstance(probability, (int, float)) and 0 <= probability <= 1):
+                raise EncodeError(f"fault {kind!r}: {shown(probability)}: expected a probability, 0..1", "faults")
+        if not (isinstance(delay, (int, float)) and 0 <= delay < _LONGEST_DELAY):
+            raise EncodeError(f"late = {shown(delay)}: expected seconds, from 0 on and below {_LONGEST_DELAY:g}")
         self.counts: Counter[str] = Counter()
         """How often each fault happened."""
         self._wire, self._faults, self._delay, self._on_fault = wire, faults, delay, on_fault

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+import threading
 import time
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -49,23 +50,28 @@ class FaultyPort(Generic[Item]):
     def __init__(self, port: Port[Item], faults: Faults[Item], clock: Clock = time.monotonic) -> None:
         self._port, self._faults, self._clock = port, faults, clock
         self._late: DelayQueue[Item] = DelayQueue()
+        self._sending = threading.RLock()  # a node on a bus is received in one thread and may send in another
+        self.name: str = getattr(port, "name", "the port")
 
     def send(self, item: Item) -> None:
         """Send the item now or later, changed or not at all."""
-        for at, changed in self._faults.pass_on(item, self._clock()):
-            self._late.put(at, changed)
+        with self._sending:
+            for at, changed in self._faults.pass_on(item, self._clock()):
+                self._late.put(at, changed)
         self._deliver()
 
     def _deliver(self) -> None:
-        for item in self._late.take(self._clock):
-            self._port.send(item)
+        with self._sending:
+            for item in self._late.take(self._clock):
+                self._port.send(item)
 
     def receive(self, timeout: float) -> Item | None:
         """What the port inside receives; what falls due meanwhile is sent."""
         until = self._clock() + timeout
         while True:
             self._deliver()
-            wake = until if self._late.due is None else min(until, self._late.due)
+            due = self._late.due
+            wake = until if due is None else min(until, due)
             item = self._port.receive(max(0.0, wake - self._clock()))
             if item is not None or self._clock() >= until:
                 return item

@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
+from barewire.io.endpoint import check_timeout
 from barewire.io.engine.backoff import BackOff, random_fraction
 from barewire.io.engine.methods import AsyncioClient
 from barewire.io.modbus.async_connection import AsyncConnection
@@ -138,6 +139,7 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
     ) -> Coroutine[Any, Any, R]:
         """Send a request message and return its response message: as `ModbusClient.ask`."""
         checked_request(request)
+        check_timeout(timeout)
         at = self.unit_for(unit)
         limit = self.timeout if timeout is None else timeout
 

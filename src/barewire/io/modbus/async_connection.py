@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from barewire.conversation import Conversation
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.backoff import BackOff
@@ -60,8 +60,10 @@ class AsyncConnection:
         bus_options: dict[str, Any],
         watch: Watch | None = None,
     ) -> None:
-        if not 1 <= in_flight <= 16:
-            raise EncodeError(f"in_flight {in_flight}: expected 1..16 requests under way [MB-TCP 4.2.1]", "in_flight")
+        if not isinstance(in_flight, int) or not 1 <= in_flight <= 16:
+            raise EncodeError(
+                f"in_flight {shown(in_flight)}: expected 1..16 requests under way [MB-TCP 4.2.1]", "in_flight"
+            )
         bus = Bus(modbus_line(endpoint, "client"), **bus_options)
         if in_flight > 1 and not bus.line.numbered:
             raise EncodeError(

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, NoAnswer, PortError
+from barewire.io.endpoint import check_timeout
 from barewire.io.engine.backoff import BackOff, random_fraction
 from barewire.io.engine.methods import BlockingClient
 from barewire.io.modbus.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
@@ -136,6 +137,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
         (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError for what is no request message.
         """
         checked_request(request)
+        check_timeout(timeout)
         at = self.unit_for(unit)
         connection = self.connection
         limit = self.timeout if timeout is None else timeout

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire import modbus
 from barewire.conversation import DEFAULT_TIMEOUT
-from barewire.errors import shown
+from barewire.errors import EncodeError, shown
+from barewire.io.endpoint import check_timeout
 from barewire.io.engine.methods import bus_conversation, exchange, exchanges
 
 if TYPE_CHECKING:
@@ -67,6 +68,9 @@ class ModbusMethods:
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
         """The same client on the same connection, with another unit, another time-out in seconds, or both."""
+        if unit is not None and not (isinstance(unit, int) and 0 <= unit <= 255):
+            raise EncodeError(f"unit {shown(unit)}: expected 0..255", "unit")
+        check_timeout(timeout)
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other.unit = self.unit if unit is None else unit

@@ -26,6 +26,7 @@ async def connect_stream(
 ) -> StreamLink:
     """The same, with TLS inside if there is a `context`."""
     host, port = endpoint.host_and_port
+    name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     link = StreamLink(receive, lose)
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT):
@@ -33,9 +34,9 @@ async def connect_stream(
                 lambda: link, host, port, ssl=context, server_hostname=server_name
             )
     except TimeoutError:
-        raise PortError(f"{endpoint.place}: no connection within {CONNECT_TIMEOUT:g} s") from None
+        raise PortError(f"{name}: no connection within {CONNECT_TIMEOUT:g} s") from None
     except OSError as error:
-        raise PortError(f"{endpoint.place}: {tls_reason(error)}") from None
+        raise PortError(f"{name}: {tls_reason(error)}") from None
     return link
 
 

@@ -36,7 +36,7 @@ class TcpPort:
     """A connection to a server. Small frames are sent at once (TCP_NODELAY), dead peers are detected (SO_KEEPALIVE)."""
 
     def __init__(self, host: str, port: int, *, timeout: float = CONNECT_TIMEOUT) -> None:
-        self.name = f"{host}:{port}"
+        self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._socket = self._connect(host, port, timeout)
         self._socket.setblocking(False)
         self._is_ready = readiness(self._socket)
@@ -165,5 +165,7 @@ def reason(error: Exception) -> str:
     if isinstance(error, ConnectionError) and error.errno:
         error = OSError(error.errno, os.strerror(error.errno))  # asyncio has texts of its own
     text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
+    if text.startswith("error while attempting to bind"):
+        text = text.rpartition(": ")[2]
     text = text.partition(" (while attempting")[0]  # added by Python, with the address that the error has already
     return text[:1].lower() + text[1:]

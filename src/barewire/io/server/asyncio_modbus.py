@@ -68,6 +68,7 @@ class AsyncModbusServer:
             self._inject = LoopFaultInjector(
                 faults_at(self._endpoint, faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
             )
+        self._has_started = False
         self._server: StreamServer | DatagramServer | SerialServer | None = None
         self._network: StreamServer | DatagramServer | None = None
         if not self._endpoint.is_serial_port:
@@ -101,8 +102,9 @@ class AsyncModbusServer:
 
     async def start(self) -> None:
         """Take the port and begin to serve. PortError if it serves already, or was closed."""
-        if self._server is not None:
+        if self._has_started:
             raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
+        self._has_started = True
         if self._network is None:
             self._server = SerialServer(self._endpoint, self._units, self._inject)
             return
@@ -114,5 +116,6 @@ class AsyncModbusServer:
 
     async def close(self) -> None:
         """Close all connections and release the port."""
+        self._has_started = True
         if self._server is not None:
             await self._server.close()

@@ -78,14 +78,14 @@ class CanopenServer(ThreadedServer):
         self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
         if faults is not None:
             self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
+        self.url = str(endpoint)
         self._hub = _hub(endpoint)
         try:
             self.port: Port[CanFrame] = self.dial()
-        except PortError:
+        except BaseException:
             if self._hub is not None:
                 self._hub.close()
             raise
-        self.url = str(endpoint)
 
     def _serve(self, stop: threading.Event) -> None:
         clock, reopening, driver = time.monotonic, Reopening(self.dial, stop), NodeDriver(self._node)
@@ -143,9 +143,9 @@ def _with_faults(
 
 
 class AsyncCanopenServer:
-    """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`, without the faults.
+    """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`.
 
-    `async with` opens the bus.
+    Constructing it opens nothing; `async with` or `await start()` opens the bus.
     """
 
     def __init__(
@@ -155,11 +155,19 @@ class AsyncCanopenServer:
         device: Served | None = None,
         eds: str | Path | Eds | None = None,
         node: int | None = None,
+        faults: str | Mapping[str, float] | None = None,
+        fault_seed: int | None = None,
+        fault_delay: float | None = None,
+        on_fault: Callable[[str], None] | None = None,
         **options: Any,
     ) -> None:
-        self._endpoint = can_endpoint(url, node=node, **options)
-        self._node = SharedNode(_node_of(self._endpoint, device, eds))
-        self.url = str(self._endpoint)
+        endpoint = self._endpoint = can_endpoint(url, node=node, **options)
+        self._node = SharedNode(_node_of(endpoint, device, eds))
+        self.url = str(endpoint)
+        self._dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
+        if faults is not None:
+            self._dial = _with_faults(self._dial, faults, fault_seed, fault_delay, on_fault)
+        self._has_started = self._is_closed = False
         self._hub: SocketcandHub | None = None
         self._bus: CanBus | None = None
         self._running: AsyncRunning | None = None
@@ -169,24 +177,32 @@ class AsyncCanopenServer:
 
     def _open(self) -> CanBus:
         self._hub = _hub(self._endpoint)
-        try:
-            self._bus = CanBus.open(self._endpoint)
-        except PortError:
-            if self._hub is not None:
-                self._hub.close()
-            raise
-        return self._bus
+        if self._is_closed and self._hub is not None:  # closed meanwhile
+            self._hub.close()
+        return CanBus(self._dial(), dial=self._dial)
 
     async def __aenter__(self) -> Self:
-        from barewire.io.canopen.async_bus import AsyncRunning
-
-        self._running = AsyncRunning(await asyncio.to_thread(self._open), self._node, None)
+        await self.start()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
     ) -> None:
-        await self.aclose()
+        await self.close()
+
+    async def start(self) -> None:
+        """Open the bus and begin to serve. PortError if it serves already, or was closed."""
+        from barewire.io.canopen.async_bus import AsyncRunning, open_in_thread
+
+        if self._has_started:
+            raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
+        self._has_started = True
+        try:
+            self._bus = await open_in_thread(self._open)
+        except BaseException:
+            await self.close()
+            raise
+        self._running = AsyncRunning(self._bus, self._node, None)
 
     async def do(self, action: Action) -> None:
         """Call `action(now)`, then send the frames that it returns and those that became due."""
@@ -194,8 +210,9 @@ class AsyncCanopenServer:
             raise PortError(f"{self.url}: not served: enter `async with`")
         await self._running.do(action)
 
-    async def aclose(self) -> None:
-        """Stop serving and close the bus."""
+    async def close(self) -> None:
+        """Leave the bus."""
+        self._has_started = self._is_closed = True
         if self._running is not None:
             self._running.stop()
         if self._bus is not None:

@@ -134,9 +134,10 @@ def check_units(units: Mapping[int, Unit]) -> None:
     for address in units.keys():  # noqa: SIM118 - what iterates itself need not be a mapping
         if isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 255:
             raise EncodeError(f"units: address {shown(address)}: expected 0..255")
-        if not callable(getattr(units.get(address), "handle", None)):
+        unit = units.get(address)
+        if isinstance(unit, type) or not callable(getattr(unit, "handle", None)):
             expected = "a Table, Functions, or an object with handle(request, now)"
-            raise EncodeError(f"units: unit {address}: {shown(units.get(address))}: expected {expected}")
+            raise EncodeError(f"units: unit {address}: {shown(unit)}: expected {expected}")
 
 
 def port_number(url: str) -> int:

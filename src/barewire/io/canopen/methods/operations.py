@@ -34,7 +34,8 @@ from barewire.conversation import Conversation, Send
 from barewire.io.canopen.event_stream import Listener, Stream
 from barewire.io.canopen.node_runner import Running, Speaker
 from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Key, check_timeout
+from barewire.io.canopen.subscriber import Key
+from barewire.io.endpoint import check_timeout
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
