@@ -168,7 +168,7 @@ def test_a_client_reads_a_split_answer_and_rejects_the_others(wire: str) -> None
 
 def test_on_a_serial_line_noise_is_skipped_and_a_flipped_bit_is_detected() -> None:
     assert asked("noise", wire="rtu") == (0, 0)
-    with pytest.raises(NoAnswer, match="heard instead"):
+    with pytest.raises(NoAnswer, match="received instead"):
         asked("flip", wire="rtu")
 
 

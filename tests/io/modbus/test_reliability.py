@@ -284,7 +284,7 @@ def test_a_quirk_is_tolerated_only_with_its_option(option: str, change: Callable
     with peer(quirky(change)) as port:
         with (
             ModbusClient(f"tcp://127.0.0.1:{port}?timeout=2") as client,
-            pytest.raises(NoAnswer, match="heard instead"),
+            pytest.raises(NoAnswer, match="received instead"),
         ):
             client.read_holding_registers(7, 1)
         with ModbusClient(f"tcp://127.0.0.1:{port}?{option}=1") as client:

@@ -120,7 +120,7 @@ def test_other_bytes_and_the_answer_may_come_in_one_read(other: bytes) -> None:
 
 @pytest.mark.parametrize("other", OTHERS)
 def test_other_bytes_do_not_extend_the_timeout(other: bytes) -> None:
-    with refused(NoAnswer, "unit 1 did not answer Read Holding Registers within 1 s; heard instead: "):
+    with refused(NoAnswer, "unit 1 did not answer Read Holding Registers within 1 s; received instead: "):
         asked((other, 0.9), (ANSWER, 1.25))
 
 
@@ -166,7 +166,7 @@ def test_the_error_lists_what_was_received_instead(heard: bytes, text: str) -> N
 
 
 def test_the_error_mentions_an_incomplete_answer() -> None:
-    with refused(NoAnswer, "heard instead: 4 bytes without an end"):
+    with refused(NoAnswer, "received instead: 4 bytes without an end"):
         asked((ANSWER[:4], 0.99))
 
 

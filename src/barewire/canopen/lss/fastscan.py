@@ -1,4 +1,4 @@
-"""Fastscan: find devices without a node-ID whose address is unknown, bit by bit.   [CiA 305]
+"""Fastscan: find devices that have no node-ID and whose LSS address is unknown, bit by bit.   [CiA 305]
 
         51 | number | bit | sub | next       devices answer if their part `sub` equals `number` from bit `bit` upwards
 
@@ -42,7 +42,7 @@ _FLOOR = 0.010
 """The shortest time-out in seconds. A device answers within a millisecond or two; the rest is for the adapter."""
 
 KnownAddress = Sequence[int | None]
-"""Vendor-ID, product code, revision and serial number as far as they are known; None for an unknown part."""
+"""Vendor-ID, product code, revision and serial number; None for a part that is unknown."""
 
 _NOTHING_KNOWN: KnownAddress = (None, None, None, None)
 
@@ -58,28 +58,28 @@ class FastscanProgress(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Pace:
-    """The time-out, adapted to response times and to failures."""
+class _Timing:
+    """The time-out of requests, adapted to response times and to failures."""
 
     floor: float
     longest: float
     wait: float
-    linger: float = 0.0  # after an answer, for the answers of slower devices
+    linger: float = 0.0  # seconds of listening after an answer, for the answers of slower devices
     restarts: int = 0
 
-    def learn(self, took: float) -> None:
-        self.wait = min(max(self.wait, 3 * took), self.longest)
+    def note_answer(self, response_time: float) -> None:
+        self.wait = min(max(self.wait, 3 * response_time), self.longest)
 
-    def distrust(self) -> None:
-        """A frame was lost, or an answer came after the time-out."""
+    def note_failure(self) -> None:
+        """Wait longer from now on: a frame was lost, or an answer came after the time-out."""
         self.restarts += 1
         self.wait = min(2 * self.wait, self.longest)
         if self.linger:
             self.linger = min(2 * self.linger, self.longest)
 
     @property
-    def times(self) -> int:
-        """How often a request is sent before "no answer" is accepted: once, until a scan failed."""
+    def attempts(self) -> int:
+        """How often a request is sent before "no answer" is accepted: once as long as no scan has failed."""
         return 1 if not self.restarts else 2 if self.restarts < 4 else 3
 
 
@@ -99,46 +99,49 @@ def fastscan(
     """
     if len(known) != 4:
         raise EncodeError(f"{len(known)} known parts: expected 4, None for an unknown one")
-    pace = _Pace(floor, timeout, floor)
+    timing = _Timing(floor, timeout, floor)
     found: list[int | None] = [None, None, None, None]
-    denied = 0
-    while pace.restarts < attempts:
-        if (yield from _begin(pace, timeout)):
-            failed = yield from _scan(known, found, pace, progress)
+    unmatched = 0  # scans in which a known part was not confirmed
+    while timing.restarts < attempts:
+        if (yield from _begin(timing, timeout)):
+            failed = yield from _scan(known, found, timing, progress)
             if failed is None:
                 return LssAddress(*(part or 0 for part in found))
-            denied += known[failed] is not None
-            if denied == 3:
+            unmatched += known[failed] is not None
+            if unmatched == 3:
                 return None
-        elif not pace.restarts:
+        elif not timing.restarts:
             return None
-        pace.distrust()
-        # If the last answer was lost, its device is in configuration and no longer takes part: switch it back.
+        timing.note_failure()
+        # If the last answer was lost, a device is in configuration and no longer takes part: switch it back.
         yield from switch_global(LssState.WAITING)
     raise NoAnswer(f"fastscan ran {attempts} times and found no address that a device confirmed")
 
 
-def _begin(pace: _Pace, timeout: float) -> Conversation[CanFrame, bool]:
-    """Send the begin request, twice if unanswered; measure the response time and how far apart the answers are."""
+def _begin(timing: _Timing, timeout: float) -> Conversation[CanFrame, bool]:
+    """Send the begin request, at most twice; measure the response time and how far apart the answers are."""
     for _ in range(2):
         times = yield from _request(Fastscan(0, BEGIN, 0, 0), timeout, None)
         if times:
-            pace.learn(times[-1])
+            timing.note_answer(times[-1])
             if len(times) > 1:
-                pace.linger = max(pace.linger, pace.floor, 1.5 * (times[-1] - times[0]))
+                timing.linger = max(timing.linger, timing.floor, 1.5 * (times[-1] - times[0]))
             return True
     return False
 
 
 def _scan(
-    known: KnownAddress, found: list[int | None], pace: _Pace, progress: Callable[[FastscanProgress], None] | None
+    known: KnownAddress,
+    found: list[int | None],
+    timing: _Timing,
+    progress: Callable[[FastscanProgress], None] | None,
 ) -> Conversation[CanFrame, int | None]:
     """One pass over the four parts, collected in `found`. Returns the part that was not confirmed, None if all were."""
     for part in range(4):
         number = known[part] if known[part] is not None else found[part]
         if number is None:
-            number = yield from _scan_part(part, pace, progress)
-        if not (yield from _matches(Fastscan(number, 0, part, (part + 1) % 4), pace)):
+            number = yield from _scan_part(part, timing, progress)
+        if not (yield from _matches(Fastscan(number, 0, part, (part + 1) % 4), timing)):
             found[part] = None
             return part
         found[part] = number
@@ -146,23 +149,23 @@ def _scan(
 
 
 def _scan_part(
-    part: int, pace: _Pace, progress: Callable[[FastscanProgress], None] | None
+    part: int, timing: _Timing, progress: Callable[[FastscanProgress], None] | None
 ) -> Conversation[CanFrame, int]:
     number = 0
     for bit in range(31, -1, -1):
         if progress is not None:
-            progress(FastscanProgress(part, bit, number, pace.wait, pace.restarts))
-        if not (yield from _matches(Fastscan(number, bit, part, part), pace)):
+            progress(FastscanProgress(part, bit, number, timing.wait, timing.restarts))
+        if not (yield from _matches(Fastscan(number, bit, part, part), timing)):
             number |= 1 << bit
     return number
 
 
-def _matches(request: Fastscan, pace: _Pace) -> Conversation[CanFrame, bool]:
-    """Whether any device answers."""
-    for _ in range(pace.times):
-        times = yield from _request(request, pace.wait, pace.linger)
+def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]:
+    """Whether any device answers the request."""
+    for _ in range(timing.attempts):
+        times = yield from _request(request, timing.wait, timing.linger)
         if times:
-            pace.learn(times[0])
+            timing.note_answer(times[0])
             return True
     return False
 
@@ -183,7 +186,7 @@ def _request(request: Fastscan, wait: float, linger: float | None) -> Conversati
 
 
 class AssignedNode(NamedTuple):
-    """A device that was found and given a node-ID. `booted`: its boot-up message was received."""
+    """A device that was found and got a node-ID. `booted`: its boot-up message was received."""
 
     address: LssAddress
     node: int
@@ -200,12 +203,12 @@ def assign_node_ids(
     progress: Callable[[FastscanProgress], None] | None = None,
     found: Callable[[AssignedNode], None] | None = None,
 ) -> Conversation[CanFrame, list[AssignedNode]]:
-    """Find all devices without a node-ID and assign the node-IDs `nodes` in order, until no device or node-ID is left.
+    """Find devices without a node-ID and assign `nodes` to them in order, until no device or no node-ID is left.
 
     `known`, `timeout` and `floor` as in `fastscan`; `found` is called for each device. Raises LssRefused if a device
     refuses its node-ID or, with `store`, cannot store it.
     """
-    every: list[AssignedNode] = []
+    assigned: list[AssignedNode] = []
     yield from switch_global(LssState.WAITING)
     for node in nodes:
         address = yield from fastscan(known, timeout=timeout, floor=floor, progress=progress)
@@ -215,10 +218,10 @@ def assign_node_ids(
         if store:
             yield from store_configuration(timeout=timeout)
         now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
-        every.append(AssignedNode(address, node, (yield from _wait_for_boot_up(node, now + timeout))))
+        assigned.append(AssignedNode(address, node, (yield from _wait_for_boot_up(node, now + timeout))))
         if found is not None:
-            found(every[-1])
-    return every
+            found(assigned[-1])
+    return assigned
 
 
 def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:

@@ -11,8 +11,8 @@
 At a SYNC, received data is stored first, then TPDOs are sampled. A remote frame is answered by every TPDO whose COB-ID
 allows it (bit 30 is 0).
 
-        8210h  an RPDO was shorter than mapped, and not used           info: received, mapped length
-        8220h  one was longer: used as far as mapped                   info: received, mapped length
+        8210h  an RPDO shorter than mapped: ignored                    info: received, mapped length
+        8220h  an RPDO longer than mapped: used as far as mapped       info: received, mapped length
         8250h  no RPDO within the event timer of its record            info: index of the record
         8230h  a DAM MPDO addresses an object that does not exist      info: index, sub-index
 
@@ -38,10 +38,10 @@ _TOO_SHORT, _TOO_LONG, _MISSED, _NO_DESTINATION = 0x8210, 0x8220, 0x8250, 0x8230
 
 
 class PdoEngine:
-    """All PDOs of one device. A machine, to be fed while the device is operational.
+    """All PDOs of one device: a machine that is fed while the device is operational.
 
-    The engine adds the records of the PDOs to the dictionary, so they can be changed by SDO; it reads them again when
-    one was written. `outside_window` counts synchronous RPDOs that came later than `window` seconds after a SYNC (0: no
+    The engine adds the records of the PDOs to the dictionary, so that they can be changed by SDO, and reads them again
+    after a write. `outside_window` counts synchronous RPDOs that came more than `window` seconds after a SYNC (0: no
     limit). `sync_key` is the (identifier, extended) of SYNC.
     """
 
@@ -71,7 +71,7 @@ class PdoEngine:
             add_records(objects, node, config, partial(self._discard, config))
 
     def _discard(self, config: PdoConfig) -> None:
-        """A record was written: that PDO starts anew, the others are not affected."""
+        """Discard the state of one PDO, because its record was written."""
         old = self._active.pop(config, None)
         self._refused += 0 if old is None else old.refused
         self._pdos_changed = True
@@ -93,7 +93,7 @@ class PdoEngine:
 
     @property
     def deadline(self) -> float | None:
-        """When the next inhibit time or event timer ends."""
+        """The time at which the next inhibit time or event timer ends."""
         if not self._running:
             return None
         return min((due for pdo in self.active if pdo.is_on and (due := pdo.due) is not None), default=None)
@@ -112,7 +112,7 @@ class PdoEngine:
         self._synced_at = None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The PDOs and emergencies to send after a frame, and after time passing."""
+        """The PDOs and emergencies to send after a received frame, or after time passed (None)."""
         if not self._running:
             return []
         frames: list[CanFrame] = []
@@ -138,6 +138,7 @@ class PdoEngine:
         return frames
 
     def _receive(self, frame: CanFrame, now: float) -> list[CanFrame]:
+        """Take an RPDO; returns the emergencies about its length."""
         frames: list[CanFrame] = []
         for pdo in self.active:
             if pdo.is_tpdo or not pdo.is_on or frame.key != pdo.key:
@@ -173,10 +174,10 @@ class PdoEngine:
         return self.errors.error(_NO_DESTINATION, now, source=source, info=info)
 
     def send_mpdo(self, number: int, message: Mpdo, now: float) -> list[CanFrame]:
-        """Send a message by TPDO `number`, a DAM MPDO, to the node of the message, or to all with node 0.
+        """Queue a message for TPDO `number`, a DAM MPDO. Its node is the destination; 0 stands for all nodes.
 
-        The message waits for the inhibit time as any other. Returns the frames to send now. EncodeError if there is no
-        such TPDO, or if the device is not operational.
+        The inhibit time applies as for any TPDO. Returns the frames to send now. Raises EncodeError if there is no such
+        TPDO, or if the device is not operational.
         """
         for pdo in self.active if self._running else ():
             producer = pdo.mpdo_producer
@@ -185,10 +186,10 @@ class PdoEngine:
                     break
                 producer.queue(message)
                 return self.feed(None, now)
-        raise EncodeError(f"TPDO{number} is no DAM MPDO that is in use now")
+        raise EncodeError(f"TPDO{number} is not a DAM MPDO in use now")
 
     def _check_length(self, pdo: ActivePdo, length: int, size: int, now: float) -> list[CanFrame]:
-        """Report the error of an RPDO of this length, and clear the errors that it ends."""
+        """Report an RPDO of wrong length, and clear the errors that this RPDO disproves."""
         source = pdo.config.number
         wrong = _TOO_SHORT if length < size else _TOO_LONG if length > size else 0
         frames = self.errors.error(wrong, now, source=source, info=bytes([length, size])) if wrong else []

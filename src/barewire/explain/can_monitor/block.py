@@ -191,7 +191,7 @@ class BlockTracker:
             self._parts, self._final = {}, 0
 
     def _lacks(self, frames: int, evidence: str, now: float, *, data: bool = False) -> None:
-        self.transfer.lacks(frames, data=data)
+        self.transfer.note_missing(frames, data=data)
         self.findings.append(Gap(now, None, frames, evidence, self.node))
 
     def _commit(self, number: int) -> None:

@@ -294,7 +294,7 @@ class SdoTracker:
         if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
             return
         if sender == "client" and data[0] in (0x01, 0x81):
-            self._state.lacks(transfer, 1, _UNANSWERED, data=False)
+            self._state.report_missing(transfer, 1, _UNANSWERED, data=False)
             transfer.request = b""
             self._state.begin_blocks(transfer, "client")
 
@@ -338,7 +338,7 @@ class SdoTracker:
         state, transfer = self._state, self._state.open
         if transfer is not None and transfer.request:
             if sender == "client":  # it goes on, so it has the answer; the server may go on without the client
-                state.lacks(transfer, 1, _UNANSWERED, data=False)
+                state.report_missing(transfer, 1, _UNANSWERED, data=False)
             transfer.request, transfer.manner = b"", "block"
         else:
             receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)

@@ -75,9 +75,9 @@ class ChannelState:
         """This frame breaks a rule."""
         self.events.append(Violation(self.now, rule, self.node, text, self.frame))
 
-    def lacks(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
+    def report_missing(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
         """Report frames that are not in the recording; with `data`, they carried bytes of the value."""
-        transfer.lacks(frames, data=data)
+        transfer.note_missing(frames, data=data)
         self.events.append(Gap(self.now, None, frames, evidence, self.node))
 
     def done(self, transfer: OpenTransfer) -> None:

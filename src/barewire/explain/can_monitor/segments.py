@@ -1,11 +1,11 @@
-"""Segmented transfers as the monitor sees them: the toggle bit shows missing frames.   [CiA 301, SDO segments]
+"""Follows segmented SDO transfers; the toggle bit shows missing and repeated frames.   [CiA 301, SDO segments]
 
 client  60  70  60  70          server  00  10  00  11          the bit alternates, the answer repeats it
 
-next bit, no answer in between            the answer is not in the recording: the client would not go on without it
+next bit, no answer in between            the answer is missing in the recording: the client does not go on without it
 same bit and same bytes again             a frame was lost on the bus, and the segment is repeated
-bit not alternated                        two frames are not in the recording if the other side goes on;
-                                          a broken rule if it aborts with 0503 0000h
+bit not alternated                        if the other side goes on, two frames are missing in the recording;
+                                          if it aborts with 0503 0000h, a rule was broken
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def feed_segment(
 
 
 def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
-    """The transfer that the frame belongs to; a new one without a beginning if there is none."""
+    """The transfer to which the frame belongs; if there is none, a new one whose beginning was not recorded."""
     transfer = channel.open
     if transfer is not None and transfer.direction == direction and channel.block is None:
         if not transfer.request and transfer.manner == "segmented":
@@ -41,30 +41,33 @@ def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoS
         if transfer.request and not (direction == "download" and transfer.manner != "segmented"):
             # Both sides go on from the request, so its answer was on the bus.
             text = "segments arrive, but the answer to the request is not in the recording"
-            channel.lacks(transfer, 1, text, data=False)
+            channel.report_missing(transfer, 1, text, data=False)
             transfer.request, transfer.manner, transfer.next_sender = b"", "segmented", "client"
             return transfer
-    begun = channel.begin_unrecorded("upload" if direction == "upload" else "download", "segmented")
-    begun.toggle = message.toggle
-    begun.next_sender = "client" if isinstance(message, NextSegment) else "server"
+    unrecorded = channel.begin_unrecorded("upload" if direction == "upload" else "download", "segmented")
+    unrecorded.toggle = message.toggle
+    unrecorded.next_sender = "client" if isinstance(message, NextSegment) else "server"
     if isinstance(message, SdoSegment) and direction == "download":
-        begun.next_sender = "client"
-    return begun
+        unrecorded.next_sender = "client"
+    return unrecorded
 
 
-def _repeated(channel: ChannelState, transfer: OpenTransfer, what: str, now: float) -> None:
+def _repeated(channel: ChannelState, transfer: OpenTransfer, how: str, now: float) -> None:
+    """Report a repeated segment or request: a frame was lost on the bus."""
     transfer.repeats += 1
     transfer.lost += 1
-    channel.events.append(Loss(now, channel.node, 1, f"the segment is {what} again: it or its answer did not arrive"))
+    channel.events.append(Loss(now, channel.node, 1, f"the segment is {how} again: it or its answer did not arrive"))
 
 
 def _settle_doubt(channel: ChannelState, transfer: OpenTransfer) -> None:
-    """The other side goes on after a frame that could have broken a rule: frames are missing instead."""
+    """The other side goes on after a doubtful frame, so no rule was broken: frames are missing in the recording."""
     if transfer.doubt == "toggle":
         text = "the toggle bit stays the same and both sides go on: a segment and its answer are missing"
-        channel.lacks(transfer, 2, text, data=True)
+        channel.report_missing(transfer, 2, text, data=True)
     elif transfer.doubt == "unasked":
-        channel.lacks(transfer, 1, "segments, but the beginning of the transfer is not in the recording", data=True)
+        channel.report_missing(
+            transfer, 1, "segments, but the beginning of the transfer is not in the recording", data=True
+        )
     transfer.doubt = ""
 
 
@@ -75,7 +78,7 @@ def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int
             _repeated(channel, transfer, "requested", now)
             return
         text = "the next segment is requested, but the last one is not in the recording"
-        channel.lacks(transfer, 1, text, data=True)
+        channel.report_missing(transfer, 1, text, data=True)
     elif toggle != transfer.toggle and not transfer.doubt:
         transfer.doubt = "toggle"
     transfer.toggle, transfer.next_sender = toggle, "server"
@@ -90,7 +93,9 @@ def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment
             else:
                 channel.violation("SDO-TOGGLE", "a segment that was not requested, with the toggle bit of the last one")
             return
-        channel.lacks(transfer, 1, "a segment arrives, but the request for it is not in the recording", data=False)
+        channel.report_missing(
+            transfer, 1, "a segment arrives, but the request for it is not in the recording", data=False
+        )
     elif segment.toggle != transfer.toggle:
         text = f"requested with toggle bit {transfer.toggle}, answered with {segment.toggle}"
         channel.violation("SDO-TOGGLE", text)
@@ -109,7 +114,9 @@ def _downloaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegme
         if segment.toggle == transfer.toggle:
             _repeated(channel, transfer, "sent", now)
             return
-        channel.lacks(transfer, 1, "the next segment arrives, but the last answer is not in the recording", data=False)
+        channel.report_missing(
+            transfer, 1, "the next segment arrives, but the last answer is not in the recording", data=False
+        )
     elif segment.toggle != transfer.toggle:
         if segment.data == transfer.previous:
             _repeated(channel, transfer, "sent", now)
@@ -128,7 +135,7 @@ def _download_confirmed(channel: ChannelState, transfer: OpenTransfer, toggle: i
         if toggle != transfer.toggle:
             transfer.repeats += 1
             return
-        channel.lacks(transfer, 1, "a segment is confirmed that is not in the recording", data=True)
+        channel.report_missing(transfer, 1, "a segment is confirmed that is not in the recording", data=True)
     elif toggle != transfer.toggle:
         channel.violation("SDO-TOGGLE", f"sent with toggle bit {transfer.toggle}, answered with {toggle}")
         return

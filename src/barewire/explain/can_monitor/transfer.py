@@ -154,7 +154,7 @@ class OpenTransfer:
         self.data.clear()
         self._holds = False
 
-    def lacks(self, frames: int, *, data: bool = True) -> None:
+    def note_missing(self, frames: int, *, data: bool = True) -> None:
         """Count frames that are not in the recording; with `data`, they carried bytes of the value."""
         self.missing += frames
         if data:

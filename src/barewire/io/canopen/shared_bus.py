@@ -1,17 +1,17 @@
-"""A bus that many share: one thread reads the port and hands each frame to the subscribers of its identifier.
+"""A shared CAN bus: one thread reads the port and delivers each frame to the subscribers of its identifier.
 
                           +--> subscriber 585h              a transfer with node 5
         port --> reader --+--> subscriber 081h ... 0FFh     a stream of emergencies
                  (thread) +--> subscriber of all            a scan
 
-A subscriber holds a limited number of frames; further ones are lost and counted: a stream reports them (`FramesLost`),
-for a conversation they are lost as on the bus. Reports of the controller (`ErrorFrame`, bus-off among them) go to every
-stream. If the port fails, everything raises PortError, now and later; where the port can be opened again (`dial`),
-streams report `BusDown` and `BusUp` instead and go on.
+A subscriber holds a limited number of frames; further ones are dropped and counted. A stream reports their number
+(`FramesLost`); to a conversation they are like frames lost on the bus. Reports of the controller (`ErrorFrame`, such as
+bus-off) go to every stream. If the port fails, all calls raise PortError from then on; if it can be opened again
+(`dial`), streams report `BusDown` and `BusUp` instead and continue.
 
-Frames sent by one subscriber are delivered to all others on this bus: the nodes of one process are on one bus too.
+Frames sent by one subscriber are delivered to all others of this bus, so several nodes can run in one process.
 
-Depends on: a port, the locks of SDO channels.  Used by: clients, nodes of one's own, the text gateway.
+Depends on: a port, the locks of SDO channels.  Used by: clients, `CanopenServer`, the text gateway.
 """
 
 from __future__ import annotations
@@ -38,17 +38,16 @@ if TYPE_CHECKING:
     from barewire.io.ports.trace import Direction
 
 _RECEIVE_TIMEOUT = 0.05
-"""Seconds of one receive of the reader; after it the reader checks whether the bus was closed."""
+"""Seconds that the reader waits for a frame before it checks whether the bus was closed."""
 
 WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
 
 
 class CanBus:
-    """A bus that many share. Closing it ends its reader; its subscribers raise PortError.
+    """A shared CAN bus. Closing it ends the reader thread; after that its subscribers raise PortError.
 
-    `port` is a `CanPort`, or anything else that sends and receives frames. `watch(direction, frame)` is called with
-    every frame that passes. With `dial`, which opens a port, a port that failed is replaced; `failure` is why it failed
-    meanwhile.
+    `port` is a `CanPort`, or any other port of frames. `watch(direction, frame)` is called with every frame sent or
+    received. With `dial`, a function that opens a port, a failed port is replaced; until then `failure` is the reason.
     """
 
     def __init__(self, port: Port[CanFrame], *, watch: WatchFrames | None = None, dial: Dial | None = None) -> None:
@@ -60,7 +59,7 @@ class CanBus:
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
         self._watch = watch
         self._subscribers: set[Subscriber] = set()
-        # Replaced, never changed: the reader looks without a lock.
+        # The tuples are replaced, never changed in place: the reader takes no lock.
         self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
         self._of_all: tuple[Subscriber, ...] = ()
         self._changing = threading.Lock()
@@ -69,7 +68,7 @@ class CanBus:
         self._locks = ChannelLocks()
         self._locking = threading.Lock()
         self._closed = False
-        self._over = False  # failed or closed, for good
+        self._has_ended = False  # failed or closed, and not opened again
         self._reopening = None if dial is None else Reopening(dial, threading.Event())
         self._waiting: set[Callable[[], None]] = set()
         self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
@@ -77,8 +76,10 @@ class CanBus:
 
     @classmethod
     def open(cls, bus: str | Endpoint, *, watch: WatchFrames | None = None, **options: Any) -> Self:
-        """The bus of a can:// URL. A port that fails later is replaced by a new one. `options` are those of the URL,
-        which they override. Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened."""
+        """Open the bus of a can:// URL. A port that fails later is opened again. `options` override those of the URL.
+
+        Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
+        """
         from barewire.io.ports.python_can import CanPort
 
         endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
@@ -110,22 +111,23 @@ class CanBus:
             if isinstance(item, CanFrame):
                 if self._watch is not None:
                     self._watch("received", item)
-                self._hand_out(item, time.monotonic(), None)
+                self._distribute(item, time.monotonic(), None)
             else:
                 self._report(item, time.monotonic())
-        except Exception as error:  # of `watch`
+        except Exception as error:  # raised by `watch`
             self._fail(f"reading {self.name} ended: {type(error).__name__}: {error}")
             return False
         return True
 
-    def _hand_out(self, frame: CanFrame, at: float, by: Subscriber | None) -> None:
-        if by is None or by.node:
+    def _distribute(self, frame: CanFrame, at: float, sender: Subscriber | None) -> None:
+        """Deliver a frame to all subscribers but its sender. Frames of clients do not count for the node monitor."""
+        if sender is None or sender.node:
             self.monitor.feed(frame, at)
         for subscriber in self._by_id[frame.extended].get(frame.id, ()):
-            if subscriber is not by:
+            if subscriber is not sender:
                 subscriber.put(frame, at)
         for subscriber in self._of_all:
-            if subscriber is not by:
+            if subscriber is not sender:
                 subscriber.put(frame, at)
 
     def _report(self, item: BusItem, at: float) -> None:
@@ -136,17 +138,17 @@ class CanBus:
                 subscriber.put(item, at)
 
     def _fail(self, why: str) -> None:
-        """The end of this bus."""
+        """End this bus: every subscriber raises PortError with this reason."""
         with self._changing:
             self.failure = self.failure or why
-            self._over = True
+            self._has_ended = True
             subscribers = tuple(self._subscribers)
         for subscriber in subscribers:
             subscriber.fail(why)
         self._wake()
 
     def _reopen(self, why: str) -> bool:
-        """Replace the port that failed; False if that is not possible, or no longer wanted."""
+        """Replace the port that failed. False if it cannot be opened again, or if the bus was closed."""
         if self._reopening is None or self._closed:
             self._fail(why)
             return False
@@ -166,7 +168,7 @@ class CanBus:
             self.port, first = opened
             self._receive, self._try_send = receiver(self.port), getattr(self.port, "try_send", None)
         with self._changing:
-            if self._over:
+            if self._has_ended:
                 return False  # closed meanwhile: `close` waits for this thread, and closes the port
             self.failure = None
         self._report(BusUp(time.monotonic() - since), time.monotonic())
@@ -180,20 +182,20 @@ class CanBus:
             wake()
 
     def when_open(self, wake: Callable[[], None]) -> bool:
-        """Whether the bus is open, or closed for good. Otherwise `wake` is called as soon as it is one of the two."""
+        """True if the bus is open, or has ended. Otherwise `wake` is called as soon as it is one of the two."""
         with self._changing:
-            if self.failure is None or self._over:
+            if self.failure is None or self._has_ended:
                 return True
             self._waiting.add(wake)
             return False
 
     def forget(self, wake: Callable[[], None]) -> None:
-        """Do not call the `wake` of `when_open`."""
+        """Cancel the `wake` of a call of `when_open`."""
         with self._changing:
             self._waiting.discard(wake)
 
     def wait_until_open(self, timeout: float) -> None:
-        """While the bus is being opened again, wait for it: `timeout` seconds at most."""
+        """If the bus is being opened again, wait for it, `timeout` seconds at most."""
         if self.failure is None:
             return
         is_open = threading.Event()
@@ -203,13 +205,13 @@ class CanBus:
 
     # Frames out
 
-    def send(self, frame: CanFrame, by: Subscriber | None = None) -> None:
-        """Send a frame as soon as the controller has room. All subscribers but `by` receive it. Raises PortError."""
-        if not self.try_send(frame, by):
-            send_when_room(lambda: self.try_send(frame, by, again=True), self.name)
+    def send(self, frame: CanFrame, sender: Subscriber | None = None) -> None:
+        """Send a frame as soon as the controller has room; all other subscribers receive it. Raises PortError."""
+        if not self.try_send(frame, sender):
+            send_when_room(lambda: self.try_send(frame, sender, again=True), self.name)
 
-    def try_send(self, frame: CanFrame, by: Subscriber | None = None, *, again: bool = False) -> bool:
-        """The same without waiting: False if the controller has no room now; the next attempt is made with `again`."""
+    def try_send(self, frame: CanFrame, sender: Subscriber | None = None, *, again: bool = False) -> bool:
+        """`send` without waiting: False if the controller has no room now. Further attempts are made with `again`."""
         if self.failure is not None:
             raise PortError(self.failure)
         if self._watch is not None and not again:
@@ -219,15 +221,15 @@ class CanBus:
                 self.port.send(frame)
             elif not self._try_send(frame):
                 return False
-        self._hand_out(frame, time.monotonic(), by)
+        self._distribute(frame, time.monotonic(), sender)
         return True
 
     # Subscribers, channels and their locks
 
     def add(self, subscriber: Subscriber) -> None:
-        """Deliver frames to this subscriber too. PortError if the bus failed and the subscriber cannot wait for it."""
+        """Add a subscriber. Raises PortError if the bus failed and the subscriber cannot wait for it."""
         with self._changing:
-            if self.failure is not None and (self._over or not subscriber.reports):
+            if self.failure is not None and (self._has_ended or not subscriber.reports):
                 raise PortError(self.failure)
             if self.failure is not None:
                 subscriber.put(BusDown(self.failure), time.monotonic())
@@ -240,7 +242,7 @@ class CanBus:
                     table[identifier] = (*table.get(identifier, ()), subscriber)
 
     def remove(self, subscriber: Subscriber) -> None:
-        """Deliver no further frame to this subscriber."""
+        """Remove a subscriber."""
         with self._changing:
             self._subscribers.discard(subscriber)
             self._of_all = tuple(other for other in self._of_all if other is not subscriber)
@@ -261,17 +263,17 @@ class CanBus:
             return channel
 
     def request_lock(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
-        """A place in the queue for these channels; see `ChannelLocks`."""
+        """Queue for the locks of these channels; see `ChannelLocks`."""
         with self._locking:
             return self._locks.request(keys, owner, wake)
 
     def release_lock(self, lock: ChannelLock) -> None:
-        """The end of an operation on these channels."""
+        """Release the locks, or leave the queue."""
         with self._locking:
             self._locks.release(lock)
 
     def close(self) -> None:
-        """End the reader and close the port."""
+        """End the reader thread and close the port."""
         self._closed = True
         if self._reopening is not None:
             self._reopening.stop.set()
@@ -283,7 +285,7 @@ class CanBus:
 
 
 def can_endpoint(url: str, **options: Any) -> Endpoint:
-    """The endpoint of a can:// URL, with these options in place of its own. EncodeError for any other URL."""
+    """The endpoint of a can:// URL, whose options these override. Raises EncodeError for any other URL."""
     endpoint = Endpoint.parse(url, options)
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")

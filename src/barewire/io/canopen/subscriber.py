@@ -51,14 +51,14 @@ BusItem: TypeAlias = CanFrame | ErrorFrame | FdFrame | FramesLost | BusDown | Bu
 
 
 class Arrived(NamedTuple):
-    """What was received, and when."""
+    """A received item and its time."""
 
     item: BusItem
     at: float
 
 
 class FrameBus(Protocol):
-    """What a subscriber needs of a bus."""
+    """The operations of a bus that a subscriber uses."""
 
     name: str
 
@@ -66,9 +66,9 @@ class FrameBus(Protocol):
 
     def remove(self, subscriber: Subscriber, /) -> None: ...
 
-    def send(self, frame: CanFrame, by: Subscriber | None = None, /) -> None: ...
+    def send(self, frame: CanFrame, sender: Subscriber | None = None, /) -> None: ...
 
-    def try_send(self, frame: CanFrame, by: Subscriber | None = None, /, *, again: bool = False) -> bool: ...
+    def try_send(self, frame: CanFrame, sender: Subscriber | None = None, /, *, again: bool = False) -> bool: ...
 
 
 class Subscriber:
@@ -76,7 +76,7 @@ class Subscriber:
 
     `keys` are the identifiers that it receives, None for all. `lost` counts the frames for which it had no room. With
     `reports` it also receives losses and reports of the controller, and goes on when the bus is opened again; without,
-    it fails with the bus. `node` says that a node sends here, and not a client.
+    it fails with the bus. `node` is set for frames sent by a node, not by a client.
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class Subscriber:
         self.bus.send(item, self)
 
     def note_losses(self, error: BarewireError) -> None:
-        """Add the frames that were lost here to an error of a conversation, which does not know of them."""
+        """Add a note about dropped frames to the error of a conversation."""
         if self.lost:
             error.add_note(f"{self.lost} frames were lost here: they came faster than they were taken")
 

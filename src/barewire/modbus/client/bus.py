@@ -1,4 +1,4 @@
-"""The bus: the owner of a line and of what must be remembered between two requests on it.
+"""The bus: a client's line, with the state that must be kept between two requests on it.
 
 On a serial line a response does not name its request. If the response to A is late, it arrives while B is open; if B
 looks like A, it passes for the response to B, and a wrong value is delivered. So when a request ended without a
@@ -12,13 +12,12 @@ response (time-out, cancellation, damage), its answer stays *pending* until it i
     B  ------------------->
        <--- the answer to B
 
-    recovery = "probe"    as drawn. The probe may be late as well, so both have `late_window`; if nothing comes, B is
-                          not sent (NoAnswer). A unit that left two probes unanswered is asked again after the window
+    recovery = "probe"    as drawn. The answer to the probe may be late as well: if none comes within `late_window`, B
+                          is not sent (NoAnswer). After two unanswered probes in a row, recovery is as with "wait"
     recovery = "wait"     no probe: silence for `late_window`, then B
 
 A line whose responses are numbered (TCP) needs none of this. An exchange without trouble costs nothing extra. The
-assumption: a unit answers in the order in which it was asked. A second master on the line breaks it, as it breaks
-everything else on RS-485.
+assumption: a unit answers requests in the order in which they were sent, and there is no other master on the line.
 
 A write without a response may have been carried out: its error is `WriteOutcomeUnknown`, and it is repeated only if
 the caller allows it.
@@ -49,18 +48,19 @@ if TYPE_CHECKING:
     from barewire.modbus.messages.base import R, Request
 Recovery = Literal["probe", "wait"]
 
-_PROBES = 2
-"""After so many probes without a response a unit is not probed any more: then only silence proves anything."""
+_MAX_PROBES = 2
+"""After so many unanswered probes in a row a unit is not probed again: then only silence is proof."""
 
 
 class Bus:
-    """The owner of a line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
+    """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
-    `late_window` is the silence, in seconds, after which a pending answer is taken for gone; three time-outs if not
-    given. `gaps` are pauses, in seconds, that units need between two exchanges; `gap` is that of all others. After
-    `dead_after` requests in a row without a response a unit is left alone for a while, longer each time; None: never.
+    `late_window` is the silence, in seconds, after which a pending answer is not expected any more; three time-outs if
+    not given. `gaps` are pauses, in seconds, that single units need between two exchanges; `gap` is the pause of all
+    others. After `dead_after` unanswered requests in a row no request is sent to a unit for a while, longer each time;
+    None: never.
 
-    `line` may be replaced between two requests, after a reconnect: answers that are pending may still come.
+    `line` may be replaced between two requests, after a reconnect: pending answers may still come.
     """
 
     def __init__(
@@ -81,9 +81,9 @@ class Bus:
         self._nonce = 0
 
     def sibling_bus(self, line: Line) -> Self:
-        """A bus for another line to the same units: for several open requests on one connection.
+        """A bus for another line to the same units, for several open requests on one connection.
 
-        What is known about the units, and the counters, are shared.
+        It shares the state of the units, and the counters.
         """
         sibling = copy(self)
         sibling.line = line
@@ -98,11 +98,11 @@ class Bus:
         retries: int = 0,
         repeat_writes: bool = False,
     ) -> Conversation[bytes, R]:
-        """Send `request` to `unit` and return its response. `timeout`, in seconds, counts from when the request is out.
+        """Send `request` to `unit` and return its response. `timeout`, in seconds, counts from the end of sending.
 
         `retries` repeats a read that got no response; a write only with `repeat_writes`. Raises ModbusException for an
-        exception response, NoAnswer for silence, WriteOutcomeUnknown for a write without a response. Where the standard
-        has the unit be silent (08/04, Force Listen Only Mode) the response is an `Unanswered`.
+        exception response, NoAnswer for silence, WriteOutcomeUnknown for a write without a response. To a request that
+        has no response by the standard (08/04, Force Listen Only Mode) the result is an `Unanswered`.
         """
         if unit == BROADCAST and not self.line.numbered:
             raise EncodeError("unit 0 on a serial line is a broadcast, which no unit answers: use broadcast", "unit")
@@ -120,28 +120,28 @@ class Bus:
                 retries -= 1
 
     def begin(self, unit: int, request: Request[Any]) -> bytes | None:
-        """The frame of a request that may be sent at once; None where something must come before it, as in `ask`.
+        """The frame of a request that may be sent at once; None if `ask` is needed, because it may have to wait before.
 
-        The caller that sends it must then call `answered` or run `rest`.
+        The caller that sends the frame must then call `answered` or run `rest`.
         """
-        line, known = self.line, self.state.units.get(unit)
-        if known is None or known.dead_until > NEVER or self.state.has_gaps or not line.numbered:
+        line, unit_state = self.line, self.state.units.get(unit)
+        if unit_state is None or unit_state.dead_until > NEVER or self.state.has_gaps or not line.numbered:
             return None
         self.counters.asked += 1
         return line.request(unit, request.encode())
 
     def answered(self, unit: int, now: float) -> None:
-        """The response to the frame of `begin` arrived."""
+        """Record that the response to the frame of `begin` arrived."""
         self.state.answered(unit, now)
 
     def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
-        """The part of `ask` after the frame of `begin` was sent: it listens first."""
+        """The rest of `ask`, after the frame of `begin` was sent. It begins by listening."""
         return self._exchange(unit, request, timeout, sent_at=sent_at)
 
     def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
-        """Send `request` to every unit on a serial line; `turnaround` is their time to carry it out, in seconds.
+        """Send `request` to every unit on a serial line; then wait `turnaround` seconds.   [MB-SERIAL 2.4.1]
 
-        [MB-SERIAL 2.4.1]. Raises EncodeError for a request that only reads: no unit answers a broadcast.
+        Raises EncodeError for a request that only reads: no unit answers a broadcast.
         """
         if not request.writes:
             raise EncodeError(f"{request.name} as a broadcast: no unit answers it, so only writes make sense", "unit")
@@ -157,11 +157,11 @@ class Bus:
             self._pass_over(heard)
 
     def overhear(self, data: bytes | None, now: float) -> None:
-        """Bytes that arrived while no request was open."""
+        """Take bytes that arrived while no request was open."""
         self._pass_over(Heard(data, now))
 
     def wait_until_idle(self, patience: float) -> Conversation[bytes, float]:
-        """Listen until the line may be used, and return the time. What arrives meanwhile answers no request.
+        """Listen until the line may be used, and return the time. Frames that arrive meanwhile are counted and ignored.
 
         Raises NoAnswer if the line does not become silent within `patience` seconds.
         """
@@ -178,10 +178,10 @@ class Bus:
             heard = yield Listen(max(quiet, now))
 
     def settle(self) -> Conversation[bytes, None]:
-        """Listen until no pending answer can come any more: before the line is left to another user."""
+        """Listen until no pending answer can come any more, before the line is handed over to another user."""
         state = self.state
         while state.pending:
-            until = max(one.until for one in state.pending)
+            until = max(pending.until for pending in state.pending)
             heard = yield Listen(until)
             if self._pass_over(heard) >= until:
                 state.pending.clear()
@@ -193,19 +193,19 @@ class Bus:
     ) -> Conversation[bytes, R]:
         """Wait until the unit may be asked, send the request, wait for its response. A probe is sent at once.
 
-        With `sent_at` the request is out already.
+        With `sent_at` the request was sent already, at that time.
         """
         line, state = self.line, self.state
-        known = state.units.get(unit)
-        if known is None:
-            known = state.units[unit] = UnitState()
-        now = known.free_at if sent_at is None else sent_at
-        # A numbered response answers no other request, so without a pause there is nothing to wait for.
-        if sent_at is None and not is_probe and (not line.numbered or now > NEVER or known.dead_until > NEVER):
-            now = yield from self._clear(unit, request, timeout, known)
+        unit_state = state.units.get(unit)
+        if unit_state is None:
+            unit_state = state.units[unit] = UnitState()
+        now = unit_state.free_at if sent_at is None else sent_at
+        # On a numbered line a late response cannot be mistaken, so only a pause of the unit is waited for.
+        if sent_at is None and not is_probe and (not line.numbered or now > NEVER or unit_state.dead_until > NEVER):
+            now = yield from self._clear(unit, request, timeout, unit_state)
         passed_over: list[str] = []
         try:
-            # From here on a response may come, however this exchange ends.
+            # From here on a response may come, so however this exchange ends, the answer must be left pending.
             if sent_at is None:
                 self.counters.asked += 1
                 heard = yield Send(line.request(unit, request.encode()))
@@ -240,24 +240,33 @@ class Bus:
                 raise _outcome_unknown(f"unit {unit}, {request.name}: {gone}") from gone
             raise
         self._leave_pending(unit, request, now, timeout)
-        if line.broken is None and (silence := request.without_answer(listens_only=known.listens_only)) is not None:
+        if (
+            line.broken is None
+            and (silence := request.without_answer(listens_only=unit_state.listens_only)) is not None
+        ):
             self.counters.lost -= 1  # only an exception could still come, late
-            known.listens_only = request.without_answer() is not None
+            unit_state.listens_only = request.without_answer() is not None
             return silence
-        raise self._no_answer(unit, request, timeout, known, now, passed_over)
+        raise self._no_answer(unit, request, timeout, unit_state, now, passed_over)
 
     def _no_answer(
-        self, unit: int, request: Request[Any], timeout: float, known: UnitState, now: float, passed_over: list[str]
+        self,
+        unit: int,
+        request: Request[Any],
+        timeout: float,
+        unit_state: UnitState,
+        now: float,
+        passed_over: list[str],
     ) -> NoAnswer:
-        """The error of a request whose time is over, or whose line broke."""
+        """The error of a request that timed out, or whose line broke."""
         line = self.line
         if line.broken is not None:
             text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing after it can be trusted"
         else:
-            self.state.timed_out(known, now)
+            self.state.timed_out(unit_state, now)
             if line.held:
                 _note(passed_over, f"{len(line.held)} bytes without an end")
-            instead = f"; heard instead: {'; '.join(passed_over)}" if passed_over else ""
+            instead = f"; received instead: {'; '.join(passed_over)}" if passed_over else ""
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
         return _outcome_unknown(text) if request.writes else NoAnswer(text)
 
@@ -274,21 +283,23 @@ class Bus:
 
     # Before the next request
 
-    def _clear(self, unit: int, request: Request[Any], timeout: float, known: UnitState) -> Conversation[bytes, float]:
+    def _clear(
+        self, unit: int, request: Request[Any], timeout: float, unit_state: UnitState
+    ) -> Conversation[bytes, float]:
         """Wait until the line is idle, the unit's pause over, and no confusable answer pending. Returns the time."""
         now = yield from self.wait_until_idle(timeout)
-        if now < known.dead_until:
-            left = known.dead_until - now
-            raise NoAnswer(f"unit {unit} left {known.silent} requests unanswered: asked again in {left:.1f} s")
-        while now < known.free_at:
-            heard = yield Listen(known.free_at)
+        if now < unit_state.dead_until:
+            left = unit_state.dead_until - now
+            raise NoAnswer(f"unit {unit} left {unit_state.silent} requests unanswered: asked again in {left:.1f} s")
+        while now < unit_state.free_at:
+            heard = yield Listen(unit_state.free_at)
             now = self._pass_over(heard)
-        return (yield from self._prove_gone(unit, request, timeout, known, now))
+        return (yield from self._prove_gone(unit, request, timeout, unit_state, now))
 
     def _prove_gone(
-        self, unit: int, request: Request[Any], timeout: float, known: UnitState, now: float
+        self, unit: int, request: Request[Any], timeout: float, unit_state: UnitState, now: float
     ) -> Conversation[bytes, float]:
-        """Before a request whose response a pending answer could pass for: prove that it cannot come any more.
+        """If a pending answer could pass for the response to `request`, prove that it cannot come any more.
 
         Returns the time.
         """
@@ -298,22 +309,22 @@ class Bus:
         # Loaded here because TCP never needs it, and other lines rarely do.
         from barewire.modbus.messages.diagnostics import RETURN_QUERY_DATA, Diagnostics
 
-        # A probe proves nothing to a request that is one itself, nor to a unit that does not answer probes.
-        proof = self.recovery == "probe" and request.function_code != Diagnostics.function_code
-        if proof and known.unproven < _PROBES:
+        # No probe before another 08: their answers would be alike. None for a unit that does not answer probes.
+        may_probe = self.recovery == "probe" and request.function_code != Diagnostics.function_code
+        if may_probe and unit_state.unproven < _MAX_PROBES:
             self._nonce = self._nonce + 0x9E37 & 0xFFFF  # another number each time: its echo cannot be an older one
             self.counters.probes += 1
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
-            known.unproven += 1
-            # The exception "function 08 is unknown" proves as much as the echo: it came after everything before it. If
-            # nothing comes, the probe's answer may be late as well, and the window below is for both.
+            unit_state.unproven += 1
+            # The exception "function 08 is unknown" is as good as the echo: all earlier answers came before it. If
+            # nothing comes, the answer to the probe may be late as well, and the window below is for both.
             with suppress(ModbusException, NoAnswer):
                 yield from self._exchange(unit, probe, timeout, is_probe=True)
         while state.confusable(unit, request):
-            until = max(one.until for one in state.pending if one.unit == unit)
+            until = max(pending.until for pending in state.pending if pending.unit == unit)
             heard = yield Listen(until)
             now = self._pass_over(heard)
-            if now >= until and proof and known.unproven < _PROBES:
+            if now >= until and may_probe and unit_state.unproven < _MAX_PROBES:
                 text = f"unit {unit} has an answer pending that may still come, and left a probe unanswered"
                 raise NoAnswer(f"{text}: {request.name} was not sent")
             if now >= until:
@@ -322,7 +333,7 @@ class Bus:
 
 
 def describe_event(event: LineEvent) -> str:
-    """One event in words, for the text of an error."""
+    """An event as text, for an error message."""
     if isinstance(event, Adu):
         number = "" if event.transaction is None else f", transaction {event.transaction}"
         return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
@@ -331,12 +342,12 @@ def describe_event(event: LineEvent) -> str:
         return text
     shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
     size = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}"
-    # A text such as "3 bytes, then silence" has the number already.
+    # A text such as "3 bytes, then silence" begins with the number already.
     return f"{size} {shown}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {shown}: {text}"
 
 
 def _note(passed_over: list[str], text: str) -> None:
-    """Keep the first three: an error is one line, and a line full of noise must not fill the memory."""
+    """Keep the first three texts: an error is one line, and noise must not fill the memory."""
     if len(passed_over) < 3:
         passed_over.append(text)
     elif len(passed_over) == 3:

@@ -1,11 +1,11 @@
-"""What a bus remembers about its line: pending answers, late replies, the state of each unit, and counters.
+"""The state of a bus: pending answers, late replies, the state of each unit, and counters.
 
     request sent, no response   -->  PendingAnswer: its response may still come, until a given time
     a frame that fits one       -->  LateReply: recorded, never delivered
     a response in time          -->  the pending answers of that unit are settled
 
-`LineState` only records what happened. When a unit may be asked, and what to do about a pending answer, is decided by
-the conversations of `bus`.
+`LineState` only records. The conversations of `bus` decide when a request may be sent, and how pending answers are
+settled.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from barewire.modbus.messages.base import Request
 
 _KEPT = 16
-"""The most late replies and pending answers that are kept, so that a line in trouble does not fill the memory."""
+"""The most late replies and pending answers that are kept, so that a bad line does not fill the memory."""
 
 _LONGEST_PAUSE = 30.0
-"""Seconds: the longest time for which a dead unit is left alone."""
+"""The longest time, in seconds, for which no request is sent to a dead unit."""
 
 NEVER = float("-inf")
 """A time that is always in the past."""
@@ -66,7 +66,7 @@ class PendingAnswer(NamedTuple):
 
 
 class UnitState:
-    """What is known about one unit."""
+    """The state of one unit."""
 
     def __init__(self) -> None:
         self.free_at = NEVER  # its pause is over at this time
@@ -93,7 +93,7 @@ class BusCounters:
 
 
 class LineState:
-    """The memory of a bus. `gap` and `gaps` are pauses of units in seconds; `dead_after` None never gives a unit up."""
+    """The state of a bus. `gap`, `gaps`: pauses of units in seconds; `dead_after`: None never gives a unit up."""
 
     def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None) -> None:
         self.counters = BusCounters()

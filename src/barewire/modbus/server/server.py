@@ -1,4 +1,4 @@
-"""The server, as a machine: received bytes in, bytes to send out. Malformed requests never raise out of it.
+"""The server as a machine: `feed` takes received bytes and returns the bytes to send. It never raises.
 
     feed(bytes, now) ->  line  ->  Adu  ->  for one of the units?  ->  decode  ->  unit.handle  ->  Reply(bytes, at)
                           '-> Noise: counted     '-> no: silence        '-> 01, 03      '-> 02, 03, 04 ...
@@ -58,7 +58,7 @@ _SOON = 0.1
 
 
 class Unit(Protocol):
-    """The behaviour of one unit address: a table, a simulator, or a user's own class.
+    """One unit address of a server: a table, a simulator, or a class of the application.
 
     `handle` returns the response, or None to stay silent (a device that reboots instead of answering), or raises
     ModbusException to decline. Two more members are used if a unit has them: `supports(request_class) -> bool`, so that
@@ -93,10 +93,10 @@ class ServerStatistics:
     echoes: int = 0
     """The server's own responses, received again."""
     failures: list[str] = field(default_factory=list)
-    """The latest ten errors raised by units' own code: each was answered with exception 04."""
+    """The latest ten errors raised by the code of units; each was answered with exception 04."""
 
     def failed(self, error: Exception) -> None:
-        """Record an error of a unit's code. Making its text is the unit's code as well, and may raise."""
+        """Record an error of a unit's code. Its `__str__` is the unit's code as well, and may raise."""
         try:
             text = str(error)
         except Exception:
@@ -131,16 +131,16 @@ class Server:
         """By unit, on serial lines."""
         self._transactions = transactions
         self._permits = permits
-        self._waiting: Adu | None = None  # a request that is answered if nothing but a glitch follows
+        self._waiting: Adu | None = None  # answered if at most a glitch follows
         self._sent: Adu | None = None  # the latest response
 
     @property
     def deadline(self) -> float | None:
-        """When to feed None if nothing arrived."""
+        """The time at which to feed None if nothing arrived."""
         return self.line.deadline
 
     def feed(self, data: bytes | None, now: float) -> list[Reply]:
-        """The replies to bytes that arrived, or, with None, to the passing of time. Never raises."""
+        """The replies after these bytes, or after time passed (None). Never raises."""
         line = self.line
         if self.serial:
             is_early = now < line.quiet_at
@@ -159,7 +159,7 @@ class Server:
         return replies
 
     def overrun(self) -> None:
-        """The port lost a character; called by the owner of the port."""
+        """Count a character that the port lost. Called by the owner of the port."""
         for counters in self._counters():
             counters.overrun()
 
@@ -167,14 +167,14 @@ class Server:
         return [self.counters[number] for number in self.units]
 
     def _feed_serial(self, events: list[LineEvent], now: float, is_early: bool) -> list[Reply]:
-        """`is_early`: after the latest response the line was not silent long enough for another station to send."""
+        """`is_early`: since the latest response no other station had the right to send, so a copy of it is an echo."""
         for event in events:
             if isinstance(event, Noise):
                 self.statistics.noise_bytes += len(event.data)
                 for counters in self._counters():
                     counters.damaged()
                 if len(event.data) > _GLITCH:
-                    self._give_up(now)
+                    self._drop_stale(now)
                 continue
             if is_early and event == self._sent:
                 self._sent = None
@@ -182,7 +182,7 @@ class Server:
                 continue
             for counters in self._counters():
                 counters.frame()
-            self._give_up(now)
+            self._drop_stale(now)
             if event.unit in self.units and event.unit != BROADCAST:
                 self._waiting = event
             else:
@@ -191,21 +191,21 @@ class Server:
             return []
         held = len(self.line.held)
         if held > _GLITCH:
-            self._give_up(now)
+            self._drop_stale(now)
             return []
         if held and self.line.deadline is not None and self.line.deadline <= now + _SOON:
             return []
         waiting, self._waiting = self._waiting, None
         return self._reply(waiting, now)
 
-    def _give_up(self, now: float) -> None:
-        """Other traffic followed the waiting request, so its client does not expect a response any more."""
+    def _drop_stale(self, now: float) -> None:
+        """Do not answer the waiting request: other traffic followed it, so its client expects no response any more."""
         if self._waiting is None:
             return
         adu, self._waiting = self._waiting, None
         self.statistics.stale += 1
-        found = request_class(adu.pdu)
-        if found is not None and found.writes:
+        kind = request_class(adu.pdu)
+        if kind is not None and kind.writes:
             self._carry_out(adu.unit, self.units[adu.unit], adu.pdu, now, answered=False)
         else:
             self.counters[adu.unit].received()
@@ -221,6 +221,7 @@ class Server:
         return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
 
     def _overload(self, pdu: bytes) -> bytes | None:
+        """The answer to a request beyond the limit of transactions."""
         return None if pdu[0] & EXCEPTION_BIT else self._exception(pdu, ModbusException(SERVER_DEVICE_BUSY))
 
     def answer(self, adu: Adu, now: float) -> bytes | None:
@@ -231,17 +232,17 @@ class Server:
             return None
         if self.serial and number == BROADCAST:
             self.statistics.broadcasts += 1
-            for each, unit in self.units.items():
-                self._carry_out(each, unit, pdu, now, answered=False, broadcast=True)
+            for address, unit in self.units.items():
+                self._carry_out(address, unit, pdu, now, answered=False, broadcast=True)
             return None
-        found = self.units.get(number)
-        if found is None and not self.serial:
-            found = self.units.get(255, self.units.get(0))
-        if found is None:
+        addressed = self.units.get(number)
+        if addressed is None and not self.serial:
+            addressed = self.units.get(255, self.units.get(0))
+        if addressed is None:
             self.statistics.for_others += 1
             return None if self.serial else self._exception(pdu, ModbusException(0x0B))
         self.statistics.requests += 1
-        return self._carry_out(number, found, pdu, now)
+        return self._carry_out(number, addressed, pdu, now)
 
     def _carry_out(
         self, number: int, unit: Unit, pdu: bytes, now: float, *, answered: bool = True, broadcast: bool = False
@@ -269,7 +270,7 @@ class Server:
             except ModbusException as declined:
                 answer, code = self._exception(pdu, declined), declined.code
         except Exception as error:
-            # A unit's own code failed: the client gets exception 04, the line goes on, the error is recorded.
+            # The unit's code failed: record the error and answer exception 04.
             self.statistics.failed(error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
@@ -279,7 +280,7 @@ class Server:
 
     @staticmethod
     def _handle(unit: Unit, counters: SerialCounters, request: AnyRequest, now: float) -> Response | None:
-        """On a serial line: a request that the unit declines may be one about the line."""
+        """On a serial line: requests about the line that the unit does not support are answered from the counters."""
         try:
             return unit.handle(request, now)
         except ModbusException as declined:
@@ -303,15 +304,15 @@ def counters_for(line: Line) -> defaultdict[int, SerialCounters]:
 
 
 def _read_request(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:
-    """The request, or ModbusException with the standard's code for its fault: 01, 03, for file records 02.
+    """The decoded request. Raises ModbusException with the code of the standard: 01, 03, or 02 for file records.
 
     Functions that `unit` does not support are 01, if it has `supports`; with `diagnostics` 08, 0B and 0C never are.
     """
-    found = request_class(pdu)
+    kind = request_class(pdu)
     supports = getattr(unit, "supports", None)
-    if found is None or not (supports is None or supports(found) or (diagnostics and found in ANSWERED)):
+    if kind is None or not (supports is None or supports(kind) or (diagnostics and kind in ANSWERED)):
         raise ModbusException(ILLEGAL_FUNCTION, pdu[0] if pdu else None)
     try:
-        return found.decode(pdu)
+        return kind.decode(pdu)
     except DecodeError as error:
-        raise ModbusException(found.declines(error), pdu[0]) from error
+        raise ModbusException(kind.declines(error), pdu[0]) from error

@@ -1,12 +1,12 @@
 """A simulated machine: a store, a clock, and an adapter for each bus that its description has.
 
-                       tick(now)                 time passes: what moves by itself, moves
+                       tick(now)                 time passes: timers end, motors move
         modbus  ---->  store  <----  canopen     both buses read and write the same values
                        power_cycle(now)          every value as at power-on; saved values are kept
 
-Used as it is, `Simulator` is a device without behaviour: it stores what is written and returns what it stores, with the
-types, rights and limits of the description. The three machines of the catalogue are subclasses: they override `tick`
-and set hooks on cells of the store.
+`Simulator` itself simulates no behaviour: it stores written values and returns them, with the types, access rights and
+limits of the description. The machines of the catalogue are subclasses: they override `tick` and set hooks on cells of
+the store.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Simulator:
-    """A device that stores what is written.
+    """A simulated device that stores the values written to it.
 
     >>> from barewire.devices.description.load import load
     >>> from barewire.modbus.messages.registers import ReadHoldingRegisters, WriteSingleRegister
@@ -45,18 +45,18 @@ class Simulator:
         self.modbus = None if device.modbus is None else self.modbus_adapter(device.modbus)
         self.canopen: CanopenAdapter | None = None
         if device.canopen is not None:
-            # Imported only for a device that is on CAN: a Modbus machine loads no CANopen.
+            # Imported here, so that a machine without CAN loads no CANopen.
             from barewire.devices.sim.core.canopen import CanopenAdapter
 
             self.canopen = CanopenAdapter(self, device.canopen)
 
     def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """The adapter for Modbus; overridden by machines with function codes or rules of their own."""
+        """Make the Modbus adapter. Overridden by machines with their own function codes or rules."""
         return ModbusAdapter(self, settings)
 
     @property
     def now(self) -> float:
-        """The time that was last passed in."""
+        """The time of the latest `tick`."""
         return self.clock.now
 
     @property
@@ -65,7 +65,7 @@ class Simulator:
         return self.clock.uptime
 
     def tick(self, now: float) -> None:
-        """Let time pass until `now`, in seconds. A time before the present one is ignored."""
+        """Advance to the time `now`, in seconds. An earlier time than the present one is ignored."""
         self.clock.advance(now)
 
     def reset(self) -> None:
@@ -77,10 +77,10 @@ class Simulator:
         raise EncodeError(f"{text!r}: {self.device.name} has no environment to set")
 
     def reset_communication(self) -> None:
-        """NMT reset communication, after the store has the saved values of 1000h to 1FFFh; for subclasses."""
+        """Called at an NMT reset communication, after 1000h to 1FFFh were restored. Does nothing here."""
 
     def readdress(self, address: int) -> None:
-        """Set the unit address with which the machine is delivered."""
+        """Set the unit address that the machine has at delivery."""
         self.address = address
 
     def power_cycle(self, now: float) -> None:
@@ -93,7 +93,7 @@ class Simulator:
 
 
 class MachineUnits(Mapping[int, ModbusAdapter]):
-    """The units of a server for one machine: its adapter under the unit address that the machine has at that moment.
+    """The units of a Modbus server for one machine: its adapter under the present unit address of the machine.
 
         MachineUnits(machine)             a serial line: {1: adapter}; after a new address took effect {7: adapter}
         MachineUnits(machine, 255, 0)     TCP: a device that is connected directly is also unit 255 and 0 [MB-TCP 4.4.2]
@@ -144,6 +144,6 @@ def parse_setting(text: str, names: tuple[str, ...]) -> tuple[str, float]:
     except ValueError:
         number = -1.0
     if name not in names or not 0 <= number < float("inf"):
-        known = ", ".join(one.replace("_", "-") for one in names)
-        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {known}")
+        expected = ", ".join(known.replace("_", "-") for known in names)
+        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {expected}")
     return name, number
