@@ -75,7 +75,7 @@ def test_a_can_frame_with_the_names_of_a_device() -> None:
     assert rows[2].split() == ["1", "41", "60", "index", "6041h", "STATUS", "WORD"]
     assert "1591 (ready to switch on, " in rows[4]
     assert "TARGET VELOCITY" in output_of("explain", "can", "205#0F00A8610000", *az3)
-    assert "not valid: 6 bytes are mapped, here are 2" in output_of("explain", "can", "205#0F00", *az3)
+    assert "not valid: 6 bytes are mapped, got 2" in output_of("explain", "can", "205#0F00", *az3)
     assert "--device is for can" in error_of("explain", "rtu", "01", "--device", "az3")
 
 

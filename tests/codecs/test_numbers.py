@@ -124,7 +124,7 @@ def test_a_float_that_is_whole_is_a_whole_number() -> None:
 def test_a_wrong_number_of_bytes_is_short_or_long(name: str, order: Order) -> None:
     number = codec(name, order)
     for length, reason in ((number.size - 1, "short"), (number.size + 1, "long")):
-        with refused(DecodeError, f"{name} takes {number.size} bytes, here are {length}") as caught:
+        with refused(DecodeError, f"{name} takes {number.size} bytes, got {length}") as caught:
             number.decode(bytes(length))
         error = caught.value
         assert isinstance(error, DecodeError)

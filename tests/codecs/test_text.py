@@ -64,7 +64,7 @@ def test_a_value_that_is_not_text_is_refused(value: float | bytes) -> None:
 
 @pytest.mark.parametrize(("length", "reason"), [(3, "short"), (5, "long"), (0, "short")])
 def test_a_wrong_number_of_bytes_is_refused(length: int, reason: str) -> None:
-    with refused(DecodeError, f"text takes 4 bytes, here are {length}") as caught:
+    with refused(DecodeError, f"text takes 4 bytes, got {length}") as caught:
         Text(4).decode(bytes(length))
     assert isinstance(caught.value, DecodeError)
     assert caught.value.reason == reason

@@ -41,9 +41,9 @@ def test_a_pdu_of_other_than_1_to_253_bytes_is_refused(length: int) -> None:
 @pytest.mark.parametrize(
     ("data", "reason", "at", "text"),
     [
-        (b"", "short", 0, "an RTU frame has at least 4 bytes, here are 0"),
-        (b"\x01\x07\x41", "short", 3, "an RTU frame has at least 4 bytes, here are 3"),
-        (bytes(257), "long", 256, "an RTU frame has at most 256 bytes, here are 257"),
+        (b"", "short", 0, "an RTU frame has at least 4 bytes, got 0"),
+        (b"\x01\x07\x41", "short", 3, "an RTU frame has at least 4 bytes, got 3"),
+        (bytes(257), "long", 256, "an RTU frame has at most 256 bytes, got 257"),
         (unhex("01 83 02 F1 C0"), "checksum", 3, "CRC is F1 C0, should be C0 F1"),
     ],
 )

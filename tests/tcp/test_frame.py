@@ -45,9 +45,9 @@ def test_what_does_not_fit_is_refused(unit: int, pdu: bytes, transaction: int) -
     [
         ("", "short", 0, "0 of 7 bytes"),
         ("0001 0000 00", "short", 5, "5 of 7 bytes"),
-        ("0001 0000 0002", "short", 6, "length 2 promises 8 bytes, here are 6"),
-        ("0001 0000 0003 01 07", "short", 8, "length 3 promises 9 bytes, here are 8"),
-        ("0001 0000 0002 01 07 00", "long", 8, "length 2 ends at byte 8, here are 9"),
+        ("0001 0000 0002", "short", 6, "length 2 promises 8 bytes, got 6"),
+        ("0001 0000 0003 01 07", "short", 8, "length 3 promises 9 bytes, got 8"),
+        ("0001 0000 0002 01 07 00", "long", 8, "length 2 ends at byte 8, got 9"),
         ("0001 0001 0002 01 07", "protocol", 2, "protocol identifier is 00 01, Modbus has 00 00"),
         ("0001 0000 0000 01 07", "length", 4, "length is 00 00 (0): expected 2..254"),
         ("0001 0000 0001 01", "length", 4, "length is 00 01 (1): expected 2..254"),

@@ -49,12 +49,10 @@ def decode(data: bytes) -> Adu:
         found = f"{chr(data[at])!r}" if 0x20 <= data[at] < 0x7F else f"{data[at]:02X}h"
         raise DecodeError("character", data, at, f"{found} is not a hexadecimal digit")
     if len(data) < SHORTEST:
-        text = f"an ASCII frame has at least {SHORTEST} characters, here are {len(data)}"
+        text = f"an ASCII frame has at least {SHORTEST} characters, got {len(data)}"
         raise DecodeError("short", data, len(data), text)
     if len(data) > LONGEST:
-        raise DecodeError(
-            "long", data, LONGEST, f"an ASCII frame has at most {LONGEST} characters, here are {len(data)}"
-        )
+        raise DecodeError("long", data, LONGEST, f"an ASCII frame has at most {LONGEST} characters, got {len(data)}")
     if len(digits) % 2:
         raise DecodeError("short", data, len(data) - 2, f"{len(digits)} digits: the last byte has only one")
     body = bytes.fromhex(digits.decode("ascii"))

@@ -105,7 +105,7 @@ class TimeCodec:
         """The value. The four void bits are ignored; DecodeError("value") for 24 hours or more in the first field."""
         if len(data) != self.size:
             short = len(data) < self.size
-            text = f"{self.name} takes {self.size} bytes, here are {len(data)}"
+            text = f"{self.name} takes {self.size} bytes, got {len(data)}"
             raise DecodeError("short" if short else "long", data, min(len(data), self.size), text)
         milliseconds = int.from_bytes(data[:4], "little") & _MS
         if milliseconds >= DAY:

@@ -113,7 +113,7 @@ class Number:
         """`size` bytes as the value."""
         if len(data) != self.size:
             reason: Reason = "short" if len(data) < self.size else "long"
-            text = f"{self.name} takes {self.size} bytes, here are {len(data)}"
+            text = f"{self.name} takes {self.size} bytes, got {len(data)}"
             raise DecodeError(reason, data, min(len(data), self.size), text)
         if self._struct is not None:
             number: int | float = self._struct.unpack(data)[0]

@@ -53,7 +53,7 @@ class Text:
         """The text without padding. Raises DecodeError for a wrong length or bytes outside the encoding."""
         if len(data) != self.size:
             reason: Reason = "short" if len(data) < self.size else "long"
-            text = f"text takes {self.size} bytes, here are {len(data)}"
+            text = f"text takes {self.size} bytes, got {len(data)}"
             raise DecodeError(reason, data, min(len(data), self.size), text)
         try:
             return data.rstrip(self.pad + b"\0").decode(self.encoding)

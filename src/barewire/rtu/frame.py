@@ -36,9 +36,9 @@ def decode(data: bytes) -> Adu:
     Raises DecodeError: "short", "long", or "checksum", with the expected CRC in the text.
     """
     if len(data) < SHORTEST:
-        raise DecodeError("short", data, len(data), f"an RTU frame has at least {SHORTEST} bytes, here are {len(data)}")
+        raise DecodeError("short", data, len(data), f"an RTU frame has at least {SHORTEST} bytes, got {len(data)}")
     if len(data) > LONGEST:
-        raise DecodeError("long", data, LONGEST, f"an RTU frame has at most {LONGEST} bytes, here are {len(data)}")
+        raise DecodeError("long", data, LONGEST, f"an RTU frame has at most {LONGEST} bytes, got {len(data)}")
     # The CRC over a frame with its own CRC is 0; the expected CRC is computed only for the error.
     if crc16(data):
         right = crc16(data[:-2]).to_bytes(2, "little")

@@ -70,6 +70,6 @@ def decode(data: bytes) -> Adu:
         raise DecodeError("short", data, size, f"the MBAP header is not all there: {size} of 7 bytes")
     promised = check_header(data)
     if size < promised:
-        text = f"length {promised - PREFIX} promises {promised} bytes, here are {size}"
+        text = f"length {promised - PREFIX} promises {promised} bytes, got {size}"
         raise DecodeError("short", data, size, text)
-    raise DecodeError("long", data, promised, f"length {promised - PREFIX} ends at byte {promised}, here are {size}")
+    raise DecodeError("long", data, promised, f"length {promised - PREFIX} ends at byte {promised}, got {size}")

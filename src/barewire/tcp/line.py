@@ -127,7 +127,7 @@ class DatagramLine(TcpLine):
     """The same frames over UDP: one datagram is one frame, so no bytes are held and the line never breaks.
 
     >>> DatagramLine().feed(bytes.fromhex("00 01 00 00 00 03 01"), now=0.0)
-    [Noise(data=b'\\x00\\x01\\x00\\x00\\x00\\x03\\x01', reason='short', text='length 3 promises 9 bytes, here are 7')]
+    [Noise(data=b'\\x00\\x01\\x00\\x00\\x00\\x03\\x01', reason='short', text='length 3 promises 9 bytes, got 7')]
     """
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:

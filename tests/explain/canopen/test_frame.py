@@ -199,7 +199,7 @@ def test_lss_services_have_names(frame: str, name: str, words: str) -> None:
 
 def test_more_than_eight_bytes_are_an_error() -> None:
     explanation = explain("can", CanFrame(0x605, bytes(9)))
-    assert explanation.error == ("long", 8, "a CAN frame carries at most 8 bytes, here are 9")
+    assert explanation.error == ("long", 8, "a CAN frame carries at most 8 bytes, got 9")
 
 
 def test_bytes_for_a_frame_and_a_frame_for_bytes_are_refused() -> None:

@@ -236,7 +236,7 @@ def test_an_ascii_frame_without_its_lrc_is_explained_and_not_valid() -> None:
 def test_characters_that_were_not_typed_are_not_counted() -> None:
     explanation = explain_ascii(b":", typed=True)
     assert explanation.error is not None
-    assert explanation.error.text == "an ASCII frame has at least 9 characters, here are 1 and no CR LF"
+    assert explanation.error.text == "an ASCII frame has at least 9 characters, got 1 and no CR LF"
 
 
 def test_a_crc_the_wrong_way_round_is_recognised() -> None:

@@ -147,9 +147,9 @@ class PdoMapping:
     def unpack(self, data: bytes) -> dict[str, Value]:
         """The values by name from the data of a PDO. DecodeError if the data is not as long as mapped."""
         if len(data) < self.size:
-            raise DecodeError("short", data, len(data), f"{self.size} bytes are mapped, here are {len(data)}")
+            raise DecodeError("short", data, len(data), f"{self.size} bytes are mapped, got {len(data)}")
         if len(data) > self.size:
-            raise DecodeError("long", data, self.size, f"{self.size} bytes are mapped, here are {len(data)}")
+            raise DecodeError("long", data, self.size, f"{self.size} bytes are mapped, got {len(data)}")
         if self._struct is not None:
             return dict(zip(self._names, self._struct.unpack(data)))
         stream = int.from_bytes(data, "little")

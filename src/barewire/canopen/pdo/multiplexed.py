@@ -81,7 +81,7 @@ class Mpdo:
         data = frame.data
         if len(data) != MPDO_SIZE or frame.remote:
             raise DecodeError(
-                "length", data, min(len(data), MPDO_SIZE), f"an MPDO has {MPDO_SIZE} bytes, here are {len(data)}"
+                "length", data, min(len(data), MPDO_SIZE), f"an MPDO has {MPDO_SIZE} bytes, got {len(data)}"
             )
         address, index, sub, value = cls.layout.unpack(data)
         if not address:

@@ -61,7 +61,7 @@ def fit(data: bytes, size: int) -> bytes:
     kept, surplus = data[:size], data[size:]
     if len(data) < size or not size:
         reason: Reason = "short" if len(data) < size else "length"
-        raise DecodeError(reason, data, len(data), f"{size} bytes wanted, here are {len(data)}")
+        raise DecodeError(reason, data, len(data), f"{size} bytes wanted, got {len(data)}")
     negative = bool(kept[-1] & 0x80)
     if not surplus.strip(b"\0") or (negative and not surplus.strip(b"\xff")):
         return kept

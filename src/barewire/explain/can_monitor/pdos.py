@@ -137,11 +137,11 @@ class PdoTracker:
         texts: tuple[str, ...] = ()
         if mapping is not None:
             if len(data) < mapping.size:
-                text = f"{name}: {mapping.size} bytes are mapped, here are {len(data)}"
+                text = f"{name}: {mapping.size} bytes are mapped, got {len(data)}"
                 found.append(Violation(now, "PDO-TOO-SHORT", node, text, str(frame)))
             else:
                 if len(data) > mapping.size:
-                    text = f"{name}: {mapping.size} bytes are mapped, here are {len(data)}"
+                    text = f"{name}: {mapping.size} bytes are mapped, got {len(data)}"
                     found.append(Violation(now, "PDO-TOO-LONG", node, text, str(frame)))
                 values, texts = self.unpack(node, mapping, data[: mapping.size])
         repeated = self._last.get(frame.key) == data

@@ -150,14 +150,14 @@ def _process_data(frame: CanFrame, pdos: PdoDescriptions, node: int, name: str, 
     title = f"{name} {'from' if name.startswith('T') else 'to'} node {node}"
     data, fields, error, summary = frame.data, list[Field](), None, counted(len(frame.data))
     if len(data) < mapping.size:
-        error = DecodeError("short", data, len(data), f"{mapping.size} bytes are mapped, here are {len(data)}")
+        error = DecodeError("short", data, len(data), f"{mapping.size} bytes are mapped, got {len(data)}")
     else:
         values, texts = pdos.unpack(node, mapping, data[: mapping.size])
         texts_by_name = dict(zip(values, (text.partition(" = ")[2] for text in texts)))
         summary = ", ".join(texts) or summary
         fields = _mapped_fields(mapping, data, texts_by_name)
         if len(data) > mapping.size:
-            error = DecodeError("long", data, mapping.size, f"{mapping.size} bytes are mapped, here are {len(data)}")
+            error = DecodeError("long", data, mapping.size, f"{mapping.size} bytes are mapped, got {len(data)}")
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     shown = (start, *explained_fields(fill_gaps(fields, len(data), "process data"), data))
     return Explanation("can", None, shown, as_problem(error), f"{title}: {summary}")
@@ -197,12 +197,12 @@ def _length(frame: CanFrame, name: str) -> Problem | None:
     """Too few or too many bytes for the service: the first error, because the rest is doubtful then."""
     size = len(frame.data)
     if size > DATA_MAX:
-        return Problem("long", DATA_MAX, f"a CAN frame carries at most {DATA_MAX} bytes, here are {size}")
+        return Problem("long", DATA_MAX, f"a CAN frame carries at most {DATA_MAX} bytes, got {size}")
     expected = _LENGTHS.get(name)
     if expected is None or frame.remote or size in expected:
         return None
     wanted = " or ".join(map(str, expected))
-    text = f"{name} has {wanted} byte{'' if expected[-1] == 1 else 's'}, here are {size}"
+    text = f"{name} has {wanted} byte{'' if expected[-1] == 1 else 's'}, got {size}"
     return Problem("short", size, text) if size < expected[-1] else Problem("long", expected[-1], text)
 
 

@@ -67,7 +67,7 @@ def from_packet(packet: Packet) -> AnyFrame:
     body = data[_HEAD.size : _HEAD.size + length]
     remote = bool(word & _REMOTE) and not fd
     if len(body) < length and not remote:
-        raise DecodeError("short", data, len(data), f"{length} bytes of data announced, here are {len(body)}")
+        raise DecodeError("short", data, len(data), f"{length} bytes of data announced, got {len(body)}")
     if word & _ERROR:
         return ErrorFrame(word & EXTENDED_MAX, bytes(body))
     extended = bool(word & _EXTENDED)

@@ -153,7 +153,7 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
         # The line end that was added for decoding has no place in the text and is not counted.
         text = fault.text
         if fault.reason in ("short", "long") and len(completed) > len(data):
-            text = text.replace(f"here are {len(completed)}", f"here are {len(data)} and no CR LF")
+            text = text.replace(f"got {len(completed)}", f"got {len(data)} and no CR LF")
         fault = DecodeError(fault.reason, data, min(fault.at, len(data)), text)
     digits = 0
     while start + digits < end and data[start + digits] in ascii_frame.DIGITS:

@@ -99,7 +99,7 @@ def _check_diagnostics(sub_function: int, data: bytes) -> None:
     check_range("data length", len(data), 0, 250)
     # The data of reserved sub-functions are not defined, so they are not checked: a server declines these anyway.
     if sub_function in SUB_FUNCTIONS and sub_function != RETURN_QUERY_DATA and len(data) != 2:
-        raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, here are {len(data)}", "data")
+        raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, got {len(data)}", "data")
 
 
 def _check_asked(sub_function: int, data: bytes) -> None:

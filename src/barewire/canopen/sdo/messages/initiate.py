@@ -269,7 +269,7 @@ def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
     fields = pattern.decode(data[0])
     size = 4 - fields["n"] if fields["s"] else 4
     if len(data) < 4 + size:
-        raise DecodeError("short", data, len(data), f"{size} bytes of data announced, here are {len(data) - 4}")
+        raise DecodeError("short", data, len(data), f"{size} bytes of data announced, got {len(data) - 4}")
     return data[4 : 4 + size], bool(fields["s"])
 
 

@@ -58,7 +58,7 @@ class SdoSegment:
         fields = cls.pattern.decode(data[0])
         end = 1 + SEGMENT - fields["n"]
         if len(data) < end:
-            raise DecodeError("short", data, len(data), f"{end - 1} bytes of data announced, here are {len(data) - 1}")
+            raise DecodeError("short", data, len(data), f"{end - 1} bytes of data announced, got {len(data) - 1}")
         return cls(fields["t"], data[1:end], bool(fields["c"]))
 
 
