@@ -126,7 +126,7 @@ def test_an_asyncio_client_receives_all_tls_records_that_came_together(certifica
     ("name", "ca", "client_says", "server_says"),
     [
         ("expired", "ca", "the other side refuses our certificate: it has expired", "certificate has expired"),
-        ("stranger", "ca", "refuses our certificate: it does not trust who signed it", "unable to get local issuer"),
+        ("stranger", "ca", "refuses our certificate: it does not trust the CA that signed it", "unable to get local issuer"),
         (
             "operator",
             "other",

@@ -34,13 +34,13 @@ _SEQUENCE, _EXTENSIONS, _OID, _OCTETS, _UTF8 = 0x30, 0xA3, 0x06, 0x04, 0x0C
 
 _REASONS = {
     "PEER_DID_NOT_RETURN_A_CERTIFICATE": "the other side showed no certificate",
-    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side asks for a certificate and was shown none",
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side asks for a certificate and received none",
     "SSLV3_ALERT_HANDSHAKE_FAILURE": "the other side refuses us: no certificate was shown, or no cipher is common",
     "SSLV3_ALERT_CERTIFICATE_EXPIRED": "the other side refuses our certificate: it has expired",
     "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "the other side refuses our certificate",
     "SSLV3_ALERT_BAD_CERTIFICATE": "the other side refuses our certificate",
     "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "the other side refuses our certificate: it is not for this purpose",
-    "TLSV1_ALERT_UNKNOWN_CA": "the other side refuses our certificate: it does not trust who signed it",
+    "TLSV1_ALERT_UNKNOWN_CA": "the other side refuses our certificate: it does not trust the CA that signed it",
     "TLSV1_ALERT_PROTOCOL_VERSION": "the other side does not speak our versions of TLS: 1.2 or later",
     "UNSUPPORTED_PROTOCOL": "the other side does not speak TLS 1.2 or later",
     "WRONG_VERSION_NUMBER": "the other side does not speak TLS",
