@@ -12,7 +12,7 @@ import pytest
 from barewire import CanopenClient
 from barewire.cli.app import COMMANDS
 from barewire.errors import PortError
-from tests.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, simulated_at
+from tests.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, simulated_at
 from tests.helpers import free_port
 
 
@@ -29,6 +29,12 @@ def test_the_help_of_a_command_begins_with_its_line_of_the_list(name: str) -> No
     usage, empty, first, *_ = output_of(name, "--help").splitlines()
     assert usage.startswith(f"Usage: barewire {name} ")
     assert (empty, first.strip()) == ("", COMMANDS[name][1])
+
+
+@pytest.mark.parametrize("group", [(), ("eds",), ("drive",)])
+def test_a_group_without_a_command_shows_its_help_page(group: tuple[str, ...]) -> None:
+    run = run_command(*group)
+    assert run.stdout + run.stderr == output_of(*group, "--help")
 
 
 @pytest.mark.parametrize(

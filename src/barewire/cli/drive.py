@@ -36,6 +36,8 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
     reaches the state or position. If it does not, the error names the state in which it is stuck, and why. While a
     movement is under way, Ctrl-C is a quick stop; so are SIGTERM, a closed terminal and a closed pipe.
 
+    `barewire drive ENDPOINT DEVICE COMMAND --help` explains a command.
+
     \b
     barewire drive tcp://192.168.1.10 csd-mt enable
     barewire drive tcp://192.168.1.10 csd-mt move 12800 --relative --velocity 20000
