@@ -34,7 +34,7 @@ COMMANDS = {
 and `--help` none of them. In the file, the click command of `canopen-gateway` is `canopen_gateway_command`."""
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
-"""Raised from click 8.2 on for a group without a command; its text is the help page. Earlier versions print the page."""
+"""Raised from click 8.2 on for a group without a command; its text is the help page. Earlier versions print that."""
 
 
 class LazyGroup(click.Group):
