@@ -33,8 +33,8 @@ COMMANDS = {
 """Command -> (file, first line of its help). A file is loaded when the command is used: `explain` loads no CAN bus,
 and `--help` none of them. In the file, the click command of `canopen-gateway` is `canopen_gateway_command`."""
 
-_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
-"""Raised from click 8.2 on for a group without a command; its text is the help page. Earlier versions print that."""
+_HELP_PAGE = "NoArgsIsHelpError"
+"""The error of click from 8.2 on for a group without a command; its text is the help page. Earlier versions print that."""
 
 
 class LazyGroup(click.Group):
@@ -70,7 +70,7 @@ def run_command_line(arguments: list[str]) -> int:
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
-        if isinstance(error, _HELP):
+        if type(error).__name__ == _HELP_PAGE:
             print(error.format_message(), file=sys.stderr)
             return error.exit_code
         return _print_error(error.format_message(), error.exit_code)
