@@ -34,7 +34,7 @@ COMMANDS = {
 and `--help` none of them. In the file, the click command of `canopen-gateway` is `canopen_gateway_command`."""
 
 _HELP_PAGE = "NoArgsIsHelpError"
-"""The error of click from 8.2 on for a group without a command; its text is the help page. Earlier versions print that."""
+"""The error that click raises from 8.2 on for a group without a command; its text is the help page."""
 
 
 class LazyGroup(click.Group):
