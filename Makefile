@@ -27,7 +27,7 @@ types: $(VENV)/installed-dev ## strict types
 suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
 	$(BIN)/pytest -rs $(ARGS)
 
-bench: $(VENV)/installed-bench ## the same work done by us, by hand and by peers, in turns; writes docs/speed.md
+bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/speed.md
 	@mkdir -p build
 	$(BIN)/python -m pytest bench -W default -rs --benchmark-columns=median,iqr,ops --benchmark-sort=name \
 	  --benchmark-json=build/bench.json $(ARGS)
