@@ -187,10 +187,10 @@ def test_send_mpdo_to_another_node() -> None:
         source.pdo.send_mpdo(1, Mpdo("DAM", 5, 0x2000, 1, b""), 0.01)
     assert source.pdo.refused == 100 - 32
     for number, message in ((2, Mpdo("DAM", 5, 1, 1, b"")), (1, Mpdo("SAM", 5, 1, 1, b""))):
-        with pytest.raises(EncodeError, match="no DAM MPDO"):
+        with pytest.raises(EncodeError, match="is not a DAM MPDO in use"):
             source.pdo.send_mpdo(number, message, 0.0)
     feed(source, "000#8007")
-    with pytest.raises(EncodeError, match="no DAM MPDO"):
+    with pytest.raises(EncodeError, match="is not a DAM MPDO in use"):
         source.pdo.send_mpdo(1, Mpdo("DAM", 5, 1, 1, b""), 0.0)
 
 
