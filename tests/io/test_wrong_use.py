@@ -225,6 +225,31 @@ def test_an_asyncio_machine_that_connected_by_itself_can_be_closed() -> None:
         asyncio.run(main(server.url))
 
 
+def test_a_client_in_another_event_loop_is_explained() -> None:
+    with barewire.ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as server:
+
+        async def main() -> None:
+            client = barewire.AsyncModbusClient(server.url)
+            assert await client.read_coils(0, 1) == (False,)
+
+            def elsewhere() -> None:
+                with refused(PortError, "the client was connected in another event loop"):
+                    asyncio.run(client.read_coils(0, 1))
+
+            await asyncio.to_thread(elsewhere)
+            assert await client.read_coils(0, 1) == (False,)
+            client.close()
+
+        asyncio.run(main())
+
+
+def test_a_simulator_is_no_description() -> None:
+    from barewire.devices.sim import simulator
+
+    with refused(EncodeError, "expected the name or the path of a description, or a Device"):
+        barewire.connect(simulator("az3"), "tcp://127.0.0.1:1")  # type: ignore[arg-type]
+
+
 def test_a_node_with_faults_in_asyncio() -> None:
     async def main() -> None:
         url = "can://virtual/use?node=5"

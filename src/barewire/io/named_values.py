@@ -40,10 +40,11 @@ def described(device: str | Path | Device) -> Device:
     from pathlib import Path
 
     from barewire.devices.description.load import load
+    from barewire.devices.device import Device
 
     if isinstance(device, (str, Path)):
         return load(device)
-    if not (hasattr(device, "modbus") and hasattr(device, "canopen")):
+    if not isinstance(device, Device):
         raise EncodeError(f"device {shown(device)}: expected the name or the path of a description, or a Device")
     return device
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from barewire.conversation import Conversation
@@ -150,6 +151,10 @@ class AsyncConnection:
         box = lane.box
         if box is None or box.lost is not None:
             return None
+        if box.loop is not asyncio.get_running_loop():
+            raise PortError(
+                "the client was connected in another event loop: close it there, or use one client for each"
+            )
         while box.chunks and (data := box.take()) is not None:
             lane.bus.overhear(data, asyncio.get_running_loop().time())
         return box if lane.bus.line.broken is None else None
@@ -202,7 +207,8 @@ class AsyncConnection:
     def drop(self, why: str) -> None:
         """Close a connection that failed: tasks that wait for an answer get a PortError with `why`."""
         if self._link is not None:
-            self._link.close()
+            with suppress(RuntimeError):  # the event loop of the connection is closed
+                self._link.close()
             self._link = None
         for lane in self.lanes:
             if lane.box is not None:

@@ -40,7 +40,7 @@ class Mailbox:
         self._waiter: asyncio.Future[bytes | None] | None = None
         self._until = 0.0  # when the waiter gives up
         self._timer: asyncio.TimerHandle | None = None
-        self._loop = asyncio.get_running_loop()
+        self.loop = asyncio.get_running_loop()
 
     def put(self, data: bytes) -> None:
         """Bytes came. A peer that sends more than is ever taken loses the connection, so that memory does not fill."""
@@ -74,7 +74,7 @@ class Mailbox:
         self._until = until
         if self._timer is None or self._timer.when() > until:
             self._disarm()
-            self._timer = self._loop.call_at(until, self._time_out)
+            self._timer = self.loop.call_at(until, self._time_out)
 
     def _disarm(self) -> None:
         if self._timer is not None:
@@ -85,7 +85,7 @@ class Mailbox:
         self._timer = None
         if self._waiter is None:
             return
-        if self._loop.time() >= self._until:
+        if self.loop.time() >= self._until:
             self._wake()
         else:
             self._arm(self._until)
@@ -112,8 +112,8 @@ class Mailbox:
             await asyncio.sleep(0)  # the first round lets the loop read its ports, the second delivers
         if self.chunks or self.lost is not None or timeout <= 0:
             return self.take()
-        waiter = self._waiter = self._loop.create_future()
-        self._arm(self._loop.time() + timeout)
+        waiter = self._waiter = self.loop.create_future()
+        self._arm(self.loop.time() + timeout)
         try:
             data = await waiter
         except asyncio.CancelledError:
