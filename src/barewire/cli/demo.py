@@ -49,9 +49,9 @@ class DemoWire(NamedTuple):
 
 
 _INTRODUCTION = (
-    "Three simulated machines on real ports. Each line in bold is one value, read or written by its name; under it are the "
-    "frames on the wire: offset, bytes, name, value and meaning of every field. A value smaller than a register (half of "
-    "one, or a bit) is read, changed and written back."
+    "Three simulated machines on real ports. Each line in bold is one value, read or written by its name; under "
+    "it are the frames on the wire: offset, bytes, name, value and meaning of every field. A value smaller than a "
+    "register (half of one, or a bit) is read, changed and written back."
 )
 
 _WIRES = (
