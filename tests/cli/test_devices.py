@@ -12,7 +12,8 @@ from tests.cli.helpers import error_of, output_of
 
 def test_the_list_of_devices() -> None:
     listed = [json.loads(line) for line in output_of("devices", "--json").splitlines()]
-    assert {device["name"] for device in listed} == {"az3", "adxl", "csd-mt"}
+    protocols = {device["name"]: device["protocols"] for device in listed}
+    assert protocols == {"az3": ["Modbus", "CANopen"], "adxl": ["Modbus"], "csd-mt": ["Modbus"]}
     assert "TEM AZ3" in output_of("devices")
 
 

@@ -39,7 +39,9 @@ def test_an_invalid_frame_is_a_failure_only_with_check() -> None:
 
 
 def test_text_that_is_not_hexadecimal_is_an_error() -> None:
-    assert "hex" in error_of("explain", "rtu", "01 0G").lower()
+    assert "'G' at 4 is not a hexadecimal digit" in error_of("explain", "rtu", "01 0G")
+    error = error_of("explain", "can", "bus.log")
+    assert error.endswith("is not a hexadecimal digit; there is no file 'bus.log' either\n")
 
 
 def test_a_recording_frame_by_frame(tmp_path: Path) -> None:

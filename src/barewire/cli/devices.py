@@ -33,15 +33,15 @@ def devices_command(name: str | None, as_json: bool) -> None:
 
 def _print_list(as_json: bool) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("name", "device", "parameters", "speaks", "described in"):
+    for title in ("name", "device", "parameters", "protocols", "described in"):
         table.add_column(title)
     for name in names():
         device = load(name)
-        speaks = [word for word, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
+        protocols = [word for word, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
         if as_json:
-            fields = {"name": name, "title": device.title, "parameters": len(device.parameters), "speaks": speaks}
+            fields = {"name": name, "title": device.title, "parameters": len(device.parameters), "protocols": protocols}
             print_json(fields)
-        row = (name, device.title, str(len(device.parameters)), ", ".join(speaks), "; ".join(device.documents))
+        row = (name, device.title, str(len(device.parameters)), ", ".join(protocols), "; ".join(device.documents))
         table.add_row(*row)
     if not as_json:
         Console().print(table)

@@ -65,7 +65,8 @@ def explain_command(
             explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:
         # The text names the position in the input; that of the exception, in the frame, is for programs.
-        raise BarewireError(error.text) from None
+        no_file = f"; there is no file {frame[0]!r} either" if protocol == "can" and len(frame) == 1 else ""
+        raise BarewireError(error.text + no_file) from None
     if as_json:
         print_json(explanation.as_dict())
     else:
