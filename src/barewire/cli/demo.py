@@ -164,7 +164,7 @@ def demo_command(as_json: bool) -> None:
     Every frame is shown with the meaning of its bytes.
     """
     console = Console(highlight=False)
-    table = Table(title="What was done", title_justify="left", header_style="bold")
+    table = Table(title="Summary", title_justify="left", header_style="bold")
     for title in ("machine and wire", "endpoint", "read", "written", "frames", "seconds"):
         table.add_column(title, overflow="fold")
     if not as_json:
@@ -173,20 +173,19 @@ def demo_command(as_json: bool) -> None:
     for wire in _WIRES:
         if not as_json:
             console.print(f"\n[bold]{wire.title}[/bold]")
-        began = time.monotonic()
-        done = []
+        start = time.monotonic()
+        exchanges = []
         for exchange in _run_steps(wire, machines[wire.device]):
-            done.append(exchange)
+            exchanges.append(exchange)
             if as_json:
                 print_json(_fields(wire, exchange))
             else:
                 _print(console, exchange)
-        actions = [exchange.action for exchange in done]
-        frames = sum(len(exchange.frames) for exchange in done)
+        actions = [exchange.action for exchange in exchanges]
+        frames = sum(len(exchange.frames) for exchange in exchanges)
         counts = (actions.count("read"), actions.count("write"), frames)
-        table.add_row(
-            wire.title, done[0].endpoint.partition("?")[0], *map(str, counts), f"{time.monotonic() - began:.2f}"
-        )
+        endpoint = exchanges[0].endpoint.partition("?")[0]
+        table.add_row(wire.title, endpoint, *map(str, counts), f"{time.monotonic() - start:.2f}")
     if not as_json:
         console.print()
         console.print(table)
@@ -200,15 +199,15 @@ def _run_steps(wire: DemoWire, machine: Simulator) -> Iterator[DemoExchange]:
         scheme = wire.endpoint.partition(":")[0]
         frames = ExchangeFrames(scheme)
         url = f"{server.url}&pace=1" if scheme in ("rtu", "ascii") else server.url
-        connected = stack.enter_context(connect(description, url, watch=frames.watch))
-        if isinstance(connected.client, CanopenClient):
-            _wait_for_boot_up(connected.client)
+        machine_client = stack.enter_context(connect(description, url, watch=frames.watch))
+        if isinstance(machine_client.client, CanopenClient):
+            _wait_for_boot_up(machine_client.client)
         for step in wire.steps:
             if step.value is not None:
-                connected.write(step.name, step.value)
+                machine_client.write(step.name, step.value)
                 reading = Reading(description.find(step.name), step.value)
             else:
-                reading = _read(connected, step, frames)
+                reading = _read(machine_client, step, frames)
             action = "read" if step.value is None else "write"
             yield DemoExchange(server.url, action, reading, frames.take())
 
