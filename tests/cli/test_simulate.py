@@ -94,7 +94,7 @@ def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
             assert "no high voltage, bit 4 (voltage enabled) is off" in done.stderr
 
 
-@pytest.mark.parametrize("late", ["nan", "-1", "inf"])
+@pytest.mark.parametrize("late", ["nan", "-1.0", "inf"])
 def test_the_delay_of_the_fault_late_is_checked(late: str) -> None:
     error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late", f"--late={late}")
     assert error.endswith(f"late = {late}: expected seconds, from 0 on and below 3600\n")
