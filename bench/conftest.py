@@ -62,28 +62,32 @@ def pytest_benchmark_update_json(output_json: dict[str, Any]) -> None:
 
 @pytest.fixture
 def enter(benchmark: BenchmarkFixture) -> Callable[[Race, str], None]:
-    """`enter(race, who)`: report the rounds of this one contestant; `who` is its name."""
+    """`enter(race, contestant)`: report the rounds of this contestant, given by its name."""
 
-    def report(race: Race, who: str) -> None:
+    def report(race: Race, contestant: str) -> None:
         benchmark.group = race.group
         if race.group not in _outcomes:
             _outcomes[race.group] = run(race)
         outcome = _outcomes[race.group]
-        if who in outcome.missing:
+        if contestant in outcome.missing:
             benchmark.skipped = True
-            pytest.skip(f"{who}: {outcome.missing[who]}")
-        if who in outcome.failed:
-            if who.startswith("barewire"):
-                raise outcome.failed[who]
+            pytest.skip(f"{contestant}: {outcome.missing[contestant]}")
+        if contestant in outcome.failed:
+            if contestant.startswith("barewire"):
+                raise outcome.failed[contestant]
             benchmark.skipped = True
-            pytest.skip(f"{who} failed: {type(outcome.failed[who]).__name__}: {outcome.failed[who]}")
+            pytest.skip(
+                f"{contestant} failed: {type(outcome.failed[contestant]).__name__}: {outcome.failed[contestant]}"
+            )
         floor = next(iter(race.contestants))
-        benchmark.extra_info.update(family=race.family, what=race.what, size=race.size, who=who, floor=floor)
+        benchmark.extra_info.update(
+            family=race.family, what=race.what, size=race.size, contestant=contestant, floor=floor
+        )
         # Ratios of ours to all contestants, of each contestant to the floor and to ours.
-        beside = [name for name in outcome.seconds if who.startswith("barewire") or name in (floor, "barewire")]
-        others = {name: outcome.ratio(who, name) for name in beside}
+        beside = [name for name in outcome.seconds if contestant.startswith("barewire") or name in (floor, "barewire")]
+        others = {name: outcome.ratio(contestant, name) for name in beside}
         benchmark.extra_info["ratios"] = others
-        seconds = outcome.seconds[who]
+        seconds = outcome.seconds[contestant]
         _marks[:] = [mark for took in seconds for mark in (0.0, took)]
         benchmark.pedantic(lambda: None, rounds=len(seconds))
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Goal(NamedTuple):
-    """`who` takes at most `limit` times the time of `other`, or times its memory if `memory` is set."""
+    """`contestant` takes at most `limit` times the time of `other`, or times its memory if `memory` is set."""
 
     text: str
     family: str
@@ -14,7 +14,7 @@ class Goal(NamedTuple):
     size: int | str
     other: str
     limit: float
-    who: str = "barewire"
+    contestant: str = "barewire"
     memory: bool = False
 
 
@@ -71,28 +71,30 @@ def goals() -> list[Goal]:
         text = f"16 in flight, {place}: 3 x one in flight"
         found.append(Goal(text, client, what, place, "barewire, 1 in flight", 1 / 3))
         what = "10 registers, 1 at once"
-        for who in ("barewire, asyncio", "barewire"):
-            kind = "Asyncio server" if who != "barewire" else "Server in a thread"
+        for contestant in ("barewire, asyncio", "barewire"):
+            kind = "Asyncio server" if contestant != "barewire" else "Server in a thread"
             text = f"{kind}, {place}: 0.8 of a raw asyncio protocol"
-            found.append(Goal(text, server, what, place, "raw asyncio", 1 / 0.8, who))
+            found.append(Goal(text, server, what, place, "raw asyncio", 1 / 0.8, contestant))
             for other in ("pymodbus", "tmodbus", "pyModbusTCP"):
-                found.append(Goal(f"... ahead of {other}", server, what, place, other, 1.0, who))
+                found.append(Goal(f"... ahead of {other}", server, what, place, other, 1.0, contestant))
     many = "10 registers of each at once"
-    for who, kind in (("barewire, asyncio", "Asyncio server"), ("barewire", "Server in a thread")):
+    for contestant, kind in (("barewire, asyncio", "Asyncio server"), ("barewire", "Server in a thread")):
         for other in ("raw asyncio", "pyModbusTCP"):
             text = f"{kind}, 64 connections: ahead of {other}"
-            found.append(Goal(text, "TCP server, connections", many, 64, other, 1.0, who))
+            found.append(Goal(text, "TCP server, connections", many, 64, other, 1.0, contestant))
     for memory in (False, True):
         word = "memory" if memory else "time"
         for room in ("rtu", "ascii", "tcp", "codecs"):
-            who, what = f"barewire.{room}", "in a new interpreter"
-            text = f"import {who}, {word}: a quarter of pymodbus.client"
-            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 4, who, memory))
-            found.append(Goal("... below minimalmodbus", "Import", what, "each", "minimalmodbus", 1.0, who, memory))
+            contestant, what = f"barewire.{room}", "in a new interpreter"
+            text = f"import {contestant}, {word}: a quarter of pymodbus.client"
+            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 4, contestant, memory))
+            found.append(
+                Goal("... below minimalmodbus", "Import", what, "each", "minimalmodbus", 1.0, contestant, memory)
+            )
         for more in ("", ", a URL and its first message"):
-            who = f"barewire blocking TCP client{more}"
-            text = f"{who}, {word}: half of pymodbus.client"
-            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 2, who, memory))
+            contestant = f"barewire blocking TCP client{more}"
+            text = f"{contestant}, {word}: half of pymodbus.client"
+            found.append(Goal(text, "Import", what, "each", "pymodbus.client", 1 / 2, contestant, memory))
     start = ("Start", "in a new interpreter", "once", "python, import click")
     found.append(Goal('load("az3"): at most 2/3 of python with click', *start, 40 / 60, 'load("az3")'))
     found.append(Goal("barewire read, first line: at most 4.2 x python with click", *start, 250 / 60, "barewire read"))

@@ -41,7 +41,7 @@ def plot(family: str, groups: dict[tuple[str, int | str], list[Entry]], folder: 
     lines: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for (what, size), rows in groups.items():
         for row in rows:
-            label = row.who if len({what for what, _ in groups}) == 1 else f"{row.who}: {what}"
+            label = row.contestant if len({what for what, _ in groups}) == 1 else f"{row.contestant}: {what}"
             lines[label].append((float(size) if isinstance(size, int) else 0.0, cost(row)))
     figure, axes = pyplot.subplots(figsize=(8, 4.5))
     if min(len({size for size, _ in points}) for points in lines.values()) > 1:
@@ -67,10 +67,10 @@ def cost(row: Entry) -> float:
 def _draw_lines(axes: Any, lines: dict[str, list[tuple[float, float]]]) -> None:
     """A line for each contestant, ours thick and blue."""
     ours, others = cycle(OUR_COLOURS), cycle(COLOURS)
-    for who, points in lines.items():
-        is_ours = who.startswith("barewire")
+    for contestant, points in lines.items():
+        is_ours = contestant.startswith("barewire")
         style = {"color": next(ours if is_ours else others), "linewidth": 2.2 if is_ours else 1.0}
-        axes.plot(*zip(*sorted(points)), label=who, marker="o", markersize=3, **style)
+        axes.plot(*zip(*sorted(points)), label=contestant, marker="o", markersize=3, **style)
     axes.set(xscale="log", yscale="log")
     axes.grid(True, which="major", alpha=0.3)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -82,10 +82,10 @@ def _draw_rows(axes: Any, groups: dict[tuple[str, int | str], list[Entry]]) -> f
     for (what, size), rows in groups.items():
         labels.append(f"{what}, {size}")
         for row in rows:
-            colour = OUR_COLOURS[0] if row.who.startswith("barewire") else "#777777"
+            colour = OUR_COLOURS[0] if row.contestant.startswith("barewire") else "#777777"
             axes.plot(cost(row), len(labels), marker="o", markersize=4, color=colour)
             axes.annotate(show(row.seconds), (cost(row), len(labels)), (6, -2), textcoords="offset points", fontsize=6)
-            labels.append(row.who)
+            labels.append(row.contestant)
     titles = {f"{what}, {size}" for what, size in groups}
     axes.set_yticks(range(len(labels)), labels, fontsize=6)
     for text in axes.get_yticklabels():

@@ -79,9 +79,9 @@ class Outcome:
     missing: dict[str, str] = field(default_factory=dict)
     failed: dict[str, Exception] = field(default_factory=dict)
 
-    def ratio(self, who: str, floor: str) -> dict[str, float]:
+    def ratio(self, contestant: str, floor: str) -> dict[str, float]:
         """Median and quartiles of the ratios, round by round."""
-        ratios = [mine / best for mine, best in zip(self.seconds[who], self.seconds[floor])]
+        ratios = [mine / best for mine, best in zip(self.seconds[contestant], self.seconds[floor])]
         low, middle, high = quantiles(ratios, n=4) if len(ratios) > 1 else ratios * 3
         return {"median": middle, "q1": low, "q3": high}
 
@@ -156,4 +156,8 @@ def run(race: Race) -> Outcome:
 
 def entries(*races: Race) -> list[Any]:
     """Each contestant of each race, as parameters of a test."""
-    return [pytest.param(race, who, id=f"{race}-{who}".replace(" ", "_")) for race in races for who in race.contestants]
+    return [
+        pytest.param(race, contestant, id=f"{race}-{contestant}".replace(" ", "_"))
+        for race in races
+        for contestant in race.contestants
+    ]

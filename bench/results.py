@@ -12,7 +12,7 @@ class Entry(NamedTuple):
     family: str
     what: str
     size: int | str
-    who: str
+    contestant: str
     floor: str
     seconds: float
     ratios: dict[str, dict[str, float]]
@@ -25,7 +25,7 @@ def read(data: dict[str, Any]) -> list[Entry]:
     for row in data["benchmarks"]:
         extra = row["extra_info"]
         if "family" in extra:
-            fields = {key: extra[key] for key in ("family", "what", "size", "who", "floor", "ratios")}
+            fields = {key: extra[key] for key in ("family", "what", "size", "contestant", "floor", "ratios")}
             found.append(Entry(**fields, seconds=row["stats"]["median"], memory=extra.get("memory")))
     return found
 

@@ -62,6 +62,6 @@ def _race(count: int) -> Race:
     return Race("Block", "32-bit values with names", count, contestants, dict(zip(names, [one / 10 for one in raw])))
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(_race, (1, 5, 20, 60))))
-def test_block(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(_race, (1, 5, 20, 60))))
+def test_block(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

@@ -112,6 +112,6 @@ def _race(length: int) -> Race:
     return Race("CRC-16", "one frame", length, {name: _factory(form, data) for name, form in forms.items()})
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(_race, LENGTHS)))
-def test_crc(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(_race, LENGTHS)))
+def test_crc(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

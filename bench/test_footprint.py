@@ -98,10 +98,10 @@ def _imported(name: str) -> Callable[[ExitStack], Work]:
 RACE = Race("Import", "in a new interpreter", "each", {n: _imported(n) for n in IMPORTS}, rounds=9, turn=0.0)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(RACE))
-def test_import(enter: Callable[[Race, str], None], benchmark: BenchmarkFixture, race: Race, who: str) -> None:
-    enter(race, who)
-    benchmark.extra_info["memory"] = median(_memory[who])
+@pytest.mark.parametrize(("race", "contestant"), entries(RACE))
+def test_import(enter: Callable[[Race, str], None], benchmark: BenchmarkFixture, race: Race, contestant: str) -> None:
+    enter(race, contestant)
+    benchmark.extra_info["memory"] = median(_memory[contestant])
 
 
 # Connections that do nothing -------------------------------------------------------------------------------------
@@ -182,13 +182,13 @@ async def _grown(make: Callable[[], Any], count: int) -> tuple[float, float]:
 _held: dict[tuple[str, int], list[float]] = {}
 
 
-def _idle(who: str, make: Callable[[], Any], count: int) -> Factory:
+def _idle(contestant: str, make: Callable[[], Any], count: int) -> Factory:
     class Idle(Many):
         measures_itself = True
 
     def grown(_: int) -> float:
         took, held = asyncio.run(_grown(make, count))
-        _held.setdefault((who, count), []).append(held)
+        _held.setdefault((contestant, count), []).append(held)
         return took
 
     return lambda closing: Idle(grown)
@@ -198,12 +198,14 @@ SERVERS = {"asyncio": _raw, "barewire, asyncio": _with_asyncio, "barewire": _in_
 
 
 def _idle_race(count: int) -> Race:
-    contestants = {who: _idle(who, make, count) for who, make in SERVERS.items()}
+    contestants = {contestant: _idle(contestant, make, count) for contestant, make in SERVERS.items()}
     return Race("Idle connections", "one more", count, contestants, rounds=3, turn=0.0)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(_idle_race, (10, 100, 400))))
-def test_idle_connection(enter: Callable[[Race, str], None], benchmark: BenchmarkFixture, race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(_idle_race, (10, 100, 400))))
+def test_idle_connection(
+    enter: Callable[[Race, str], None], benchmark: BenchmarkFixture, race: Race, contestant: str
+) -> None:
+    enter(race, contestant)
     assert isinstance(race.size, int)
-    benchmark.extra_info["memory"] = median(_held[who, race.size])
+    benchmark.extra_info["memory"] = median(_held[contestant, race.size])

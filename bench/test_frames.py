@@ -169,16 +169,16 @@ def _chunk(envelope: str, frames: int) -> Race:
     return Race(f"{envelope.upper()} chunk", "frames in one read", frames, contestants, frames * [tuple(range(10))])
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*(_response(e, q) for e in ENVELOPES for q in QUANTITIES)))
-def test_response(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*(_response(e, q) for e in ENVELOPES for q in QUANTITIES)))
+def test_response(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(_request, ENVELOPES)))
-def test_request(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(_request, ENVELOPES)))
+def test_request(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*(_chunk(e, n) for e in ENVELOPES for n in (1, 4, 16, 64))))
-def test_chunk(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*(_chunk(e, n) for e in ENVELOPES for n in (1, 4, 16, 64))))
+def test_chunk(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

@@ -59,6 +59,6 @@ CONTESTANTS = {"barewire": ours, "canopen": theirs}
 FASTSCAN = Race("LSS", "fastscan, python-can's virtual bus", "128 bits", CONTESTANTS, rounds=3, turn=0.0)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(FASTSCAN))
-def test_fastscan(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(FASTSCAN))
+def test_fastscan(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

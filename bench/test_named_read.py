@@ -51,6 +51,6 @@ def _race(count: int) -> Race:
     return Race("Named read", "values of the ADXL", count, contestants, rounds=61, turn=0.01)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(_race, NAMES)))
-def test_named_read(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(_race, NAMES)))
+def test_named_read(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

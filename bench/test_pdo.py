@@ -89,6 +89,6 @@ RACES = (
 )
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*RACES))
-def test_pdo(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*RACES))
+def test_pdo(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

@@ -93,8 +93,8 @@ def without_bus(verb: str, server: str) -> Race:
 
         return lambda closing: Prepared(prepare, upload_it if verb == "upload" else download_it, VALUE)
 
-    who = {"barewire": factory("barewire"), "canopen": factory("canopen")}
-    return Race("SDO", f"block {verb}, {server}", MEBIBYTE, who, rounds=ROUNDS, turn=0.0)
+    contestants = {"barewire": factory("barewire"), "canopen": factory("canopen")}
+    return Race("SDO", f"block {verb}, {server}", MEBIBYTE, contestants, rounds=ROUNDS, turn=0.0)
 
 
 # On python-can ---------------------------------------------------------------------------------------------------
@@ -113,9 +113,9 @@ def on_python_can(verb: str) -> Race:
 
         return make
 
-    who = {name: factory(name) for name in ("barewire", "barewire, asyncio", "canopen")}
+    contestants = {name: factory(name) for name in ("barewire", "barewire, asyncio", "canopen")}
     what = f"block {verb}, python-can's virtual bus"
-    return Race("SDO", what, MEBIBYTE, {**who, "python-can alone": the_bus_itself}, rounds=3, turn=0.0)
+    return Race("SDO", what, MEBIBYTE, {**contestants, "python-can alone": the_bus_itself}, rounds=3, turn=0.0)
 
 
 def the_bus_itself(closing: ExitStack) -> Prepared:
@@ -179,6 +179,6 @@ RACES = (
 )
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*RACES))
-def test_sdo(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*RACES))
+def test_sdo(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

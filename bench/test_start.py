@@ -75,6 +75,6 @@ STARTS: dict[str, Factory] = {
 RACE = Race("Start", "in a new interpreter", "once", STARTS, rounds=9, turn=0.0)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(RACE))
-def test_start(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(RACE))
+def test_start(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

@@ -219,23 +219,23 @@ def connections(count: int) -> Race:
 assert len(IMAGE) == 20
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(blocking, CLIENT_PLACES)))
-def test_blocking_client(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(blocking, CLIENT_PLACES)))
+def test_blocking_client(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)
 
 
 @pytest.mark.parametrize(
-    ("race", "who"), entries(*(asyncio_client(n, place) for n in (1, 16) for place in CLIENT_PLACES))
+    ("race", "contestant"), entries(*(asyncio_client(n, place) for n in (1, 16) for place in CLIENT_PLACES))
 )
-def test_asyncio_client(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+def test_asyncio_client(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*(server(n, place) for n in (1, 16) for place in PLACES)))
-def test_server(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*(server(n, place) for n in (1, 16) for place in PLACES)))
+def test_server(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)
 
 
-@pytest.mark.parametrize(("race", "who"), entries(*map(connections, (1, 4, 16, 64))))
-def test_connections(enter: Callable[[Race, str], None], race: Race, who: str) -> None:
-    enter(race, who)
+@pytest.mark.parametrize(("race", "contestant"), entries(*map(connections, (1, 4, 16, 64))))
+def test_connections(enter: Callable[[Race, str], None], race: Race, contestant: str) -> None:
+    enter(race, contestant)

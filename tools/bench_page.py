@@ -48,13 +48,13 @@ FAMILIES = {
 def table(rows: list[Entry]) -> list[str]:
     """One race as a table: contestant, median, ratio to the floor with quartiles, ratio to ours."""
     floor, kept = rows[0].floor, any(row.memory is not None for row in rows)
-    ours = next((row.who for row in rows if row.who == "barewire" != floor), None)
+    ours = next((row.contestant for row in rows if row.contestant == "barewire" != floor), None)
     head = ["", "median", f"x {floor} (quartiles)"] + ([f"x {ours}"] if ours else []) + (["memory"] if kept else [])
     lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
     for row in rows:
         to_floor = row.ratios.get(floor)
         spread = f"{times(to_floor['median'])} ({times(to_floor['q1'])} to {times(to_floor['q3'])})" if to_floor else ""
-        cells = [row.who, show(row.seconds), spread]
+        cells = [row.contestant, show(row.seconds), spread]
         if ours:
             cells.append(times(row.ratios[ours]["median"]) if ours in row.ratios else "")
         if kept:
@@ -65,10 +65,10 @@ def table(rows: list[Entry]) -> list[str]:
 
 def goals(entries: list[Entry]) -> list[str]:
     """The goals with the ratios of this run."""
-    by_place = {(row.family, row.what, row.size, row.who): row for row in entries}
+    by_place = {(row.family, row.what, row.size, row.contestant): row for row in entries}
     lines = ["| goal | wanted | measured | |", "|---|---:|---:|---|"]
     for goal in wanted():
-        mine = by_place.get((goal.family, goal.what, goal.size, goal.who))
+        mine = by_place.get((goal.family, goal.what, goal.size, goal.contestant))
         other = by_place.get((goal.family, goal.what, goal.size, goal.other))
         if mine is None or other is None:
             lines.append(f"| {goal.text} | {goal.limit:.3g} | | not measured |")
@@ -93,8 +93,8 @@ def _absolute(by_place: dict[tuple[str, str, int | str, str], Entry]) -> list[st
         a_second = 1 / tpdo.seconds
         met = "met" if a_second > 100_000 else "**missed**"
         lines.append(f"| TPDOs of the AZ3 a second | above 100000 | {a_second:.0f} | {met} |")
-    for who, kind in (("barewire, asyncio", "asyncio server"), ("barewire", "server in a thread")):
-        mine, bare = (by_place.get(("Idle connections", "one more", 400, one)) for one in (who, "asyncio"))
+    for contestant, kind in (("barewire, asyncio", "asyncio server"), ("barewire", "server in a thread")):
+        mine, bare = (by_place.get(("Idle connections", "one more", 400, one)) for one in (contestant, "asyncio"))
         if mine is not None and bare is not None:
             more = ((mine.memory or 0.0) - (bare.memory or 0.0)) / 1024
             met = "met" if more < 10 else "**missed**"
@@ -135,7 +135,7 @@ def page(data: dict[str, Any]) -> str:
         for (what, size), rows in groups.items():
             lines += [f"**{what}, {size}**", "", *table(rows), ""]
             absent: dict[str, str] = data.get("absent", {}).get(f"{family}: {what}, {size}", {})
-            lines += [line for who, why in absent.items() for line in (f"Missing: {who}, {why}", "")]
+            lines += [line for contestant, why in absent.items() for line in (f"Missing: {contestant}, {why}", "")]
     return "\n".join(lines)
 
 

@@ -147,7 +147,7 @@ def battery_lines(kind: str, own: Results, measured: Mapping[str, Mapping[str, R
 def survey_lines(kind: str, cell: Any) -> list[str]:
     """The rows of the survey: our cell is made now, the others were measured."""
     part = SURVEY[kind]
-    rows = [[row["says"], cell(row), *row["told"]] for row in part["row"]]
+    rows = [[row["text"], cell(row), *row["results"]] for row in part["row"]]
     return table(["row", "barewire", *part["versions"]], rows)
 
 

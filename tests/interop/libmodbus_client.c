@@ -1,8 +1,9 @@
-/* Every call that a libmodbus client has, against a server with the table that test_libmodbus.py prepares.
+/* Every call of a libmodbus client, against a server with the table that test_libmodbus.py prepares.
  *
  *     libmodbus_client tcp HOST PORT       libmodbus_client tcp_pi HOST PORT       libmodbus_client rtu DEVICE
  *
- * A server on a line behind TCP or TLS is reached through socat. Prints each call that went as it should; stops at the first that did not, with status 1. */
+ * socat connects it to servers over TLS and on serial lines over TCP. Prints each successful call; exits with status 1 at the
+ * first failure. */
 #include <errno.h>
 #include <modbus/modbus.h>
 #include <stdio.h>
@@ -70,7 +71,7 @@ int main(int argc, char **argv)
           modbus_write_and_read_registers(ctx, 30, 2, values, 29, 4, registers) == 4 && registers[1] == 0x1234
               && registers[2] == 0xFFFF && registers[3] == 0);
 
-    /* As many as fit a request, and one more, which it refuses itself. */
+    /* As many as fit into a request, and one more, which libmodbus refuses itself. */
     for (int i = 0; i < MODBUS_MAX_WRITE_BITS; i++)
         many_bits[i] = i % 3 == 0;
     for (int i = 0; i < MODBUS_MAX_WRITE_REGISTERS; i++)
@@ -84,7 +85,7 @@ int main(int argc, char **argv)
               && registers[1] == 0 && registers[2] == 1000 && registers[122] == 1120);
     check("one too many", refused(modbus_read_registers(ctx, 0, MODBUS_MAX_READ_REGISTERS + 1, registers), EMBMDATA));
 
-    /* -1500000 as ABCD. Not with modbus_set_float_abcd: in libmodbus 3.1.6 it does not fit its own reader. */
+    /* -1500000 as ABCD. Not with modbus_set_float_abcd: in libmodbus 3.1.6 it does not match modbus_get_float_abcd. */
     uint16_t words[] = {0xC9B7, 0x1B00};
     check("write float", modbus_write_registers(ctx, 40, 2, words) == 2);
     check("read float", modbus_read_registers(ctx, 40, 2, registers) == 2 && modbus_get_float_abcd(registers) == -1.5e6f);
@@ -96,7 +97,7 @@ int main(int argc, char **argv)
     int length = modbus_report_slave_id(ctx, sizeof id, id);
     check("report_slave_id", length > 2 && memmem(id, length, "table", 5) != NULL); /* the product */
 
-    /* Raw requests only of functions whose answers libmodbus can count: not 2B. */
+    /* Raw requests only for functions whose answer length libmodbus knows: not 2B. */
     uint8_t answer[MODBUS_MAX_ADU_LENGTH];
     uint8_t status[] = {1, 0x07};
     check("send_raw_request", modbus_send_raw_request(ctx, status, sizeof status) > 0);
@@ -111,7 +112,7 @@ int main(int argc, char **argv)
     check("illegal value", answer[modbus_get_header_length(ctx)] == 0x83 && answer[modbus_get_header_length(ctx) + 1] == 3);
     check("still there", modbus_read_registers(ctx, 9, 1, registers) == 1 && registers[0] == 0xBEEF);
 
-    if (argc == 3) { /* on a line: nobody answers a broadcast, or for another unit */
+    if (argc == 3) { /* on a serial line: no answer to a broadcast, or for another unit */
         modbus_set_response_timeout(ctx, 0, 200000);
         modbus_set_slave(ctx, MODBUS_BROADCAST_ADDRESS);
         check("broadcast", refused(modbus_write_register(ctx, 8, 77), ETIMEDOUT));

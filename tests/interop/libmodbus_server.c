@@ -1,8 +1,8 @@
-/* A libmodbus server with a hundred of everything.
+/* A libmodbus server with a hundred entries in each table.
  *
  *     libmodbus_server tcp PORT       libmodbus_server tcp_pi PORT       libmodbus_server rtu DEVICE
  *
- * Says "ready" and its version, and serves one client after the other until it is killed. Input register 4 holds 1234,
+ * Prints "ready" and its version, and serves one client after the other until it is killed. Input register 4 holds 1234,
  * discrete input 6 is on; a read from holding register 50 on is answered with "busy" (exception 06) by modbus_reply_exception. */
 #include <errno.h>
 #include <modbus/modbus.h>
@@ -38,9 +38,9 @@ int main(int argc, char **argv)
             uint8_t request[MODBUS_MAX_ADU_LENGTH];
             int length = modbus_receive(ctx, request), at = modbus_get_header_length(ctx);
             if (length == -1 && tcp)
-                break; /* the client hung up: wait for the next */
+                break; /* the client closed the connection: wait for the next */
             if (length <= 0)
-                continue; /* damaged, or not for us */
+                continue; /* damaged, or for another unit */
             if (request[at] == 0x03 && request[at + 2] == 50)
                 modbus_reply_exception(ctx, request, MODBUS_EXCEPTION_SLAVE_OR_SERVER_BUSY);
             else

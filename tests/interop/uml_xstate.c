@@ -1,8 +1,8 @@
-/* Lets User Mode Linux 6.1 run on processors whose register state is larger than it knows (those with AMX).
+/* Lets User Mode Linux 6.1 run on processors whose register state is larger than it expects (those with AMX).
  *
- * It keeps 2,696 bytes of each process, as much as AVX-512 needs, and writes them back with PTRACE_SETREGSET. The host
- * takes the whole state or nothing (EFAULT). So what is read is put into the whole state as it is now and written as
- * that; the rest, AMX tiles, nobody in the guest uses. To be loaded with LD_PRELOAD.
+ * UML keeps 2,696 bytes of each process, as much as AVX-512 needs, and writes them back with PTRACE_SETREGSET. The host
+ * accepts the whole state only (EFAULT otherwise). So this library copies the kept part into the current whole state and
+ * writes that; the rest, AMX tiles, is not used in the guest. Load it with LD_PRELOAD.
  */
 #define _GNU_SOURCE
 #include <elf.h>
