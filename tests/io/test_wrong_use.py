@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import copy
+import gc
 import pickle
 import threading
 from collections.abc import Callable
@@ -233,7 +234,7 @@ def test_a_client_in_another_event_loop_is_explained() -> None:
             assert await client.read_coils(0, 1) == (False,)
 
             def elsewhere() -> None:
-                with refused(PortError, "the client was connected in another event loop"):
+                with refused(PortError, "the client is connected in another event loop"):
                     asyncio.run(client.read_coils(0, 1))
 
             await asyncio.to_thread(elsewhere)
@@ -241,6 +242,22 @@ def test_a_client_in_another_event_loop_is_explained() -> None:
             client.close()
 
         asyncio.run(main())
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_client_connects_again_after_its_event_loop_has_ended() -> None:
+    # The loop ends without closing the client, so Python warns of the connections.
+    with barewire.ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as server:
+        client = barewire.AsyncModbusClient(server.url, in_flight=4)
+        for _ in range(3):
+            assert asyncio.run(_read(client)) == (False,)
+        client.close()
+    del client
+    gc.collect()
+
+
+async def _read(client: barewire.AsyncModbusClient) -> tuple[bool, ...]:
+    return await client.read_coils(0, 1)
 
 
 def test_a_simulator_is_no_description() -> None:

@@ -152,9 +152,9 @@ class AsyncConnection:
         if box is None or box.lost is not None:
             return None
         if box.loop is not asyncio.get_running_loop():
-            raise PortError(
-                "the client was connected in another event loop: close it there, or use one client for each"
-            )
+            if box.loop.is_closed():
+                return None
+            raise PortError("the client is connected in another event loop: close it there, or use a client for each")
         while box.chunks and (data := box.take()) is not None:
             lane.bus.overhear(data, asyncio.get_running_loop().time())
         return box if lane.bus.line.broken is None else None
