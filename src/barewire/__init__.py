@@ -12,7 +12,7 @@
         node.read("STATUS WORD"), node.sdo.upload(0x6041, 0), node.nmt.start()
     with barewire.CanopenServer("can://virtual/x?node=5", device="az3") as server: ...
 
-    with barewire.connect("az3", "can://socketcan/can0?node=5") as az3:          # a machine by name, whatever the wire
+    with barewire.connect("az3", "can://socketcan/can0?node=5") as az3:          # a machine by name, on any bus
         az3["TARGET VELOCITY"] = 1500
 
 The options of a URL and keyword arguments are the same options. Behind this door, in the order to read them:

@@ -15,7 +15,7 @@ each time with one `Heard(item, now)`. It reads no clock: the time is part of wh
                                    <-------------      Heard(None, now)    the time is over
         return result              ------------->      done
 
-A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` tells it that only time has passed.
+A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` means that only time has passed.
 
 There are three interpreters: the blocking engine, the asyncio engine (both in `io.engine`), and `Wire` below, which
 runs conversations in virtual time for tests. All three give these words the same meaning.

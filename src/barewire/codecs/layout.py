@@ -39,7 +39,7 @@ class Layout:
     """A struct format with a name for each value, and optionally a tail of bytes behind it.
 
     `tail` names the bytes behind the fixed part, `count` the field that holds their number. A tail without a count
-    takes all remaining bytes; then the first bytes do not tell the length.
+    takes all remaining bytes; then the first bytes do not determine the length.
 
     >>> Layout(">BHH", "function_code", "address", "quantity").pack(3, 107, 3).hex(" ")
     '03 00 6b 00 03'
@@ -115,7 +115,7 @@ class Layout:
         raise AssertionError("not short")  # pragma: no cover - called with too few bytes only
 
     def measure(self, data: bytes) -> int | None:
-        """How many bytes to wait for, as far as these first bytes tell; None if they cannot tell.
+        """How many bytes to wait for, as far as these first bytes determine it; None if they cannot.
 
         The result grows once, when the count field has arrived; with as many bytes as the result it is the length.
         """

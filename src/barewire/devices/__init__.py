@@ -1,4 +1,4 @@
-"""Devices: parameters of real machines by name, with unit, range and address, whatever the bus.
+"""Devices: parameters of real machines by name, with unit, range and address, on Modbus and CANopen.
 
                           load("az3").find("STATUS WORD")           catalog/az3/input.toml
                                         |

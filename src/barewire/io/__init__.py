@@ -5,7 +5,7 @@
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
     modbus/            ModbusClient, AsyncModbusClient, listening in, the conformance battery
     canopen/           CanopenClient, AsyncCanopenClient, shared buses, captures, the gateway of CiA 309-3
-    machine            a machine by name, whatever the wire; named_values, drive: its values, its motion
+    machine            a machine by name, on any bus; named_values, drive: its values, its motion
     fault_injection/   faults in the answers of a server
     server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits, locks
 

@@ -59,7 +59,7 @@ _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
 
 
 class Carrier(NamedTuple):
-    """What the scheme of a Modbus URL stands for: the framing of messages (rtu, ascii, tcp), and the port below it.
+    """The meaning of the scheme of a Modbus URL: the framing of messages (rtu, ascii, tcp), and the port below it.
 
     `transport` names the files in `barewire.io.ports`: `transport` has `dialer(endpoint)` for blocking clients,
     `async_transport` has `connect(endpoint, receive, lose)` for asyncio clients.
@@ -179,7 +179,7 @@ class Endpoint(NamedTuple):
     def parse(cls, url: str, options: Mapping[str, object] | None = None) -> Endpoint:
         """The parts of a URL. `options` are added to those of the URL and override them; None is no option.
 
-        Raises EncodeError, which names what is wrong and what was expected.
+        Raises EncodeError, which names the fault and the expected values.
 
         >>> Endpoint.parse("tcp://10.0.0.5?unit=1", {"unit": 7, "any_unit": True}).options
         {'unit': '7', 'any_unit': '1'}

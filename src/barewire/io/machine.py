@@ -1,4 +1,4 @@
-"""A machine by name, whatever the wire: `barewire.connect("az3", "can://socketcan/can0?node=5")`.
+"""A machine by name, on Modbus or CANopen: `barewire.connect("az3", "can://socketcan/can0?node=5")`.
 
     with connect("az3", "rtu:///dev/ttyUSB0?unit=1") as az3:                  Modbus, from here on the same words
         az3["STATUS WORD"], az3.read_all(), az3.drive.enable()

@@ -1,4 +1,4 @@
-"""The values of a described machine by name, whatever the wire.
+"""The values of a described machine by name, on Modbus or CANopen.
 
     az3["STATUS WORD"]                     Reading: the parameter, its value and unit
     az3["TARGET VELOCITY"] = 1500
@@ -139,7 +139,7 @@ class NamedValues(_Names):
 
     @cached_property
     def drive(self) -> DriveClient:
-        """The machine as a drive of CiA 402. EncodeError if it is none."""
+        """The machine as a CiA 402 drive. Raises EncodeError for any other machine."""
         from barewire.io.drive import DriveClient
 
         return DriveClient(self)
@@ -194,7 +194,7 @@ class AsyncNamedValues(_Names):
 
     @cached_property
     def drive(self) -> AsyncDriveClient:
-        """The machine as a drive of CiA 402. EncodeError if it is none."""
+        """The machine as a CiA 402 drive. Raises EncodeError for any other machine."""
         from barewire.io.drive import AsyncDriveClient
 
         return AsyncDriveClient(self)

@@ -12,7 +12,7 @@ _HEXADECIMAL = frozenset("0123456789abcdefABCDEF")
 
 
 def split(url: str) -> tuple[str, str, str]:
-    """The scheme in lower case ("" without "://"), what is before the first "?", and what is after it.
+    """The scheme in lower case ("" without "://"), the part before the first "?", and the part after it.
 
     >>> split("TCP://10.0.0.5:502?unit=1")
     ('tcp', '10.0.0.5:502', 'unit=1')
@@ -37,7 +37,7 @@ def pairs(query: str) -> list[tuple[str, str]]:
 
 
 def unquote(text: str) -> str:
-    """Text with %XX for bytes. A "%" without two digits remains; what is no UTF-8 becomes U+FFFD.
+    """Text with %XX for bytes. A "%" without two digits remains; bytes that are not UTF-8 become U+FFFD.
 
     >>> unquote("/dev/tty%23%C3%A9"), unquote("100%")
     ('/dev/tty#é', '100%')

@@ -85,7 +85,7 @@ def test_a_registered_code_can_be_replaced(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize("what", [int, BlinkResponse, Blink(3), Request])
 def test_only_a_request_can_be_registered(what: Any) -> None:
-    with refused(EncodeError, "register wants a request class, with a function_code, a layout and a response"):
+    with refused(EncodeError, "register needs a request class, with a function_code, a layout and a response"):
         register(what)
 
 

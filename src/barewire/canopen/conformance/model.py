@@ -1,6 +1,6 @@
 """Values of the conformance battery: the device under test, a case, its steps, and how it went.
 
-    Subject     the device under test: its node-ID and what it has, as `probe` read it
+    Subject     the device under test: its node-ID and its objects, as `probe` read them
     NodeCase    a name, the clause, the reason, and steps; or what the device lacks, and then the case is not run
     NodeStep    frames that are sent at once, and the accepted patterns of answers
     pattern     frames as text with a dot for any digit: "585#6017100...", a comma between two, a bar between two that

@@ -146,7 +146,7 @@ class LocalNode:
 
     @property
     def deadline(self) -> float | None:
-        """When the device has something to send by itself."""
+        """The time at which the device next sends something without a request."""
         if not self._on or self.node is None:
             return None
         dues = [self.control.deadline]

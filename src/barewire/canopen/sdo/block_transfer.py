@@ -86,7 +86,7 @@ def joined(block: list[bytes]) -> bytes:
 
 
 def check_blksize(blksize: int) -> int:
-    """The block size that the peer wants. Raises ProtocolViolation if there is no such size."""
+    """The block size that the peer requests. Raises ProtocolViolation if there is no such size."""
     if not 1 <= blksize <= BLOCK_MAX:
         raise ProtocolViolation(
             AbortCode.BLOCK_SIZE, f"a block of {blksize} segments was requested: expected 1..{BLOCK_MAX}"
@@ -259,7 +259,7 @@ class BlockReceiver:
         self._reminded = False
 
     def _acknowledge(self) -> list[bytes]:
-        """Acknowledge what came in order. The last block stays here until the end gives its number of unused bytes."""
+        """Acknowledge the segments in order. The last block is held until the end gives its number of unused bytes."""
         self._strays = 0
         self._prepare_ack(len(self._parts))
         if not self.complete:

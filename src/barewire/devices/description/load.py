@@ -47,7 +47,7 @@ def load(name_or_path: str | Path) -> Device:
     >>> load("csd-mt?order=ABCD").find("Target Position").modbus.order
     'ABCD'
 
-    A device of the catalogue is read once in a process. Raises UnknownName for what is neither, DescriptionError with
+    A device of the catalogue is read once in a process. Raises UnknownName for any other name, DescriptionError with
     file, line and key for a description that does not follow the format.
     """
     if not isinstance(name_or_path, (str, os.PathLike)):

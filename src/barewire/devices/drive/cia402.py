@@ -139,7 +139,7 @@ def state_of(status_word: int) -> State:
     >>> state_of(0x0637)
     <State.OPERATION_ENABLED: 'operation enabled'>
 
-    DecodeError for a word that is none of the eight states, which a drive shows only during a transition.
+    Raises DecodeError for a word that shows none of the eight states, which a drive shows only during a transition.
     """
     for state, (mask, value) in STATUS_PATTERNS.items():
         if status_word & mask == value and 0 <= status_word <= 0xFFFF:

@@ -37,7 +37,7 @@ _BIT_NAMES: dict[int, str] = {
 
 
 class DriveStatus(NamedTuple):
-    """What was read of a drive at one time (seconds). None where the description has no parameter in this role."""
+    """The values read of a drive at one time (seconds). None where the description has no parameter in this role."""
 
     now: float
     status_word: int

@@ -58,7 +58,7 @@ class ChannelState:
     def begin_blocks(
         self, transfer: OpenTransfer, data_sender: SdoSide, blksize: int | None = None, *, crc: bool | None = None
     ) -> BlockTracker:
-        """The transfer goes on in blocks. None stands for what is not in the recording."""
+        """Go on with the transfer in blocks. None stands for a value that is not in the recording."""
         self.block = BlockTracker(transfer, self.node, data_sender, blksize, crc=crc)
         return self.block
 
@@ -72,7 +72,7 @@ class ChannelState:
         block.findings = []
 
     def violation(self, rule: str, text: str) -> None:
-        """This frame breaks a rule."""
+        """Report that this frame breaks a rule."""
         self.events.append(Violation(self.now, rule, self.node, text, self.frame))
 
     def report_missing(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
@@ -81,7 +81,7 @@ class ChannelState:
         self.events.append(Gap(self.now, None, frames, evidence, self.node))
 
     def done(self, transfer: OpenTransfer) -> None:
-        """The transfer has succeeded."""
+        """End the transfer as successful."""
         size = transfer.size
         if size is not None and size != transfer.count and transfer.complete and not transfer.gapped:
             self.violation("SDO-SIZE", f"{size} bytes announced, {transfer.count} transferred")
@@ -99,7 +99,7 @@ class ChannelState:
         self.given_up = transfer if outcome in ("unanswered", "left") else None
 
     def release(self) -> None:
-        """The events held back are certain now."""
+        """Emit the events held back: they are certain now."""
         self.events += self.held_back
         self.held_back = []
 

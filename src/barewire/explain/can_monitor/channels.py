@@ -22,7 +22,7 @@ _OFF_OR_EXTENDED = 0xA000_0000
 class SdoChannels:
     """The trackers of all channels, found by the identifier of a frame. A machine.
 
-    `dialects` has command bytes with reserved bits by node; `pdos` knows the objects of the nodes.
+    `dialects` has command bytes with reserved bits by node; `pdos` has the objects of the nodes.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""An SDO transfer under way as the monitor knows it, and the messages that begin one.   [CiA 301, SDO]
+"""The state of an SDO transfer in the monitor, and the messages that begin one.   [CiA 301, SDO]
 
         request                 transfer                possible answers
         initiate upload         upload, expedited       the value, or the announcement of segments
@@ -56,7 +56,7 @@ TRANSFER_OF: dict[type, tuple[TransferDirection, TransferManner, tuple[type, ...
     InitiateBlockUpload: ("upload", "block", (BlockUploadInitiated, *_UPLOADED)),
     InitiateBlockDownload: ("download", "block", (BlockDownloadInitiated,)),
 }
-"""Request -> direction and manner of the transfer that it begins, and the answers that it can have."""
+"""Request -> direction and kind of the transfer that it begins, and its possible answers."""
 CLIENT_MESSAGES: tuple[type[SdoMessage], ...] = (
     *(InitiateUpload, ExpeditedDownload, InitiateDownload, NextSegment, SdoSegment, Abort),
     *(InitiateBlockUpload, InitiateBlockDownload, StartBlockUpload, BlockAck, BlockEnd, BlockEnded),

@@ -133,7 +133,7 @@ def explain_segment(frame: CanFrame) -> Explanation:
 
 
 def _not_classical(frame: FdFrame | ErrorFrame) -> Explanation:
-    """Explain what is not a classical CAN frame: CAN FD, and the reports of a controller."""
+    """Explain an item that is not a classical CAN frame: CAN FD, or a report of the controller."""
     fields, _, counting = _raw(frame.data)
     if isinstance(frame, FdFrame):
         name, digits, number = "identifier", str(frame).partition("#")[0], frame.id

@@ -187,7 +187,7 @@ def explain_sdo(data: bytes, role: FrameRole) -> ExplainedSdo:
 def with_object_names(
     fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], KnownObject | None]
 ) -> tuple[list[Field], str]:
-    """Fields and summary of an SDO frame with the name of its object and its value as text, if `find` knows it."""
+    """Fields and summary of an SDO frame with the name of its object and its value as text, if `find` returns one."""
     held = {field.name: field for field in fields}
     index, sub = (held[name].value if name in held else None for name in ("index", "sub-index"))
     known = find(index, sub) if isinstance(index, int) and isinstance(sub, int) else None

@@ -1,4 +1,4 @@
-"""CANopen on real buses: clients, shared buses, nodes of one's own, and tools that use a bus.
+"""CANopen on real buses: clients, shared buses, local nodes, and tools that use a bus.
 
     subscriber      the frames that one thread or task receives of a shared bus
     reconnect       a port that failed is opened again

@@ -1,4 +1,4 @@
-"""A shared bus for asyncio: a subscriber that wakes a task instead of a thread, and what is built on it.
+"""A shared bus for asyncio: a subscriber that wakes a task instead of a thread, and the streams and tasks built on it.
 
         reader (thread) --> AsyncSubscriber --call_soon_threadsafe, once for a whole burst--> the task
 

@@ -138,7 +138,7 @@ class CanopenClient(ClientBase[BlockingBusRunner]):
         return self.subscribe(Subscription(machine, receives))
 
     def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> Running:
-        """Run any machine that sends frames by itself, until it is stopped."""
+        """Run any machine that also sends frames, until it is stopped."""
         return self.start_task(BackgroundTask(machine, receives))
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:

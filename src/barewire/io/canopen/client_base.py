@@ -1,4 +1,4 @@
-"""What the blocking and the asyncio CANopen client share: their settings, and everything that concerns the whole bus.
+"""Base class of the two CANopen clients: their settings, and the methods that concern the whole bus.
 
 bus.node(5, ...)                          one node: `node`
 bus.nmt, bus.lss, bus.sync, bus.time      groups of methods: `methods`
@@ -194,14 +194,14 @@ class ClientBase(Methods[R]):
 
     @subscription
     def pdos(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:
-        """The values of these PDOs, of whatever nodes, as they come."""
+        """The values of these PDOs, of any nodes, as they arrive."""
         from barewire.io.canopen.methods.pdo import pdo_subscription
 
         return pdo_subscription(*pdos)
 
     @background
     def host(self, device: Speaker) -> BackgroundTask:
-        """Run a node of one's own on this bus until it is stopped: a `LocalNode`, or any machine of frames."""
+        """Run a `LocalNode`, or any machine that receives and sends frames, on this bus until it is stopped."""
         return BackgroundTask(device, None)
 
 

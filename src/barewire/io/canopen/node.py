@@ -130,7 +130,7 @@ class EdsNode(Node[R]):
     def write(
         self, place: ObjectRef, value: Value, *, block: BlockMode = False, timeout: float | None = None
     ) -> BusOperation[None]:
-        """Give an object this value. Never repeated. What is no value of its type is refused before it is sent."""
+        """Write an object. Never repeated. Raises EncodeError before sending if the value does not fit its type."""
         channel, wait = self.channel, self.timeout if timeout is None else timeout
         writing = canopen.write_object(channel, self.objects, place, value, block=block, timeout=wait)
         return sdo_transfer(channel, writing, wait)

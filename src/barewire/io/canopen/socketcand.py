@@ -88,7 +88,7 @@ class SocketcandHub:
                 await writer.wait_closed()
 
     def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> bool:
-        """IDENTIFIER LENGTH BYTE...: pass a frame on to all others. False for what is no frame."""
+        """IDENTIFIER LENGTH BYTE...: pass a frame on to all others. False if the text is not a frame."""
         try:
             identifier, length, *data = (int(word, 16) for word in words)
             frame = bytes(data)

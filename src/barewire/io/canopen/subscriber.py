@@ -141,7 +141,7 @@ class Subscriber:
     # To the consumer
 
     def take(self, *, wait: bool = False) -> Arrived | None:
-        """The next item of the queue. PortError if there is none and none will come. `wait`: wake me for the next."""
+        """The next item of the queue. PortError if it is empty and the bus failed. `wait`: request to be woken."""
         with self._lock:
             if self._queue:
                 return self._queue.popleft()

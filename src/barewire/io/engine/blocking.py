@@ -31,7 +31,7 @@ def run(
     clock: Clock = time.monotonic,
     heard: Heard[Item] | None = None,
 ) -> Result:
-    """Carry out a conversation; one that listens already is given `heard` first. Raises what it raises.
+    """Carry out a conversation and return its result. `heard` is the first input of one that already listens.
 
     If the port fails or the user interrupts, the conversation is abandoned, and what it sends then (an SDO abort) is
     sent.
@@ -57,14 +57,14 @@ def run(
 
 
 def abandon(conversation: Conversation[Item, Result], port: Port[Item], error: BaseException) -> None:
-    """End a conversation that `error` interrupted, and send what it still sends, if the port can do that."""
+    """End a conversation that `error` interrupted, and send its abort frames, if the port still accepts them."""
     for item in frames_of_abort(conversation, error):
         with contextlib.suppress(BarewireError):
             port.send(item)
 
 
 def frames_of_abort(conversation: Conversation[Item, Result], error: BaseException) -> list[Item]:
-    """What a conversation that `error` interrupted still sends.
+    """The frames that a conversation sends when `error` interrupts it.
 
     Where the port failed and the conversation raises a more exact error (a write whose outcome is unknown), that error
     is raised instead.

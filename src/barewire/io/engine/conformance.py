@@ -1,4 +1,4 @@
-"""What the runs of conformance cases on both protocols share."""
+"""Common parts of the conformance runs on both protocols."""
 
 from __future__ import annotations
 

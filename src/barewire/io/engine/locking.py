@@ -69,7 +69,7 @@ def exclusive(thing: object) -> AbstractContextManager[Any]:
 
 
 class SharedUnit:
-    """A unit that handles one request at a time, whatever thread it comes from."""
+    """A unit that handles one request at a time, from any thread."""
 
     def __init__(self, unit: Unit) -> None:
         self._unit = unit
@@ -83,7 +83,7 @@ class SharedUnit:
             return self._unit.handle(request, now)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._unit, name)  # what a unit may have besides, such as `diagnostics`
+        return getattr(self._unit, name)  # optional members of a unit, such as `diagnostics`
 
 
 class SharedUnits(Mapping[int, "Unit"]):

@@ -34,11 +34,11 @@ V_co = TypeVar("V_co", covariant=True)
 
 if TYPE_CHECKING:
     Exchange: TypeAlias = tuple[Request[Any], Callable[[Any], V]]
-    """A request to the client's unit, and what is taken of its response."""
+    """A request to the client's unit, and the function that makes the result from its response."""
     Exchanges: TypeAlias = tuple[int, Sequence[Request[Any]], Sequence[str], Callable[[list[Any]], V]]
-    """A unit, requests to it in a row, a note for the error of each, and what is taken of their responses."""
+    """A unit, requests to it in a row, a note for the error of each, and the function that makes the result."""
     BusConversation: TypeAlias = tuple[Callable[[Bus], Conversation[bytes, V]], int | None]
-    """What makes a conversation for a bus, and the unit in whose queue it waits."""
+    """A function that makes a conversation for a bus, and the unit in whose queue it waits."""
 
 
 class BlockingClient:
@@ -50,7 +50,7 @@ class AsyncioClient:
 
 
 class Method(Protocol[P, V_co]):
-    """What a type checker takes a decorated definition for."""
+    """The type of a decorated definition for type checkers."""
 
     @overload
     def __get__(self, client: BlockingClient, kind: type) -> Callable[P, V_co]: ...
@@ -63,7 +63,7 @@ class Method(Protocol[P, V_co]):
 
 
 def exchange(make: Callable[Concatenate[Any, P], Exchange[V]]) -> Method[P, V]:
-    """The method that passes the request, and what is taken of its response, to the client's `fetch`."""
+    """The method that passes the request, and the function for its response, to the client's `fetch`."""
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:

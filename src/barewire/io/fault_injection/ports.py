@@ -45,7 +45,7 @@ class DelayQueue(Generic[Item]):
 
 
 class FaultyPort(Generic[Item]):
-    """A port around a port, with faults in what it sends. What is late is sent while it receives."""
+    """A port around another port, with faults in the items sent. Late items are sent while it receives."""
 
     def __init__(self, port: Port[Item], faults: Faults[Item], clock: Clock = time.monotonic) -> None:
         self._port, self._faults, self._clock = port, faults, clock
@@ -66,7 +66,7 @@ class FaultyPort(Generic[Item]):
                 self._port.send(item)
 
     def receive(self, timeout: float) -> Item | None:
-        """What the port inside receives; what falls due meanwhile is sent."""
+        """Receive from the inner port; send the items that become due meanwhile."""
         until = self._clock() + timeout
         while True:
             self._deliver()
@@ -116,7 +116,7 @@ class FaultInjector:
         """Called when something will be due at this time."""
 
     def deliver(self) -> None:
-        """Send what is due, in order."""
+        """Send the items that are due, in order."""
         for send, parts in self._late.take(self._clock):
             begun = self._begun.get(send, parts)
             if begun is not parts:

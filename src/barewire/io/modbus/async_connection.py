@@ -147,7 +147,7 @@ class AsyncConnection:
             self.drop(str(lane.bus.line.broken or box.lost or error))
 
     def _open_box(self, lane: Lane) -> Mailbox | None:
-        """The lane's mailbox, if it is connected. What came since the last request is passed to the bus first."""
+        """The lane's mailbox, if it is connected. Bytes received since the last request are passed to the bus first."""
         box = lane.box
         if box is None or box.lost is not None:
             return None

@@ -107,7 +107,7 @@ def dialer(endpoint: Endpoint) -> Callable[[], Port[bytes]]:
 
 
 async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> AsyncLink:
-    """Open the connection of an asyncio client. `receive` is called with what comes, `lose` with why it ended."""
+    """Open the connection of an asyncio client. `receive` gets the received bytes, `lose` the reason of its end."""
     ports = import_module(f"barewire.io.ports.async_{endpoint.transport}")
     link: AsyncLink = await ports.connect(endpoint, receive, lose)
     return link

@@ -134,7 +134,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
 
         `retries` repeats a read that got no answer, on a new connection if the old one failed; a write is repeated only
         with `repeat_writes`. Raises ModbusException for an exception response, NoAnswer after the time-out
-        (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError for what is no request message.
+        (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if `request` is not a request message.
         """
         checked_request(request)
         check_timeout(timeout)

@@ -135,7 +135,7 @@ class _Tester:
         return False
 
     def run(self, case: ServerCase) -> Sequence[StepAnswer]:
-        """Carry out every step; what came back in each."""
+        """Carry out every step; return the answers of each."""
         if self._is_tcp:
             self.close()
         self.loud = ""

@@ -4,7 +4,7 @@
     await client.read_holding_registers(107, 3)           -> (555, 0, 100)          the asyncio client
     client.at(unit=7).read_coils(0, 8)                    another unit of the same line
 
-Each definition says once what is to be done: an `Exchange` (a request, and what is taken of its response), several
+Each definition describes an operation once: an `Exchange` (a request, and the function for its response), several
 `Exchanges`, or a `BusConversation`. `barewire.io.engine.methods` makes a method of it, blocking or awaited. The
 parameters are those of the message; unit and time-out are those of the client, see `at`. All methods raise
 ModbusException for an exception response, NoAnswer (WriteOutcomeUnknown for a write) after the time-out, PortError if
@@ -36,7 +36,7 @@ V = TypeVar("V")
 
 
 def checked_request(request: Request[Any]) -> None:
-    """Raise TypeError for what is no request message."""
+    """Raise TypeError unless this is a request message."""
     if isinstance(request, type) or not hasattr(request, "read_response"):
         text = "expected a request message, such as ReadHoldingRegisters(0, 2) of barewire.modbus"
         raise TypeError(f"{text}, got {request.__name__ if isinstance(request, type) else shown(request)}")

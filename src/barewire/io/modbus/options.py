@@ -1,4 +1,4 @@
-"""The options of Modbus clients and servers, as keywords for type checkers. `endpoint` says what each is for.
+"""The options of Modbus clients and servers, as keywords for type checkers. `endpoint` describes each of them.
 
 A keyword is the same option as that of the URL, and overrides it: `ModbusClient("tcp://10.0.0.7", gap=0.1)` is
 `ModbusClient("tcp://10.0.0.7?gap=0.1")`. Which of them a URL may have depends on its scheme.

@@ -1,6 +1,6 @@
 """Ports: what carries bytes or CAN frames, and the only files that import pyserial and python-can.
 
-    base            what a port is, for the blocking and the asyncio engine
+    base            the protocols of a port, for the blocking and the asyncio engine
     tcp, udp, tls   network connections of blocking clients; listening sockets of servers; certificates and roles
     serial, pty     serial ports, RS-485; pseudo-terminals
     python_can      CAN buses

@@ -26,7 +26,7 @@ async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Ca
 
 
 class SerialLink:
-    """An open serial port of this loop. `receive` is called with what comes, `lose` with the reason when it fails."""
+    """An open serial port of this loop. `receive` gets the received bytes, `lose` the reason if it fails."""
 
     def __init__(self, port: SerialPort, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
         self.name = port.name

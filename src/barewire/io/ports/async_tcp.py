@@ -41,7 +41,7 @@ async def connect_stream(
 
 
 class StreamLink(asyncio.BufferedProtocol):
-    """A TCP or TLS connection. `receive` is called with what comes, `lose` with the reason when it ends.
+    """A TCP or TLS connection. `receive` gets the received bytes, `lose` the reason when it ends.
 
     It reads into a buffer of its own: asyncio would make one of 256 KiB for each answer of thirty bytes.
     """
@@ -62,7 +62,7 @@ class StreamLink(asyncio.BufferedProtocol):
             set_socket_options(raw)
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """asyncio: where to put what comes."""
+        """Called by asyncio: the buffer for received bytes."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
@@ -95,4 +95,4 @@ class StreamLink(asyncio.BufferedProtocol):
             self._transport.abort()
 
     def sent(self) -> None:
-        """Nothing to await: the system has what was written."""
+        """Nothing to await: the system has taken the bytes."""

@@ -60,4 +60,4 @@ class DatagramLink(asyncio.DatagramProtocol):
         self.write(item)
 
     def sent(self) -> None:
-        """Nothing to await: the system has what was written."""
+        """Nothing to await: the system has taken the bytes."""

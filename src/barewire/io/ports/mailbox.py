@@ -1,4 +1,4 @@
-"""The mailbox of an asyncio connection: what came stays there until a conversation takes it.
+"""The mailbox of an asyncio connection: received items stay there until a conversation takes them.
 
     connection --put--> | chunk | chunk | --receive--> conversation
 
@@ -18,7 +18,7 @@ _LIMIT = 0x10000
 
 
 class Mailbox:
-    """An `AsyncPort` over a connection. What comes is given to `put`, and the end of the connection to `fail`.
+    """An `AsyncPort` over a connection, which calls `put` with received items, and `fail` when it ends.
 
     `write` sends bytes; `sent` is what to await until they are on the wire, if that takes time.
     """
@@ -35,7 +35,7 @@ class Mailbox:
         self.sent = sent
         self._write = write
         self.chunks: deque[bytes] = deque()
-        """What came and was not taken yet."""
+        """The items received and not taken yet."""
         self._waiting = 0
         self._waiter: asyncio.Future[bytes | None] | None = None
         self._until = 0.0  # when the waiter gives up
@@ -59,7 +59,7 @@ class Mailbox:
         self._wake()
 
     def fail(self, why: str) -> None:
-        """The connection ended: `receive` raises this, after what came before."""
+        """The connection ended: `receive` raises this after the items received before."""
         self.lost = self.lost or why
         self._wake()
         self._disarm()
@@ -97,7 +97,7 @@ class Mailbox:
         self._write(item)
 
     def take(self) -> bytes | None:
-        """What came already, or None; PortError if nothing is left and nothing will come."""
+        """An item received already, or None. PortError if none is left and the connection has ended."""
         if self.chunks:
             taken = self.chunks.popleft()
             self._waiting -= len(taken)
@@ -107,7 +107,7 @@ class Mailbox:
         return None
 
     async def receive(self, timeout: float) -> bytes | None:
-        """What came within `timeout` seconds, or None; PortError if the connection has ended."""
+        """The item received within `timeout` seconds, or None. PortError if the connection has ended."""
         for _ in range(2 if timeout <= 0 and not self.chunks else 0):
             await asyncio.sleep(0)  # the first round lets the loop read its ports, the second delivers
         if self.chunks or self.lost is not None or timeout <= 0:

@@ -63,7 +63,7 @@ class PseudoTerminal:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """What came within `timeout` seconds, or None."""
+        """The bytes received within `timeout` seconds, or None."""
         try:
             ready, _, _ = select.select([self._ours], [], [], min(timeout, LONGEST_WAIT))
             return os.read(self._ours, CHUNK) if ready else None

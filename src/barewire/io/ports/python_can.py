@@ -44,7 +44,7 @@ class CanPort:
     """An open bus.
 
     CANopen has no error frames and no CAN FD frames: `others` counts them, `strange` keeps the latest. `garbled` counts
-    what came over a serial line or network and is no frame at all: noise, after which the port goes on.
+    bytes from a serial line or network that are no frame: noise, after which the port goes on.
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
@@ -198,7 +198,7 @@ def _check_options(interface: str, options: dict[str, Any]) -> None:
     try:
         kinds = getattr(import_module(module), name).__mro__
     except ImportError:
-        return  # opening the bus will say what is missing
+        return  # opening the bus reports what is missing
     known = {option for kind in kinds if "__init__" in vars(kind) for option in signature(kind.__init__).parameters}
     known = known - {"self", "args", "kwargs", "channel"} | set(_NOT_FOR_PYTHON_CAN)
     for option in options:

@@ -159,7 +159,7 @@ class SerialPort:
         return int(self._serial.out_waiting)
 
     def receive(self, timeout: float) -> bytes | None:
-        """What came within `timeout` seconds, or None."""
+        """The bytes received within `timeout` seconds, or None."""
         try:
             if hasattr(self._serial, "fileno"):
                 # Not pyserial's own timeout: changing that configures the port anew each time.

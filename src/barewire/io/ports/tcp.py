@@ -76,7 +76,7 @@ class TcpPort:
             raise PortError(f"{self.name}: {self._why(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """What came within `timeout` seconds; PortError when the peer closed the connection."""
+        """The bytes received within `timeout` seconds, or None; PortError when the peer closed the connection."""
         try:
             if timeout == self._limit and timeout:
                 data = self._socket.recv(CHUNK)
@@ -99,7 +99,7 @@ class TcpPort:
         """The same time-out as before: the system keeps it from now on, so that waiting is one call instead of two."""
         if not _DONT_WAIT or not 1e-3 <= timeout < LONGEST_WAIT:
             return
-        with contextlib.suppress(OSError):  # where it wants another form of time
+        with contextlib.suppress(OSError):  # on systems with another form of time
             limit = struct.pack("@ll", int(timeout), int(timeout % 1.0 * 1e6))
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
             self._socket.setblocking(True)

@@ -118,7 +118,7 @@ class TlsPort(TcpPort):
             raise PortError(f"{self.name}: {tls_reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """What came within `timeout` seconds. TLS is asked, because it may hold bytes that the socket has no more."""
+        """The bytes received within `timeout` seconds. TLS is read first: it may hold bytes that left the socket."""
         try:
             self._socket.settimeout(min(timeout, LONGEST_WAIT))
             data = self._socket.recv(CHUNK)

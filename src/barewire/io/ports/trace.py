@@ -28,7 +28,7 @@ class Trace(Generic[Item]):
         self._port.send(item)
 
     def receive(self, timeout: float) -> Item | None:
-        """What the port receives, shown first."""
+        """Receive from the port, and show the item."""
         item = self._port.receive(timeout)
         if item is not None:
             self._watch("received", item)

@@ -97,7 +97,7 @@ class AsyncModbusServer:
 
     @property
     def failure(self) -> PortError | None:
-        """Why it ended by itself: a serial port that failed."""
+        """The error that ended the server: its serial port failed."""
         return self._server.failure if isinstance(self._server, SerialServer) else None
 
     async def start(self) -> None:

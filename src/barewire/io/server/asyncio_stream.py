@@ -204,7 +204,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._transport.write(data)
 
     def _end(self, why: str) -> None:
-        """Close, after what is still to be sent."""
+        """Close after the pending bytes are sent."""
         assert self._transport is not None
         if why:
             self._shared.connections.note(self, why)

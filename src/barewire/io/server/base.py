@@ -37,9 +37,9 @@ class ThreadedServer(ABC):
         self._served_by = 0  # the identity of the thread
         self._released = threading.Event()
         self.failure: BarewireError | None = None
-        """Why a server that runs in its own thread ended by itself."""
+        """The error that ended a server that runs in its own thread."""
         self.on_end: Callable[[], None] | None = None
-        """Called when the server's thread ends, for whatever reason."""
+        """Called when the thread of the server ends, for any reason."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.url}>"

@@ -33,7 +33,7 @@ Inject = Callable[[bytes, Callable[[bytes], None]], None]
 
 
 def send_replies(replies: list[Reply], send: Callable[[bytes], None], inject: Inject | None) -> None:
-    """Send the answers to everything that one read received, together. A fault injector is given each by itself."""
+    """Send the answers to everything that one read received, together. A fault injector gets them one by one."""
     if inject is not None:
         for reply in replies:
             inject(reply.data, send)
@@ -42,7 +42,7 @@ def send_replies(replies: list[Reply], send: Callable[[bytes], None], inject: In
 
 
 class TrackedConnection(Protocol):
-    """What the limits need of a connection."""
+    """The methods of a connection that the limits use."""
 
     peer: str
     was_answered: bool

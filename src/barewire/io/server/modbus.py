@@ -48,11 +48,10 @@ class Service(Protocol):
 class ModbusServer(ThreadedServer):
     """Serves `units`, by unit address, at a URL (`barewire.io.endpoint` lists the forms; port 0 takes a free port).
 
-    The port is taken at once, and served from `with`, `start()` or `run(stop)` on. All options of a URL are keywords as
-    well. `authorization` says what each role of a TLS certificate may do. `set_direction(sending)` sets the direction
-    of a two-wire line. `faults`, such as "late:0.5,drop", are kinds of faults and how probable each is for an answer
-    (`barewire.io.fault_injection.faults`); `fault_seed` makes them the same again, `fault_delay` is how late a late
-    answer is, in seconds, and `on_fault(kind)` is called for each.
+    The constructor opens the port; `with`, `start()` or `run(stop)` serve. All options of a URL are keywords as well. `authorization` has the rights of each role of a TLS certificate. `set_direction(sending)` sets the direction
+    of a two-wire line. `faults`, such as "late:0.5,drop", are kinds of faults with their probability for each answer
+    (`barewire.io.fault_injection.faults`); `fault_seed` makes them repeatable, `fault_delay` is the delay of a late
+    answer in seconds, and `on_fault(kind)` is called for each fault.
 
     Raises EncodeError for a wrong URL or option, PortError for a port that cannot be taken.
     """
@@ -126,7 +125,7 @@ def _service(
 
 
 def check_units(units: Mapping[int, Unit]) -> None:
-    """Raise EncodeError for what is no mapping from unit addresses, 0 to 255, to objects with a method `handle`."""
+    """Raise EncodeError unless this is a mapping from unit addresses, 0 to 255, to objects with a method `handle`."""
     if not hasattr(units, "get") or not hasattr(units, "keys"):
         raise EncodeError(
             f"units: expected a dict of unit address and unit, such as {{1: Table()}}, got {shown(units)}"

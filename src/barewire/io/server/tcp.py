@@ -78,7 +78,7 @@ class TcpService:
         self._listener.close()
 
     def _wait(self, now: float) -> float:
-        """How many seconds the select may wait. What is due is done first."""
+        """The seconds that `select` may wait. Due actions are carried out first."""
         if not self.connections.idle_timeout and self.injector is None:
             return POLL_INTERVAL
         until = now + POLL_INTERVAL
@@ -150,7 +150,7 @@ class _Connection:
             self._end(str(self._line.broken))
 
     def _send(self, data: bytes) -> None:
-        """Send what the system takes now. The rest waits, and until it is sent nothing is read from this client."""
+        """Send as much as the system takes now. Until the rest is sent, nothing is read from this client."""
         if self._unsent:
             self._unsent += data  # delayed answers may come while others wait
         elif (taken := self._taken(data)) < len(data):
@@ -177,7 +177,7 @@ class _Connection:
             return len(data)
 
     def _end(self, why: str) -> None:
-        """Close, after what is still to be sent: the beginning of the next frame cannot be known any more."""
+        """Close after the pending bytes are sent: the beginning of the next frame cannot be found any more."""
         self._service.connections.note(self, why)
         self._ending = True
         if not self._unsent:

@@ -232,7 +232,7 @@ CASES_ASCII: tuple[ServerCase, ...] = (
     _changed("a byte with one digit", "a digit less"),
     _changed("a colon inside a frame begins it anew", "twice", _VALUE),
     ServerCase(
-        "a frame of more than 513 characters is none",
+        "a frame of more than 513 characters is ignored",
         "MB-SERIAL 2.5.2.1",
         (ServerStep((Stimulus(raw=b":" + b"01" * 300 + b"\r\n"),)), ServerStep(_READ.stimuli, 0.1)),
         ((SILENCE, _VALUE),),

@@ -1,4 +1,4 @@
-"""The model of a conformance case: what is sent to a server, and which answers are accepted.
+"""The model of a conformance case: the stimuli for a server, and the accepted answers.
 
     ServerCase    a name, the clause, the steps, and the accepted sequences
     ServerStep    after a pause, some stimuli at once

@@ -1,6 +1,6 @@
 """The messages of Modbus: for each function code a request and a response class, each a page with its bytes drawn.
 
-    base                 what a message is, and the exception response
+    base                 the base classes of messages, and the exception response
     coils                01 02 05 0F      bits: coils and discrete inputs
     registers            03 04 06 10      holding and input registers
     combined             16 17            mask write; read and write in one request
@@ -10,7 +10,7 @@
     comm_events          0B 0C            the event counter and the event log of a serial line
     identification       11 2B/0E         server ID, device identification
     canopen_reference    2B/0D            an object dictionary behind Modbus; its exception is an SDO abort
-    registry             the class of a PDU, the length of a PDU from its first bytes, function codes of one's own
+    registry             the class of a PDU, the length of a PDU from its first bytes, custom function codes
 
 **This file is the list of the functions.** A new one is a file above (or a class in one) and its line in the two lists
 below: `registry` registers every request class it finds here under its `function_code` (and `mei_type`), and

@@ -6,7 +6,7 @@ Each message class documents one message: a drawing of its bytes, an example tha
 unpacks, explains and measures, so no byte position is written twice. A client needs no code per function: it sends the
 request, and `request.read_response(pdu)` returns the response only if it answers exactly that request.
 
-Depends on: codecs, adu, exceptions. Used by: every message, and whatever handles messages in general.
+Depends on: codecs, adu, exceptions. Used by: every message, and all code that handles messages in general.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Message:
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. DecodeError, with place and reason, if it is none; another function code included."""
+        """Decode a PDU. Raises DecodeError, with place and reason, also for another function code."""
         cls.check_function(pdu)
         return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
 

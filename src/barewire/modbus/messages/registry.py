@@ -37,7 +37,7 @@ def register(request: type[AnyRequest], mei_type: int | None = None) -> type[Any
     """
     is_request = isinstance(request, type) and issubclass(request, Request)
     if not is_request or not all(hasattr(request, name) for name in ("function_code", "layout", "response")):
-        raise EncodeError("register wants a request class, with a function_code, a layout and a response")
+        raise EncodeError("register needs a request class, with a function_code, a layout and a response")
     if not 1 <= request.function_code <= 0x7F:
         raise EncodeError(f"function code {request.function_code:02X}h: expected 01h..7Fh", "function_code")
     mei_type = request.mei_type if mei_type is None else mei_type

@@ -1,7 +1,7 @@
 """The server side of Modbus, as a machine: received bytes in, bytes to send out. No sockets, no clocks.
 
-    server             `Server`: from bytes to units and back; `Unit`, the protocol of whatever answers for an address
-    serial_counters    what a unit on a serial line counts and logs (functions 08, 0B, 0C)
+    server             `Server`: from bytes to units and back; `Unit`, the protocol of a unit
+    serial_counters    counters and event log of a unit on a serial line (functions 08, 0B, 0C)
     authorization      roles and their permissions, for TLS
     identity           the identification objects of a unit (2B/0E)
     table              a unit of four tables in memory

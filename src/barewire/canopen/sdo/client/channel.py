@@ -1,4 +1,4 @@
-"""One SDO channel of a client: two identifiers, one transfer at a time, and counters of what was received.
+"""One SDO channel of a client: two identifiers, one transfer at a time, and counters of received frames.
 
         client  -- 600h+n -->  server of node n        [CiA 301, default SDO]
                 <-- 580h+n --
@@ -38,7 +38,7 @@ _PAST = float("-inf")
 
 @dataclass(slots=True)
 class ChannelCounters:
-    """What a client received while it waited: the evidence that explains a time-out."""
+    """Counts of the frames that a client received while it waited; they explain a time-out."""
 
     answers: int = 0  # frames on the response identifier of this channel
     others: int = 0  # frames on other identifiers
@@ -194,7 +194,7 @@ class Channel:
         self.busy = True
 
     def explain(self, now: float) -> str:
-        """What was received, as an explanation of why there was no response."""
+        """The received frames in words, as an explanation of why there was no response."""
         if self.node_monitor is None or self._mark is None:
             return self.counters.explain(self.node, self.answer_id)
         monitor, answers = self.node_monitor, self.counters.answers

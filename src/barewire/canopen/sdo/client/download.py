@@ -50,7 +50,7 @@ def download(
 ) -> Conversation[CanFrame, None]:
     """Write `data`, little-endian, to object `index`:`sub`.
 
-    1 to 4 bytes are sent in one frame, more (or none) in segments, or in blocks if `block` says so. `data` may also be
+    1 to 4 bytes are sent in one frame, more (or none) in segments, or in blocks as set by `block`. `data` may also be
     an iterable of pieces, taken as they are sent; then `size` is their total, if it is known. With `indicated` false
     the request does not state the size: of four bytes the server takes as many low ones as its object has (22h), of
     segments as many as arrive. `timeout` in seconds applies to each response.

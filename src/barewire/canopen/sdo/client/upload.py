@@ -50,7 +50,7 @@ def upload(
 ) -> Conversation[CanFrame, bytes]:
     """Read the bytes of object `index`:`sub`, little-endian as received, as many as the server indicated.
 
-    `size` is the number of bytes that the type of the object has, if the caller knows it. It matters for two kinds of
+    `size` is the number of bytes that the type of the object has, if known. It matters for two kinds of
     servers: those whose dialect requests an object by its size, and those that respond with 42h, four bytes without
     their number. Then the low `size` bytes are the value, or all four if the size is unknown, and
     `Channel.counters.unsized` counts it. A size that the server indicated is never changed here: see `fit`.

@@ -82,7 +82,7 @@ def decode_one_of(data: bytes, kinds: tuple[type[M], ...]) -> M:
     >>> decode_one_of(bytes.fromhex("A2 02 7F 00 00 00 00 00"), RECEIVER_MESSAGES)
     BlockAck(sequence=2, blksize=127)
 
-    Raises DecodeError("short") if bytes are missing and ("function") if they are none of them.
+    Raises DecodeError("short") if bytes are missing and ("function") if they are no SDO message.
     """
     if not data:
         raise DecodeError("short", data, 0, "the command is byte 0, but there are none")

@@ -123,7 +123,7 @@ class Motor:
 
     @property
     def phase_ends(self) -> float:
-        """When the present phase ends by itself."""
+        """The time at which the present phase ends without a command."""
         durations = {
             MotorPhase.DELAYED: self.start_delay,
             MotorPhase.KICKING: self.kick_time,

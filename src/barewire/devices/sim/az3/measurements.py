@@ -1,4 +1,4 @@
-"""What the AZ3 measures: torque, current, voltage, and the values computed from the axis.          [ST.TEC.022]
+"""The measured values of the AZ3: torque, current, voltage, and the values computed from the axis.   [ST.TEC.022]
 
         axis --> position, velocity --> flywheel and friction --> torque --> current --> DC link voltage, temperature
 

@@ -174,7 +174,7 @@ class Az3Axis(Cia402Axis):
         return stands_at
 
     def tick(self, now: float) -> None:
-        """Carry out what happens by itself; also the motion that waited for the brake to open."""
+        """Carry out what is due now, such as the motion that waited for the brake to open."""
         opened, was = self._brake_opens_at, self.state
         if self.state is State.OPERATION_ENABLED and -inf < opened <= now:
             self._brake_opens_at = -inf

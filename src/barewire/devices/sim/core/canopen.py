@@ -79,7 +79,7 @@ class CanopenAdapter:
 
     @property
     def deadline(self) -> float | None:
-        """When the node has something to send by itself."""
+        """The time at which the node next sends something without a request."""
         if self._is_at_another_bitrate:
             return None
         if self._boots_at is not None:

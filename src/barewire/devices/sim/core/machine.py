@@ -1,4 +1,4 @@
-"""The clock of a simulated machine, and what the adapters of the buses need of a machine."""
+"""The clock of a simulated machine, and the protocol of a machine that the bus adapters use."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class MachineClock:
 
 
 class SimulatedMachine(Protocol):
-    """What the adapters use of a machine: its values, its clock, and resets that come over a bus."""
+    """The part of a machine that the bus adapters use: its values, its clock, and resets from a bus."""
 
     store: MachineStore
     clock: MachineClock
 
     def tick(self, now: float) -> None:
-        """Let time pass: everything that happens by itself until `now` happens."""
+        """Advance to the time `now`: carry out everything that is due until then."""
 
     def reset(self) -> None:
         """Restore every value as at power-on (NMT reset node)."""

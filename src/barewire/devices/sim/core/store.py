@@ -1,4 +1,4 @@
-"""The values of a simulated machine: each one once, by the name of its parameter, whatever bus reads or writes it.
+"""The values of a simulated machine: each stored once, by the name of its parameter, for both buses.
 
         Modbus adapter: images --.                                 .-- the machine's own code
                                  >--  from outside     from inside <

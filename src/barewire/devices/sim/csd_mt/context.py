@@ -10,7 +10,7 @@ from barewire.devices.sim.core.store import MachineStore
 from barewire.devices.sim.csd_mt.environment import Environment
 
 TimedAction = tuple[float, Callable[[], None]]
-"""Something that happens by itself: when, in seconds (inf: never), and what is to be called then."""
+"""An action without a command: its time in seconds (inf: never), and the function to call then."""
 
 OVERCURRENT, OVERHEATED, NO_POWER, SPEED_TOO_HIGH, FOLLOWING = 0x2130, 0x4310, 0x5100, 0x8400, 0x8611
 """Values of Error Code (1007, ch. 14). The watchdog has no code: 0."""

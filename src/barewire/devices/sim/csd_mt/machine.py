@@ -7,7 +7,7 @@
 Simulated: the states with their delays and the brake; position, velocity and homing mode with ramps; inputs, limit
 switches, touch probe and index pulse; lost steps, Auto Sync and following errors; current and temperature; watchdog,
 alarm log, outputs and saved parameters. `environment` is what a user sets, and its `model` chooses between CSD MT 94
-and CSD MT S4. Nothing is computed in steps of time. `tick` asks every part when it will do something by itself, and
+and CSD MT S4. Nothing is computed in steps of time. `tick` collects the times of the next actions of all parts, and
 acts at these times in their order: a switch is passed, a watchdog runs out, a brake has opened. So what a drive does
 between two requests does not depend on how often it is read. Function 04 returns the same registers as 03: nothing is
 mapped elsewhere (ch. 10).

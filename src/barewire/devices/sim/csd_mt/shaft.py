@@ -141,7 +141,7 @@ class Shaft:
         towards = self._out_of_step_towards
         return self._lag().first(self.context.now, towards * 2 * _FULL_STEP, rising=towards > 0)
 
-    # What happens by itself
+    # Timed actions
 
     def events(self) -> Iterator[TimedAction]:
         """Walls; falling out of step and into it again; the following error."""

@@ -89,7 +89,7 @@ class Cia402Axis:
     # Time
 
     def tick(self, now: float) -> None:
-        """Carry out what happens by itself until now: the end of a quick stop, of a fault reaction."""
+        """Carry out what is due until now: the end of a quick stop, of a fault reaction."""
         end = self.trajectory.ends_at
         if self.state is State.QUICK_STOP_ACTIVE and not self.stays_in_quick_stop and end <= now:
             self.state = State.SWITCH_ON_DISABLED  # 12

@@ -72,7 +72,7 @@ class Subscription(NamedTuple, Generic[E]):
 
 
 class BackgroundTask(NamedTuple):
-    """A machine that sends frames by itself, and the identifiers it receives (None: all)."""
+    """A machine that sends frames, and the identifiers it receives (None: all)."""
 
     machine: Speaker
     receives: frozenset[Key] | None
