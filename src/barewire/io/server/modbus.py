@@ -48,8 +48,9 @@ class Service(Protocol):
 class ModbusServer(ThreadedServer):
     """Serves `units`, by unit address, at a URL (`barewire.io.endpoint` lists the forms; port 0 takes a free port).
 
-    The constructor opens the port; `with`, `start()` or `run(stop)` serve. All options of a URL are keywords as well. `authorization` has the rights of each role of a TLS certificate. `set_direction(sending)` sets the direction
-    of a two-wire line. `faults`, such as "late:0.5,drop", are kinds of faults with their probability for each answer
+    The constructor opens the port; `with`, `start()` or `run(stop)` serve. All options of a URL are keywords as well.
+    `authorization` has the rights of each role of a TLS certificate. `set_direction(sending)` sets the direction of a
+    two-wire line. `faults`, such as "late:0.5,drop", are kinds of faults with their probability for each answer
     (`barewire.io.fault_injection.faults`); `fault_seed` makes them repeatable, `fault_delay` is the delay of a late
     answer in seconds, and `on_fault(kind)` is called for each fault.
 
