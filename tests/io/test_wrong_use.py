@@ -154,6 +154,11 @@ def test_an_asyncio_server_serves_once(kind: Any) -> None:
     assert not readers()
 
 
+def test_an_asyncio_server_names_the_server_that_makes_pseudo_terminals() -> None:
+    with refused(EncodeError, "pseudo-terminals are made by ModbusServer"):
+        barewire.AsyncModbusServer("rtu://pty", units={})
+
+
 def test_a_port_in_use_is_reported_in_the_same_words() -> None:
     with barewire.ModbusServer("tcp://127.0.0.1:0", units={}) as server:
         texts = []

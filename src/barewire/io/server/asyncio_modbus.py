@@ -10,7 +10,8 @@ import socket
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
-from barewire.errors import PortError
+from barewire.errors import EncodeError, PortError
+from barewire.io.endpoint import PSEUDO_TERMINAL
 from barewire.io.modbus.carriers import modbus_endpoint, modbus_line
 from barewire.io.server.asyncio_ports import SerialServer
 from barewire.io.server.asyncio_stream import server_at
@@ -52,6 +53,8 @@ class AsyncModbusServer:
         **options: Unpack[ModbusOptions],
     ) -> None:
         self._endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+        if self._endpoint.place == PSEUDO_TERMINAL:
+            raise EncodeError(f"endpoint {url!r}: pseudo-terminals are made by ModbusServer, in a thread")
         check_units(units)
         modbus_line(self._endpoint, "server", units)  # raises for wrong options
         self.url = str(self._endpoint)
