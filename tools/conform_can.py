@@ -92,7 +92,7 @@ The simulated AZ3 passes all cases for its objects but four, where it follows it
 A LocalNode of the `canopen` library (2.4.1) answers in STOPPED (NMT-02, -03, -04, -06), sends no boot-up message after
 a reset (NMT-10, -11, -13, -15), answers a frame with 29 bits like one with 11 (SDO-32), has every sub-index of a
 variable (SDO-07, SDO-44), refuses 22h (SDO-46), and answers a block upload with segments although no
-switch was allowed (BLK-01 to -05). `tests/interop/test_canopen_conform.py` runs the battery against it.
+switch was allowed (BLK-01 to -05). `tests/interop/canopen/test_canopen_conform.py` runs the battery against it.
 
 ## The cases
 

@@ -1,6 +1,6 @@
 """Writes docs/interop.md: run `python tools/interop.py` after every change of a test in tests/interop.
 
-    tests/interop/*.py   @pytest.mark.evidence(peer, role, carrier, *services)     the test checks what it claims
+    tests/interop/**.py  @pytest.mark.evidence(peer, role, carrier, *services)     the test checks what it claims
             |  collected, not run
             v
     docs/interop.md      function x carrier -> the programs tested against; gaps and invalid marks are errors
@@ -136,7 +136,7 @@ def collect(file: Path) -> int:
                 rows = [(*args[:3], list(args[3:]), test) for args, test in marks]
                 file.write_text(json.dumps(rows), encoding="utf-8")
 
-    files = sorted(str(path) for path in TESTS.glob("test_*.py"))
+    files = sorted(str(path) for path in TESTS.rglob("test_*.py"))
     return int(pytest.main(["--collect-only", "-p", "no:cacheprovider", *files], plugins=[Collector()]))
 
 

@@ -1,7 +1,7 @@
 """CAN buses between processes. A hub runs in a process of its own and ends when its standard input ends.
 
-    python -m tests.interop.can_hubs slcan 4       prints four pseudo-terminals with the LAWICEL protocol, one a line
-    python -m tests.interop.can_hubs socketcand    prints HOST:PORT of our own hub
+    python -m tests.interop.canopen.can_hubs slcan 4       prints four pseudo-terminals (LAWICEL), one a line
+    python -m tests.interop.canopen.can_hubs socketcand    prints HOST:PORT of our own hub
 
 Each frame goes to all other participants.
 """
@@ -18,13 +18,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parents[3]
 
 
 @contextmanager
 def hub(*arguments: str, lines: int = 1) -> Iterator[list[str]]:
     """Run a hub in another process; yield the places that it prints."""
-    command = [sys.executable, "-m", "tests.interop.can_hubs", *arguments]
+    command = [sys.executable, "-m", "tests.interop.canopen.can_hubs", *arguments]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdin is not None
         assert process.stdout is not None

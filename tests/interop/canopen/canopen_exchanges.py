@@ -34,7 +34,7 @@ from barewire.canopen import (
     upload,
     write_pdo,
 )
-from tests.interop.can_bench import ADDRESS, NODE, RPDO_MAPPING, TPDO_MAPPING, Bench
+from tests.interop.canopen.can_bench import ADDRESS, NODE, RPDO_MAPPING, TPDO_MAPPING, Bench
 
 LENGTHS = (5, 7, 8, 100, 889, 1000)
 VALUES = (

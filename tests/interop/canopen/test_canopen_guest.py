@@ -15,12 +15,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.interop.canopen_exchanges import EXCHANGES, Exchange
-from tests.interop.guest import in_guest
-from tests.interop.test_canopen_exchanges import proofs
+from tests.interop.canopen.canopen_exchanges import EXCHANGES, Exchange
+from tests.interop.canopen.guest import in_guest
+from tests.interop.canopen.test_canopen_exchanges import proofs
 
 pytestmark = pytest.mark.needs("uml", "busybox", "cc", "candump", "ip")
-TESTS = "tests/interop/test_canopen_exchanges.py"
+TESTS = "tests/interop/canopen/test_canopen_exchanges.py"
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +74,6 @@ def _running() -> str:
 
 
 def test_client_and_device_recover_when_the_link_goes_down_and_up() -> None:
-    with in_guest([sys.executable, "-m", "tests.interop.link_down"], {}) as done:
+    with in_guest([sys.executable, "-m", "tests.interop.canopen.link_down"], {}) as done:
         assert done.status == 0, str(done)
         assert done.out.count("gone and back: ") == 2, str(done)

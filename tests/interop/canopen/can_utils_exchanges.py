@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from barewire.canopen import CanFrame, NmtCommand, NmtState, download, send_nmt
-from tests.interop.can_bench import ADDRESS, NODE, Bench
-from tests.interop.canopen_exchanges import exchange
-from tests.interop.guest import ROOT
+from tests.interop.canopen.can_bench import ADDRESS, NODE, Bench
+from tests.interop.canopen.canopen_exchanges import exchange
+from tests.interop.canopen.guest import ROOT
 
 ONLY = ("socketcan",)
 BETWEEN_PROCESSES = ("slcan", "socketcand", "socketcan")

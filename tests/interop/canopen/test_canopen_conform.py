@@ -11,7 +11,7 @@ import pytest
 
 from barewire.io.canopen.conformance import conform_can
 from barewire.io.endpoint import Endpoint
-from tests.interop.can_bench import NODE, dictionary_of_theirs
+from tests.interop.canopen.can_bench import NODE, dictionary_of_theirs
 
 URL = f"can://virtual/their-node?node={NODE}&timeout=0.15"
 DEVIATIONS = {

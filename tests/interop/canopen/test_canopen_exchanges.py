@@ -14,10 +14,10 @@ from contextlib import ExitStack
 
 import pytest
 
-from tests.interop.can_bench import Carriers, bench_on, services_in
-from tests.interop.can_hubs import hub
-from tests.interop.can_utils_exchanges import assert_same_frames, candump
-from tests.interop.canopen_exchanges import EXCHANGES, Exchange
+from tests.interop.canopen.can_bench import Carriers, bench_on, services_in
+from tests.interop.canopen.can_hubs import hub
+from tests.interop.canopen.can_utils_exchanges import assert_same_frames, candump
+from tests.interop.canopen.canopen_exchanges import EXCHANGES, Exchange
 
 CARRIERS = os.environ.get("BAREWIRE_CARRIERS", "virtual,slcan,socketcand").split(",")
 

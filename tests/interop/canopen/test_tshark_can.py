@@ -19,7 +19,7 @@ from barewire.explain import Explanation, explain
 from barewire.explain.can_monitor.recording import CanRecordingWriter, read_recording
 from barewire.explain.capture.model import Recorded
 from tests.explain.can_monitor.recorded_run import recorded
-from tests.interop.can_frames import FRAMES
+from tests.interop.canopen.can_frames import FRAMES
 
 pytestmark = pytest.mark.needs("tshark")
 
