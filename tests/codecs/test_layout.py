@@ -54,7 +54,7 @@ def test_long_data_is_refused_at_the_first_extra_byte() -> None:
 @pytest.mark.parametrize("data", ["10 0001 02 AA", "10 0001 02 AABBCC", "10 0001 02"])
 def test_a_wrong_count_is_refused_at_the_count_field(data: str) -> None:
     there = len(unhex(data)) - 4
-    with refused(DecodeError, f"byte_count says 2, but {there} bytes of data follow") as caught:
+    with refused(DecodeError, f"byte_count is 2, but {there} bytes of data follow") as caught:
         COUNTED.unpack(unhex(data))
     assert isinstance(caught.value, DecodeError)
     assert (caught.value.reason, caught.value.at) == ("length", 3)

@@ -1,6 +1,6 @@
 """One CAN frame as a value, and its text in the notation of can-utils.   [ISO 11898-1]
 
-The CAN controller does the work of a serial envelope: length, check sum, acknowledgement and repetition. A frame
+The CAN controller does the work of a serial framing: length, check sum, acknowledgement and repetition. A frame
 arrives whole or not at all, so one value is enough:
 
         identifier             length   data

@@ -102,8 +102,8 @@ class Layout:
             return self._struct.unpack(data)
         values = self._struct.unpack_from(data)
         if self.count is not None and values[self._count_index] != len(data) - self.size:
-            said, there = values[self._count_index], len(data) - self.size
-            text = f"{self.count} says {said}, but {there} bytes of {self.tail} follow"
+            count, there = values[self._count_index], len(data) - self.size
+            text = f"{self.count} is {count}, but {there} bytes of {self.tail} follow"
             raise DecodeError("length", data, self._places[self._count_index][0], text)
         return (*values, data[self.size :])
 

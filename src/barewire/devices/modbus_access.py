@@ -10,7 +10,7 @@
 A value that is less than a register (a bit, half a register) is read, changed and written back. Between the two
 exchanges the device may change the rest of it; that change is lost.
 
-`force` leaves range and access to the device, for users who know better than its manual. A value that cannot be encoded
+With `force` range and access are checked by the device only, for manuals that are wrong. A value that cannot be encoded
 is refused nevertheless.
 
 Depends on: Device, the plan, the Modbus bus.  Used by: the Modbus clients of `io`, the drive code.

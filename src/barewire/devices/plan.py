@@ -3,8 +3,8 @@
     to read           A   C     E                     the device has parameters at 0 to 3 and at 6, and none at 4 and 5
     input registers   0 1 2 3 . . 6
                       A B C C     E
-    plan_reads        [-------]   [-]                 B is read along, for it lies between; no description tells what
-                      input 0, 4  input 6, 1          reading 4 would do, so that gap is never bridged
+    plan_reads        [-------]   [-]                 B is read too, because it lies between; register 4 is not
+                      input 0, 4  input 6, 1          described, so that gap is never bridged
 
 Reads may have any order, so neighbours, overlaps and the described parameters between them become one request, up to
 the limit of the device. Writes keep their order, and nothing else is written.
@@ -200,8 +200,8 @@ def _join(last: PlannedWrite, write: PlannedWrite, side: ModbusSettings) -> Plan
     if last.keep:
         return last._replace(members=last.members + write.members) if last.address == write.address else None
     quantity = last.quantity + write.quantity
-    neighbours = last.address + last.quantity == write.address
-    if not neighbours or 16 not in side.write_functions["holding"] or quantity > side.write_limit:
+    are_adjacent = last.address + last.quantity == write.address
+    if not are_adjacent or 16 not in side.write_functions["holding"] or quantity > side.write_limit:
         return None
     moved = tuple(Member(member.parameter, member.offset + last.quantity) for member in write.members)
     return PlannedWrite("holding", last.address, quantity, last.members + moved, 16)

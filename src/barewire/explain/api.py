@@ -63,7 +63,7 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
 
 
 def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:
-    """The explanation; if its envelope is broken and the text is a frame of another protocol, the error names that.
+    """The explanation; if its framing is broken and the text is a frame of another protocol, the error names that.
 
     >>> explain_text("tcp", "01 04 0F B1 00 02 22 F8").verdict.partition("; ")[2]
     'as rtu it is a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok (byte 2)'

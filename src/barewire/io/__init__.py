@@ -9,7 +9,7 @@
     fault_injection/   faults in the answers of a server
     server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits, locks
 
-The clients, servers and machines are names of `barewire` itself; this door has what programs need besides.
+The clients, servers and machines are names of `barewire` itself; this package offers the rest.
 
 Depends on: all rooms but `cli`.  Used by: `barewire`, `cli`, programs.
 """

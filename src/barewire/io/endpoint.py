@@ -11,8 +11,8 @@ can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can n
 can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
 
 scheme     options, and their defaults
-all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after requests
-           without an answer a unit is left alone for a while (never), late_window (three time-outs), recovery (probe)
+all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after:
+           so many unanswered requests, then a pause (never), late_window (three time-outs), recovery (probe)
 tcp        any_unit, any_transaction (0): quirks tolerated; server: connections (1024), idle seconds (0: no limit)
 tls        as tcp, and cert, key, ca (files), server_name (the host); server: roles (a file, or "any")
 udp        any_unit, any_transaction (0)

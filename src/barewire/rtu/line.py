@@ -8,7 +8,7 @@ Three criteria, in this order:
 
 **t3.5 is two numbers.** For sending, the line keeps the strict one: `quiet_at`. For receiving, it is patient: operating
 systems and USB adapters deliver bytes in batches, up to 16 ms late, and a strict window of 2 ms cuts good frames in
-half. `patience` is the longest pause that is accepted inside a frame. `patience=None` is the standard to the letter,
+half. `patience` is the longest pause that is accepted inside a frame. `patience=None` follows the standard exactly,
 for real UARTs: only t3.5 ends a frame, and a gap above t1.5 inside makes it invalid [MB-SERIAL 2.5.1.1].
 
     feed:  | noise | unit ... CRC | unit ... CRC | half a fr        ->  Noise, Adu, Adu, and 9 bytes held

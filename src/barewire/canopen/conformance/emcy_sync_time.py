@@ -65,12 +65,12 @@ def _consumer(subject: Subject) -> Iterator[NodeCase]:
     start = NodeStep((f"000#01{node:02X}",), (SILENCE,), wait=0.02)
     works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
     stopped = NodeStep((s.upload(0x1000),), (SILENCE,), wait=0.1)
-    for name, behaviour, what, after in (
+    for name, behavior, what, after in (
         ("HBC-09", 1, "no change of state", works),
         ("HBC-10", 2, "STOPPED", stopped),
     ):
-        behave = NodeStep((s.download(0x1029, 1, behaviour, 1),), (s.accepted(0x1029, 1),))
-        yield case(name, f"1029h:01 is {behaviour}: {what} when a node is lost in OPERATIONAL", behave, watch, start,
+        behave = NodeStep((s.download(0x1029, 1, behavior, 1),), (s.accepted(0x1029, 1),))
+        yield case(name, f"1029h:01 is {behavior}: {what} when a node is lost in OPERATIONAL", behave, watch, start,
                    beats_once, lost, after, needs=(*_WATCH, "1014h", "1029h:01"))  # fmt: skip
 
 

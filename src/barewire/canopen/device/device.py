@@ -184,7 +184,7 @@ class LocalNode:
         if now < self._due and self._seen == self.objects.changes and frame is not None and self.sdo.accept(frame, now):
             return []  # fast path: a segment inside a block download, and nothing else is due
         frames = [] if self.lss is None else self.lss.feed(frame, now)
-        if self.lss is not None and self.lss.wants_to_boot:
+        if self.lss is not None and self.lss.must_boot:
             self._make_services(self.lss.take_over())
             return frames + self.start(now)
         if self.node is None:

@@ -23,7 +23,7 @@ from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.nmt.node_guarding import GuardedNode
 from barewire.canopen.object_dictionary import ObjectDictionary
 
-_HEARTBEAT_TIME, _CONSUMER, _GUARD_TIME, _LIFE_FACTOR, _BEHAVIOUR = 0x1017, 0x1016, 0x100C, 0x100D, 0x1029
+_HEARTBEAT_TIME, _CONSUMER, _GUARD_TIME, _LIFE_FACTOR, _BEHAVIOR = 0x1017, 0x1016, 0x100C, 0x100D, 0x1029
 HEARTBEAT_ERROR = 0x8130
 _STATE_AFTER_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 
@@ -101,7 +101,7 @@ class ErrorControl:
         """The NMT state after a communication error in `state`, by 1029h."""
         if state is not NmtState.OPERATIONAL:
             return state
-        return _STATE_AFTER_ERROR.get(integer_value(self.objects, _BEHAVIOUR, 1), state)
+        return _STATE_AFTER_ERROR.get(integer_value(self.objects, _BEHAVIOR, 1), state)
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[ErrorControlEvent]]:
         """The frames to send, and the nodes that were lost or are back."""

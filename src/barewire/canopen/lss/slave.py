@@ -87,7 +87,7 @@ class LssSlave:
         return None
 
     @property
-    def wants_to_boot(self) -> bool:
+    def must_boot(self) -> bool:
         """A device without a node-ID was given one, and the master has switched it back to WAITING."""
         return self.state is LssState.WAITING and self.node is None and self.pending is not None
 

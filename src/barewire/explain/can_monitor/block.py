@@ -6,7 +6,7 @@
         1 2 3 4                    2                   3 was lost on its way to the receiver: 3 and 4 are sent again
         1 2   4                    2                   3 was lost on the bus
 
-Only the receiver knows which segments arrived, so a block is judged at its acknowledgement. [CiA 301, SDO block]
+Which segments arrived is certain only from the acknowledgement, so a block is judged there. [CiA 301, SDO block]
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class BlockTracker:
         self.state: Literal["ready", "segments", "end", "ended", "over"] = "segments"
         self.blocks = 0
         self.findings: list[Finding] = []
-        self._knows_size = blksize is not None
+        self._has_size = blksize is not None
         self._short = 0  # a block was acknowledged up to here, before its end: it was the last one, or its rest is lost
         self._parts: dict[int, bytes] = {}  # the segments of this block by number
         self._final = 0  # the number of the last segment, if it is in this block
@@ -180,11 +180,11 @@ class BlockTracker:
             text = f"acknowledged up to {number} of {sent}: segment {number + 1}, which {where}, did not arrive"
             self.findings.append(Loss(now, self.node, 1, text))
             self._tail = sent
-        elif not self._final and number < self.blksize and self._knows_size:
+        elif not self._final and number < self.blksize and self._has_size:
             self._short = number
         self._commit(number)
         self._acknowledged = number
-        self.blksize, self._knows_size = blksize, True
+        self.blksize, self._has_size = blksize, True
         if self._final and number == self._final:
             self.state = "end"
         else:

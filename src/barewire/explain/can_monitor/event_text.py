@@ -75,7 +75,7 @@ def event_kind(event: MonitorEvent) -> str:
 
 
 def is_repeated(event: MonitorEvent) -> bool:
-    """Whether the event is no news."""
+    """Whether the event repeats an earlier one."""
     return bool(getattr(event, "repeated", False))
 
 

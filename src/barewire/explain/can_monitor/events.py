@@ -7,8 +7,8 @@
         Violation             a rule that was broken           Summary                           counts, at the end
         Gap                   the RECORDING lacks frames       Loss                              the BUS lost a frame
 
-`repeated` is true for an event without news: the same heartbeat, SYNC, or PDO once more. The names of the fields are
-the keys of the JSON output (docs/can-analysis.md) and do not change.
+`repeated` is true for the same heartbeat, SYNC or PDO once more. The names of the fields are the keys of the JSON
+output (docs/can-analysis.md) and do not change.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class NodeReport(NamedTuple):
 
     @property
     def repeated(self) -> bool:
-        """Whether this is no news."""
+        """Whether this repeats an earlier event."""
         return self.kind == "beat"
 
 
@@ -140,7 +140,7 @@ class SyncReport(NamedTuple):
 
     @property
     def repeated(self) -> bool:
-        """Whether this is no news."""
+        """Whether this repeats an earlier event."""
         return self.kind == "beat"
 
 

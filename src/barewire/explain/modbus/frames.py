@@ -1,11 +1,11 @@
-"""Modbus frames, field by field: the three envelopes around a PDU.
+"""Modbus frames, field by field: the three framings of a PDU.
 
     rtu      unit | PDU | CRC                                       offsets count bytes
     ascii  : unit | PDU | LRC CR LF                                 offsets count characters, two for each byte
     tcp      transaction | protocol | length | unit | PDU           offsets count bytes
 
-The `decode` of each envelope decides whether it is valid; here its bytes are named, also in a broken one. A fault of
-the envelope is reported first: with a wrong CRC the content is not certain.
+The `decode` of each framing decides whether it is valid; here its bytes are named, also in a broken one. A fault of
+the framing is reported first: with a wrong CRC the content is not certain.
 """
 
 from __future__ import annotations

@@ -101,8 +101,8 @@ class Running:
     """A machine in a thread of its own, until it is stopped or the bus is closed.
 
     `do` changes the machine from another thread, and sends the resulting frames at once. A change without `do` is
-    noticed within a tenth of a second. `refused` counts frames that the bus did not take: without another node that
-    acknowledges, that is no reason to end.
+    noticed within 0.1 s. `refused` counts frames that could not be sent, for example because no other node
+    acknowledges; the machine goes on.
     """
 
     def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:

@@ -57,7 +57,7 @@ class Reopening:
         else:
             back_off.failed(clock(), why)
         while True:
-            with suppress(Exception):  # the port has failed: an error of its `close` is no news
+            with suppress(Exception):  # the port has failed already: an error of its `close` adds nothing
                 port.close()
             if self.stop.wait(back_off.wait(clock())):
                 return None

@@ -46,7 +46,7 @@ def modbus_line(endpoint: Endpoint, role: _Role, units: Container[int] = ()) -> 
         bits = 7 if endpoint.options.get("bytesize") == "7" else 8
         line = AsciiLine(character_timeout=endpoint.seconds("patience", DEFAULT_ASCII_PATIENCE), data_bits=bits)
     else:
-        from barewire.rtu.line import RtuLine  # loads all messages, because it knows their lengths
+        from barewire.rtu.line import RtuLine  # loads all messages, to compute their lengths
 
         line = RtuLine(_timing(endpoint), role=role, units=units, patience=patience(endpoint))
     echo = endpoint.choice("echo", "0")

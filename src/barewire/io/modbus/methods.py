@@ -59,7 +59,7 @@ def _whole(response: V) -> V:
 
 
 class ModbusMethods:
-    """What both Modbus clients offer. `ask`, which each of them has besides, sends any other request message."""
+    """The methods that both Modbus clients have. Their `ask` sends any other request message."""
 
     unit: int | None
     """The unit that methods address; None is the unit of a device that is passed, and otherwise 1."""

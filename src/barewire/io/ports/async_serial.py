@@ -1,6 +1,6 @@
 """A serial port under asyncio: the loop watches the descriptor, so this is for POSIX.
 
-Sending takes time on a serial line: `sent` ends when the last bit has left, as far as the system knows. Then the
+Sending takes time on a serial line: `sent` ends when the last bit has left, as far as the system reports. Then the
 direction of a two-wire line is set back, if that is done by RTS or a function of the caller.
 """
 

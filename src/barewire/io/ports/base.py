@@ -15,7 +15,7 @@ class Port(Protocol[Item]):
     """A port of the blocking engine: it sends and receives bytes or CAN frames. All methods raise PortError."""
 
     def send(self, item: Item) -> None:
-        """Send; returns when the item is on the wire, as far as the system knows."""
+        """Send; returns when the item is on the wire, as far as the system reports."""
 
     def receive(self, timeout: float) -> Item | None:
         """The item received within `timeout` seconds, or None."""

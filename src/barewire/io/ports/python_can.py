@@ -1,6 +1,6 @@
 """A CAN bus through python-can: its messages become CanFrame, ErrorFrame and FdFrame; its errors become PortError.
 
-What single interfaces of python-can need besides is in the last part of this file.
+Special treatment of single interfaces of python-can is in the last part of this file.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class CanPort:
             self.strange.append(item)
 
     def receive_any(self, timeout: float) -> CanFrame | ErrorFrame | FdFrame | None:
-        """The same, and error frames and CAN FD frames as well."""
+        """The same as `receive`, but error frames and CAN FD frames are returned too."""
         begin = time.monotonic()
         while True:
             if self._gone is not None:

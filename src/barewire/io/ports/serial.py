@@ -119,7 +119,7 @@ class SerialPort:
         return int(self._serial.fileno())
 
     def send(self, item: bytes) -> None:
-        """Send the bytes; returns when the last one has left, as far as the system knows."""
+        """Send the bytes; returns when the last one has left, as far as the system reports."""
         ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
         try:
             self.set_direction(sending=True)

@@ -167,7 +167,7 @@ class _Connection(asyncio.BufferedProtocol):
             why = error.text
         except ssl.SSLError as error:
             why = tls_reason(error)
-        self._transport.write(tls.outgoing())  # the alert too, so that the client knows why
+        self._transport.write(tls.outgoing())  # the alert too: it gives the client the reason
         for part in received:
             self._feed(part, now)
         if why or tls.ended:

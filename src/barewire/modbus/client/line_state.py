@@ -119,7 +119,7 @@ class LineState:
             self.forget(unit)
 
     def timed_out(self, known: UnitState, now: float) -> None:
-        """One more request without a response; from `dead_after` on the unit is left alone, each time for longer."""
+        """Count a request without a response; from `dead_after` on the unit is dead for a time that grows."""
         known.silent += 1
         if self._dead_after is not None and known.silent >= self._dead_after:
             known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), _LONGEST_PAUSE)

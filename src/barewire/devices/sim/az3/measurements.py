@@ -40,7 +40,7 @@ _MONITORED: dict[int, str] = {
     6: "TARGET VELOCITY",
     7: "HEATSINK TEMPERATURE",
 }
-"""What CHANNEL_SEL_1 to 4 can select here, besides 8, the voltage reference. Every other number shows 0."""
+"""The values that CHANNEL_SEL_1 to 4 can select, besides 8, the voltage reference. Other numbers show 0."""
 
 _REFERENCE = 8
 

@@ -113,19 +113,19 @@ class Trajectory:
         """When the last plan is complete: from then on the velocity is constant."""
         return self.segments[-1].start
 
-    def inside_since(self, now: float, centre: float, width: float) -> float | None:
-        """Since when the velocity is within `width` of `centre` without interruption; None if it is not now."""
-        if abs(self.velocity(now) - centre) > width:
+    def inside_since(self, now: float, center: float, width: float) -> float | None:
+        """Since when the velocity is within `width` of `center` without interruption; None if it is not now."""
+        if abs(self.velocity(now) - center) > width:
             return None
         until = now
         for segment in reversed(self.segments):
             if segment.start > now:
                 continue
-            if abs(segment.velocity_at(until) - centre) > width + _ROUNDING:
+            if abs(segment.velocity_at(until) - center) > width + _ROUNDING:
                 return until  # the velocity jumped
             # Within a segment the velocity is a straight line: inside at its end, it came in once at most.
-            if abs(segment.velocity - centre) > width + _ROUNDING:
-                edge = centre + (width if segment.velocity > centre else -width)
+            if abs(segment.velocity - center) > width + _ROUNDING:
+                edge = center + (width if segment.velocity > center else -width)
                 return segment.start + (edge - segment.velocity) / segment.acceleration
             until = segment.start
         return until
