@@ -14,6 +14,8 @@ from typing import Any, assert_type
 import pytest
 
 import barewire
+from barewire.devices.sim import simulator
+from barewire.errors import EncodeError
 from barewire.modbus import ReadHoldingRegisters, ReadHoldingRegistersResponse, WriteSingleRegister
 from barewire.modbus.client.read_identification import DeviceIdentification
 from tests.helpers import refused
@@ -145,3 +147,18 @@ def test_help_shows_the_parameters_of_a_method() -> None:
         "value",
     ]
     assert "function 06" in (inspect.getdoc(barewire.AsyncModbusClient.write_single_register) or "")
+
+
+def test_a_client_takes_the_name_of_a_device_as_well_as_its_description() -> None:
+    unit = simulator("adxl").modbus
+    assert unit is not None
+    with (
+        barewire.ModbusServer("tcp://127.0.0.1:0", units={1: unit}) as server,
+        barewire.ModbusClient(server.url, timeout=30) as client,
+    ):
+        client.write("adxl", {"Motor start command": 1})
+        (by_name,) = client.read("adxl", "Status")
+        (by_description,) = client.read(barewire.load("adxl"), "Status")
+        assert by_name.parameter == by_description.parameter
+        with refused(EncodeError, "expected the name or the path of a description, or a Device"):
+            client.read(5, "Status")  # type: ignore[arg-type]

@@ -24,6 +24,8 @@ from barewire.io.endpoint import check_timeout
 from barewire.io.engine.methods import bus_conversation, exchange, exchanges
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from barewire.codecs import Value
     from barewire.devices.device import Device
     from barewire.devices.parameter import Reading
@@ -40,6 +42,15 @@ def checked_request(request: Request[Any]) -> None:
     if isinstance(request, type) or not hasattr(request, "read_response"):
         text = "expected a request message, such as ReadHoldingRegisters(0, 2) of barewire.modbus"
         raise TypeError(f"{text}, got {request.__name__ if isinstance(request, type) else shown(request)}")
+
+
+def _described(device: str | Path | Device) -> Device:
+    """The description; a name or path is loaded. A description needs no import, so a read by name stays quick."""
+    if hasattr(device, "read_plans"):
+        return device  # type: ignore[return-value]  # only a Device has plans
+    from barewire.io.named_values import described
+
+    return described(device)
 
 
 def _bits(response: Any) -> tuple[bool, ...]:
@@ -187,27 +198,34 @@ class ModbusMethods:
         return (lambda bus: read_device_identification(bus, unit, read_code, timeout=self.timeout)), unit
 
     @exchanges
-    def read(self, device: Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
-        """Read the named values of a device, with as few requests as it allows, in the order of `names`."""
-        plan = device.read_plans.get(names)
+    def read(self, device: str | Path | Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
+        """Read the named values of a device, with as few requests as it allows, in the order of `names`.
+
+        `device` is a description, or the name or path of one.
+        """
+        found = _described(device)
+        plan = found.read_plans.get(names)
         if plan is None:
             from barewire.devices.modbus_access import read_plan
 
-            plan = read_plan(device, names)
-        return self.unit_for(unit, device), plan.requests, plan.notes, plan.readings
+            plan = read_plan(found, names)
+        return self.unit_for(unit, found), plan.requests, plan.notes, plan.readings
 
     @bus_conversation
     def write(
-        self, device: Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
+        self, device: str | Path | Device, values: Mapping[str, Value], *, unit: int | None = None, force: bool = False
     ) -> BusConversation[None]:
         """Write named values in the order given. Ranges and access are checked before anything is sent.
+
+        `device` is a description, or the name or path of one.
 
         `force` leaves both to the device; values that the wire cannot carry are still an EncodeError.
         """
         from barewire.devices.modbus_access import write_modbus
 
-        at = self.unit_for(unit, device)
-        return (lambda bus: write_modbus(bus, at, device, values, timeout=self.timeout, force=force)), at
+        found = _described(device)
+        at = self.unit_for(unit, found)
+        return (lambda bus: write_modbus(bus, at, found, values, timeout=self.timeout, force=force)), at
 
     @bus_conversation
     def broadcast(self, request: Request[Any], *, turnaround: float = 0.1) -> BusConversation[None]:

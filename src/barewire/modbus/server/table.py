@@ -76,10 +76,12 @@ class Table:
 
     def handle(self, request: Any, now: float) -> Response | None:
         """The response to one request. Raises ModbusException: 01 for an unsupported function, 02 beyond the end."""
-        for base in type(request).__mro__:  # a subclass of a request is answered as that request
-            if base in _ANSWERS:
-                return _ANSWERS[base](self, request)
-        raise ModbusException(ILLEGAL_FUNCTION)
+        answer = _ANSWERS.get(type(request))
+        if answer is None:  # a subclass of a request is answered as that request
+            answer = next((_ANSWERS[base] for base in type(request).__mro__ if base in _ANSWERS), None)
+        if answer is None:
+            raise ModbusException(ILLEGAL_FUNCTION)
+        return answer(self, request)
 
     # One method for each request class, in the order of `_ANSWERS`
 
