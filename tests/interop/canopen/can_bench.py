@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from itertools import count
 from typing import Any, NamedTuple, TypeVar
 
@@ -31,6 +31,7 @@ from barewire.conversation import Conversation
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
 from barewire.io.ports.python_can import CanPort
+from tests.interop.canopen.can_hubs import hub
 
 Result = TypeVar("Result")
 NODE = 5
@@ -109,10 +110,8 @@ class Bench:
         self.network.NOTIFIER_CYCLE = 0.05  # the longest wait of its thread, and so the time that closing takes
         self.network.connect(**theirs.options)
         self._running_devices: list[RunningDevice] = []
-        if "slcan" in ours.url:
-            self._wait_until_connected()
 
-    def _wait_until_connected(self) -> None:
+    def is_connected(self) -> bool:
         """Send until each side receives the other: an adapter on a serial line does not report that it is open."""
         received: list[int] = []
         self.network.subscribe(0x7FF, lambda identifier, data, timestamp: received.append(identifier))
@@ -123,10 +122,11 @@ class Bench:
             if received and back is not None:
                 break
         else:
-            raise AssertionError("the two sides do not receive each other's frames")
+            return False
         self.network.unsubscribe(0x7FF)
         while self.port.port.receive(0.02) is not None:
             pass
+        return True
 
     def close(self) -> None:
         for running in self._running_devices:
@@ -307,13 +307,15 @@ def _answered(data: bytes, asked: bytes) -> set[str]:
 class Carriers:
     """Places on the buses of each carrier. Where a carrier has several buses, each call gives a new one."""
 
-    def __init__(self, slcan: list[str], socketcand: str) -> None:
-        self._slcan = slcan
+    def __init__(self, socketcand: str) -> None:
         self._socketcand = socketcand
         self._number = count(1)
 
-    def places(self, carrier: str) -> tuple[Place, Place, str]:
-        """Our place, the place of the other library, and the URL for a third participant in any process."""
+    def places(self, carrier: str, terminals: list[str]) -> tuple[Place, Place, str]:
+        """Our place, the place of the other library, and the URL for a third participant in any process.
+
+        `terminals` are three adapters on one bus, for slcan only.
+        """
         number = next(self._number)
         third = ""
         if carrier == "virtual":
@@ -325,7 +327,7 @@ class Carriers:
             options = {"interface": "socketcand", "host": host, "port": int(port), "channel": bus, "tcp_tune": True}
             ours = theirs = Place(f"can://socketcand/{self._socketcand}/{bus}", options)
         elif carrier == "slcan":
-            one, other, another = self._slcan
+            one, other, another = terminals
             third = f"can://slcan{another}"
             ours = Place(f"can://slcan{one}", {})
             options = {"interface": "slcan", "channel": other, "sleep_after_open": 0.0, "bitrate": 125_000}
@@ -337,9 +339,18 @@ class Carriers:
 
 @contextmanager
 def bench_on(carriers: Carriers, carrier: str) -> Iterator[Bench]:
-    """Connect both sides to a bus, and disconnect them at the end."""
-    bench = Bench(*carriers.places(carrier))
-    try:
+    """Connect both sides to a bus, and disconnect them at the end.
+
+    Each bench has new adapters for slcan: bytes that one leaves in a terminal would be read by the next. Adapters whose
+    opening was lost on the way, which python-can does not notice, are replaced up to four times.
+    """
+    with ExitStack() as stack:
+        for _ in range(5):
+            terminals = stack.enter_context(hub("slcan", "3", lines=3)) if carrier == "slcan" else []
+            bench = stack.enter_context(closing(Bench(*carriers.places(carrier, terminals))))
+            if carrier != "slcan" or bench.is_connected():
+                break
+            stack.close()
+        else:
+            raise AssertionError("the two sides did not receive each other's frames in 5 attempts")
         yield bench
-    finally:
-        bench.close()

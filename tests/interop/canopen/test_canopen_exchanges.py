@@ -26,9 +26,8 @@ CARRIERS = os.environ.get("BAREWIRE_CARRIERS", "virtual,slcan,socketcand").split
 def carriers() -> Iterator[Carriers]:
     """Start the buses that are in other processes."""
     with ExitStack() as hubs:
-        terminals = hubs.enter_context(hub("slcan", "3", lines=3)) if "slcan" in CARRIERS else []
         (address,) = hubs.enter_context(hub("socketcand")) if "socketcand" in CARRIERS else [""]
-        yield Carriers(terminals, address)
+        yield Carriers(address)
 
 
 def proofs(exchange: Exchange, carrier: str) -> list[pytest.MarkDecorator]:
