@@ -90,6 +90,9 @@ class Device:
     drive: DriveRoles | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<Device {self.name}: {self.title}, {len(self.parameters)} parameters>"
+
     @cached_property
     def _by_name(self) -> dict[str, Parameter]:
         return {fold(parameter.name): parameter for parameter in self.parameters}
