@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import socket
 from collections.abc import Callable
 from typing import Any
 
@@ -55,3 +56,40 @@ def test_send_and_receive_both_report_an_interface_that_went_down(monkeypatch: p
                 what()
     finally:
         port.close()
+
+
+def test_receive_does_not_block_when_send_takes_the_report_between_select_and_recv(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The report makes the socket readable; the thread that sends can take it before the reader reads the socket."""
+    from barewire.io.ports.python_can import CanPort
+
+    ours, other = socket.socketpair()
+
+    class SocketCan:
+        """A bus of python-can's `socketcan`: `recv` reads the socket after `select` found it readable."""
+
+        socket = ours
+
+        def recv(self, timeout: float) -> Any:
+            with pytest.raises(PortError, match="Network is down"):
+                port.send(CanFrame(0x100))
+            try:
+                return ours.recv(16)
+            except OSError as error:
+                raise can.CanOperationError(f"Error receiving: {error.strerror}", error.errno) from error
+
+        def send(self, message: Any) -> None:
+            raise can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN)
+
+        def shutdown(self) -> None:
+            ours.close()
+
+    monkeypatch.setattr(can, "Bus", lambda **options: SocketCan())
+    port = CanPort(Endpoint.parse("can://socketcan/can0"))
+    try:
+        with pytest.raises(PortError, match="Network is down"):
+            port.receive(1.0)
+    finally:
+        port.close()
+        other.close()

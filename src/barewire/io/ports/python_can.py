@@ -72,6 +72,7 @@ class CanPort:
         except Exception as error:
             # Each interface of python-can has its own errors; all of them mean that the bus cannot be opened.
             raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+        _do_not_block(self._bus)
 
     def send(self, item: CanFrame) -> None:
         """Hand the frame to the controller. If it has no room, try again for a second at most."""
@@ -115,13 +116,17 @@ class CanPort:
             except Exception as error:
                 # Each interface has its own errors, for a port that failed and for bytes that are no frame.
                 cause = error if error.__cause__ is None else error.__cause__
+                begin, before = time.monotonic(), begin
+                timeout -= begin - before
+                if _errors(cause) & {errno.EAGAIN}:
+                    if timeout <= 0.0:
+                        return None
+                    continue
                 if isinstance(cause, (can.CanError, OSError)) or self._garbled_in_a_row >= GARBLED_LIMIT:
                     raise PortError(f"can://{self.name}: {_first_line(error)}") from None
                 self.garbled += 1
                 self._garbled_in_a_row += 1
                 _drop_slcan_line(self._bus)
-                begin, before = time.monotonic(), begin
-                timeout -= begin - before
         if message is None:
             _check_socketcand(self._bus, self.name)
             return None
@@ -152,7 +157,7 @@ def _is_full(error: Exception) -> bool:
     return bool(_errors(error) & {errno.ENOBUFS, errno.EAGAIN}) or "buffer full" in str(error).lower()
 
 
-def _errors(error: Exception) -> set[int]:
+def _errors(error: BaseException) -> set[int]:
     """The number of the system's error, in the attributes of python-can and of Python."""
     return {getattr(error, name, None) or 0 for name in ("error_code", "errno")}
 
@@ -238,6 +243,17 @@ def _check_socketcand(bus: can.BusABC, name: str) -> None:
     except (OSError, ValueError) as error:
         raise PortError(f"can://{name}: {_first_line(error)}") from None
     raise PortError(f"can://{name}: the server hung up")
+
+
+def _do_not_block(bus: can.BusABC) -> None:
+    """Let no read of a SocketCAN socket wait: python-can reads after `select` found something.
+
+    The report of an interface that went down makes the socket readable, and a thread that sends can take the report
+    before the reader reads.
+    """
+    opened = getattr(bus, "socket", None)
+    if isinstance(opened, socket.socket):
+        opened.setblocking(False)
 
 
 def _slcan_options(channel: str, extra: dict[str, Any]) -> str:
