@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from barewire.ascii.lrc import lrc
 from barewire.errors import DecodeError
-from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
+from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit, received_adu
 
 START, END = b":", b"\r\n"
 SHORTEST, LONGEST = 9, 513
@@ -59,4 +59,4 @@ def decode(data: bytes) -> Adu:
     right = lrc(body[:-1])
     if body[-1] != right:
         raise DecodeError("checksum", data, len(data) - 4, f"LRC is {body[-1]:02X}, should be {right:02X}")
-    return Adu(body[0], body[1:-1])
+    return received_adu((body[0], body[1:-1], None))

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from barewire.errors import DecodeError
-from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
+from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit, received_adu
 from barewire.rtu.crc import crc16
 
 SHORTEST, LONGEST = 4, 256
@@ -44,4 +44,4 @@ def decode(data: bytes) -> Adu:
         right = crc16(data[:-2]).to_bytes(2, "little")
         found, expected = data[-2:].hex(" ").upper(), right.hex(" ").upper()
         raise DecodeError("checksum", data, len(data) - 2, f"CRC is {found}, should be {expected}")
-    return Adu(data[0], bytes(data[1:-2]))
+    return received_adu((data[0], bytes(data[1:-2]), None))

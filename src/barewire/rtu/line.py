@@ -23,7 +23,7 @@ from collections.abc import Container
 from heapq import heappop, heappush
 
 from barewire.errors import DecodeError, EncodeError, Reason
-from barewire.modbus.adu import Adu, Noise
+from barewire.modbus.adu import Adu, Noise, received_adu
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST, decode, encode
 from barewire.rtu.shape import Role, Shape
@@ -259,7 +259,7 @@ class RtuLine:
         return [noise, self._take(end - at)]
 
     def _take(self, end: int) -> Adu:
-        adu = Adu(self._held[0], bytes(self._held[1 : end - 2]))
+        adu = received_adu((self._held[0], bytes(self._held[1 : end - 2]), None))
         self._remove(end)
         self._hunted = 0
         return adu

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit
+from barewire.modbus.adu import PDU_LIMIT, Adu, check_pdu, check_unit, received_adu
 
 HEADER = struct.Struct(">HHHB")
 BEGINNING = struct.Struct(">HHH")  # the header up to the length field
@@ -65,7 +65,7 @@ def decode(data: bytes) -> Adu:
     if SHORTEST <= size <= LONGEST:
         transaction, protocol, length, unit = HEADER.unpack_from(data)
         if protocol == 0 and PREFIX + length == size:
-            return Adu(unit, bytes(data[7:]), transaction)
+            return received_adu((unit, bytes(data[7:]), transaction))
     if size < PREFIX:
         raise DecodeError("short", data, size, f"the MBAP header is not all there: {size} of 7 bytes")
     promised = check_header(data)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.errors import DecodeError
-from barewire.modbus.adu import Adu, Noise
+from barewire.modbus.adu import Adu, Noise, received_adu
 from barewire.tcp.frame import BEGINNING, HEADER, LENGTHS, LONGEST, PREFIX, SHORTEST, check_header, decode, encode
 
 
@@ -99,7 +99,7 @@ class TcpLine:
             # The usual case: one read is one frame.
             transaction, protocol, length = BEGINNING.unpack_from(data)
             if protocol == 0 and PREFIX + length == len(data):
-                return [Adu(data[PREFIX], bytes(data[7:]), transaction)]
+                return [received_adu((data[PREFIX], bytes(data[7:]), transaction))]
         held = self._held + data
         events: list[Adu | Noise] = []
         at, end = 0, len(held)
@@ -114,7 +114,7 @@ class TcpLine:
             next_at = at + PREFIX + length
             if next_at > end:
                 break
-            events.append(Adu(held[at + PREFIX], held[at + 7 : next_at], transaction))
+            events.append(received_adu((held[at + PREFIX], held[at + 7 : next_at], transaction)))
             at = next_at
         if self.broken is not None and at < end:
             events.append(Noise(held[at:], self.broken.reason, self.broken.text))
