@@ -1,7 +1,7 @@
 """The two forms of behaviour below `io`: a conversation sends first, a machine only reacts.
 
 A **conversation** is a generator. It yields `Send(item)` to transmit and `Listen(until)` to receive, and is resumed
-each time with one `Heard(item, now)`. It reads no clock: the time is part of what it is given.
+each time with one `Heard(item, now)`. It reads no clock: the time is passed in.
 
         conversation                                   interpreter
         ------------                                   -----------
@@ -31,7 +31,7 @@ from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 from barewire.errors import BarewireError
 
 DEFAULT_TIMEOUT = 1.0
-"""Seconds that a request waits for its response where the caller gives no time-out, on every bus."""
+"""Seconds that a request waits for its response if the caller gives no time-out, on every bus."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -52,9 +52,9 @@ class Send(NamedTuple, Generic[Item]):
 
 
 class SendAll(NamedTuple, Generic[Item]):
-    """Transmit `items` one after the other; resumed once, with `Heard(None, now)`, when the last is transmitted.
+    """Transmit `items` one after the other. The conversation is resumed once, when the last one is transmitted.
 
-    For bursts such as the segments of an SDO block: nothing is received in between.
+    Used for bursts such as the segments of an SDO block. Nothing is received in between.
     """
 
     items: Sequence[Item]
@@ -63,7 +63,7 @@ class SendAll(NamedTuple, Generic[Item]):
 class Listen(NamedTuple):
     """Wait for the next item, at most until `until` (seconds on the clock of `Heard.now`).
 
-    With a time in the past, take an item that is already there and do not wait.
+    If that time is past, an item that has already arrived is taken, and there is no waiting.
     """
 
     until: float
@@ -80,7 +80,7 @@ Conversation: TypeAlias = Generator[Send[Item] | SendAll[Item] | Listen, Heard[I
 
 
 class Machine(Protocol[ItemIn, EventOut]):
-    """An object that reacts to items. At `deadline` it must be fed `None` if no item came before."""
+    """An object that reacts to items. If no item arrives before `deadline`, it must be fed `None` at that time."""
 
     @property
     def deadline(self) -> float | None: ...
@@ -98,7 +98,7 @@ class Abandoned(BarewireError):
 def abort_frames(conversation: Conversation[Item, Result], why: str = "the conversation was abandoned") -> list[Item]:
     """Abandon a conversation and return the final frames that it still sends, such as an SDO abort.
 
-    Errors that the conversation raises propagate, for example that the outcome of a write is unknown.
+    Errors that the conversation raises propagate, for example `WriteOutcomeUnknown`.
     """
     frames: list[Item] = []
     try:
@@ -134,7 +134,7 @@ class Wire(Generic[Item]):
         self._sending_takes = sending_takes
 
     def play(self, conversation: Conversation[Item, Result]) -> Result:
-        """Run a conversation from `now` on and return its result. Errors that it raises propagate."""
+        """Run a conversation, starting at `now`, and return its result. Errors that it raises propagate."""
         try:
             step = next(conversation)
             while True:
@@ -145,8 +145,8 @@ class Wire(Generic[Item]):
                         self.coming += self.peer(sent, self.now)
                         self.coming.sort(key=lambda pair: pair[0])
                 elif self.coming and self.coming[0][0] <= max(step.until, self.now):
-                    when, item = self.coming.pop(0)
-                    self.now = max(self.now, when)
+                    arrival, item = self.coming.pop(0)
+                    self.now = max(self.now, arrival)
                 else:
                     self.now = max(self.now, step.until)
                 step = conversation.send(Heard(item, self.now))
@@ -162,6 +162,6 @@ def play(
     start: float = 0.0,
     sending_takes: Callable[[Item], float] = lambda item: 0.0,
 ) -> tuple[Result, float]:
-    """Run one conversation on a new `Wire`. Returns its result and the time at the end."""
+    """Run one conversation on a new `Wire`, and return its result and the time at the end."""
     wire = Wire(peer, start=start, sending_takes=sending_takes)
     return wire.play(conversation), wire.now

@@ -34,10 +34,10 @@ Reason = Literal[
 REASONS: tuple[Reason, ...] = (
     "short",  # the bytes end before the value does
     "long",  # bytes are left over behind the value
-    "checksum",  # CRC-16 or LRC does not fit the bytes before it
-    "character",  # a character that has no place here (ASCII: not a hex digit)
+    "checksum",  # the CRC-16 or LRC does not fit the bytes before it
+    "character",  # a character that is not allowed here (ASCII: not a hex digit)
     "delimiter",  # ':' or CR LF missing or in the wrong place
-    "protocol",  # MBAP protocol identifier is not 0
+    "protocol",  # the MBAP protocol identifier is not 0
     "length",  # a length field or a byte count contradicts the bytes that follow
     "function",  # an unknown function code or command byte
     "value",  # a field holds a value that the standard does not allow
@@ -48,7 +48,7 @@ REASONS: tuple[Reason, ...] = (
 
 
 def shown(value: object) -> str:
-    """The value as error texts show it: `repr` on one line, at most 60 characters.
+    """Return the value as error texts show it: its `repr`, cut to 60 characters.
 
     >>> shown("x" * 100), shown(1 << 5000)
     ("'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...", 'a number of 5001 bits')
@@ -77,8 +77,10 @@ class EncodeError(BarewireError, ValueError):
 class DecodeError(BarewireError, ValueError):
     """Bytes that cannot be decoded.
 
-    `reason` is one word of `Reason`; `data` is all the bytes given; `at` is the offset in `data` of the first wrong
-    byte; `text` explains it in one sentence.
+        reason    one word of `Reason`
+        data      all bytes that were given
+        at        the offset in `data` of the first wrong byte
+        text      the explanation, in one sentence
 
     >>> raise DecodeError("short", b"\\x01\\x03", 2, "no CRC")
     Traceback (most recent call last):
@@ -93,8 +95,8 @@ class DecodeError(BarewireError, ValueError):
         self.text = text
 
     def __str__(self) -> str:
-        shown = self.data[:32].hex(" ").upper() + (" ..." if len(self.data) > 32 else "")
-        return f"{self.text} ({self.reason}, at byte {self.at} of {shown or 'nothing'})"
+        start = self.data[:32].hex(" ").upper() + (" ..." if len(self.data) > 32 else "")
+        return f"{self.text} ({self.reason}, at byte {self.at} of {start or 'nothing'})"
 
 
 class Refused(BarewireError):

@@ -1,4 +1,4 @@
-"""What ends a message of which unit: learnt from what passes, said or heard."""
+"""The delimiter of each unit, derived from the messages that are sent and received."""
 
 from __future__ import annotations
 
@@ -15,25 +15,23 @@ SEMICOLON = ord(";")
 
 
 def after(*passed: tuple[bytes, bool], unit: int = 1) -> Delimiters:
-    """The endings after these messages of a unit, each with whether we said it."""
+    """Return the delimiters after these messages of a unit, each with whether this side sent it."""
     endings = Delimiters()
-    for pdu, said in passed:
-        endings.passed(unit, pdu, sent=said)
+    for pdu, sent in passed:
+        endings.passed(unit, pdu, sent=sent)
     return endings
 
 
 @pytest.mark.parametrize("directions", [(True, False), (False, True), (False, False)])
-def test_a_request_and_its_response_change_the_delimiter(
-    directions: tuple[bool, bool],
-) -> None:
-    endings = after(*((CHANGE, said) for said in directions))
+def test_a_request_and_its_response_change_the_delimiter(directions: tuple[bool, bool]) -> None:
+    endings = after(*((CHANGE, sent) for sent in directions))
     assert (endings.of(1), endings.of(2), endings.accepted) == (SEMICOLON, LF, {LF, SEMICOLON})
 
 
 def test_a_repeated_request_is_not_a_response() -> None:
     endings = after((CHANGE, True), (CHANGE, True))
     assert endings.of(1) == LF
-    assert SEMICOLON in endings.accepted, "the unit may have obeyed: its answer was lost"
+    assert SEMICOLON in endings.accepted, "the unit may have changed it, and its response was lost"
     endings.passed(1, CHANGE, sent=False)
     assert endings.of(1) == SEMICOLON
 
@@ -47,11 +45,11 @@ def test_another_message_in_between_is_not_the_response() -> None:
     assert after((CHANGE, True), (READ, True), (CHANGE, False)).of(1) == LF
 
 
-@pytest.mark.parametrize("next_one", [(RESTART, False), (READ, True), (RESTART, True)])
-def test_a_restart_restores_lf_with_or_without_response(next_one: tuple[bytes, bool]) -> None:
+@pytest.mark.parametrize("following", [(RESTART, False), (READ, True), (RESTART, True)])
+def test_a_restart_restores_lf_with_or_without_response(following: tuple[bytes, bool]) -> None:
     endings = after((CHANGE, True), (CHANGE, False), (RESTART, True))
-    assert endings.of(1) == SEMICOLON, "its answer still ends as before"
-    endings.passed(1, *next_one[:1], sent=next_one[1])
+    assert endings.of(1) == SEMICOLON, "its response still has the old delimiter"
+    endings.passed(1, following[0], sent=following[1])
     assert (endings.of(1), endings.accepted) == (LF, {LF})
 
 
@@ -81,10 +79,9 @@ def test_every_other_character_can_become_the_delimiter(character: int) -> None:
 @modest
 @given(st.lists(st.one_of(st.binary(max_size=12), st.sampled_from([encode(1, CHANGE), encode(1, RESTART), b":01\r;"]))))
 def test_every_byte_is_accounted_for_with_any_delimiter(parts: list[bytes]) -> None:
-    line, fed = AsciiLine(), 0
-    told = 0
+    line, fed, reported = AsciiLine(), 0, 0
     for part in parts:
         fed += len(part)
         for event in line.feed(part, 1.0):
-            told += len(event.data) if isinstance(event, Noise) else len(encode(event.unit, event.pdu))
-        assert told + len(line.held) == fed
+            reported += len(event.data) if isinstance(event, Noise) else len(encode(event.unit, event.pdu))
+        assert reported + len(line.held) == fed

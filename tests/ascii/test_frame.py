@@ -1,11 +1,11 @@
-"""One whole ASCII frame."""
+"""Encoding and decoding one whole ASCII frame, and its LRC."""
 
 from __future__ import annotations
 
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.ascii import decode, encode
+from barewire.ascii import decode, encode, lrc
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu
 from tests.helpers import modest, readable, refused, unhex
@@ -39,7 +39,7 @@ def test_the_longest_frame_has_513_characters() -> None:
 
 
 @pytest.mark.parametrize(("unit", "pdu"), [(-1, b"\x07"), (256, b"\x07"), (1, b""), (1, bytes(254))])
-def test_what_does_not_fit_is_refused(unit: int, pdu: bytes) -> None:
+def test_a_unit_or_pdu_out_of_range_is_refused(unit: int, pdu: bytes) -> None:
     with refused(EncodeError, "expected"):
         encode(unit, pdu)
 
@@ -73,5 +73,32 @@ def test_an_invalid_frame_is_refused_with_reason_and_place(data: bytes, reason: 
     assert (caught.value.reason, caught.value.at) == (reason, at)
 
 
-def test_a_frame_that_is_known() -> None:
+def test_a_known_frame() -> None:
     assert encode(17, unhex("03 006B 0003")) == b":1103006B00037E\r\n"
+
+
+# The LRC ---------------------------------------------------------------------------------------------------------
+
+
+@modest
+@given(st.binary(max_size=255))
+def test_the_bytes_and_their_lrc_sum_to_zero(data: bytes) -> None:
+    assert 0 <= lrc(data) <= 0xFF
+    assert (sum(data) + lrc(data)) & 0xFF == 0
+
+
+@pytest.mark.parametrize(
+    ("data", "right"),
+    [
+        ("02 07", 0xF7),
+        ("01 03 00 00 00 01", 0xFB),
+        ("11 03 00 6B 00 03", 0x7E),
+        ("01 83 02", 0x7A),
+        ("01 08 00 00 A5 37", 0x1B),
+        ("", 0x00),
+        ("FF", 0x01),
+        ("80 80", 0x00),
+    ],
+)
+def test_published_frames_have_this_checksum(data: str, right: int) -> None:
+    assert lrc(unhex(data)) == right

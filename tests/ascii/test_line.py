@@ -1,4 +1,4 @@
-"""The framing of an ASCII line: ':' begins, CR LF ends, a pause is noise."""
+"""The framing of an ASCII line: ':' begins a frame, CR LF ends it, a pause makes it noise."""
 
 from __future__ import annotations
 
@@ -142,13 +142,13 @@ def test_endless_noise_is_reported_and_not_accumulated(data: bytes) -> None:
 
 
 CHANGED = encode(1, unhex("08 0003 3B00"))
-"""A question and, said again, its answer: from then on ';' ends what unit 1 says."""
+"""A request; twice, it is the request and its response, after which ';' ends the frames of unit 1."""
 
 
 @modest
 @given(st.lists(st.one_of(CHARACTERS, st.sampled_from([CHANGED * 2, READ[:-1] + b";", LONGEST[:-2] + b"0\r\n"]))))
 def test_many_bytes_at_once_give_the_events_of_single_bytes(pieces: list[bytes]) -> None:
-    """A frame that is there as a whole is read as a whole; a character at a time, it comes to the same."""
+    """A frame that arrives whole is decoded at once; the result is that of single characters."""
     data = b"".join(pieces)
     at_once, one_by_one = AsciiLine(), AsciiLine()
     events = at_once.feed(data, 1.0)

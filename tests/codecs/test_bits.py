@@ -17,7 +17,7 @@ def test_each_bit_is_set_and_cleared_alone(width: int) -> None:
     for bit in range(width):
         assert set_bit(0, bit, True, width) == 1 << bit
         assert set_bit(full, bit, False, width) == full ^ 1 << bit
-        assert [get_bit(1 << bit, other, width) for other in range(width)] == [other == bit for other in range(width)]
+        assert [get_bit(1 << bit, place, width) for place in range(width)] == [place == bit for place in range(width)]
 
 
 @pytest.mark.parametrize(("bit", "width"), [(-1, 16), (16, 16), (8, 8), (32, 32)])

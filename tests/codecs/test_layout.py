@@ -1,4 +1,4 @@
-"""Layouts: named fields packed, unpacked, measured and explained; and bytes drawn bit by bit."""
+"""Layouts, which pack, unpack, measure and explain named fields; and bit patterns."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ def test_a_tail_without_count_takes_all_remaining_bytes() -> None:
     assert OPEN.measure(unhex("41 0102")) is None
 
 
-def test_a_length_without_a_count_never_depends_on_the_bytes() -> None:
+def test_a_measured_length_without_a_count_does_not_depend_on_the_bytes() -> None:
     assert {FIXED.measure(bytes(length)) for length in range(9)} == {5}
 
 
-def test_a_length_grows_once_when_the_count_is_in() -> None:
+def test_a_measured_length_grows_once_when_the_count_has_arrived() -> None:
     whole = unhex("10 0001 04 01020304")
     assert [COUNTED.measure(whole[:length]) for length in range(9)] == [4, 4, 4, 4, 8, 8, 8, 8, 8]
 
@@ -90,7 +90,7 @@ def test_fields_go_as_far_as_the_bytes() -> None:
     assert COUNTED.fields(b"") == []
 
 
-def test_fields_may_be_counted_from_elsewhere() -> None:
+def test_field_offsets_may_begin_at_another_number() -> None:
     assert FIXED.fields(unhex("03 006B"), at=7) == [Field(7, 1, "function_code", 3), Field(8, 2, "address", 0x6B)]
 
 

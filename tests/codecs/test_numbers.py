@@ -1,4 +1,4 @@
-"""Numbers of every width in every order: limits at both ends, and errors that name them."""
+"""Numbers of every width in every order: both limits, and the errors that give them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MIXED = ("CDAB", "BADC")
 
 
 def whole_registers(name: str) -> bool:
-    """Whether the mixed orders mean anything: they cut a number into registers of two bytes."""
+    """Whether the mixed orders exist for this type: they cut a number into registers of two bytes."""
     return int(name[1:]) % 16 == 0 or name[1:] == "8"
 
 
@@ -73,7 +73,7 @@ def test_limits_are_those_of_twos_complement(name: str) -> None:
         ("f64", "BADC", 1.0, "F0 3F 00 00 00 00 00 00"),
     ],
 )
-def test_each_order_lays_the_bytes_where_its_name_says(name: str, order: Order, value: float, wire: str) -> None:
+def test_each_order_places_the_bytes_as_its_name_says(name: str, order: Order, value: float, wire: str) -> None:
     assert codec(name, order).encode(value) == unhex(wire)
     assert codec(name, order).decode(unhex(wire)) == pytest.approx(value)
 
@@ -95,7 +95,7 @@ def test_a_number_that_rounds_beyond_the_largest_float_is_refused(value: float) 
 
 
 @pytest.mark.parametrize("value", [3.4028234663852886e38, 3.4028235e38, 3.402823466e38])
-def test_the_largest_float_may_be_written_as_people_write_it(value: float) -> None:
+def test_the_largest_float_may_be_written_with_fewer_digits(value: float) -> None:
     assert codec("f32").encode(value) == unhex("7F 7F FF FF")
 
 

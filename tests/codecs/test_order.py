@@ -1,4 +1,4 @@
-"""Orders of bytes, and the way into registers and out again."""
+"""Byte orders, and the conversion of bytes to registers and back."""
 
 from __future__ import annotations
 

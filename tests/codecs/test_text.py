@@ -1,4 +1,4 @@
-"""Text: fixed length, padding told, nothing lost in silence."""
+"""Text of a fixed length: padding, encodings, and values that do not fit."""
 
 from __future__ import annotations
 

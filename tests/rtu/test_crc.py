@@ -1,4 +1,4 @@
-"""The CRC: the definition, its two faster forms, and crcmod as referee."""
+"""The CRC: the definition and its two faster forms, compared with crcmod."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from barewire.rtu.crc import crc16, crc16_bit_by_bit, crc16_folded, crc16_table
 from tests.helpers import modest, unhex
 
-referee = crcmod.predefined.mkCrcFun("modbus")
+reference = crcmod.predefined.mkCrcFun("modbus")
 
 
 Form = Callable[[bytes | bytearray], int]
@@ -22,17 +22,17 @@ FORMS: list[Form] = [crc16, crc16_bit_by_bit, crc16_table, crc16_folded]
 @modest
 @given(st.binary(max_size=256))
 def test_each_form_equals_crcmod(form: Form, data: bytes) -> None:
-    assert form(data) == referee(data)
+    assert form(data) == reference(data)
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_each_form_accepts_every_byte_and_every_length(form: Form) -> None:
     for byte in range(256):
-        assert form(bytes([byte])) == referee(bytes([byte]))
+        assert form(bytes([byte])) == reference(bytes([byte]))
     for length in range(601):
         row = bytes((37 * place + length) & 0xFF for place in range(length))
         for data in (row, bytes(length), b"\xff" * length):
-            assert form(data) == form(bytearray(data)) == referee(data)
+            assert form(data) == form(bytearray(data)) == reference(data)
 
 
 @modest
@@ -42,13 +42,13 @@ def test_each_form_accepts_every_byte_and_every_length(form: Form) -> None:
     )
 )
 def test_folding_equals_the_table_beyond_the_longest_frame(data: bytes) -> None:
-    assert crc16(data) == crc16_folded(data) == crc16_bit_by_bit(data) == crc16_table(data) == referee(data)
+    assert crc16(data) == crc16_folded(data) == crc16_bit_by_bit(data) == crc16_table(data) == reference(data)
 
 
 @pytest.mark.parametrize("length", [0xFFFF, 0x10000, 0x10001, 0x20003])
 def test_folding_accepts_more_than_a_block(length: int) -> None:
     data = bytes(range(251)) * (length // 251 + 1)
-    assert crc16_folded(data[:length]) == crc16_table(data[:length]) == referee(data[:length])
+    assert crc16_folded(data[:length]) == crc16_table(data[:length]) == reference(data[:length])
 
 
 @pytest.mark.parametrize(

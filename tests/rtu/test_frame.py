@@ -1,4 +1,4 @@
-"""One whole RTU frame."""
+"""Encoding and decoding one whole RTU frame."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The framing of an RTU line: count, CRC and silence, patient and strict.
+"""The framing of an RTU line by count, CRC and silence, with the default pauses and with the strict ones.
 
-Times here are powers of two where equality matters: one character takes 1/2048 s, so that sums are exact.
+Where equality matters, times are powers of two: one character takes 1/2048 s, so that sums are exact.
 """
 
 from __future__ import annotations
@@ -61,13 +61,15 @@ RESPONSES = {
     "exception": encode(1, unhex("83 02")),
     "the longest": encode(1, unhex("03 FA") + bytes(range(250))),
 }
-HEARD_AS: list[tuple[Role, dict[str, bytes]]] = [
+RECEIVED_BY: list[tuple[Role, dict[str, bytes]]] = [
     ("client", RESPONSES),
     ("server", REQUESTS),
     ("listener", REQUESTS),
     ("listener", RESPONSES),
 ]
-HEARD = [pytest.param(role, frame, id=f"{role}-{name}") for role, table in HEARD_AS for name, frame in table.items()]
+RECEIVED = [
+    pytest.param(role, frame, id=f"{role}-{name}") for role, table in RECEIVED_BY for name, frame in table.items()
+]
 
 
 def line_of(role: Role = "client", *, strict: bool = False, units: tuple[int, ...] = ()) -> RtuLine:
@@ -75,7 +77,7 @@ def line_of(role: Role = "client", *, strict: bool = False, units: tuple[int, ..
 
 
 def at_line_speed(parts: list[bytes], start: float = 1.0) -> list[tuple[bytes, float]]:
-    """One part right behind the other: each is over when its last character is."""
+    """Deliver the parts without pauses, each at the time when its last character has arrived."""
     now, chunks = start, []
     for part in parts:
         now += EXACT.duration(len(part))
@@ -83,10 +85,10 @@ def at_line_speed(parts: list[bytes], start: float = 1.0) -> list[tuple[bytes, f
     return chunks
 
 
-# However it is delivered -----------------------------------------------------------------------------------------
+# Delivery in any pieces ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("role", "frame"), HEARD)
+@pytest.mark.parametrize(("role", "frame"), RECEIVED)
 def test_a_frame_is_the_same_however_it_is_delivered(role: Role, frame: bytes) -> None:
     for parts in deliveries(frame):
         line = line_of(role)
@@ -94,8 +96,8 @@ def test_a_frame_is_the_same_however_it_is_delivered(role: Role, frame: bytes) -
         assert line.deadline is None
 
 
-@pytest.mark.parametrize(("role", "frame"), HEARD)
-def test_strict_or_not_a_frame_without_gaps_arrives(role: Role, frame: bytes) -> None:
+@pytest.mark.parametrize(("role", "frame"), RECEIVED)
+def test_a_strict_line_receives_a_frame_without_gaps(role: Role, frame: bytes) -> None:
     for parts in deliveries(frame):
         line = line_of(role, strict=True)
         for data, now in at_line_speed(parts):
@@ -103,14 +105,14 @@ def test_strict_or_not_a_frame_without_gaps_arrives(role: Role, frame: bytes) ->
         assert silence(line) == [decode(frame)], parts
 
 
-@pytest.mark.parametrize(("role", "frame"), HEARD)
+@pytest.mark.parametrize(("role", "frame"), RECEIVED)
 def test_two_frames_glued_together_are_two(role: Role, frame: bytes) -> None:
     for parts in deliveries(frame + frame) if len(frame) < 40 else [[frame + frame], [frame + frame[:9], frame[9:]]]:
         assert feed_all(line_of(role), spaced(parts, 0.002)) == [decode(frame)] * 2, parts
 
 
 @pytest.mark.parametrize("noise", ["00", "FF", "FF FF FF", "01 03", "01 03 FA", "00 41", "01 83 02 00 00", "2B 0E 01"])
-@pytest.mark.parametrize(("role", "frame"), HEARD)
+@pytest.mark.parametrize(("role", "frame"), RECEIVED)
 def test_noise_before_a_frame_does_not_hide_it(role: Role, frame: bytes, noise: str) -> None:
     for parts in deliveries(frame) if len(frame) < 40 else [[frame]]:
         line = line_of(role)
@@ -119,14 +121,14 @@ def test_noise_before_a_frame_does_not_hide_it(role: Role, frame: bytes, noise: 
         assert b"".join(found.data for found in noise_of(events)) == unhex(noise)
 
 
-@pytest.mark.parametrize(("role", "frame"), HEARD)
+@pytest.mark.parametrize(("role", "frame"), RECEIVED)
 def test_noise_behind_a_frame_does_not_change_the_frame(role: Role, frame: bytes) -> None:
     line = line_of(role)
     assert line.feed(frame + b"\xff\x00", 1.0) == [decode(frame)]
     assert silence(line) == [Noise(b"\xff\x00", "short", "2 bytes, then silence")]
 
 
-# The law of bytes ------------------------------------------------------------------------------------------------
+# Every byte is accounted for -------------------------------------------------------------------------------------
 
 WHOLE = st.sampled_from([*REQUESTS.values(), *RESPONSES.values(), encode(9, unhex("41 0102"))])
 DAMAGED = st.builds(lambda frame, cut: frame[:cut] + b"\xff" + frame[cut:], WHOLE, st.integers(0, 12))
@@ -145,7 +147,7 @@ def test_every_byte_is_in_a_frame_in_noise_or_held(chunks: list[Chunk], role: Ro
 def test_endless_noise_is_reported_and_not_accumulated(data: bytes, role: Role, strict: bool) -> None:
     line = line_of(role, strict=strict)
     accounts_for_every_byte(
-        line, spaced([data[at : at + 50] for at in range(0, len(data), 50)], 0.0001), encode_again, 256
+        line, spaced([data[start : start + 50] for start in range(0, len(data), 50)], 0.0001), encode_again, 256
     )
     silence(line)
     assert line.held == b""
@@ -155,21 +157,21 @@ def encode_again(adu: Adu) -> bytes:
     return encode(adu.unit, adu.pdu)
 
 
-# Silence, patiently ----------------------------------------------------------------------------------------------
+# Silence, with the default pauses --------------------------------------------------------------------------------
 
 REPLY = RESPONSES["registers"]
 
 
 @pytest.mark.parametrize(
-    ("gap", "heard"),
+    ("gap", "frames"),
     [(PATIENCE - CHARACTER, [decode(REPLY)]), (PATIENCE, []), (PATIENCE + CHARACTER, [])],
     ids=["shorter", "as long", "longer"],
 )
-def test_a_pause_inside_a_frame_is_accepted_up_to_the_patience(gap: float, heard: list[Adu]) -> None:
+def test_a_pause_inside_a_frame_is_accepted_up_to_the_patience(gap: float, frames: list[Adu]) -> None:
     line = line_of()
     events = line.feed(REPLY[:5], 1.0)
     events += line.feed(REPLY[5:], 1.0 + gap + EXACT.duration(len(REPLY) - 5))
-    assert frames_of(events + silence(line)) == heard
+    assert frames_of(events + silence(line)) == frames
 
 
 def test_a_long_response_delivered_in_two_batches_is_one_frame() -> None:
@@ -180,7 +182,7 @@ def test_a_long_response_delivered_in_two_batches_is_one_frame() -> None:
     assert line.feed(frame[100:], 1.0 + 0.016 + timing.duration(155)) == [decode(frame)]
 
 
-def test_patience_is_never_less_than_the_silence_of_the_line() -> None:
+def test_patience_is_at_least_t35() -> None:
     slow = Timing.of(300)
     assert RtuLine(slow, patience=0.001).gap == slow.t35
 
@@ -227,7 +229,7 @@ def test_a_time_before_the_last_byte_does_not_shorten_the_silence() -> None:
     assert line.deadline == 2.0 + PATIENCE
 
 
-# Silence, by the letter ------------------------------------------------------------------------------------------
+# Silence, strict -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -256,7 +258,7 @@ def test_strict_a_gap_of_t35_ends_a_frame_without_feeding_none(characters: float
 @pytest.mark.parametrize("baudrate", [1200, 9600, 19200, 38400, 115200])
 @pytest.mark.parametrize("start", [0.1, 1234.5678, 86400.1, 1e6 / 3])
 def test_gaps_of_exactly_t15_and_t35_count_as_such_at_every_baudrate_and_time(baudrate: int, start: float) -> None:
-    """Exactly t1.5 is no gap and exactly t3.5 is one, whatever floating point makes of the sums."""
+    """A gap of exactly t1.5 is allowed and one of exactly t3.5 ends a frame, in spite of rounded sums."""
     timing = Timing.of(baudrate)
     line = RtuLine(timing, role="server", patience=None)
     frame = REQUESTS["read registers"]
@@ -289,7 +291,7 @@ def test_strict_reports_that_a_frame_was_too_long() -> None:
     assert [(len(event.data), event.reason) for event in noise_of(events)] == [(44, "long"), (256, "long")]
 
 
-# Speaking --------------------------------------------------------------------------------------------------------
+# Sending ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("strict", [True, False])
@@ -321,7 +323,7 @@ def test_a_response_has_the_unit_of_its_request() -> None:
     assert line_of("server").response(Adu(7, b"\x03"), unhex("83 02")) == encode(7, unhex("83 02"))
 
 
-# What nobody can count -------------------------------------------------------------------------------------------
+# Frames without a known length -----------------------------------------------------------------------------------
 
 CUSTOM = encode(1, unhex("41 01 02 03 04 05"))
 
@@ -341,7 +343,7 @@ def test_silence_ends_a_frame_with_an_unknown_mei_type() -> None:
 
 
 def test_a_frame_with_a_wrong_byte_count_and_a_good_crc_is_a_frame() -> None:
-    """What is wrong with it is for the server to say (exception 03), not for the line."""
+    """The line delivers it, and the server declines it (exception 03)."""
     for pdu in ("10 0001 0002 05 000A0102", "10 0001 0002 03 000A0102", "03 0001"):
         line = line_of("server", units=(1,))
         assert line.feed(encode(1, unhex(pdu)), 1.0) == []
@@ -351,7 +353,7 @@ def test_a_frame_with_a_wrong_byte_count_and_a_good_crc_is_a_frame() -> None:
 @pytest.mark.parametrize("length", [0, 1, 2, 3, 250])
 @pytest.mark.parametrize("role", ROLES)
 def test_query_data_of_any_length_is_received(role: Role, length: int) -> None:
-    """Two bytes of query data are counted; any other number is ended by silence."""
+    """Two bytes of query data are the counted length; any other number is ended by silence."""
     frame = encode(1, unhex("08 0000") + b"\xa5" * length)
     for parts in ([frame], [frame[:5], frame[5:]]):
         line = line_of(role)
@@ -374,7 +376,7 @@ def test_a_good_frame_directly_behind_a_damaged_one_is_found_at_once() -> None:
     line = line_of()
     events = line.feed(damaged(REPLY) + RESPONSES["exception"], 1.0)
     assert events == [
-        Noise(damaged(REPLY), "checksum", f"{len(REPLY)} bytes that are no frame before a good one"),
+        Noise(damaged(REPLY), "checksum", f"{len(REPLY)} bytes that are not a frame before a good one"),
         decode(RESPONSES["exception"]),
     ]
 
@@ -388,7 +390,7 @@ def test_a_damaged_frame_is_reported_with_the_expected_crc() -> None:
 
 @pytest.mark.parametrize("length", range(1, len(REPLY)))
 def test_half_a_frame_and_then_a_whole_one(length: int) -> None:
-    """With silence between them, and (a unit that began again) without."""
+    """With silence between them, and without (a unit that began its response again)."""
     for pause in (0.002, 2 * PATIENCE):
         line = line_of()
         events = feed_all(line, [(REPLY[:length], 1.0), (REPLY, 1.0 + pause)]) + silence(line)
@@ -398,7 +400,7 @@ def test_half_a_frame_and_then_a_whole_one(length: int) -> None:
 
 @pytest.mark.parametrize("noise", ["FF 41", "FF 03 FA", "01 10 00 00 00 7B F6"])
 def test_silence_finds_every_frame_behind_a_wrong_count(noise: str) -> None:
-    """The noise promises a long frame (or one without an end), so nothing is decided before the silence."""
+    """The noise announces a long frame (or one without an end), so nothing is decided before the silence."""
     first, second, third = RESPONSES["registers"], RESPONSES["exception"], RESPONSES["coils"]
     line = line_of("listener")
     events = line.feed(unhex(noise) + first + second, 1.0) + line.feed(third + b"\xff", 1.001) + silence(line)
@@ -428,82 +430,80 @@ def test_endless_noise_is_reported_in_parts() -> None:
 
 
 def frames_and_rest(events: list[LineEvent], held: bytes) -> list[Adu | bytes]:
-    """Frames, and the bytes between them, however they were told."""
-    told: list[Adu | bytes] = [b""]
+    """Return the frames, and the bytes between them, joined across events."""
+    parts: list[Adu | bytes] = [b""]
     for event in [*events, Noise(held, "short")]:
         if isinstance(event, Adu):
-            told += [event, b""]
+            parts += [event, b""]
         else:
-            last = told.pop()
+            last = parts.pop()
             assert isinstance(last, bytes)
-            told.append(last + event.data)
-    return told
+            parts.append(last + event.data)
+    return parts
 
 
 @modest
 @given(st.lists(st.one_of(WHOLE, DAMAGED, st.binary(max_size=300)), max_size=5), st.sampled_from(ROLES), st.randoms())
 def test_the_same_frames_whatever_the_chunks(parts: list[bytes], role: Role, dice: Random) -> None:
-    """A batch of an adapter, single bytes, anything between: where frames are is told by the bytes and the silence."""
+    """Only the bytes and the silence decide where frames are, not the batches in which an adapter delivers them."""
     data = b"".join(parts)
-    heard = []
+    received = []
     for longest in (1, 3, 40):
-        line, events, at, now = line_of(role, units=(1,)), list[LineEvent](), 0, 1.0
-        while at < len(data):
+        line, events, start, now = line_of(role, units=(1,)), list[LineEvent](), 0, 1.0
+        while start < len(data):
             size = dice.randint(1, longest)
             now += CHARACTER * size
-            events += line.feed(data[at : at + size], now)
-            at += size
-        heard.append(frames_and_rest(events + silence(line), line.held))
-    assert heard[0] == heard[1] == heard[2]
+            events += line.feed(data[start : start + size], now)
+            start += size
+        received.append(frames_and_rest(events + silence(line), line.held))
+    assert received[0] == received[1] == received[2]
 
 
-def test_noise_byte_by_byte_costs_linear_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """With a full buffer too. What is looked at again is counted, not timed."""
-    looks = 0
-    original = RtuLine._look
+def test_noise_byte_by_byte_costs_linear_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with a full buffer. The test counts how often a place is checked; it does not measure time."""
+    checks = 0
+    original = RtuLine._check
 
     def counted(line: RtuLine, at: int) -> tuple[int | None, int]:
-        nonlocal looks
-        looks += 1
+        nonlocal checks
+        checks += 1
         return original(line, at)
 
-    monkeypatch.setattr(RtuLine, "_look", counted)
+    monkeypatch.setattr(RtuLine, "_check", counted)
     for role in ROLES:
-        line, dice, looks = line_of(role, units=(1,)), Random(1), 0
+        line, dice, checks = line_of(role, units=(1,)), Random(1), 0
         for place in range(3000):
             line.feed(dice.randbytes(1), 1.0 + place * CHARACTER)
             assert len(line._places) <= 2 * 256
-        assert looks < 6 * 3000
+        assert checks < 6 * 3000
 
 
-# Other people's talk ---------------------------------------------------------------------------------------------
+# Traffic of other units ------------------------------------------------------------------------------------------
 
 OURS = encode(1, unhex("03 0000 0001"))
-TALK = [
+OTHER_TRAFFIC = [
     encode(2, unhex("03 006B 0003")),
     encode(2, unhex("03 06 022B 0000 0064")),
     encode(3, unhex("10 0001 0002 04 000A0102")),
     encode(3, unhex("10 0001 0002")),
     encode(4, unhex("01 0013 0013")),
     encode(4, unhex("81 02")),
-    encode(5, unhex("04 0000 0001")),  # nobody answers this one
+    encode(5, unhex("04 0000 0001")),  # without a response
 ]
 
 
 @pytest.mark.parametrize("step", [0.0, 0.002, 2 * PATIENCE], ids=["glued", "batches", "pauses"])
-@pytest.mark.parametrize("strangers", range(len(TALK) + 1))
-def test_a_server_receives_its_request_after_traffic_of_other_units(strangers: int, step: float) -> None:
+@pytest.mark.parametrize("count", range(len(OTHER_TRAFFIC) + 1))
+def test_a_server_receives_its_request_after_traffic_of_other_units(count: int, step: float) -> None:
     line = line_of("server", units=(1,))
-    heard = feed_all(line, spaced([*TALK[:strangers], OURS], step))
-    assert heard == [decode(frame) for frame in [*TALK[:strangers], OURS]]
+    frames = [*OTHER_TRAFFIC[:count], OURS]
+    assert feed_all(line, spaced(frames, step)) == [decode(frame) for frame in frames]
 
 
 @pytest.mark.parametrize("lost", range(1, 9))
 def test_a_server_receives_its_request_after_part_of_another_units_response(lost: int) -> None:
     line = line_of("server", units=(1,))
-    events = feed_all(line, [(TALK[1][lost:], 1.0), (OURS, 1.004)]) + silence(line)
+    events = feed_all(line, [(OTHER_TRAFFIC[1][lost:], 1.0), (OURS, 1.004)]) + silence(line)
     assert frames_of(events) == [decode(OURS)]
 
 
@@ -514,7 +514,7 @@ def request_that_begins_like_a_response(unit: int) -> bytes:
         low, high = crc16(head).to_bytes(2, "little")
         if low == 0xF6:  # the byte count of 123 registers
             return encode(unit, head[1:] + bytes([0xF6, high]) + bytes(245))
-    raise AssertionError("there is one among 65536")
+    raise AssertionError("no such request among 65536")
 
 
 def test_a_long_request_to_an_own_unit_is_one_frame() -> None:
@@ -527,7 +527,7 @@ def test_a_long_request_to_an_own_unit_is_one_frame() -> None:
 
 
 def test_an_echo_of_the_request_is_at_most_one_frame_for_a_client() -> None:
-    """On a line that echoes, the request comes back in front of the answer."""
+    """On a line that echoes, the client receives its own request before the response."""
     line = line_of()
     request = line.request(1, unhex("03 006B 0003"))
     events = line.feed(request + REPLY, 1.0)
@@ -536,7 +536,7 @@ def test_an_echo_of_the_request_is_at_most_one_frame_for_a_client() -> None:
 
 
 @pytest.mark.parametrize(("role", "strict"), [*product(ROLES, [True, False])])
-def test_what_is_too_short_for_a_frame_is_noise(role: Role, strict: bool) -> None:
+def test_bytes_too_short_for_a_frame_are_noise(role: Role, strict: bool) -> None:
     for length in range(1, 4):
         line = line_of(role, strict=strict)
         line.feed(b"\x01" * length, 1.0)

@@ -1,4 +1,4 @@
-"""What a count tells that no CRC can: that the end of a frame is missing."""
+"""The byte count shows that the end of a frame is missing where the CRC cannot."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ TIMING = Timing.of(19200)
 
 
 def ending_with_zero(begin: str, count: int = 1) -> bytes:
-    """A frame that begins like this, with two bytes more such that its CRC ends with so many 00."""
+    """Return a frame that begins like this, with two more bytes chosen so that its CRC ends with `count` bytes 00."""
     for number in range(0x10000):
         frame = encode(1, unhex(begin) + number.to_bytes(2, "big"))
         if frame[-count:] == bytes(count) and frame[-1 - count]:
             return frame
-    raise AssertionError("there is one among 65536")
+    raise AssertionError("no such frame among 65536")
 
 
 @pytest.mark.parametrize("strict", [False, True])
@@ -53,15 +53,15 @@ def test_a_frame_that_lost_the_00_at_its_end_is_noise(role: Role, begin: str, st
         ("client", "07", False),
     ],
     ids=[
-        "a count that cannot be made good",
-        "a byte count that lies",
-        "nobody can count it",
+        "too short to decode with any bytes of the CRC",
+        "a wrong byte count",
+        "an unknown function, without a known length",
         "query data of one byte",
-        "query data of none",
+        "query data of no byte",
         "an exception",
-        "an answer",
-        "two bytes short, and readable with them",
-        "a request where an answer is awaited",
+        "a response",
+        "two bytes short, and decodable with two of the CRC",
+        "a request where a response is expected",
     ],
 )
 def test_is_whole_with_a_good_crc(role: Role, pdu: str, is_whole: bool) -> None:
@@ -72,7 +72,7 @@ def test_a_bad_crc_is_never_whole() -> None:
     shape = Shape("server", (1,))
     frame = encode(1, unhex("03 0000 0001"))
     assert shape.is_whole(frame)
-    for at in range(len(frame)):
-        assert not shape.is_whole(frame[:at] + bytes([frame[at] ^ 1]) + frame[at + 1 :])
-        assert not shape.is_whole(frame[:at])
+    for place in range(len(frame)):
+        assert not shape.is_whole(frame[:place] + bytes([frame[place] ^ 1]) + frame[place + 1 :])
+        assert not shape.is_whole(frame[:place])
     assert not shape.is_whole(bytes(300))

@@ -1,4 +1,4 @@
-"""Character times, and the two silences."""
+"""Character times, and the silences t1.5 and t3.5."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several questions under way on one connection; quirks; datagrams."""
+"""Several open requests on one connection; other units and transactions; datagrams."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def test_each_response_reaches_its_line_in_any_order_and_chunks(seed: int, cut: 
         order = dice.sample(range(16), 16)
         answers = [encode(1, bytes([3, 2, 0, place]), int.from_bytes(asked[place][:2], "big")) for place in order]
         stream = b"".join(answers)
-        parts = answers if datagrams else [stream[at : at + cut] for at in range(0, len(stream), cut)]
-        came = [pair for part in parts for pair in fan.feed(part)]
-        assert [place for place, _ in came] == order
-        for place, frame in came:
+        parts = answers if datagrams else [stream[start : start + cut] for start in range(0, len(stream), cut)]
+        received = [pair for part in parts for pair in fan.feed(part)]
+        assert [place for place, _ in received] == order
+        for place, frame in received:
             (adu,) = fan.lines[place].feed(frame, 0.0)
             assert isinstance(adu, Adu)
             assert fan.lines[place].answers(adu)

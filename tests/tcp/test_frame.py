@@ -1,4 +1,4 @@
-"""One whole Modbus TCP frame."""
+"""Encoding and decoding one whole Modbus TCP frame."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_any_bytes_decode_or_raise_decode_error(data: bytes) -> None:
     ("unit", "pdu", "transaction"),
     [(-1, b"\x07", 0), (256, b"\x07", 0), (1, b"", 0), (1, bytes(254), 0), (1, b"\x07", -1), (1, b"\x07", 0x10000)],
 )
-def test_what_does_not_fit_is_refused(unit: int, pdu: bytes, transaction: int) -> None:
+def test_a_unit_pdu_or_transaction_out_of_range_is_refused(unit: int, pdu: bytes, transaction: int) -> None:
     with refused(EncodeError, "expected"):
         encode(unit, pdu, transaction)
 

@@ -1,4 +1,4 @@
-"""The framing of a TCP connection: a length ends a frame, and what cannot be a header ends the trust."""
+"""The framing of a TCP connection by the length in the header; an invalid header breaks the line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_a_frame_is_the_same_however_it_is_delivered(frame: bytes) -> None:
 
 
 @pytest.mark.parametrize("frame", FRAMES)
-def test_frames_glued_together_are_as_many(frame: bytes) -> None:
+def test_frames_glued_together_are_separated(frame: bytes) -> None:
     for parts in deliveries(frame + READ + SHORT):
         assert feed_all(TcpLine(), spaced(parts, 0.0)) == [decode(frame), decode(READ), decode(SHORT)]
 
@@ -44,8 +44,8 @@ def test_an_unfinished_frame_is_held(parts: int) -> None:
         ("0001 0000 0000 01 03", "length"),
         ("0001 0000 0001 01 03", "length"),
         ("0001 0000 00FF 01 03", "length"),
-        ("01 03 00 00 00 01 84 0A", "length"),  # somebody talks RTU
-        ("47 45 54 20 2F 20 48 54", "protocol"),  # somebody talks HTTP
+        ("01 03 00 00 00 01 84 0A", "length"),  # an RTU frame
+        ("47 45 54 20 2F 20 48 54", "protocol"),  # an HTTP request
     ],
 )
 def test_an_invalid_header_breaks_the_line_permanently(noise: str, reason: str) -> None:

@@ -2,14 +2,14 @@
 
     : | unit | PDU 1..253 | LRC | CR LF                                              [MB-SERIAL 2.5.2]
 
-    lrc        the checksum                              frame    encode and decode one whole frame
-    delimiter  the character that replaces LF after 08/03    line     the framing state of one line
+    frame      encode and decode one whole frame, and its checksum, the LRC
+    delimiter  the character that replaces LF after function 08/03
+    line       the framing state of one line
 
 Depends on: errors, modbus.adu. Used by: explain, io.
 """
 
-from barewire.ascii.frame import decode, encode
+from barewire.ascii.frame import decode, encode, lrc
 from barewire.ascii.line import AsciiLine
-from barewire.ascii.lrc import lrc
 
 __all__ = ["lrc", "encode", "decode", "AsciiLine"]

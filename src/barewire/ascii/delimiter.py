@@ -1,17 +1,18 @@
-"""The character that ends a frame behind CR: LF, or the one that function 08/03 set for a unit.
+"""The character that ends a frame behind CR: LF, or the character that function 08/03 set for a unit.
 
     08 00 03 | character | 00        request, with the current ending
     08 00 03 | character | 00        response, with the current ending; from here on CR and this character
     08 00 01 | 00 or FF  | 00        restart: from its response on CR LF again                   [MB-APP 6.8.1]
 
-The line learns the character from the frames that it sends and receives: the same message of a unit twice is a request
-and its response, unless both were sent here (a repeated request). A restart without response (a unit in listen only
-mode) took effect as well. CR LF always ends a received frame too, because other units of the line still use it.
+The line derives the character from the frames that it sends and receives: if the same message of a unit passes twice,
+it was a request and its response, unless both were sent by this side (a repeated request). A restart also takes effect
+without a response, because a unit in listen only mode sends none. CR LF always ends a received frame as well, because
+other units on the line still use it.
 """
 
 from __future__ import annotations
 
-COLON, CR, LF = 0x3A, 0x0D, 0x0A
+COLON, LF = 0x3A, 0x0A
 _CHANGE, _RESTART = b"\x08\x00\x03", b"\x08\x00\x01"
 _ALL = 0
 
@@ -33,13 +34,13 @@ class Delimiters:
         self._asked: dict[int, tuple[bytes, bool]] = {}
 
     def of(self, unit: int) -> int:
-        """The character that ends a frame to or from this unit."""
+        """Return the character that ends a frame to or from this unit."""
         return self._of.get(unit, self._of.get(_ALL, LF))
 
     def passed(self, unit: int, pdu: bytes, *, sent: bool) -> None:
-        """Record a message to or from this unit that was sent here, or received."""
-        asked, from_here = self._asked.pop(unit, (b"", False))
-        is_answer = asked == pdu and not (sent and from_here)
+        """Record a message to or from this unit. `sent`: this side transmitted it; otherwise it was received."""
+        asked, was_sent = self._asked.pop(unit, (b"", False))
+        is_answer = asked == pdu and not (sent and was_sent)
         if is_answer or (asked[:3] == _RESTART and pdu[:1] != b"\x88"):
             self._apply(unit, asked)
             if is_answer:
@@ -56,7 +57,7 @@ class Delimiters:
                     self.accepted.add(pdu[3])
 
     def _apply(self, unit: int, pdu: bytes) -> None:
-        """Apply the request."""
+        """Apply a request that took effect."""
         character = pdu[3] if pdu[:3] == _CHANGE else LF
         if character != COLON:
             self._of[unit] = character

@@ -1,10 +1,10 @@
 """The framing state of one ASCII line: ':' begins a frame, CR LF ends it, a pause of a second makes it invalid.
 
     waiting --':'--> inside --CR LF--> frame or noise --> waiting               [MB-SERIAL 2.5.2]
-                     inside --':'----> the characters so far were noise, begin again
+                     inside --':'----> the characters so far were noise, a frame begins again
                      inside --1 s----> noise
 
-Function 08/03 can replace LF, behind CR, by another character: see `delimiter`.
+Function 08/03 can replace the LF by another character: see `delimiter`.
 
 The standard has 7 data bits, many devices use 8. If a port set to 8 bits receives a line of 7 bits with parity, the
 parity bit arrives as bit 7: `data_bits=7` removes it.
@@ -21,11 +21,14 @@ _SEVEN_BITS = bytes(byte & 0x7F for byte in range(256))
 
 
 class AsciiLine:
-    """One line. `character_timeout` is the longest pause between two characters of a frame, in seconds.
+    """One line.
 
     >>> line = AsciiLine()
     >>> line.feed(b":01040FB10002", now=0.0), line.feed(b"39\\r\\n", now=0.1)
     ([], [Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)])
+
+        character_timeout    the longest pause between two characters of a frame, in seconds (default 1)
+        data_bits            8 (default), or 7 to remove a parity bit that the port delivers as bit 7
     """
 
     numbered = False
@@ -59,12 +62,12 @@ class AsciiLine:
         return bytes(self._held)
 
     def request(self, unit: int, pdu: bytes) -> bytes:
-        """The frame of a request."""
+        """Return the frame of a request."""
         self._unit = unit
         return self._encode(unit, pdu)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
-        """The frame of an answer."""
+        """Return the frame of a response."""
         return self._encode(to.unit, pdu)
 
     def _encode(self, unit: int, pdu: bytes) -> bytes:
@@ -74,14 +77,14 @@ class AsciiLine:
         return frame if delimiter == LF else frame[:-1] + bytes((delimiter,))
 
     def sent(self, now: float) -> None:
-        """Does nothing: this line has no silence to keep."""
+        """Do nothing: no silence is needed on this line."""
 
     def answers(self, adu: Adu) -> bool:
         """Whether the frame comes from the unit of the last request."""
         return adu.unit == self._unit
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """The frames and the noise in `data`, in the order of arrival; None means that only time has passed."""
+        """Return the frames and the noise in `data`, in the order of arrival. None means that only time has passed."""
         events: list[Adu | Noise] = []
         if self._held and now >= self._last + self._timeout:
             events.append(self._drop("silence", f"no character for {self._timeout:g} s inside a frame"))
@@ -107,12 +110,12 @@ class AsciiLine:
             if after_cr and piece[0] in self._delimiters.accepted:
                 events.append(self._end())
             elif len(self._held) >= LONGEST:
-                # Not even the longest frame is longer: nothing that comes can complete it.
+                # The longest frame is not longer than this, so no further character can complete it.
                 events.append(self._drop("long", f"{LONGEST} characters without CR LF"))
         return events
 
     def _whole(self, data: bytes, at: int) -> int:
-        """Where the frame ends that begins here, if it does and all of it is here, as nearly always; 0 otherwise."""
+        """Return the end of the frame that begins at `at` if all of it is in `data`, the usual case; 0 otherwise."""
         if data[at] != COLON:
             return 0
         end = data.find(b"\r", at, at + LONGEST - 1)
@@ -121,8 +124,10 @@ class AsciiLine:
         return end + 2 if data.find(b":", at + 1, end) < 0 else 0
 
     def _quiet_until(self, data: bytes, at: int) -> int:
-        """Up to where nothing happens but that characters come: before the next ':' or CR, or the end of the longest
-        frame. A ':' or CR is a piece of its own."""
+        """Return the end of the characters that can be added at once: the next ':' or CR, or the longest frame.
+
+        A ':' or CR at `at` is taken alone.
+        """
         stop = min(len(data), at + LONGEST - len(self._held))
         for mark in (b":", b"\r"):
             found = data.find(mark, at, stop)
@@ -135,7 +140,7 @@ class AsciiLine:
         return noise
 
     def _end(self) -> Adu | Noise:
-        """The end of a frame (CR LF, or CR and the character instead): a frame, or noise with the reason."""
+        """End the held characters, which have their delimiter: they are a frame, or noise with the reason."""
         data = bytes(self._held)
         self._held.clear()
         return self._read(data)

@@ -22,7 +22,7 @@ def _check_bit(bit: int, width: int) -> None:
 
 
 def get_bit(word: int, bit: int, width: int = 16) -> bool:
-    """Bit `bit` of a word.
+    """Return bit `bit` of a word.
 
     >>> get_bit(0x0004, 2)
     True
@@ -32,7 +32,7 @@ def get_bit(word: int, bit: int, width: int = 16) -> bool:
 
 
 def set_bit(word: int, bit: int, value: bool, width: int = 16) -> int:
-    """The word with bit `bit` set to `value`; every other bit is kept.
+    """Return the word with bit `bit` set to `value`; every other bit is kept.
 
     >>> hex(set_bit(0x00F0, 4, False))
     '0xe0'
@@ -42,7 +42,7 @@ def set_bit(word: int, bit: int, value: bool, width: int = 16) -> int:
 
 
 def get_field(word: int, low: int, bits: int, width: int = 16) -> int:
-    """The number in `bits` bits of a word, from bit `low` upwards.
+    """Return the number in `bits` bits of a word, from bit `low` upwards.
 
     >>> get_field(0x0B40, 6, 6)             # 0000 1011 01.. ....
     45
@@ -52,7 +52,7 @@ def get_field(word: int, low: int, bits: int, width: int = 16) -> int:
 
 
 def set_field(word: int, low: int, bits: int, value: int, width: int = 16) -> int:
-    """The word with this number in `bits` bits from bit `low` upwards; every other bit is kept.
+    """Return the word with `value` in `bits` bits, from bit `low` upwards; every other bit is kept.
 
     >>> hex(set_field(0xFFFF, 4, 8, 0))
     '0xf00f'
@@ -70,7 +70,7 @@ def _check_field(low: int, bits: int, width: int) -> None:
 
 
 def get_half(word: int, half: Half) -> int:
-    """The low or high byte of a register, 0..255.
+    """Return the low or high byte of a register, 0..255.
 
     >>> hex(get_half(0x12AB, "H")), hex(get_half(0x12AB, "L"))
     ('0x12', '0xab')
@@ -83,7 +83,7 @@ def get_half(word: int, half: Half) -> int:
 
 
 def set_half(word: int, half: Half, value: int) -> int:
-    """The register with this half set to `value`; the other half is kept.
+    """Return the register with this half set to `value`; the other half is kept.
 
     >>> hex(set_half(0x12AB, "H", 0x34))
     '0x34ab'
@@ -116,7 +116,7 @@ def unpack_bits(data: bytes, quantity: int | None = None) -> tuple[bool, ...]:
     >>> unpack_bits(bytes.fromhex("CD01"), 10)
     (True, False, True, True, False, False, True, True, True, False)
 
-    Raises DecodeError("short") when the bytes hold fewer.
+    Raises DecodeError("short") if the bytes hold fewer bits.
     """
     count = len(data) * 8 if quantity is None else quantity
     if count > len(data) * 8:

@@ -1,6 +1,6 @@
-"""Named fields in a row: one `Layout` describes the bytes of a message and does all the work on them.
+"""Named fields in a row: a `Layout` describes the bytes of a message once, and packs and unpacks them.
 
-pack       values -> bytes                         unpack   bytes -> values, refusing short and left-over bytes
+pack       values -> bytes                         unpack   bytes -> values; too few or too many bytes are refused
 fields     offset and value of each field, for `explain`
 measure    the length of the message from its first bytes, for the RTU line
 
@@ -26,7 +26,7 @@ from barewire.errors import DecodeError, EncodeError
 
 
 class Field(NamedTuple):
-    """One field of a message with its offset and length in bytes; `explain` prints a line for each."""
+    """One field of a message with its offset and length in bytes. `explain` prints a line for each field."""
 
     offset: int
     length: int
@@ -58,7 +58,7 @@ class Layout:
         self.tail = tail
         self.count = count
         self.size = self._struct.size
-        # Offsets by packing ever longer beginnings: format characters are one byte each and never repeated.
+        # A field ends where the format up to its character ends: there is one format character for each field.
         order, kinds = format[0], format[1:]
         self._byteorder: Literal["big", "little"] = "little" if order == "<" else "big"
         ends = [struct.calcsize(order + kinds[: place + 1]) for place in range(len(names))]
@@ -68,7 +68,7 @@ class Layout:
         self._count_end = ends[self._count_index] if count is not None else 0
 
     def pack(self, *values: int, tail: bytes = b"") -> bytes:
-        """The fields and the tail as bytes. EncodeError names the first value that does not fit its field."""
+        """Pack the fields and the tail. Raises EncodeError, which names the first value that does not fit its field."""
         try:
             return self._struct.pack(*values) + tail
         except struct.error:
@@ -79,7 +79,7 @@ class Layout:
             raise
 
     def pack_of(self, message: object) -> bytes:
-        """The attributes of `message` with the names of the fields, as bytes; there is no tail."""
+        """Pack the attributes of `message` that have the names of the fields. There is no tail."""
         values = self._values(message)
         try:
             return self._struct.pack(*values)
@@ -88,7 +88,7 @@ class Layout:
             return self.pack(*values) if len(self.names) > 1 else self.pack(values)
 
     def unpack(self, data: bytes) -> tuple[Any, ...]:
-        """The field values, with the tail as the last one if there is a tail.
+        """Return the values of the fields, and behind them the tail if the layout has one.
 
         Raises DecodeError("short"), ("long") or ("length": the count field contradicts the number of bytes).
         """
@@ -115,9 +115,9 @@ class Layout:
         raise AssertionError("not short")  # pragma: no cover - called with too few bytes only
 
     def measure(self, data: bytes) -> int | None:
-        """How many bytes to wait for, as far as these first bytes determine it; None if they cannot.
+        """Return how many bytes to wait for, as far as these first bytes determine it; None if they do not.
 
-        The result grows once, when the count field has arrived; with as many bytes as the result it is the length.
+        The result grows once, when the count field has arrived. From then on it is the length of the message.
         """
         if self.tail is None:
             return self.size
@@ -129,7 +129,7 @@ class Layout:
         return self.size + int.from_bytes(data[start:end], self._byteorder)
 
     def fields(self, data: bytes, at: int = 0) -> list[Field]:
-        """The fields with their offsets and values, as far as the bytes go; offsets count from `at`."""
+        """Return the fields with their offsets and values, as far as the bytes go. Offsets count from `at`."""
         found: list[Field] = []
         for name, (start, end) in zip(self.names, self._places):
             if end > len(data):
@@ -179,14 +179,14 @@ class BitPattern:
         return byte & self.mask == self.value
 
     def decode(self, byte: int) -> dict[str, int]:
-        """The fields by letter. Raises DecodeError("function") if the fixed bits do not match."""
+        """Return the fields by letter. Raises DecodeError("function") if the fixed bits do not match."""
         if not self.matches(byte):
             text = f"{byte:02X}h is not {self.pattern}"
             raise DecodeError("function", bytes([byte]), 0, text)
         return {letter: byte >> low & (1 << width) - 1 for letter, (low, width) in self._fields.items()}
 
     def encode(self, **fields: int) -> int:
-        """The byte with these fields. Reserved bits and fields not given are 0."""
+        """Return the byte with these fields. Reserved bits and fields that are not given are 0."""
         byte = self.value
         for letter, field in fields.items():
             if letter not in self._fields:

@@ -24,7 +24,10 @@ _STRUCT = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h",
 _STRUCT |= {"f32": "f", "f64": "d"}
 _FLOAT_BITS = {"f32": 32, "f64": 64}
 _FLOAT_MAX = {"f32": 3.4028234663852886e38, "f64": 1.7976931348623157e308}
-_FLOAT_TOO_LARGE = {"f32": 3.4028235677973366e38, "f64": math.inf}  # from here on rounding goes beyond the largest
+_FLOAT_TOO_LARGE = {
+    "f32": 3.4028235677973366e38,
+    "f64": math.inf,
+}  # from here on a number rounds to more than the largest float
 _INTEGER_BITS = {f"{sign}{bits}": bits for sign in "ui" for bits in range(8, 65, 8)}
 
 
@@ -50,8 +53,9 @@ class Number:
     >>> Number("i16").decode(bytes.fromhex("FFFE"))
     -2
 
-    `minimum` and `maximum` are the limits of the type. Raises EncodeError for a value that is no number, is not
-    whole where it must be, or lies outside the limits; DecodeError for a wrong number of bytes.
+    `minimum` and `maximum` are the limits of the type. `encode` raises EncodeError for a value that is not a number,
+    is not whole although the type is an integer, or lies outside the limits. `decode` raises DecodeError for a wrong
+    number of bytes.
     """
 
     __slots__ = ("_struct", "bits", "is_float", "maximum", "minimum", "name", "order", "size")
@@ -64,7 +68,9 @@ class Number:
         self.is_float = name in _FLOAT_BITS
         self.bits = _FLOAT_BITS[name] if self.is_float else _integer_bits(name)
         self.size = self.bits // 8
-        reorder(bytes(self.size), order)  # refuses u24 in order CDAB now, and not with the first value
+        reorder(
+            bytes(self.size), order
+        )  # raises now, not at the first value, for an order that does not exist, such as u24 in CDAB
         self.minimum: int | float
         self.maximum: int | float
         if self.is_float:
@@ -73,7 +79,7 @@ class Number:
             self.minimum, self.maximum = -(1 << self.bits - 1), (1 << self.bits - 1) - 1
         else:
             self.minimum, self.maximum = 0, (1 << self.bits) - 1
-        # Orders ABCD and DCBA are one struct call; mixed orders and odd widths take a longer way.
+        # For orders ABCD and DCBA one struct call is enough; mixed orders and odd widths are reordered byte by byte.
         endian = {"ABCD": ">", "DCBA": "<"}.get(order)
         plain = endian is not None and name in _STRUCT
         self._struct = struct.Struct(f"{endian}{_STRUCT[name]}") if plain else None
@@ -82,7 +88,7 @@ class Number:
         return f"Number({self.name!r}, {self.order!r})"
 
     def check(self, value: Value) -> int | float:
-        """The value as int or float. Raises EncodeError, with the limits, for a value that the type does not have."""
+        """Return the value as int or float. Raises EncodeError, with the limits, for a value outside the type."""
         if not isinstance(value, (int, float)) or (value != value // 1 and not self.is_float):
             wanted = "a number" if self.is_float else "a whole number"
             raise EncodeError(f"{shown(value)} is not {wanted} for {self.name}")
@@ -101,7 +107,7 @@ class Number:
         return whole
 
     def encode(self, value: Value) -> bytes:
-        """The value as `size` bytes."""
+        """Encode a value as `size` bytes."""
         number = self.check(value)
         if self._struct is not None:
             return self._struct.pack(number)
@@ -110,7 +116,7 @@ class Number:
         return reorder(number.to_bytes(self.size, "big", signed=self.name[0] == "i"), self.order)
 
     def decode(self, data: bytes) -> int | float:
-        """`size` bytes as the value."""
+        """Decode `size` bytes."""
         if len(data) != self.size:
             reason: Reason = "short" if len(data) < self.size else "long"
             text = f"{self.name} takes {self.size} bytes, got {len(data)}"
@@ -126,7 +132,7 @@ class Number:
 
 
 def _integer_bits(name: str) -> int:
-    """'u24' -> 24. Raises EncodeError for a name that is no number type."""
+    """Return the number of bits: 24 for 'u24'. Raises EncodeError for a name that is not a number type."""
     if name in _INTEGER_BITS:
         return _INTEGER_BITS[name]
     raise EncodeError(f"type {name!r}: expected u8..u64, i8..i64 (in steps of 8 bits), f32 or f64")
@@ -136,7 +142,7 @@ _made: dict[tuple[str, str], Number] = {}
 
 
 def codec(name: str, order: Order = "ABCD") -> Number:
-    """The codec of a number type in a byte order.
+    """Return the codec of a number type in a byte order.
 
     >>> codec("f32", "DCBA").encode(1.1).hex(" ").upper()
     'CD CC 8C 3F'

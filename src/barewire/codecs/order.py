@@ -27,7 +27,7 @@ ORDERS: tuple[Order, ...] = ("ABCD", "CDAB", "BADC", "DCBA")
 
 
 def _swap_bytes(data: bytes) -> bytes:
-    """AB CD -> BA DC."""
+    """Swap the two bytes of each register: AB CD -> BA DC."""
     swapped = bytearray(data)
     swapped[0::2], swapped[1::2] = data[1::2], data[0::2]
     return bytes(swapped)
@@ -57,7 +57,7 @@ def reorder(data: bytes, order: Order) -> bytes:
 
 
 def to_registers(data: bytes) -> tuple[int, ...]:
-    """Bytes of the wire as register values. Raises EncodeError for an odd number of bytes.
+    """Convert bytes to register values. Raises EncodeError for an odd number of bytes.
 
     >>> to_registers(bytes.fromhex("000A0102"))
     (10, 258)
@@ -68,7 +68,7 @@ def to_registers(data: bytes) -> tuple[int, ...]:
 
 
 def from_registers(registers: Sequence[int]) -> bytes:
-    """Register values as bytes of the wire, two for each. Raises EncodeError for a value outside 0..65535.
+    """Convert register values to bytes, two for each. Raises EncodeError for a value outside 0..65535.
 
     >>> from_registers([10, 258]).hex(" ")
     '00 0a 01 02'

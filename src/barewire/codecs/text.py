@@ -1,4 +1,4 @@
-"""Text of a fixed number of bytes. The caller gives encoding and padding; text that does not fit is refused.
+"""Text of a fixed number of bytes. The caller chooses encoding and padding; text that does not fit is refused.
 
 "OVERTEMP"  --Text(12)-->  4F 56 45 52 54 45 4D 50 00 00 00 00
 """
@@ -37,7 +37,7 @@ class Text:
         return f"Text({self.size}, {self.encoding!r}, {self.pad!r})"
 
     def encode(self, value: Value) -> bytes:
-        """The text as `size` bytes. Raises EncodeError if it is too long or the encoding lacks a character."""
+        """Encode text as `size` bytes. Raises EncodeError if it is too long or has a character outside the encoding."""
         if not isinstance(value, str):
             raise EncodeError(f"{value!r} is not text")
         try:
@@ -50,7 +50,7 @@ class Text:
         return data.ljust(self.size, self.pad)
 
     def decode(self, data: bytes) -> str:
-        """The text without padding. Raises DecodeError for a wrong length or bytes outside the encoding."""
+        """Decode text and remove its padding. Raises DecodeError for a wrong length or bytes outside the encoding."""
         if len(data) != self.size:
             reason: Reason = "short" if len(data) < self.size else "long"
             text = f"text takes {self.size} bytes, got {len(data)}"

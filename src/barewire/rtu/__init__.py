@@ -7,30 +7,23 @@
     timing   character times                      line     the framing state of one line
     shape    the length of a frame from its first bytes, by role
 
-`barewire.ascii` and `barewire.tcp` have files of the same names.
+`barewire.ascii` and `barewire.tcp` have files of the same names. The line needs the lengths of all messages; a program
+that only encodes or decodes frames does not load them.
 
 Depends on: errors, modbus.adu, modbus.framing, modbus.messages (lengths only). Used by: explain, io.
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from typing import TYPE_CHECKING, Any
-
-from barewire.rtu.crc import crc16
-from barewire.rtu.frame import decode, encode
-from barewire.rtu.timing import Timing, character_bits
+from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.rtu.line import RtuLine
+    from barewire.rtu.crc import crc16 as crc16
+    from barewire.rtu.frame import decode as decode, encode as encode
+    from barewire.rtu.line import RtuLine as RtuLine
+    from barewire.rtu.timing import Timing as Timing, character_bits as character_bits
 
-
-def __getattr__(name: str) -> Any:
-    # The line needs the lengths of all messages; a program that only encodes or decodes frames does not load them.
-    if name == "RtuLine":
-        from barewire.rtu.line import RtuLine
-
-        return RtuLine
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-__all__ = ["crc16", "encode", "decode", "Timing", "character_bits", "RtuLine"]
+__getattr__, __dir__, __all__ = lazy(
+    __name__,
+    {"crc": "crc16", "frame": "encode decode", "timing": "Timing character_bits", "line": "RtuLine"},
+)

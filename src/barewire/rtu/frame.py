@@ -13,7 +13,7 @@ SHORTEST, LONGEST = 4, 256
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
-    """The frame that carries a PDU.
+    """Return the frame that carries a PDU.
 
     >>> encode(1, bytes.fromhex("040FB10002")).hex(" ").upper()
     '01 04 0F B1 00 02 22 F8'
@@ -28,7 +28,7 @@ def encode(unit: int, pdu: bytes) -> bytes:
 
 
 def decode(data: bytes) -> Adu:
-    """The frame as unit and PDU.
+    """Return the unit and the PDU of a frame.
 
     >>> decode(bytes.fromhex("01040FB1000222F8"))
     Adu(unit=1, pdu=b'\\x04\\x0f\\xb1\\x00\\x02', transaction=None)
@@ -39,7 +39,7 @@ def decode(data: bytes) -> Adu:
         raise DecodeError("short", data, len(data), f"an RTU frame has at least {SHORTEST} bytes, got {len(data)}")
     if len(data) > LONGEST:
         raise DecodeError("long", data, LONGEST, f"an RTU frame has at most {LONGEST} bytes, got {len(data)}")
-    # The CRC over a frame with its own CRC is 0; the expected CRC is computed only for the error.
+    # The CRC of a frame with its own CRC is 0. The expected CRC is computed only for the error.
     if crc16(data):
         right = crc16(data[:-2]).to_bytes(2, "little")
         found, expected = data[-2:].hex(" ").upper(), right.hex(" ").upper()

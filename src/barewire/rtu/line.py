@@ -1,15 +1,16 @@
-"""The framing state of one RTU line: it finds the frames in a stream of bytes without delimiters.
+"""The framing state of one RTU line, which finds the frames in a stream of bytes without delimiters.
 
-Three criteria, in this order:
+Three criteria decide, in this order:
 
-    the count     the first bytes of a message give its length (`rtu.shape`), so a frame ends early
-    the CRC       must be right, or there is no frame
-    the silence   ends what is left, resynchronises, and is the only end of functions without a known length
+    the count     the first bytes of a message give its length (`rtu.shape`), so a frame is complete before the silence
+    the CRC       must be right, or the bytes are not a frame
+    the silence   ends the remaining bytes, and is the only end of a function without a known length
 
-**t3.5 is two numbers.** For sending, the line keeps the strict one: `quiet_at`. For receiving, it is patient: operating
-systems and USB adapters deliver bytes in batches, up to 16 ms late, and a strict window of 2 ms cuts good frames in
-half. `patience` is the longest pause that is accepted inside a frame. `patience=None` follows the standard exactly,
-for real UARTs: only t3.5 ends a frame, and a gap above t1.5 inside makes it invalid [MB-SERIAL 2.5.1.1].
+**t3.5 is two numbers.** Before sending, the line keeps the strict silence: `quiet_at`. When receiving, it tolerates
+longer pauses, because operating systems and USB adapters deliver bytes in batches, up to 16 ms late, and a strict
+window of 2 ms would cut good frames in half. `patience` is the longest pause that is accepted inside a frame.
+`patience=None` follows the standard exactly, for real UARTs: only t3.5 ends a frame, and a gap above t1.5 inside a
+frame makes it invalid [MB-SERIAL 2.5.1.1].
 
     feed:  | noise | unit ... CRC | unit ... CRC | half a fr        ->  Noise, Adu, Adu, and 9 bytes held
 
@@ -30,20 +31,20 @@ from barewire.rtu.shape import Role, Shape
 from barewire.rtu.timing import Timing
 
 PATIENCE = 0.030
-"""Seconds: above the 16 ms in which common USB adapters hand over bytes, far below any time-out."""
+"""Seconds: more than the 16 ms after which common USB adapters deliver bytes, far less than any time-out."""
 
 _ROUNDING = 1e-7
-"""Seconds, far below any character. Times are sums of floats, and a gap of exactly t1.5 or t3.5 must count as such."""
+"""Seconds, far less than a character. Times are sums of floats; a gap of exactly t1.5 or t3.5 must count as such."""
 
 _ENVELOPE = 3
 """Bytes of a frame around the PDU: unit and CRC."""
 
-SILENCE, NEVER = 1 << 62, 1 << 63
-"""When to check a place again that no number of bytes decides: at the next silence; never."""
+_AT_SILENCE, _NEVER = 1 << 62, 1 << 63
+"""When to check a place again if no number of bytes can decide about it: at the next silence; never."""
 
 
 class RtuLine:
-    """One line, received in a role: a client receives responses, a server requests (and both of other units).
+    """One line. A client receives responses; a server receives requests, and both kinds of message of other units.
 
     >>> line = RtuLine(Timing.of(19200), role="server")
     >>> line.feed(bytes.fromhex("01040FB1 000222F8"), now=1.0)
@@ -53,7 +54,10 @@ class RtuLine:
     >>> line.feed(None, now=2.03)
     [Noise(data=b'\\xff\\x00\\x07', reason='short', text='3 bytes, then silence')]
 
-    `units` are the server's own addresses: a frame with one of them is a request, never the response of another unit.
+        timing      the times of a character and of the two silences
+        role        "client" (default), "server", or "listener", which receives both kinds of message
+        units       the server's own addresses: a frame with one of them is a request, never another unit's response
+        patience    the longest pause inside a frame, in seconds (default 0.03); None follows the standard exactly
     """
 
     numbered = False
@@ -77,34 +81,33 @@ class RtuLine:
         self._shape = Shape(role, units)
         self._held = bytearray()
         self._last = float("-inf")  # end of the last byte, sent or received
-        self._spoiled: tuple[Reason, str] | None = (
-            None  # strict only: why the held bytes are no frame, whatever their CRC
-        )
-        self._gone = 0  # bytes that were held and removed
-        self._again = 0  # with how many bytes to check the first place again
+        # Strict only: why the held bytes are not a frame, even if their CRC is right.
+        self._spoiled: tuple[Reason, str] | None = None
+        self._removed = 0  # the number of bytes that were held and removed
+        self._first_due = 0  # the number of bytes at which to check the first place again
         self._places: list[tuple[int, int]] = []  # a heap of (number of bytes at which to check again, place)
-        self._fresh = 0  # the first place that was not checked yet
-        self._hunted = 0  # no frame that begins behind the first byte ends up to here
+        self._unchecked = 0  # the first place that has not been checked yet
+        self._hunted = 0  # up to here no frame ends that begins behind the first byte
         self._unit = 0
 
     # Sending
 
     @property
     def quiet_at(self) -> float:
-        """t3.5 after the last byte on the line, sent or received: the strict time, whatever the patience."""
+        """t3.5 after the last byte on the line, sent or received. `patience` does not change it."""
         return self._last + self.timing.t35
 
     def request(self, unit: int, pdu: bytes) -> bytes:
-        """The frame of a request."""
+        """Return the frame of a request."""
         self._unit = unit
         return encode(unit, pdu)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
-        """The frame of an answer."""
+        """Return the frame of a response."""
         return encode(to.unit, pdu)
 
     def sent(self, now: float) -> None:
-        """The last byte of a frame was transmitted at `now`: the silence before the next frame begins here."""
+        """Record that the last byte of a frame was transmitted at `now`: the silence before the next frame begins."""
         self._last = max(self._last, now)
 
     def answers(self, adu: Adu) -> bool:
@@ -124,13 +127,13 @@ class RtuLine:
         return self._last + self.gap if self._held else None
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """Bytes that arrived together, the last one at `now`; or None: nothing came until `now`."""
+        """Return the events of bytes that arrived together, the last at `now`; None if nothing arrived until `now`."""
         events: list[Adu | Noise] = []
         if not data:
             if self._held and now >= self._last + self.gap:
                 events += self._close()
             return events
-        # The bytes came one after the other, so the first began this much earlier.
+        # The bytes were sent one after the other, so the first one began this much earlier.
         silent = now - self.timing.duration(len(data)) - self._last
         if self._held:
             if silent >= self.gap - _ROUNDING:
@@ -148,13 +151,13 @@ class RtuLine:
         return events
 
     def _cut(self) -> list[Adu | Noise]:
-        """Remove and return every frame that count and CRC confirm already."""
+        """Remove and return every frame that is confirmed by its count and CRC."""
         events: list[Adu | Noise] = []
         while self._held:
-            end = self._first()
+            end = self._check_first()
             if end is not None:
                 events.append(self._take(end))
-            elif self._again != NEVER and len(self._held) < LONGEST:
+            elif self._first_due != _NEVER and len(self._held) < LONGEST:
                 break
             elif (found := self._hunt()) is not None:
                 events += found
@@ -166,15 +169,15 @@ class RtuLine:
         return events
 
     def _close(self) -> list[Adu | Noise]:
-        """Silence: the held bytes are one frame, or contain frames, or are noise."""
+        """End the held bytes by silence: they are one frame, contain frames, or are noise."""
         events: list[Adu | Noise] = []
         if self._spoiled is not None:
             events.append(self._drop(len(self._held), *self._spoiled))
         self._spoiled = None
         while self._held:
-            end = None if self.strict else self._first()
+            end = None if self.strict else self._check_first()
             if end is None and self._shape.is_whole(bytes(self._held)):
-                # Only silence ends a function without a known length.
+                # A function without a known length, which only silence ends.
                 end = len(self._held)
             if end is not None:
                 events.append(self._take(end))
@@ -185,7 +188,7 @@ class RtuLine:
         return events
 
     def _diagnosis(self) -> tuple[Reason, str]:
-        """Why the remaining bytes are no frame."""
+        """Return why the remaining bytes are not a frame."""
         size = f"{len(self._held)} byte{'' if len(self._held) == 1 else 's'}"
         try:
             decode(bytes(self._held))
@@ -196,21 +199,21 @@ class RtuLine:
         return "short", f"{size}, then silence: the last byte is missing, a 00 of the CRC"
 
     # Where a frame may begin and end. Places are counted from the first byte that the line ever held, so they stay
-    # valid when bytes are removed: held[at] is byte number _gone + at.
+    # valid when bytes are removed: held[at] is byte number _removed + at.
 
-    def _first(self) -> int | None:
-        """The end of the frame that begins with the first byte. Checked only when enough bytes have come."""
-        if self._gone + len(self._held) < self._again:
+    def _check_first(self) -> int | None:
+        """Return the end of the frame that begins with the first byte. Checks only when enough bytes have arrived."""
+        if self._removed + len(self._held) < self._first_due:
             return None
-        end, self._again = self._look(0)
+        end, self._first_due = self._check(0)
         return end
 
-    def _look(self, at: int) -> tuple[int | None, int]:
-        """The end of the frame that begins at `at`, or None; and the number of bytes at which to check again."""
+    def _check(self, at: int) -> tuple[int | None, int]:
+        """Return the end of the frame that begins at `at`, or None; and the number of bytes at which to check again."""
         here, pdu = len(self._held), bytes(self._held[at + 1 : at + LONGEST])
         if not pdu:
-            return None, self._gone + at + 2
-        again, counted = NEVER, False
+            return None, self._removed + at + 2
+        due, counted = _NEVER, False
         for size in self._shape.measured(self._held[at], pdu):
             if size is None:
                 continue
@@ -219,43 +222,43 @@ class RtuLine:
             if end - at > LONGEST:
                 continue
             if end > here:
-                # The count is known and the end has not come, or more bytes are needed to know the count.
-                again = min(again, self._gone + (end if size <= len(pdu) else at + 1 + size))
-            elif self._gone + end > self._hunted and end - at >= SHORTEST and crc16(self._held[at:end]) == 0:
-                return end, again
-        return None, again if counted else SILENCE
+                # The end has not arrived, or more bytes are needed to know the count.
+                due = min(due, self._removed + (end if size <= len(pdu) else at + 1 + size))
+            elif self._removed + end > self._hunted and end - at >= SHORTEST and crc16(self._held[at:end]) == 0:
+                return end, due
+        return None, due if counted else _AT_SILENCE
 
     def _hunt(self) -> list[Adu | Noise] | None:
-        """The first whole frame at a later place, and the bytes before it as Noise; None if there is none yet.
+        """Return the first whole frame at a later place, with the bytes before it as Noise; None if there is none yet.
 
-        Each place is checked when enough bytes have come to decide more about it, not with every byte.
+        Each place is checked when enough bytes have arrived to decide more about it, not with every byte.
         """
-        here, due = self._gone + len(self._held), []
+        here, due = self._removed + len(self._held), []
         while self._places and self._places[0][0] <= here:
             due.append(heappop(self._places)[1])
         due.sort()
         for index, number in enumerate(due):
-            if number > self._gone and (end := self._at(number)) is not None:
-                for other in due[index + 1 :]:
-                    heappush(self._places, (0, other))
+            if number > self._removed and (end := self._check_place(number)) is not None:
+                for unchecked in due[index + 1 :]:
+                    heappush(self._places, (0, unchecked))
                 return self._found(number, end)
-        for number in range(max(self._fresh, self._gone + 1), here - SHORTEST + 1):
-            self._fresh = number + 1
-            if (end := self._at(number)) is not None:
+        for number in range(max(self._unchecked, self._removed + 1), here - SHORTEST + 1):
+            self._unchecked = number + 1
+            if (end := self._check_place(number)) is not None:
                 return self._found(number, end)
         self._hunted = here
         return None
 
-    def _at(self, number: int) -> int | None:
-        """The end of the frame that begins with this byte; if it has not come, schedules the next check."""
-        end, again = self._look(number - self._gone)
-        if end is None and again < SILENCE:
-            heappush(self._places, (again, number))
+    def _check_place(self, number: int) -> int | None:
+        """Return the end of the frame that begins with this byte, or None, and then schedule the next check."""
+        end, due = self._check(number - self._removed)
+        if end is None and due < _AT_SILENCE:
+            heappush(self._places, (due, number))
         return end
 
     def _found(self, number: int, end: int) -> list[Adu | Noise]:
-        at = number - self._gone
-        noise = self._drop(at, "checksum", f"{at} bytes that are no frame before a good one")
+        at = number - self._removed
+        noise = self._drop(at, "checksum", f"{at} bytes that are not a frame before a good one")
         return [noise, self._take(end - at)]
 
     def _take(self, end: int) -> Adu:
@@ -271,5 +274,5 @@ class RtuLine:
 
     def _remove(self, count: int) -> None:
         del self._held[:count]
-        self._gone += count
-        self._again = 0  # another byte is the first one now
+        self._removed += count
+        self._first_due = 0  # another byte is the first one now

@@ -5,8 +5,8 @@
     a server, other units         receives both
     a listener                    receives both
 
-A frame can lose its last byte and keep a good CRC: if the last byte of the CRC is 00, the bytes before it have the
-remainder 0 as well. Then only the byte count shows that a byte is missing.
+A frame can lose its last byte and still have a good CRC: if the last byte of the CRC is 00, the bytes before it have
+the remainder 0 as well. Then only the byte count shows that a byte is missing.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ Role = Literal["client", "server", "listener"]
 
 
 class Shape:
-    """Which kinds of message a receiver expects from a unit. `units` are the server's own addresses."""
+    """The kinds of message that a receiver expects from a unit. `units` are the server's own addresses."""
 
     def __init__(self, role: Role, units: Container[int]) -> None:
         self.role: Role = role
         self._units = units
 
     def measured(self, unit: int, pdu: bytes) -> list[int | None]:
-        """The length of the PDU that begins with these bytes, for each kind of message that it may be."""
+        """Return the length of the PDU that begins with these bytes, for each kind of message that it can be."""
         if self.role == "client":
             return [measure_response(pdu)]
         if unit in self._units:
@@ -39,22 +39,22 @@ class Shape:
         return [measure_request(pdu), measure_response(pdu)]
 
     def reads(self, unit: int, pdu: bytes) -> bool:
-        """Whether the PDU can be decoded as a message of a kind that this unit may send or receive."""
-        kinds: list[Callable[[bytes], object]] = [] if self.role == "client" else [decode_request]
+        """Whether the PDU can be decoded as a kind of message that is expected from this unit."""
+        decoders: list[Callable[[bytes], object]] = [] if self.role == "client" else [decode_request]
         if self.role == "client" or unit not in self._units:
-            kinds.append(decode_response)
-        for read in kinds:
+            decoders.append(decode_response)
+        for decode in decoders:
             with suppress(DecodeError):
-                read(pdu)
+                decode(pdu)
                 return True
         return False
 
     def is_whole(self, held: bytes) -> bool:
         """Whether all of these bytes, followed by silence, are one frame.
 
-        Bytes whose count announces up to two more, and that decode with that many bytes taken from the CRC, are a frame
-        that lost its end. Bytes that decode as they are (query data of one byte) are a frame; a wrong count in a
-        request is left to the server, which declines it.
+        If the byte count announces one or two bytes more, and the PDU can be decoded with bytes of the CRC in their
+        place, the frame lost its end. If the PDU can be decoded as it is (query data of one byte), it is a frame. A
+        request with any other wrong count is a frame too: the server declines it.
         """
         if not SHORTEST <= len(held) <= LONGEST or crc16(held) != 0:
             return False

@@ -5,8 +5,8 @@
     ...|char|char|char| <- at least t3.5, silence -> |char|char|char|char|...             [MB-SERIAL 2.5.1.1]
                          ends a frame                  no gap above t1.5 inside
 
-t1.5 and t3.5 are 1.5 and 3.5 characters up to 19200 bit/s; above, they are fixed at 750 us and 1750 us, because timers
-of small devices have no finer resolution. Lines with 8N1 send 10 bits a character: not standard, but common.
+t1.5 and t3.5 are 1.5 and 3.5 characters up to 19200 bit/s. Above that they are fixed at 750 us and 1750 us, because
+the timers of small devices have no finer resolution. Lines with 8N1, not standard but common, send 10 bits a character.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class Timing(NamedTuple):
 
     @classmethod
     def of(cls, baudrate: int, bits: int = 11) -> Timing:
-        """The times for a rate in bit/s and a number of bits per character: 11, or 10 with 8N1 and with 7E1 of ASCII.
+        """Return the times for a rate in bit/s and the bits per character: 11, or 10 with 8N1 and with 7E1 of ASCII.
 
-        Raises EncodeError for a rate that is not positive and for other than 7 to 12 bits.
+        Raises EncodeError for a rate that is not positive, and for fewer than 7 or more than 12 bits.
         """
         if baudrate <= 0:
             raise EncodeError(f"baudrate {baudrate}: expected a positive number of bits per second", "baudrate")
@@ -50,12 +50,12 @@ class Timing(NamedTuple):
         return cls(character, 1.5 * character, 3.5 * character)
 
     def duration(self, length: int) -> float:
-        """Seconds that `length` characters take on the wire without gaps."""
+        """Return the seconds that `length` characters take on the wire without gaps."""
         return length * self.character
 
 
 def character_bits(data_bits: int, parity: str, stop_bits: float) -> int:
-    """The bits of one character with these port settings: start, data, parity if any, stop.
+    """Return the bits of one character with these port settings: start, data, parity if any, stop.
 
     >>> character_bits(8, "E", 1), character_bits(8, "N", 2), character_bits(8, "N", 1), character_bits(7, "E", 1)
     (11, 11, 10, 10)

@@ -4,8 +4,8 @@
     line 2   -- 0008 -->  |  one connection  -- 0007, 0008, 0009 -->  server
     line 3   -- 0009 -->  |                  <-- 0009, 0007, ... --   in any order     [MB-TCP 4.2.1: 1 to 16]
 
-Each line has a `Bus` of its own, so the rules of a bus hold for each. Framing is done once, here; an invalid header
-goes to all lines, so that each of them reports it.
+Each line has its own `Bus`, so the rules of a bus hold for each. Received bytes are cut into frames once, here. An
+invalid header goes to all lines, so that each of them reports it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from barewire.tcp.line import DatagramLine, TcpLine
 
 
 class FanOut:
-    """`lines` share one connection. `feed` assigns received bytes to them, by place in `lines`.
+    """`count` lines that share one connection. `feed` assigns each received frame to a place in `lines`.
 
     >>> fan = FanOut(2)
     >>> [line.request(1, b"\\x07").hex(" ") for line in fan.lines]
@@ -28,21 +28,21 @@ class FanOut:
 
     def __init__(self, count: int, *, datagrams: bool = False, any_unit: bool = False) -> None:
         self.strays = 0
-        """Frames with a transaction number that was not requested here."""
+        """The number of frames that answer no open request."""
         self._datagrams = datagrams
         self._held = b""
         self._last = 0
         self._asked: dict[int, int] = {}  # transaction -> place
         self._numbers = [0] * count  # place -> its transaction
-        kind = DatagramLine if datagrams else TcpLine
-        self.lines = [kind(any_unit=any_unit, number=self._numbering(place)) for place in range(count)]
+        line_class = DatagramLine if datagrams else TcpLine
+        self.lines = [line_class(any_unit=any_unit, number=self._numbering(place)) for place in range(count)]
 
     def _numbering(self, place: int) -> Callable[[], int]:
         return lambda: self._number(place)
 
     def _number(self, place: int) -> int:
         self._asked.pop(self._numbers[place], None)
-        # A request may wait while 65,535 others are answered: its number is not used again.
+        # A request may still wait when 65,535 others were answered: its number is skipped.
         while (number := self._last + 1 & 0xFFFF) in self._asked:
             self._last = number
         self._last = self._numbers[place] = number
@@ -50,7 +50,7 @@ class FanOut:
         return number
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Received bytes cut into frames, each with the place of its line."""
+        """Cut received bytes into frames, and return each with the place of its line."""
         if self._datagrams:
             return self._assigned(data) if data else []
         held = self._held + data if self._held else data
@@ -71,7 +71,7 @@ class FanOut:
         return frames
 
     def _assigned(self, frame: bytes) -> list[tuple[int, bytes]]:
-        """The frame with the place of the line that sent the request, if there is one."""
+        """Return the frame with the place of the line that sent its request; nothing if there is no such line."""
         place = self._asked.get(frame[0] << 8 | frame[1]) if len(frame) > PREFIX else None
         if place is None:
             self.strays += 1

@@ -22,12 +22,12 @@ LENGTHS = range(2, 255)
 
 
 def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
-    """The frame that carries a PDU.
+    """Return the frame that carries a PDU.
 
     >>> encode(1, bytes.fromhex("0300000001"), transaction=7).hex(" ").upper()
     '00 07 00 00 00 06 01 03 00 00 00 01'
 
-    Raises EncodeError for a unit outside 0..255, a PDU outside 1..253 bytes, a transaction outside 0..65535.
+    Raises EncodeError for a unit outside 0..255, a PDU outside 1..253 bytes and a transaction outside 0..65535.
     """
     size = len(pdu)
     if not (0 <= unit <= 255 and 1 <= size <= PDU_LIMIT and 0 <= transaction <= 0xFFFF):
@@ -38,9 +38,9 @@ def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
 
 
 def check_header(data: bytes) -> int:
-    """The length of the whole frame, from its first 6 bytes (or more).
+    """Return the length of the whole frame, from its first 6 bytes (or more).
 
-    Raises DecodeError("protocol") or ("length"), naming the bytes: behind such a header no frame can be found.
+    Raises DecodeError("protocol") or ("length"), with the wrong bytes. No frame can be found behind such a header.
     """
     protocol = int.from_bytes(data[2:4], "big")
     if protocol != 0:
@@ -54,7 +54,7 @@ def check_header(data: bytes) -> int:
 
 
 def decode(data: bytes) -> Adu:
-    """The frame as unit, PDU and transaction.
+    """Return the unit, the PDU and the transaction number of a frame.
 
     >>> decode(bytes.fromhex("000700000006010300000001"))
     Adu(unit=1, pdu=b'\\x03\\x00\\x00\\x00\\x01', transaction=7)

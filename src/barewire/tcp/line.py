@@ -1,8 +1,9 @@
 """The framing state of one TCP connection: the length in the header gives the end of a frame.
 
-TCP may deliver several frames in one read or one frame in many; it never loses or changes a byte. So an invalid header
-(protocol not 0, length outside 2..254) means that the stream is not Modbus or is out of step, and no later byte can be
-trusted: the line is *broken*, reports this with the bytes, and `io` closes the connection.
+TCP may deliver several frames in one read, or one frame in several reads, but never loses or changes a byte. So an
+invalid header (protocol not 0, length outside 2..254) means that the stream is not Modbus, or that its frames are no
+longer aligned. No later byte can be trusted: the line is *broken*, reports the bytes as noise, and `io` closes the
+connection.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ class TcpLine:
     >>> line.held
     b'\\x00'
 
-    Two faults of servers and gateways are tolerated on request. `any_unit`: a response may have another unit than its
-    request. `any_transaction`: a response may have another transaction number; then a late response looks like the
-    right one, so the line is not `numbered`: one request at a time, with the precautions of a serial line.
+        any_unit           accept responses with another unit than their request, a fault of some gateways
+        any_transaction    accept responses with another transaction number. A late response then looks like the
+                           right one, so the line is not `numbered`, and needs the precautions of a serial line
+        number             a function that returns the next transaction number (default: counted up from 1)
     """
 
     def __init__(
@@ -58,27 +60,28 @@ class TcpLine:
         return self._held
 
     def request(self, unit: int, pdu: bytes) -> bytes:
-        """The frame of a request, under the next transaction number."""
+        """Return the frame of a request, with the next transaction number."""
         number = self._number() if self._number is not None else self._transaction + 1 & 0xFFFF
         self._transaction = number
         self._unit = unit
         return encode(unit, pdu, number)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
-        """The frame of an answer: the request's unit and transaction come back unchanged [MB-TCP 4.4.2.3]."""
+        """Return the frame of a response, with the unit and transaction of its request [MB-TCP 4.4.2.3]."""
         return encode(to.unit, pdu, to.transaction or 0)
 
     def sent(self, now: float) -> None:
-        """Does nothing: this line has no silence to keep."""
+        """Do nothing: no silence is needed on this line."""
 
     def answers(self, adu: Adu) -> bool:
         """Whether the frame has the transaction number and the unit of the last request."""
-        this = not self.numbered or adu.transaction == self._transaction
-        return this and (self._any_unit or adu.unit == self._unit)
+        is_right_number = not self.numbered or adu.transaction == self._transaction
+        return is_right_number and (self._any_unit or adu.unit == self._unit)
 
     def answer_in(self, data: bytes) -> bytes | None:
-        """The PDU, if these bytes are exactly the response to the last request; None if `feed` has to judge them. The
-        state does not change.
+        """Return the PDU if these bytes are exactly one response to the last request; None if `feed` must decode them.
+
+        The state does not change.
 
         >>> line = TcpLine()
         >>> line.request(1, b"\\x07") and line.answer_in(bytes.fromhex("00 01 00 00 00 03 01 07 6D"))
@@ -92,7 +95,7 @@ class TcpLine:
         return None
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """All whole frames. After an invalid header everything is Noise."""
+        """Return all whole frames. After an invalid header all bytes are Noise."""
         if not data:
             return []
         if not self._held and self.broken is None and SHORTEST <= len(data) <= LONGEST:
@@ -131,7 +134,7 @@ class DatagramLine(TcpLine):
     """
 
     def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
-        """One datagram: a frame, or noise with the reason."""
+        """Return one datagram as a frame, or as noise with the reason."""
         if not data:
             return []
         try:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.ascii import frame as ascii_frame
-from barewire.ascii.lrc import lrc
+from barewire.ascii.frame import lrc
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, Reason
 from barewire.explain.modbus.field_text import unit_text
