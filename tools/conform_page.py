@@ -60,7 +60,8 @@ def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:
     """One result as a cell of the table."""
     if failure is None:
         accepted = accepted_sequence(case, heard)
-        assert accepted is not None
+        if accepted is None:
+            return "not judged"
         return "ok" if len(case.accepts) == 1 else f"ok: {in_words(accepted)}"
     # The beginning of a long answer is enough.
     answers = [answer_text(one) for one in heard]

@@ -50,6 +50,17 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     assert output_of("drive", *drive_at, "disable").splitlines()[-1].startswith("switch on disabled")
 
 
+@pytest.mark.parametrize("place", [(), ("ENDPOINT", "DEVICE"), ("tcp://127.0.0.1:1", "az3")])
+@pytest.mark.parametrize("option", ["-h", "--help"])
+def test_the_help_of_a_command_needs_no_endpoint_and_device(place: tuple[str, ...], option: str) -> None:
+    text = output_of("drive", *place, "move", option)
+    assert text.startswith(
+        "Usage: barewire drive ENDPOINT DEVICE move [OPTIONS] TARGET\n\n  Move to the position TARGET"
+    )
+    assert "--relative " in text
+    assert "Usage: barewire drive [OPTIONS] ENDPOINT DEVICE COMMAND" in output_of("drive", option)
+
+
 def test_ctrl_c_is_a_quick_stop() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--json"]

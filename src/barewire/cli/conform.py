@@ -35,7 +35,10 @@ def conform_command(endpoint: str, as_json: bool, timing: bool, gentle: bool, la
     A Modbus server is sent valid and invalid requests, and its responses are compared with the clauses of the standard.
     This writes registers and coils 0 to 9 of the unit: do not run it on a machine that is operating. The timeout of the
     endpoint is how long each response is waited for (1 s). If the server stops responding, the run ends, and the number
-    of cases that were not run is printed. Exit status 1 if a case failed or was not run.
+    of cases that were not run is printed.
+
+    Cases for which the server does not have the function or the registers and coils 0 to 9 are printed as "-" and not
+    judged. Exit status 1 if a case failed or was not run, or if none could be judged.
 
     \b
     barewire conform tcp://127.0.0.1:502?unit=1
@@ -66,18 +69,26 @@ def _test_server(endpoint: str, as_json: bool) -> int:
     """Run the cases and print them; 1 if one failed."""
     from barewire.io.modbus.conformance import conform
 
-    count, failed = 0, 0
+    count, failed, not_judged = 0, 0, 0
     for result in conform(Endpoint.parse(endpoint)):
-        count += 1
+        count += not result.not_judged
         failed += result.failure is not None
+        not_judged += bool(result.not_judged)
         if as_json:
             print_json(_case_fields(result))
         else:
-            status = "FAILED" if result.failure else "ok"
-            print(f"{status:6}  {result.case.clause:18}  {result.failure or result.case.name}", flush=True)
+            print(_case_line(result), flush=True)
     if not as_json:
-        print(f"{count - failed} of {count} passed")
-    return int(failed > 0)
+        print(f"{count - failed} of {count} passed" + (f", {not_judged} not judged" if not_judged else ""))
+        if not_judged:
+            print("The cases need registers and coils 0 to 9 of the unit, to read and to write.")
+    return int(failed > 0 or not count)
+
+
+def _case_line(result: CaseResult) -> str:
+    status = "FAILED" if result.failure else "-" if result.not_judged else "ok"
+    reason = f" (not judged: {result.not_judged})" if result.not_judged else ""
+    return f"{status:6}  {result.case.clause:18}  {result.failure or result.case.name}{reason}"
 
 
 def _case_fields(result: CaseResult) -> dict[str, object]:
@@ -86,7 +97,8 @@ def _case_fields(result: CaseResult) -> dict[str, object]:
     return {
         "case": result.case.name,
         "clause": result.case.clause,
-        "ok": result.failure is None,
+        "ok": None if result.not_judged else result.failure is None,
+        "not_judged": result.not_judged or None,
         "received": [answer_text(answer) for answer in result.heard],
         "failure": result.failure,
     }

@@ -25,7 +25,19 @@ _Action = Callable[..., DriveStatus]
 """A method of a drive with the arguments of its command; returns the status at the end."""
 
 
-@click.group("drive")
+class _DriveGroup(click.Group):
+    """A group that shows the help of a command in any place: `drive move --help` needs no ENDPOINT and DEVICE."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments of the group; with --help, print the help of the command and exit."""
+        command = next((self.commands[word] for word in args if word in self.commands), None)
+        if command is not None and set(ctx.help_option_names).intersection(args):
+            click.echo(command.get_help(click.Context(command, info_name=command.name, parent=ctx)))
+            ctx.exit()
+        return super().parse_args(ctx, args)
+
+
+@click.group("drive", cls=_DriveGroup)
 @endpoint_argument
 @device_argument
 @click.pass_context
@@ -36,7 +48,7 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
     reaches the state or position. If it does not, the error names the state in which it is stuck, and why. While a
     movement is under way, Ctrl-C is a quick stop; so are SIGTERM, a closed terminal and a closed pipe.
 
-    `barewire drive ENDPOINT DEVICE COMMAND --help` explains a command.
+    `barewire drive COMMAND --help` explains a command.
 
     \b
     barewire drive tcp://192.168.1.10 csd-mt enable

@@ -16,7 +16,7 @@ from barewire.devices.parameter import Reading
 from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream
 from barewire.io.canopen.event_stream import Stream
 from barewire.io.canopen.methods.operations import AsyncBusRunner, BlockingBusRunner
-from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode, EdsNode, Node
+from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode, EdsNode, Node, ObjectReading
 from barewire.io.canopen.node_runner import Running
 from barewire.io.machine import AsyncMachineClient, MachineClient
 
@@ -43,6 +43,7 @@ def of_the_blocking_client(bus: CanopenClient, tpdo: RemotePdo) -> None:
     assert_type(node.pdo.receive(tpdo), Stream[PdoReceived])
     assert_type(node.emergencies(), Stream[EmcyEvent])
     assert_type(bus.node(5, eds="x.eds").read((0x1018, 1)), Value)
+    assert_type(bus.node(5, eds="x.eds").read_all(), list[ObjectReading])
     az3 = bus.node(5, device="az3")
     assert_type(az3.read("STATUS WORD"), Reading)
     assert_type(az3.read("STATUS WORD", "DC BUS"), list[Reading])

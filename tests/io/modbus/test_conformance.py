@@ -22,8 +22,19 @@ from barewire.io.engine.conformance import Unfinished
 from barewire.io.modbus import conformance as shell
 from barewire.io.modbus.conformance import CaseResult, conform
 from barewire.io.ports.pty import PseudoTerminal
-from barewire.modbus import Server, Table
+from barewire.modbus import (
+    ModbusException,
+    ReadCoils,
+    ReadHoldingRegisters,
+    Response,
+    Server,
+    Table,
+    WriteMultipleCoils,
+    WriteSingleCoil,
+)
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
+from barewire.modbus.conformance.model import answer_text
+from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS
 from barewire.rtu import RtuLine, Timing
 from tests.certificates import tls_url
 from tests.cli.helpers import run_command
@@ -163,6 +174,73 @@ def test_the_conform_command() -> None:
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
     assert (first["ok"], first["clause"], first["received"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
+
+
+class WithoutCoils(Table):
+    """A unit without functions 01, 05 and 0F."""
+
+    @staticmethod
+    def supports(request: type[object]) -> bool:
+        return Table.supports(request) and request not in (ReadCoils, WriteSingleCoil, WriteMultipleCoils)
+
+
+@pytest.mark.parametrize("url", [OURS["tcp"], OURS["rtu"]])
+@pytest.mark.parametrize(
+    ("unit", "refusals"),
+    [
+        (Table(0), {"03 are refused with 02", "06, 17 are refused with 02", "06, 16, 03 are refused with 02"}),
+        (WithoutCoils(100), {"01 are refused with 01", "05 are refused with 01", "0F are refused with 01"}),
+    ],
+)
+def test_cases_whose_registers_or_functions_the_server_lacks_are_not_judged(
+    url: str, unit: Table, refusals: set[str]
+) -> None:
+    def run(patience: str) -> list[CaseResult]:
+        with ModbusServer(url, units={1: unit}) as host:
+            endpoint = Endpoint.parse(host.url)
+            return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
+
+    results = again(run)
+    assert [result.failure for result in results if result.failure] == []
+    reasons = {result.not_judged for result in results} - {""}
+    assert reasons >= {f"valid requests of {refusal}" for refusal in refusals}
+    assert sum(not result.not_judged for result in results) > 15
+
+
+class RefusesFirstRead(Table):
+    """A unit that answers the first valid read with exception 02, and every other one with the value."""
+
+    refused = False
+
+    def handle(self, request: object, now: float) -> Response | None:
+        if isinstance(request, ReadHoldingRegisters) and request.address == 0 and not self.refused:
+            self.refused = True
+            raise ModbusException(ILLEGAL_DATA_ADDRESS)
+        return super().handle(request, now)
+
+
+def test_the_conform_command_names_the_cases_that_are_not_judged() -> None:
+    with ModbusServer(OURS["tcp"], units={1: Table(0)}) as host:
+        done = run_command("conform", f"{host.url}?timeout=0.5")
+        objects = [
+            json.loads(line) for line in run_command("conform", f"{host.url}?timeout=0.5", "--json").stdout.splitlines()
+        ]
+    *_, total, hint = done.stdout.splitlines()
+    judged = [item["ok"] for item in objects if item["ok"] is not None]
+    assert total == f"{len(judged)} of {len(judged)} passed, {len(CASES_TCP) - len(judged)} not judged"
+    assert hint == "The cases need registers and coils 0 to 9 of the unit, to read and to write."
+    reason = "valid requests of 06, 17 are refused with 02"
+    assert f"-       MB-APP 6.17         17 writes before it reads (not judged: {reason})" in done.stdout.splitlines()
+    assert [item["not_judged"] for item in objects if item["case"] == "17 writes before it reads"] == [reason]
+    assert done.returncode == 0
+
+
+def test_a_refusal_is_a_failure_if_a_valid_request_is_carried_out() -> None:
+    with ModbusServer(OURS["tcp"], units={1: RefusesFirstRead(100)}) as host:
+        results = list(conform(Endpoint.parse(f"{host.url}?timeout=0.5")))
+    assert [result.not_judged for result in results if result.not_judged] == []
+    (failed,) = [result for result in results if result.failure]
+    assert [answer_text(answer) for answer in failed.heard].count("83 02") == 1
 
 
 def flood(connection: socket.socket) -> None:

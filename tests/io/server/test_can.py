@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer
-from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary
+from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, SdoAbort
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.eds import parse
 from barewire.devices import load
 from barewire.devices.sim import simulator
-from barewire.errors import EncodeError, PortError
+from barewire.errors import DecodeError, EncodeError, PortError
 
 pytest.importorskip("can")
 
@@ -51,7 +51,8 @@ def test_a_node_of_a_dictionary_an_eds_a_file_a_simulator_or_its_name(tmp_path: 
         ):
             with server:
                 node = bus.node(7, eds=file)
-                assert (node.read("Device type"), node.read((0x2000, 0)), node.read_all([0x2000])) == (0x191, 8, [8])
+                assert (node.read("Device type"), node.read((0x2000, 0))) == (0x191, 8)
+                assert [(reading.name, reading.value) for reading in node.read_all([0x2000])] == [("Node", 8)]
         for server in (
             CanopenServer(url, device="az3", node=9),
             CanopenServer(f"{url}?node=9", device=load("az3")),
@@ -60,6 +61,29 @@ def test_a_node_of_a_dictionary_an_eds_a_file_a_simulator_or_its_name(tmp_path: 
         ):
             with server:
                 assert bus.node(9, device="az3")["STATUS WORD"].name == "STATUS WORD"
+
+
+def test_read_all_of_a_dictionary_leaves_out_missing_write_only_and_mistyped_objects() -> None:
+    value = Entry(0x2000, 0, "value", "u8", "rw", 9)
+    served = ObjectDictionary([value, Entry(0x2001, 0, "state", "u8", "ro", 3)])
+    state, missing = Entry(0x2001, 0, "state", "u32", "ro"), Entry(0x2002, 0, "missing", "u8")
+    described = ObjectDictionary([value, state, missing, Entry(0x2003, 0, "password", "u8", "wo")])
+
+    async def main(url: str) -> None:
+        async with AsyncCanopenClient(url, timeout=30) as bus:
+            readings = await bus.node(1, eds=described).read_all()
+            assert [(reading.name, reading.value) for reading in readings] == [("value", 9)]
+
+    url = "can://virtual/read-all"
+    with CanopenServer(url, device=served), CanopenClient(url, timeout=30) as bus:
+        node = bus.node(1, eds=described)
+        assert [(reading.name, reading.value) for reading in node.read_all()] == [("value", 9)]
+        for name, error in (("state", DecodeError), ("missing", SdoAbort)):
+            with pytest.raises(error):
+                node.read_all(["value", name])
+        with pytest.raises(EncodeError, match=r"read_all\('value'\): expected several"):
+            node.read_all("value")
+        asyncio.run(main(url))
 
 
 def test_a_node_with_asyncio() -> None:

@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from os import fspath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire import canopen
 from barewire.canopen.sdo.dialect import SdoDialect
-from barewire.errors import EncodeError, shown
+from barewire.errors import DecodeError, EncodeError, Refused, shown
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
 from barewire.io.canopen.methods.operations import (
     AsyncBusRunner,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barewire.canopen.eds.eds_file import Eds
-    from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
+    from barewire.canopen.object_dictionary import Entry, ObjectDictionary, ObjectRef
     from barewire.canopen.sdo.client.block_options import BlockMode
     from barewire.canopen.sdo.client.channel import Channel
     from barewire.codecs import Value
@@ -104,6 +104,18 @@ class Node(Methods[R]):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 
+class ObjectReading(NamedTuple):
+    """An object of the dictionary and the value that was read."""
+
+    entry: Entry
+    value: Value
+
+    @property
+    def name(self) -> str:
+        """The name of the object in the dictionary. Entries of several records may share it."""
+        return self.entry.name
+
+
 class EdsNode(Node[R]):
     """A node whose objects have the names and types of an EDS or another dictionary."""
 
@@ -121,10 +133,31 @@ class EdsNode(Node[R]):
         return sdo_transfer(channel, canopen.read_object(channel, self.objects, place, block=block, timeout=wait), wait)
 
     @operation
-    def read_all(self, places: Iterable[ObjectRef]) -> BusOperation[list[Value]]:
-        """The values of several objects, one after the other."""
-        reads = [canopen.read_object(self.channel, self.objects, place, timeout=self.timeout) for place in list(places)]
-        return sdo_transfer(self.channel, _all(reads), self.timeout)
+    def read_all(self, places: Iterable[ObjectRef] | None = None) -> BusOperation[list[ObjectReading]]:
+        """Read the objects at `places`, in their order; without places every readable object that the node does not
+        refuse."""
+        if isinstance(places, str):
+            raise EncodeError(f"read_all({places!r}): expected several objects; one is read(name)")
+        if places is None:
+            entries = [entry for entry in self.objects if entry.access != "wo"]
+        else:
+            entries = [self.objects.at(place) for place in places]
+        return sdo_transfer(self.channel, self._read_entries(entries, skip_refused=places is None), self.timeout)
+
+    def _read_entries(
+        self, entries: Iterable[Entry], *, skip_refused: bool
+    ) -> Conversation[canopen.CanFrame, list[ObjectReading]]:
+        readings = []
+        for entry in entries:
+            place = entry.index, entry.sub
+            try:
+                value = yield from canopen.read_object(self.channel, self.objects, place, timeout=self.timeout)
+            except (Refused, DecodeError):
+                if not skip_refused:
+                    raise
+            else:
+                readings.append(ObjectReading(entry, value))
+        return readings
 
     @operation
     def write(
@@ -189,15 +222,6 @@ def _write_device(node: Node[Any], device: Device, values: Mapping[str, Value], 
 
     writing = write_canopen(node.channel, device, values, timeout=node.timeout, force=force)
     return sdo_transfer(node.channel, writing, node.timeout)
-
-
-def _all(
-    conversations: Iterable[Conversation[canopen.CanFrame, Value]],
-) -> Conversation[canopen.CanFrame, list[Value]]:
-    values = []
-    for conversation in conversations:
-        values.append((yield from conversation))
-    return values
 
 
 def dictionary_of(eds: str | Path | Eds | ObjectDictionary, node: int) -> ObjectDictionary:

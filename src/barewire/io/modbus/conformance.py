@@ -3,8 +3,10 @@
     for result in conform(Endpoint.parse("tcp://127.0.0.1:502?unit=1")): ...
 
 On TCP every case has a connection of its own; a serial line is the same for all. The stimuli are written as they are,
-and everything received is collected until the server has been silent for a while: no client is involved. The cases
-write to the server's registers and coils 0 to 9.
+and everything received is collected until the server has been silent for a while: no client is involved.
+
+The cases read and write the server's registers and coils 0 to 9. A case whose requests the server refuses because it
+does not have these (exception 02) or the function (01) is not judged: a valid request is refused in the same way.
 """
 
 from __future__ import annotations
@@ -23,7 +25,17 @@ from barewire.io.ports.base import Port
 from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
-from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, ServerStep, StepAnswer, Stimulus, difference
+from barewire.modbus.conformance.model import (
+    CLOSED,
+    SILENCE,
+    ServerCase,
+    ServerStep,
+    StepAnswer,
+    Stimulus,
+    accepted_apart_from,
+    difference,
+    refusals,
+)
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 
@@ -41,12 +53,36 @@ _CASES_IN_A_ROW, _KEPT = 3, 8
 _READ_ONE_REGISTER = ServerCase("read one register", "", (ServerStep((Stimulus(bytes.fromhex("0300000001")),)),), ())
 
 
+_VALID_REQUESTS = {
+    function[0]: ServerCase("a valid request", "", (ServerStep((Stimulus(function),)),), ())
+    for function in map(
+        bytes.fromhex,
+        (
+            "01 0000 0001",
+            "03 0000 0001",
+            "05 0000 FF00",
+            "06 0000 1234",
+            "0F 0000 0001 01 01",
+            "10 0000 0001 02 1234",
+            "16 0000 FFFF 0000",
+            "17 0000 0001 0000 0001 02 1234",
+        ),
+    )
+}
+"""For each function that the cases use on register or coil 0, a request that a server with these must carry out."""
+
+
 class CaseResult(NamedTuple):
-    """The result of a case: `failure` is None, or the difference from what is accepted, as a sentence."""
+    """The result of a case.
+
+    `failure` is None, or the difference from what is accepted, as a sentence. `not_judged` is empty, or the reason why
+    the answers are neither right nor wrong: the server refuses a function or an address that the case needs.
+    """
 
     case: ServerCase
     heard: tuple[StepAnswer, ...]
     failure: str | None
+    not_judged: str = ""
 
 
 def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
@@ -78,7 +114,8 @@ def conform(endpoint: Endpoint) -> Iterator[CaseResult]:
                     raise
                 raise Unfinished(f"{error}, in the case {case.name!r}", left + 1) from None
             failure = f"{case.name}: {tester.loud}" if tester.loud else difference(case, heard, unit)
-            yield CaseResult(case, tuple(heard), failure)
+            not_judged = tester.lacking(case, heard) if failure and not tester.loud else ""
+            yield CaseResult(case, tuple(heard), None if not_judged else failure, not_judged)
             if tester.loud_cases >= _CASES_IN_A_ROW:
                 raise Unfinished(f"{name} never stops talking: {tester.loud}", left)
             silent = 0 if any(heard) else silent + _must_answer(case)
@@ -117,6 +154,7 @@ class _Tester:
         self._last = float("-inf")  # when the last byte was on the wire, in either direction
         self._port: Port[bytes] | None = None
         self._line = modbus_line(endpoint, "client")
+        self._valid_answers: dict[int, Sequence[StepAnswer]] = {}
 
     def close(self) -> None:
         """Close the port."""
@@ -133,6 +171,25 @@ class _Tester:
                 if any(self.run(_READ_ONE_REGISTER)):
                     return True
         return False
+
+    def lacking(self, case: ServerCase, answers: Sequence[StepAnswer]) -> str:
+        """The refusals of a case, if they are all that is wrong and valid requests are refused in the same way."""
+        refused = {place: pdu for place, pdu in refusals(case, answers).items() if self._always_refused(pdu)}
+        if not refused or not accepted_apart_from(case, answers, refused):
+            return ""
+        functions = ", ".join(dict.fromkeys(f"{pdu[0] & 0x7F:02X}" for pdu in refused.values()))
+        codes = ", ".join(dict.fromkeys(f"{pdu[1]:02X}" for pdu in refused.values()))
+        return f"valid requests of {functions} are refused with {codes}"
+
+    def _always_refused(self, pdu: bytes) -> bool:
+        """Whether a valid request of the same function is answered by this exception, too."""
+        function = pdu[0] & 0x7F
+        if function not in _VALID_REQUESTS:
+            return False
+        if function not in self._valid_answers:
+            with suppress(PortError):
+                self._valid_answers[function] = self.run(_VALID_REQUESTS[function])
+        return [adu.pdu for answer in self._valid_answers.get(function, ()) for adu in answer or ()] == [pdu]
 
     def run(self, case: ServerCase) -> Sequence[StepAnswer]:
         """Carry out every step; return the answers of each."""

@@ -14,7 +14,7 @@ Depends on: adu. Used by: cases, io.modbus.conformance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 from barewire.modbus.adu import Adu
@@ -79,11 +79,38 @@ def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> st
 
 def accepted_sequence(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[str, ...] | None:
     """The accepted sequence that fits the answers; None if there is none."""
-    texts = [answer_text(one) for one in answers]
+    texts = [answer_text(answer) for answer in answers]
     for sequence in case.accepts:
         if len(sequence) == len(texts) and all(map(_fits, sequence, texts)):
             return sequence
     return None
+
+
+def refusals(case: ServerCase, answers: Sequence[StepAnswer]) -> dict[int, bytes]:
+    """The steps that were refused by exception 01 (no such function) or 02 (no such address): place -> response.
+
+    01 counts where the case expects a response, 02 only where it accepts a response that is not an exception.
+    """
+    found = {}
+    for place, (step, answer) in enumerate(zip(case.steps, answers)):
+        accepted = [sequence[place] for sequence in case.accepts if sequence[place] not in (SILENCE, CLOSED)]
+        pdus = [adu.pdu for adu in answer or ()]
+        functions = [stimulus.pdu[0] for stimulus in step.stimuli if stimulus.pdu]
+        codes = (1, 2) if any(int(text[:2], 16) < 0x80 for text in accepted) else (1,)
+        for code in codes if accepted and pdus else ():
+            if pdus == [bytes((function | 0x80, code)) for function in functions]:
+                found[place] = pdus[0]
+    return found
+
+
+def accepted_apart_from(case: ServerCase, answers: Sequence[StepAnswer], places: Collection[int]) -> bool:
+    """Whether the answers are accepted if those of the steps `places` are not compared."""
+    texts = [answer_text(answer) for answer in answers]
+    return any(
+        len(sequence) == len(texts)
+        and all(place in places or _fits(sequence[place], text) for place, text in enumerate(texts))
+        for sequence in case.accepts
+    )
 
 
 def answer_text(answer: StepAnswer) -> str:
