@@ -188,7 +188,7 @@ async def barewire_async(port: int, flight: int, closing: ExitStack) -> ReadOnce
     from barewire import AsyncModbusClient
 
     client = AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=flight)
-    closing.callback(client.close)
+    closing.callback(client.connection.close)
     return lambda: client.read_holding_registers(0, 10)
 
 

@@ -16,6 +16,7 @@ import pytest
 import barewire
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError
+from barewire.io.endpoint import CARRIERS, Carrier
 from barewire.modbus import ReadHoldingRegisters, ReadHoldingRegistersResponse, WriteSingleRegister
 from barewire.modbus.client.read_identification import DeviceIdentification
 from tests.helpers import refused
@@ -77,7 +78,7 @@ def test_an_asyncio_client_without_async_with_connects_with_its_first_request() 
         async with barewire.AsyncModbusServer("tcp://127.0.0.1:0", units={1: barewire.Table()}) as server:
             client = barewire.AsyncModbusClient(server.url, timeout=30)
             assert await client.read_holding_registers(0, 1) == (0,)
-            client.close()
+            await client.close()
 
     asyncio.run(exchange())
 
@@ -130,6 +131,36 @@ def test_a_server_without_a_dict_of_units_is_explained(server: Any) -> None:
         barewire.EncodeError, "units: unit 1: 5: expected a Table, Functions, or an object with handle(request, now)"
     ):
         server("tcp://127.0.0.1:0", {1: 5})
+
+
+@pytest.mark.parametrize("framing", ["tcp", "rtu"])
+@pytest.mark.parametrize("server", [barewire.ModbusServer, barewire.AsyncModbusServer])
+def test_a_transport_without_a_server_is_refused(server: Any, framing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A new transport has a client first; without this check its server would listen on TCP."""
+    monkeypatch.setitem(CARRIERS, "x", Carrier(framing, "bluetooth", frozenset()))
+    with refused(barewire.EncodeError, "endpoint 'x://motor': there is no server for x://, expected tcp://, tls://"):
+        server("x://motor", units={1: barewire.Table()})
+
+
+CLOSED: list[Any] = [
+    lambda: barewire.AsyncModbusClient("tcp://127.0.0.1:1"),
+    lambda: barewire.AsyncCanopenClient("can://virtual/close"),
+    lambda: barewire.connect_async("adxl", "tcp://127.0.0.1:1"),
+    lambda: barewire.connect_async("az3", "can://virtual/close"),
+    lambda: barewire.AsyncModbusServer("tcp://127.0.0.1:0", {1: barewire.Table()}),
+    lambda: barewire.AsyncCanopenServer("can://virtual/close?node=5", device="az3"),
+]
+
+
+@pytest.mark.parametrize("make", CLOSED)
+def test_close_is_awaited_on_everything_for_asyncio(make: Any) -> None:
+    async def close_twice() -> None:
+        thing = make()
+        await thing.close()
+        await thing.close()
+        assert not hasattr(thing, "aclose")
+
+    asyncio.run(close_twice())
 
 
 def test_both_clients_have_the_same_methods() -> None:

@@ -210,7 +210,7 @@ def test_two_tasks_that_connect_at_once_open_one_bus() -> None:
         client = barewire.AsyncCanopenClient("can://virtual/use")
         await asyncio.gather(client.connect(), client.connect())
         assert len(readers()) == 1
-        await client.aclose()
+        await client.close()
 
     asyncio.run(main())
     assert not readers()
@@ -220,7 +220,7 @@ def test_an_asyncio_machine_that_connected_by_itself_can_be_closed() -> None:
     async def main(url: str) -> None:
         machine = barewire.connect_async("adxl", url, unit=1)
         await machine.read(machine.readable[0])
-        machine.close()
+        await machine.close()
         with refused(PortError, "the client was closed"):
             await machine.read(machine.readable[0])
 
@@ -244,7 +244,7 @@ def test_a_client_in_another_event_loop_is_explained() -> None:
 
             await asyncio.to_thread(elsewhere)
             assert await client.read_coils(0, 1) == (False,)
-            client.close()
+            await client.close()
 
         asyncio.run(main())
 
@@ -256,7 +256,7 @@ def test_a_client_connects_again_after_its_event_loop_has_ended() -> None:
         client = barewire.AsyncModbusClient(server.url, in_flight=4)
         for _ in range(3):
             assert asyncio.run(_read(client)) == (False,)
-        client.close()
+        asyncio.run(client.close())
     del client
     gc.collect()
 

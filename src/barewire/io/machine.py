@@ -13,14 +13,13 @@ device's own. `machine.client` is the Modbus or CANopen client for anything that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from barewire.devices.device import Device
 from barewire.devices.parameter import Reading
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire.io.named_values import AsyncNamedValues, NamedValues, described, modbus_names
+from barewire.io.named_values import AsyncNamedValues, ModbusNames, NamedValues, described
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,7 +77,7 @@ class MachineClient(NamedValues):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -122,14 +121,12 @@ class AsyncMachineClient(AsyncNamedValues):
         await self.client.__aenter__()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        await self.client.__aexit__(kind, error, at)
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the client."""
-        self.client.close()
+        await self.client.close()
 
     @property
     def readable(self) -> list[str]:
@@ -143,16 +140,11 @@ class AsyncMachineClient(AsyncNamedValues):
         await self._access.write(values, force=force)
 
 
-class _ModbusValues(NamedValues):
+class _ModbusValues(ModbusNames, NamedValues):
     """The values of a device that is the unit of a client."""
 
     def __init__(self, client: ModbusClient, device: Device) -> None:
         self.client, self.device = client, device
-
-    @property
-    def readable(self) -> list[str]:
-        """The names of all parameters that can be read over Modbus."""
-        return modbus_names(self.device)
 
     def _read(self, names: Sequence[str]) -> list[Reading]:
         return self.client.read(self.device, *names)
@@ -161,16 +153,11 @@ class _ModbusValues(NamedValues):
         self.client.write(self.device, values, force=force)
 
 
-class _AsyncModbusValues(AsyncNamedValues):
+class _AsyncModbusValues(ModbusNames, AsyncNamedValues):
     """The values of a device that is the unit of a client, for asyncio."""
 
     def __init__(self, client: AsyncModbusClient, device: Device) -> None:
         self.client, self.device = client, device
-
-    @property
-    def readable(self) -> list[str]:
-        """The names of all parameters that can be read over Modbus."""
-        return modbus_names(self.device)
 
     async def _read(self, names: Sequence[str]) -> list[Reading]:
         return await self.client.read(self.device, *names)

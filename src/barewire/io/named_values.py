@@ -86,6 +86,28 @@ class _Names(ABC):
     __contains__: None = None
 
 
+class ModbusNames(_Names):
+    """The names of the values of a device on Modbus."""
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over Modbus."""
+        return [parameter.name for parameter in self.device.parameters if parameter.modbus and parameter.readable]
+
+
+class CanopenNames(_Names):
+    """The names of the values of a device in its object dictionary."""
+
+    @property
+    def readable(self) -> list[str]:
+        """The names of all parameters that can be read over CANopen. Texts are left out: their size is unknown."""
+        return [
+            parameter.name
+            for parameter in self.device.parameters
+            if parameter.object and parameter.readable and parameter.type != "text"
+        ]
+
+
 class NamedValues(_Names):
     """The values of a machine."""
 
@@ -198,17 +220,3 @@ class AsyncNamedValues(_Names):
         from barewire.io.drive import AsyncDriveClient
 
         return AsyncDriveClient(self)
-
-
-def canopen_names(device: Device) -> list[str]:
-    """The readable parameters of a device that have a place, and a size, in the object dictionary."""
-    return [
-        parameter.name
-        for parameter in device.parameters
-        if parameter.object is not None and parameter.readable and parameter.type != "text"
-    ]
-
-
-def modbus_names(device: Device) -> list[str]:
-    """The readable parameters of a device that have a place on Modbus."""
-    return [parameter.name for parameter in device.parameters if parameter.modbus is not None and parameter.readable]

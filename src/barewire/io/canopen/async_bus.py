@@ -18,7 +18,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable
-from types import TracebackType
 from typing import Self, TypeVar
 
 from barewire.canopen.bus.channel_locks import LockKeys
@@ -252,7 +251,7 @@ class AsyncRunning:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     async def _run(self) -> None:

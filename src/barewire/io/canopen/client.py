@@ -17,37 +17,30 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Iterator
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
 from barewire.canopen.bus.channel_locks import LockKeys
-from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, PortError
 from barewire.io.canopen.client_base import ClientBase
 from barewire.io.canopen.event_stream import Listener, Stream
 from barewire.io.canopen.methods.operations import BackgroundTask, BlockingBusRunner, BusOperation, Subscription
-from barewire.io.canopen.node import DeviceNode, EdsNode, Node, dictionary_of
-from barewire.io.canopen.node_runner import Running, Speaker
-from barewire.io.canopen.shared_bus import CanBus, WatchFrames
+from barewire.io.canopen.node import DeviceNode
+from barewire.io.canopen.node_runner import Running
+from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Key, Subscriber
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.blocking import run
-from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from barewire.canopen.eds.eds_file import Eds
-    from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices.device import Device
 
 T = TypeVar("T")
 E = TypeVar("E")
 
 
-class CanopenClient(ClientBase[BlockingBusRunner]):
+class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     """A client of the nodes on a bus.
 
     `bus` is a can:// URL, a `CanBus` to share, or a port that becomes this client's own. `node` (1..127) and `timeout`
@@ -56,78 +49,25 @@ class CanopenClient(ClientBase[BlockingBusRunner]):
     override. Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
     """
 
-    def __init__(
-        self,
-        bus: str | CanBus | Port[CanFrame],
-        *,
-        node: int | None = None,
-        timeout: float | None = None,
-        dialect: str | SdoDialect | None = None,
-        watch: WatchFrames | None = None,
-        **options: Any,
-    ) -> None:
-        super().__init__(self, bus, node, timeout, dialect, watch, options)
+    def _prepare(self) -> None:
         self._receiving = threading.Lock()
         self._everything: Subscriber | None = None
-        self._closed = False
         self._bus = self._new_bus()
+
+    def _device_node(self, number: int, device: Device, **settings: Any) -> DeviceNode:
+        return DeviceNode(self, number, device, **settings)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Close the streams and background tasks of this client, and the bus unless it is shared."""
-        self._closed = True
-        if self._everything is not None:
-            self._everything.close()
-        for one in list(self._running):
-            one.close()
+        self._stop_running()
         if self.owns_bus:
             self.bus.close()
-
-    @overload
-    def node(
-        self,
-        number: int | None = None,
-        *,
-        device: str | Path | Device,
-        timeout: float | None = None,
-        dialect: str | SdoDialect | None = None,
-    ) -> DeviceNode: ...
-    @overload
-    def node(
-        self,
-        number: int | None = None,
-        *,
-        eds: str | Path | Eds | ObjectDictionary,
-        timeout: float | None = None,
-        dialect: str | SdoDialect | None = None,
-    ) -> EdsNode[BlockingBusRunner]: ...
-    @overload
-    def node(
-        self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
-    ) -> Node[BlockingBusRunner]: ...
-    def node(
-        self,
-        number: int | None = None,
-        *,
-        device: str | Path | Device | None = None,
-        eds: str | Path | Eds | ObjectDictionary | None = None,
-        timeout: float | None = None,
-        dialect: str | SdoDialect | None = None,
-    ) -> Node[BlockingBusRunner]:
-        """One node of the bus: `number` (1..127), or that of the URL, or the device's own. `device` is the name or path
-        of a description, or a description; `eds` the path of an EDS, a parsed one, or an ObjectDictionary."""
-        described, place = self._described(number, device, eds)
-        settings: dict[str, Any] = self._settings(timeout, dialect)
-        if described is not None:
-            return DeviceNode(self, place, described, **settings)
-        if eds is not None:
-            return EdsNode(self, place, dictionary_of(eds, place), **settings)
-        return Node(self, place, **settings)
 
     def run(self, conversation: Conversation[CanFrame, T]) -> T:
         """Carry any conversation out. It has the bus alone, because its channels are unknown."""
@@ -136,10 +76,6 @@ class CanopenClient(ClientBase[BlockingBusRunner]):
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Stream[E]:
         """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
         return self.subscribe(Subscription(machine, receives))
-
-    def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> Running:
-        """Run any machine that also sends frames, until it is stopped."""
-        return self.start_task(BackgroundTask(machine, receives))
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
         """The next frame on the bus within `timeout` seconds, or None. Frames are kept from the first call on.
@@ -152,6 +88,7 @@ class CanopenClient(ClientBase[BlockingBusRunner]):
             if self._everything is None:
                 self.bus.wait_until_open(wait)
                 self._everything = Subscriber(self.bus, None)
+                self._running.add(self._everything)
             try:
                 return self._everything.receive(wait)
             except PortError:

@@ -1,15 +1,18 @@
-"""Base class of the two CANopen clients: their settings, and the methods that concern the whole bus.
+"""The base class of the two CANopen clients: their constructor, and the methods that are the same in both.
 
 bus.node(5, ...)                          one node: `node`
 bus.nmt, bus.lss, bus.sync, bus.time      groups of methods: `methods`
 bus.scan(), bus.emergencies(), bus.frames(), bus.pdos(...), bus.send(frame), bus.host(device)
+
+`client` and `async_client` add what waits: they carry out operations, and receive single frames.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast, overload
 from weakref import WeakSet
 
 from barewire import canopen
@@ -29,6 +32,7 @@ from barewire.io.canopen.methods.operations import (
     send_frame,
     subscription,
 )
+from barewire.io.canopen.node import EdsNode, Node, dictionary_of
 from barewire.io.canopen.node_runner import Speaker
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.subscriber import Key
@@ -39,6 +43,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barewire.canopen import CanFrame, PdoReceived, RemotePdo
+    from barewire.canopen.eds.eds_file import Eds
+    from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.canopen.sdo.client.channel import Channel
     from barewire.devices.device import Device
     from barewire.io.canopen.methods.lss import LssMethods
@@ -46,22 +52,28 @@ if TYPE_CHECKING:
     from barewire.io.canopen.shared_bus import WatchFrames
     from barewire.io.endpoint import Endpoint
 
-NODES = range(1, 128)
+_NODES = range(1, 128)
+
+D = TypeVar("D", bound=Node[Any])
 
 
-class ClientBase(Methods[R]):
-    """A client of the nodes on a bus."""
+class ClientBase(Methods[R], ABC, Generic[R, D]):
+    """A client of the nodes on a bus.
+
+    R is the runner of its methods, which is the client itself; D is the type of its nodes that are described devices.
+    """
 
     def __init__(
         self,
-        runner: R,
         bus: str | CanBus | Port[CanFrame],
-        node: int | None,
-        timeout: float | None,
-        dialect: str | SdoDialect | None,
-        watch: WatchFrames | None,
-        options: Mapping[str, Any],
+        *,
+        node: int | None = None,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+        watch: WatchFrames | None = None,
+        **options: Any,
     ) -> None:
+        runner = cast("R", self)
         super().__init__(runner)
         self._endpoint: Endpoint | None = None
         self._bus: CanBus | None = None
@@ -85,9 +97,19 @@ class ClientBase(Methods[R]):
         self.node_id = node
         self.timeout = DEFAULT_TIMEOUT if timeout is None else timeout
         self.dialect = _dialect(dialect)
-        self._running: WeakSet[Any] = WeakSet()  # streams and background tasks of this client
+        self._running: WeakSet[Any] = WeakSet()  # the subscribers, streams and background tasks of this client
+        self._closed = False
         self.nmt: NetworkNmtMethods[R] = NetworkNmtMethods(runner)
         """NMT of all nodes."""
+        self._prepare()
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Finish the constructor: make the locks; open the bus, if the constructor of this client does that."""
+
+    @abstractmethod
+    def _device_node(self, number: int, device: Device, **settings: Any) -> D:
+        """Return the node with this number, which is this device."""
 
     def __repr__(self) -> str:
         name = self._bus.name if self._bus is not None else str(self._endpoint)
@@ -106,40 +128,79 @@ class ClientBase(Methods[R]):
             return CanBus.open(self._endpoint, watch=self._watch)
         return self.bus if self._port is None else CanBus(self._port)
 
-    def channel(self, node: int | None = None) -> Channel:
-        """The channel to the default SDO server of a node."""
-        return self.bus.channel(self._number(node, None), self.dialect)
+    def _stop_running(self) -> None:
+        """Close the subscribers, streams and background tasks of this client."""
+        self._closed = True
+        for running in list(self._running):
+            running.close()
 
-    def _number(self, node: int | None, device: Device | None) -> int:
-        """The node that is meant: the given one, that of the URL, the device's own, or 1."""
+    @overload
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        device: str | Path | Device,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> D: ...
+    @overload
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        eds: str | Path | Eds | ObjectDictionary,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> EdsNode[R]: ...
+    @overload
+    def node(
+        self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
+    ) -> Node[R]: ...
+    def node(
+        self,
+        number: int | None = None,
+        *,
+        device: str | Path | Device | None = None,
+        eds: str | Path | Eds | ObjectDictionary | None = None,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> Node[R] | D:
+        """Return one node of the bus. Nothing is sent.
+
+        number      1..127; by default that of the URL, the device's own, or 1
+        device      a description, or the name or path of one: values can be read and written by name
+        eds         a parsed EDS, the path of one, or an ObjectDictionary: objects have names and types
+        timeout     seconds that the node has to respond; by default the client's
+        dialect     how SDO requests are written; by default the client's
+
+        Raises EncodeError for wrong arguments, UnknownName for the name of a device that is not in the catalogue.
+        """
+        check_timeout(timeout)
+        settings: dict[str, Any] = {
+            "timeout": self.timeout if timeout is None else timeout,
+            "dialect": self.dialect if dialect is None else _dialect(dialect),
+        }
+        if device is not None:
+            if eds is not None:
+                raise EncodeError("node: expected device= or eds=, not both")
+            found = _canopen_device(device)
+            return self._device_node(self._number(number, found), found, **settings)
+        place = self._number(number)
+        if eds is not None:
+            return EdsNode(self.runner, place, dictionary_of(eds, place), **settings)
+        return Node(self.runner, place, **settings)
+
+    def channel(self, node: int | None = None) -> Channel:
+        """Return the channel to the default SDO server of a node."""
+        return self.bus.channel(self._number(node), self.dialect)
+
+    def _number(self, node: int | None, device: Device | None = None) -> int:
+        """Return the given node-ID, or that of the URL, or the device's own, or 1."""
         if node is not None:
             return node
         if self.node_id is not None:
             return self.node_id
         return device.canopen.node if device and device.canopen else 1
-
-    def _described(
-        self, number: int | None, device: str | Path | Device | None, eds: object
-    ) -> tuple[Device | None, int]:
-        """The description for `node`, if there is one, and the number of the node."""
-        if device is None:
-            return None, self._number(number, None)
-        if eds is not None:
-            raise EncodeError("node: expected device= or eds=, not both")
-        from barewire.io.named_values import described
-
-        found = described(device)
-        if found.canopen is None:
-            raise EncodeError(f"{found.name} has no CANopen", "device")
-        return found, self._number(number, found)
-
-    def _settings(self, timeout: float | None, dialect: str | SdoDialect | None) -> dict[str, Any]:
-        """The settings of a node: those of its call, or those of the client."""
-        check_timeout(timeout)
-        return {
-            "timeout": self.timeout if timeout is None else timeout,
-            "dialect": self.dialect if dialect is None else _dialect(dialect),
-        }
 
     @cached_property
     def lss(self) -> LssMethods[R]:
@@ -170,7 +231,7 @@ class ClientBase(Methods[R]):
     @operation
     def scan(
         self,
-        nodes: Collection[int] = NODES,
+        nodes: Collection[int] = _NODES,
         *,
         listen: float = 0.0,
         timeout: float = 0.1,
@@ -184,7 +245,7 @@ class ClientBase(Methods[R]):
     def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Subscription[canopen.EmcyEvent]:
         """The errors that nodes report. `cob_ids` gives the node of each (identifier, extended) that is another one
         than 80h + node."""
-        keys = {(0x80 + node, False) for node in NODES} | ERROR_CONTROL | set(cob_ids or ())
+        keys = {(0x80 + node, False) for node in _NODES} | ERROR_CONTROL | set(cob_ids or ())
         return Subscription(canopen.EmcyConsumer(cob_ids), frozenset(keys))
 
     @subscription
@@ -203,6 +264,21 @@ class ClientBase(Methods[R]):
     def host(self, device: Speaker) -> BackgroundTask:
         """Run a `LocalNode`, or any machine that receives and sends frames, on this bus until it is stopped."""
         return BackgroundTask(device, None)
+
+    @background
+    def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> BackgroundTask:
+        """Run a machine that sends frames until it is stopped. `receives` are the (identifier, extended) of the frames
+        that it gets; by default it gets all."""
+        return BackgroundTask(machine, receives)
+
+
+def _canopen_device(device: str | Path | Device) -> Device:
+    from barewire.io.named_values import described
+
+    found = described(device)
+    if found.canopen is None:
+        raise EncodeError(f"{found.name} has no CANopen", "device")
+    return found
 
 
 def _dialect(dialect: str | SdoDialect | None) -> SdoDialect:

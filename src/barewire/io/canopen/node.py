@@ -31,7 +31,7 @@ from barewire.io.canopen.methods.operations import (
 )
 from barewire.io.canopen.methods.sdo import SdoMethods
 from barewire.io.canopen.subscriber import Key
-from barewire.io.named_values import AsyncNamedValues, NamedValues, canopen_names
+from barewire.io.named_values import AsyncNamedValues, CanopenNames, NamedValues
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -169,7 +169,7 @@ class EdsNode(Node[R]):
         return sdo_transfer(channel, writing, wait)
 
 
-class DeviceNode(Node[BlockingBusRunner], NamedValues):
+class DeviceNode(Node[BlockingBusRunner], CanopenNames, NamedValues):
     """A node that is a described device."""
 
     def __init__(
@@ -178,11 +178,6 @@ class DeviceNode(Node[BlockingBusRunner], NamedValues):
         Node.__init__(self, runner, number, timeout=timeout, dialect=dialect, names=device)
         self.device = device
 
-    @property
-    def readable(self) -> list[str]:
-        """The names of all parameters that can be read over CANopen."""
-        return canopen_names(self.device)
-
     def _read(self, names: Sequence[str]) -> list[Reading]:
         return self.runner.carry_out(_read_device(self, self.device, names))
 
@@ -190,7 +185,7 @@ class DeviceNode(Node[BlockingBusRunner], NamedValues):
         self.runner.carry_out(_write_device(self, self.device, values, force))
 
 
-class AsyncDeviceNode(Node[AsyncBusRunner], AsyncNamedValues):
+class AsyncDeviceNode(Node[AsyncBusRunner], CanopenNames, AsyncNamedValues):
     """A node that is a described device, for asyncio."""
 
     def __init__(
@@ -198,11 +193,6 @@ class AsyncDeviceNode(Node[AsyncBusRunner], AsyncNamedValues):
     ) -> None:
         Node.__init__(self, runner, number, timeout=timeout, dialect=dialect, names=device)
         self.device = device
-
-    @property
-    def readable(self) -> list[str]:
-        """The names of all parameters that can be read over CANopen."""
-        return canopen_names(self.device)
 
     async def _read(self, names: Sequence[str]) -> list[Reading]:
         return await self.runner.carry_out(_read_device(self, self.device, names))

@@ -20,7 +20,6 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
@@ -88,7 +87,7 @@ class CanBus:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # Frames in

@@ -14,7 +14,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from types import TracebackType
 from typing import NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
@@ -105,7 +104,7 @@ class Subscriber:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # From the bus

@@ -4,18 +4,17 @@
         await client.read_holding_registers(0, 2)
         (await client.ask(ReadHoldingRegisters(0, 2))).registers
 
-Over TCP, TLS and UDP up to 16 requests may be under way at once; their answers come in any order and are matched by
-transaction number. On a serial line it is one at a time, and the units take turns.
+Over TCP, TLS and UDP up to 16 requests may be under way at once. Their answers arrive in any order and are matched by
+transaction number. On a serial line there is one request at a time, and the units take turns.
 
-A task that is cancelled abandons its conversation. The line stays usable: a late answer bears a number that is not
-waited for any more, or is handled by the bus.
+A task that is cancelled abandons its conversation, and the line stays usable: the bus recognizes the late answer, on
+TCP by its transaction number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
@@ -23,7 +22,7 @@ from barewire.io.endpoint import check_timeout
 from barewire.io.engine.backoff import BackOff, random_fraction
 from barewire.io.engine.methods import AsyncioClient
 from barewire.io.modbus.async_connection import AsyncConnection
-from barewire.io.modbus.carriers import bus_options, modbus_endpoint, unit_of
+from barewire.io.modbus.carriers import bus_options
 from barewire.io.modbus.methods import ModbusMethods, checked_request
 
 if TYPE_CHECKING:
@@ -41,11 +40,12 @@ T = TypeVar("T")
 
 
 class AsyncModbusClient(ModbusMethods, AsyncioClient):
-    """A client on one line or connection, by URL. Its options are those of `ModbusClient`, and `in_flight`: how many
-    requests may be under way at once, 1 to 16.
+    """A client on one line or connection, opened by URL. The arguments are those of `ModbusClient`, and:
 
-    Constructing it does not wait and opens nothing. `async with` connects, and so does the first request of a client
-    that is used without it; with `lazy`, `async with` leaves that to the first request too.
+    in_flight       how many requests may be under way at once, 1 to 16; by default 1
+
+    The constructor opens nothing; `async with` connects. If the client is `lazy`, or is used without `async with`, its
+    first request connects.
 
     Raises EncodeError for a wrong URL or option when it is constructed, PortError when it cannot connect.
     """
@@ -64,37 +64,29 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         jitter: Callable[[], float] = random_fraction,
         **options: Unpack[ModbusOptions],
     ) -> None:
-        endpoint = modbus_endpoint(url, {"unit": unit, "timeout": timeout, **options}).with_direction(set_direction)
-        self.url = str(endpoint)
-        self.unit = unit_of(endpoint)
-        self.timeout = endpoint.timeout
+        endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
         self.connection = AsyncConnection(endpoint, in_flight, BackOff(jitter), bus_options(endpoint, gaps), watch)
         self._lazy = lazy
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url}>"
 
     async def __aenter__(self) -> Self:
         if not self._lazy:
             await self.open()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        self.close()
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
 
     @property
     def bus(self) -> Bus:
-        """The state of the line: counters, late replies."""
+        """The state of the line: its counters and its late answers."""
         return self.connection.lanes[0].bus
 
     async def open(self) -> None:
         """Connect now, instead of with the first request. PortError if that fails."""
         await self.connection.open(self.connection.lanes[0], self.timeout)
 
-    def close(self) -> None:
-        """Close the connection."""
+    async def close(self) -> None:
+        """Close the connection. Requests under way raise PortError."""
         self.connection.close()
 
     async def run(self, conversation: Conversation[bytes, T], *, unit: int | None = None) -> T:

@@ -123,8 +123,3 @@ def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> 
     if "dead_after" in endpoint.options:
         options["dead_after"] = endpoint.integer("dead_after", 0) or None
     return options
-
-
-def unit_of(endpoint: Endpoint) -> int | None:
-    """The unit that an endpoint has, if it has one."""
-    return endpoint.integer("unit", 0) if "unit" in endpoint.options else None

@@ -4,8 +4,8 @@
         client.read_holding_registers(0, 2)                  the names of the standard, see `methods`
         client.ask(ReadHoldingRegisters(0, 2)).registers     any request message
 
-A client may be used from several threads: one exchange at a time has the line, and the units take turns. A connection
-that failed is opened again by the next request (`connection`).
+A client may be used from several threads. There is one exchange at a time on the line, and the units take turns. After
+a connection has failed, the next request opens it again (`connection`).
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from barewire.errors import BarewireError, NoAnswer, PortError
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.backoff import BackOff, random_fraction
 from barewire.io.engine.methods import BlockingClient
-from barewire.io.modbus.carriers import bus_options, dialer, modbus_endpoint, modbus_line, unit_of
+from barewire.io.modbus.carriers import bus_options, dialer, modbus_line
 from barewire.io.modbus.connection import Connection
 from barewire.io.modbus.methods import ModbusMethods, checked_request
 from barewire.io.ports.trace import Trace, Watch
 
 if TYPE_CHECKING:
-    from types import TracebackType
     from typing import Unpack
 
     from barewire.conversation import Conversation
@@ -40,11 +39,16 @@ T = TypeVar("T")
 class ModbusClient(ModbusMethods, BlockingClient):
     """A client on one line or connection, opened by URL (`barewire.io.endpoint` lists the forms).
 
-    `unit` and `timeout` (seconds) hold for every method; `at` gives the same client with others. All other options of a
-    URL are keywords as well. `gaps` are pauses in seconds, by unit, that slow units need between two exchanges.
-    `watch(direction, data)` is called with all bytes "sent" and "received". `set_direction(sending)` sets the direction
-    of a two-wire line, where a pin of your own does that. `lazy` connects with the first request. `jitter` gives
-    numbers in 0..1 that vary the pauses between attempts to connect.
+    unit            0..255, the unit that methods address; by default the device's own, or 1
+    timeout         seconds that a request waits for its response; by default 1
+    gaps            by unit, the pause in seconds that a slow unit needs between two exchanges; by default `gap`
+    watch           called as watch("sent" or "received", data) with all bytes
+    set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
+    lazy            connect with the first request, not in the constructor
+    jitter          returns numbers in 0..1 that vary the pauses between attempts to connect; by default random
+    options         all other options of a URL, which they override: see `barewire.io.endpoint`
+
+    `at` returns the same client with another unit or time-out.
 
     Raises EncodeError for a wrong URL or option, PortError for a port that cannot be opened.
     """
@@ -62,10 +66,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
         jitter: Callable[[], float] = random_fraction,
         **options: Unpack[ModbusOptions],
     ) -> None:
-        endpoint = modbus_endpoint(url, {"unit": unit, "timeout": timeout, **options}).with_direction(set_direction)
-        self.url = str(endpoint)
-        self.unit = unit_of(endpoint)
-        self.timeout = endpoint.timeout
+        endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
         dial = dialer(endpoint)
 
         def traced() -> Port[bytes]:
@@ -77,18 +78,15 @@ class ModbusClient(ModbusMethods, BlockingClient):
         if not lazy:
             self.connection.open(self.timeout)
 
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url}>"
-
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
     def bus(self) -> Bus:
-        """The state of the line: counters, late replies."""
+        """The state of the line: its counters and its late answers."""
         return self.connection.bus
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The methods that the blocking and the asyncio Modbus client share, under the names of the standard.
+"""The base class of both Modbus clients: their methods, under the names of the standard.
 
     client.read_holding_registers(107, 3)                 -> (555, 0, 100)          the blocking client
     await client.read_holding_registers(107, 3)           -> (555, 0, 100)          the asyncio client
@@ -6,10 +6,11 @@
 
 Each definition describes an operation once: an `Exchange` (a request, and the function for its response), several
 `Exchanges`, or a `BusConversation`. `barewire.io.engine.methods` makes a method of it, blocking or awaited. The
-parameters are those of the message; unit and time-out are those of the client, see `at`. All methods raise
-ModbusException for an exception response, NoAnswer (WriteOutcomeUnknown for a write) after the time-out, PortError if
-the port fails, and EncodeError for values that the message cannot carry. The file of a message is loaded when its
-method is first called.
+parameters are those of the message; unit and time-out are those of the client, see `at`.
+
+All methods raise ModbusException for an exception response, NoAnswer (WriteOutcomeUnknown for a write) after the
+time-out, PortError if the port fails, and EncodeError for values that the message cannot carry. The file of a message
+is loaded when its method is first called.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.methods import bus_conversation, exchange, exchanges
+from barewire.io.modbus.carriers import modbus_endpoint
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from barewire.codecs import Value
     from barewire.devices.device import Device
     from barewire.devices.parameter import Reading
+    from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.engine.methods import BusConversation, Exchange, Exchanges
     from barewire.modbus.client.read_identification import DeviceIdentification
     from barewire.modbus.messages.base import Request, Response
@@ -45,7 +48,7 @@ def checked_request(request: Request[Any]) -> None:
 
 
 def _described(device: str | Path | Device) -> Device:
-    """The description; a name or path is loaded. A description needs no import, so a read by name stays quick."""
+    """Return the description of a device. A description needs no import, so a read by name stays quick."""
     if hasattr(device, "read_plans"):
         return device  # type: ignore[return-value]  # only a Device has plans
     from barewire.io.named_values import described
@@ -62,7 +65,7 @@ def _registers(response: Any) -> tuple[int, ...]:
 
 
 def _nothing(response: Response) -> None:
-    """The response to a write repeats the request: nothing is taken of it."""
+    """Return nothing: the response to a write only repeats the request."""
 
 
 def _whole(response: V) -> V:
@@ -70,15 +73,28 @@ def _whole(response: V) -> V:
 
 
 class ModbusMethods:
-    """The methods that both Modbus clients have. Their `ask` sends any other request message."""
+    """The settings and methods that both Modbus clients have. Their `ask` sends any other request message."""
 
+    url: str
+    """The URL of the server, with all options."""
     unit: int | None
-    """The unit that methods address; None is the unit of a device that is passed, and otherwise 1."""
+    """The unit that methods address. None means the unit of the device that is passed, or 1."""
     timeout: float = DEFAULT_TIMEOUT
     """Seconds that a request waits for its response."""
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
+    def _configure(self, url: str, set_direction: SetDirection | None, options: Mapping[str, object]) -> Endpoint:
+        """Set the URL, the unit and the time-out, and return the endpoint."""
+        endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+        self.url = str(endpoint)
+        self.unit = endpoint.integer("unit", 0) if "unit" in endpoint.options else None
+        self.timeout = endpoint.timeout
+        return endpoint
+
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
-        """The same client on the same connection, with another unit, another time-out in seconds, or both."""
+        """Return the same client on the same connection, with another unit, another time-out in seconds, or both."""
         if unit is not None and not (isinstance(unit, int) and 0 <= unit <= 255):
             raise EncodeError(f"unit {shown(unit)}: expected 0..255", "unit")
         check_timeout(timeout)
@@ -89,7 +105,7 @@ class ModbusMethods:
         return other
 
     def unit_for(self, unit: int | None = None, device: Device | None = None) -> int:
-        """The unit given, or the client's, or the device's own, or 1."""
+        """Return the given unit, or the client's, or the device's own, or 1."""
         if unit is not None:
             return unit
         if self.unit is not None:
@@ -171,7 +187,7 @@ class ModbusMethods:
 
     @exchange
     def diagnostics(self, sub_function: int, data: bytes = b"\0\0") -> Exchange[bytes]:
-        """Carry out a diagnostic sub-function (function 08, serial lines); the data of its response."""
+        """Carry out a diagnostic sub-function and return the data of its response (function 08, serial lines)."""
         return modbus.Diagnostics(sub_function, data), lambda response: response.data
 
     @exchange
@@ -199,7 +215,7 @@ class ModbusMethods:
 
     @exchanges
     def read(self, device: str | Path | Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
-        """Read the named values of a device, with as few requests as it allows, in the order of `names`.
+        """Read the named values of a device with as few requests as it allows. The result is in the order of `names`.
 
         `device` is a description, or the name or path of one.
         """
@@ -217,23 +233,23 @@ class ModbusMethods:
     ) -> BusConversation[None]:
         """Write named values in the order given. Ranges and access are checked before anything is sent.
 
-        `device` is a description, or the name or path of one.
-
-        `force` leaves both to the device; values that the wire cannot carry are still an EncodeError.
+        `device` is a description, or the name or path of one. `force` leaves ranges and access to the device; a value
+        that the wire cannot carry is still an EncodeError.
         """
         from barewire.devices.modbus_access import write_modbus
 
         found = _described(device)
-        at = self.unit_for(unit, found)
-        return (lambda bus: write_modbus(bus, at, found, values, timeout=self.timeout, force=force)), at
+        address = self.unit_for(unit, found)
+        return (lambda bus: write_modbus(bus, address, found, values, timeout=self.timeout, force=force)), address
 
     @bus_conversation
     def broadcast(self, request: Request[Any], *, turnaround: float = 0.1) -> BusConversation[None]:
-        """Send a write request to all units of a serial line. They do not answer; `turnaround` is their time to act."""
+        """Send a write request to all units of a serial line, which do not answer. Then wait `turnaround` seconds, in
+        which the units act."""
         checked_request(request)
         return (lambda bus: bus.broadcast(request, turnaround=turnaround)), None
 
     @bus_conversation
     def settle(self) -> BusConversation[None]:
-        """Wait until no late answer can come any more: before a serial line is left to another program."""
+        """Wait until no late answer can arrive any more, for example before another program uses the serial line."""
         return (lambda bus: bus.settle()), None

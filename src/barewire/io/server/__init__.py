@@ -1,7 +1,7 @@
-"""Servers: units on Modbus, nodes on a CAN bus, and what limits their connections.
+"""Servers of Modbus units and of nodes on a CAN bus.
 
     base                 the thread of a server, and how it ends
-    connection_limits    how many clients, and how long one may be silent
+    connection_limits    how many clients may be connected, and how long one may be silent
     modbus               ModbusServer; by kind of port: tcp (without asyncio), serial, asyncio_thread
     asyncio_modbus       AsyncModbusServer; by kind of port: asyncio_stream, asyncio_ports
     can                  a node on a CAN bus

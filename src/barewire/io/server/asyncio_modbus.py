@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import PSEUDO_TERMINAL
-from barewire.io.modbus.carriers import modbus_endpoint, modbus_line
+from barewire.io.modbus.carriers import modbus_line
 from barewire.io.server.asyncio_ports import SerialServer
 from barewire.io.server.asyncio_stream import server_at
 from barewire.io.server.connection_limits import ConnectionTable, Inject
-from barewire.io.server.modbus import check_units, port_number
+from barewire.io.server.modbus import port_number, server_endpoint
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -29,13 +29,14 @@ if TYPE_CHECKING:
 
 
 class AsyncModbusServer:
-    """Serves `units`, by unit address, at a URL. Its options are those of `ModbusServer`, and `listener`, a socket that
-    is bound already.
+    """A server of units on a port of the running loop. The arguments are those of `ModbusServer`, and:
 
-    Constructing it does not wait and takes no port; `async with` or `await start()` does. A serial line has to exist:
-    only `ModbusServer` makes pseudo-terminals. Within a loop units need no locks, because nothing in a unit waits.
+    listener        a socket that is already bound, on which the server listens; by default it binds one
 
-    Raises EncodeError for a wrong URL or option when it is constructed, PortError for a port that cannot be taken.
+    The constructor opens nothing; `async with` or `await start()` opens the port. A serial line has to exist: only
+    `ModbusServer` makes pseudo-terminals. Units need no locks, because nothing in a unit awaits.
+
+    Raises EncodeError for a wrong URL or option when it is constructed, PortError for a port that cannot be opened.
     """
 
     def __init__(
@@ -52,13 +53,12 @@ class AsyncModbusServer:
         on_fault: Callable[[str], None] | None = None,
         **options: Unpack[ModbusOptions],
     ) -> None:
-        self._endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+        self._endpoint = server_endpoint(url, units, set_direction, options)
         if self._endpoint.place == PSEUDO_TERMINAL:
             raise EncodeError(f"endpoint {url!r}: pseudo-terminals are made by ModbusServer, in a thread")
-        check_units(units)
         modbus_line(self._endpoint, "server", units)  # raises for wrong options
         self.url = str(self._endpoint)
-        """The URL that clients use; once it listens, with the port number that it got."""
+        """The URL that clients use. After `start` it has the number of the port that the system chose for port 0."""
         self.connections: ConnectionTable[Any] = ConnectionTable(self._endpoint)
         """The open connections, and why others were closed. Empty for UDP and serial lines."""
         self._units = units
@@ -90,21 +90,21 @@ class AsyncModbusServer:
 
     @property
     def port(self) -> int:
-        """The number of the TCP or UDP port that it listens on. PortError on a serial line, which has none."""
+        """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
         return port_number(self.url)
 
     @property
     def authorization(self) -> Authorization | None:
-        """What each role may do. It cannot be set later: connections without a role would not be checked."""
+        """The rights of each role. They cannot be set later: connections without a role would not be checked."""
         return getattr(self._network, "authorization", None)
 
     @property
     def failure(self) -> PortError | None:
-        """The error that ended the server: its serial port failed."""
+        """The error of the serial port that ended the server, or None."""
         return self._server.failure if isinstance(self._server, SerialServer) else None
 
     async def start(self) -> None:
-        """Take the port and begin to serve. PortError if it serves already, or was closed."""
+        """Open the port and begin to serve. Raises PortError if the server is serving already, or was closed."""
         if self._has_started:
             raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
         self._has_started = True

@@ -21,7 +21,7 @@ from barewire.modbus import Server, Unit
 
 
 class DatagramServer(asyncio.DatagramProtocol):
-    """A server on a UDP port: each datagram is a frame, its answer is sent to the address it came from."""
+    """A server on a UDP port. Each datagram is a frame; its answer is sent to the address it came from."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: datagrams have none
@@ -65,13 +65,13 @@ class DatagramServer(asyncio.DatagramProtocol):
 
     def _send(self, data: bytes, addr: Any) -> None:
         assert self._transport is not None
-        # Dropped while the buffer is full: a datagram may be lost, memory must stay limited.
+        # While the buffer is full, answers are dropped: a datagram may be lost, but memory must stay limited.
         if not self._full and not self._transport.is_closing():
             with suppress(OSError):
                 self._transport.sendto(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """Called by asyncio if an earlier datagram could not be delivered. Nothing to do."""
+        """Called by asyncio if an earlier datagram could not be delivered; the server ignores that."""
 
     def pause_writing(self) -> None:
         self._full = True
@@ -95,7 +95,7 @@ class SerialServer:
         self._timer: asyncio.TimerHandle | None = None
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
-        """The error of the port that ended the server; None while it runs, or if it was closed."""
+        """The error of the port that ended the server, or None."""
         self._link = SerialLink(SerialPort.of(endpoint), self._feed, self._fail)
 
     def _feed(self, data: bytes | None) -> None:

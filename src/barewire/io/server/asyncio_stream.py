@@ -2,8 +2,8 @@
 
     bytes -> (TlsSession) -> Server.feed -> (fault injector) -> (TlsSession) -> bytes
 
-Its limits are `connection_limits`. From a client that sends requests and does not read its answers nothing is read
-until it does. Clients do not delay each other.
+Its limits are those of `connection_limits`. While a client does not read its answers, its requests are not read
+either. Clients do not delay each other.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _HANDSHAKE = 10.0
 
 
 class StreamServer:
-    """Serves units on a TCP port. `authorization` is used with TLS; `inject` puts faults into the answers."""
+    """A server of units on a TCP port. `authorization` is used with TLS; `inject` puts faults into the answers."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class StreamServer:
         self.context: ssl.SSLContext | None = None
         self.authorization = authorization
         self.counters = counters_for(modbus_line(endpoint, "server"))
-        """By unit, for RTU and ASCII: a unit counts what it receives over all connections."""
+        """By unit, for RTU and ASCII: the counters of a unit include the frames of all connections."""
         self._server: asyncio.Server | None = None
         self._timer: asyncio.TimerHandle | None = None
         if endpoint.transport == "tls":
@@ -60,11 +60,11 @@ class StreamServer:
         return int(self._server.sockets[0].getsockname()[1])
 
     async def listen(self, listener: socket.socket | None = None) -> None:
-        """Begin to listen, on a socket that is bound already if one is given."""
+        """Begin to listen, on `listener` if given (a bound socket). Raises PortError."""
         loop, (host, port) = asyncio.get_running_loop(), self.endpoint.host_and_port
-        where: dict[str, Any] = {"host": host, "port": port} if listener is None else {"sock": listener}
+        address: dict[str, Any] = {"host": host, "port": port} if listener is None else {"sock": listener}
         try:
-            self._server = await loop.create_server(lambda: _Connection(self), backlog=CONNECTIONS, **where)
+            self._server = await loop.create_server(lambda: _Connection(self), backlog=CONNECTIONS, **address)
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
 
@@ -79,7 +79,7 @@ class StreamServer:
         await self._server.wait_closed()
 
     def connected(self, connection: _Connection) -> None:
-        """Record a new connection, and see to it that idle ones are closed."""
+        """Record a new connection, and start the timer that closes idle ones."""
         self.connections.add(connection, asyncio.get_running_loop().time())
         if self.connections.idle_timeout and self._timer is None:
             self._close_idle()
@@ -91,10 +91,7 @@ class StreamServer:
 
 
 class _Connection(asyncio.BufferedProtocol):
-    """The connection of one client: it has its own framing state, and shares the units.
-
-    A read is at most the buffer.
-    """
+    """The connection of one client: it has its own framing state, and shares the units."""
 
     def __init__(self, server: StreamServer) -> None:
         self.peer = "?"
@@ -107,7 +104,8 @@ class _Connection(asyncio.BufferedProtocol):
         permits = self._permits if has_roles else None
         self._server = Server(self._line, server.units, serial=is_serial, permits=permits, counters=server.counters)
         self._tls = TlsSession(server.context) if server.context is not None else None
-        # Small where frames are searched byte by byte, so that a client which sends noise delays the others less.
+        # One read takes at most this buffer. It is small where frames are searched byte by byte, so that a client which
+        # sends noise delays the others less.
         self._buffer = memoryview(bytearray(512 if is_serial else CHUNK))
         self._timer: asyncio.TimerHandle | None = None
         self._transport: asyncio.Transport | None = None
@@ -129,7 +127,7 @@ class _Connection(asyncio.BufferedProtocol):
 
     def _handshake_timeout(self) -> None:
         if self._tls is not None and not self._tls.is_established:
-            self._shared.connections.close(self, f"TLS did not come about within {_HANDSHAKE:g} s")
+            self._shared.connections.close(self, f"no TLS handshake within {_HANDSHAKE:g} s")
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._shared.connections.remove(self)
@@ -138,7 +136,7 @@ class _Connection(asyncio.BufferedProtocol):
 
     @property
     def unsent(self) -> int:
-        """How many bytes the client has not taken yet."""
+        """How many bytes the client has not read yet."""
         return 0 if self._transport is None else self._transport.get_write_buffer_size()
 
     def abort(self) -> None:
@@ -167,7 +165,7 @@ class _Connection(asyncio.BufferedProtocol):
             why = error.text
         except ssl.SSLError as error:
             why = tls_reason(error)
-        self._transport.write(tls.outgoing())  # the alert too: it gives the client the reason
+        self._transport.write(tls.outgoing())  # after an error it has the alert, which gives the client the reason
         for part in received:
             self._feed(part, now)
         if why or tls.ended:
@@ -183,17 +181,17 @@ class _Connection(asyncio.BufferedProtocol):
         if self._server.serial:
             self._set_timer(bool(replies))
         if self._line.broken is not None:
-            # The beginning of the next frame cannot be known any more.
+            # The beginning of the next frame cannot be found any more.
             self._end(str(self._line.broken))
 
     def _set_timer(self, has_sent: bool) -> None:
-        """Keep the silences of a serial line, which may be behind a tunnel."""
+        """Set the timer for the next silence of a serial line, which may be at the end of a tunnel."""
         if has_sent:
             self._line.sent(self._loop.time())
         if self._timer is not None:
             self._timer.cancel()
-        at = self._server.deadline
-        self._timer = None if at is None else self._loop.call_at(at, self._feed, None, at)
+        deadline = self._server.deadline
+        self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None, deadline)
 
     def _write(self, data: bytes) -> None:
         if self._transport is None or self._transport.is_closing():
@@ -211,7 +209,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._transport.close()
 
     def pause_writing(self) -> None:
-        """asyncio: the client does not read its answers: nothing is read from it until it does."""
+        """Called by asyncio when the client does not read its answers: read nothing from it until it does."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.pause_reading()
 
@@ -226,7 +224,7 @@ def server_at(
     authorization: Authorization | None = None,
     inject: Inject | None = None,
 ) -> StreamServer | DatagramServer:
-    """The server of a host and port, which does not listen yet. Raises EncodeError for wrong options."""
+    """Return the server of a host and port, which does not listen yet. Raises EncodeError for wrong options."""
     if endpoint.is_datagram:
         return DatagramServer(endpoint, units, inject)
     return StreamServer(endpoint, units, authorization, inject)

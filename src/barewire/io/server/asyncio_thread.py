@@ -1,4 +1,4 @@
-"""An asyncio server in a thread: for TLS, datagrams, and serial lines in a tunnel, whose silences need timers."""
+"""An asyncio server in a thread, for TLS, datagrams, and serial lines in a tunnel, whose silences need timers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from barewire.modbus import Authorization, Unit
 
 
 class AsyncioService:
-    """Serves units on a TCP or UDP port: tls, udp, rtu+tcp, ascii+tcp. `inject` puts faults into the answers."""
+    """A server of units on a TCP or UDP port: tls, udp, rtu+tcp, ascii+tcp. `inject` puts faults into the answers."""
 
     def __init__(
         self,

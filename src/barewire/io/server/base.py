@@ -1,10 +1,10 @@
-"""What all servers in a thread share: their thread, and how they end.
+"""The base class of servers in a thread: how they start and how they end.
 
     server.start(), server.close()     in a thread of its own; so does `with server:`
     server.run(stop)                   in the caller's thread, until the event is set or the server is closed
 
-The port is taken when a server is constructed. A server serves once: after that its port may belong to another program,
-so a second `run` or `start` raises PortError.
+The constructor of a server opens its port. A server serves once: after that its port may belong to another program, so
+a second `run` or `start` raises PortError.
 
 Depends on: nothing. Used by: `ModbusServer`, and the server of a CANopen node.
 """
@@ -25,7 +25,7 @@ _CLOSING = 5.0
 
 
 class ThreadedServer(ABC):
-    """A server on a port. `url` is the one that clients use: with the port number or pseudo-terminal that it got."""
+    """A server on a port. `url` is the URL for clients, with the port number or the pseudo-terminal that it got."""
 
     url: str
 
@@ -39,7 +39,7 @@ class ThreadedServer(ABC):
         self.failure: BarewireError | None = None
         """The error that ended a server that runs in its own thread."""
         self.on_end: Callable[[], None] | None = None
-        """Called when the thread of the server ends, for any reason."""
+        """Called when the thread of the server ends, for whatever reason."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.url}>"
@@ -65,7 +65,7 @@ class ThreadedServer(ABC):
     def close(self) -> None:
         """Stop serving and wait until the port is free, 5 s at most. A server that was never started is closed as well.
 
-        Called by the serving thread itself, from the code of a unit, it does not wait: the server ends after that.
+        If a unit calls it, in the serving thread, it does not wait; the server ends after the call of the unit.
         """
         with self._starting:
             has_started, self._has_started = self._has_started, True
@@ -79,7 +79,7 @@ class ThreadedServer(ABC):
                 self._thread.join(timeout=_CLOSING)
 
     def is_over(self, stop: threading.Event) -> bool:
-        """Whether to stop: this event is set, or the server is closed."""
+        """Return whether the server must stop: the event is set, or the server is closed."""
         return stop.is_set() or self._stop.is_set()
 
     @abstractmethod

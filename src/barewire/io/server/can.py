@@ -3,11 +3,8 @@
     with CanopenServer("can://socketcan/can0?node=5", device="az3") as server:         a simulator
     async with AsyncCanopenServer("can://virtual/x?node=5", eds="drive.eds") as server:
 
-`device` is a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any object with `feed` and
-`deadline` that receives and returns frames.
-
-A socketcand bus between processes needs a server: if none listens at a can://socketcand endpoint on this computer, the
-first node that is served starts one (`io.canopen.socketcand`).
+A socketcand bus between processes needs a server. If none listens at a can://socketcand endpoint on this computer, the
+first node that is served there starts one (`io.canopen.socketcand`).
 """
 
 from __future__ import annotations
@@ -18,7 +15,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from barewire.canopen import CanFrame
@@ -45,17 +41,8 @@ if TYPE_CHECKING:
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
 
 
-class CanopenServer(ThreadedServer):
-    """A node on a bus, served in a thread. The constructor opens the port; `with`, `start()` or `run(stop)` serve.
-
-    `device` is the node: a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an EDS, or any object with
-    `feed` and `deadline`; `eds` is the path of an EDS. `node` is the node-ID of a device that has none of its own (1 if
-    not given). `options` are those of the URL, which they override. A port that fails is opened again; the node
-    receives nothing meanwhile. `others` counts received items that are not classical CAN frames: reports of the
-    controller, CAN FD. The faults are those of `ModbusServer`.
-
-    Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
-    """
+class _CanopenServerBase:
+    """The constructor of both servers."""
 
     def __init__(
         self,
@@ -71,15 +58,39 @@ class CanopenServer(ThreadedServer):
         **options: Any,
     ) -> None:
         super().__init__()
-        endpoint = can_endpoint(url, node=node, **options)
+        endpoint = self._endpoint = can_endpoint(url, node=node, **options)
         self._node = SharedNode(_node_of(endpoint, device, eds))
-        self.others = 0
-        self._sending = threading.RLock()  # frames leave in the order in which they were made
+        self.url = str(endpoint)
         self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
         if faults is not None:
             self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
-        self.url = str(endpoint)
-        self._hub = _hub(endpoint)
+        self._hub: SocketcandHub | None = None
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Finish the constructor."""
+
+
+class CanopenServer(_CanopenServerBase, ThreadedServer):
+    """A node on a bus, served in a thread. The constructor opens the port; `with`, `start()` or `run(stop)` serve.
+
+    device      the node: a `LocalNode`, a simulator or its name, an `ObjectDictionary`, an `Eds`, or any object with
+                `feed` and `deadline`
+    eds         instead of `device`: the path of an EDS, or a parsed one
+    node        the node-ID of a device that has none of its own, 1..127; by default that of the URL, or 1
+    faults, fault_seed, fault_delay, on_fault      as those of `ModbusServer`
+    options     those of the URL, which they override
+
+    A port that fails is opened again; meanwhile the node receives nothing. `others` counts the received items that are
+    not classical CAN frames, such as reports of the controller and CAN FD frames.
+
+    Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
+    """
+
+    def _prepare(self) -> None:
+        self.others = 0
+        self._sending = threading.RLock()  # frames are sent in the order in which they were made
+        self._hub = _hub(self._endpoint)
         try:
             self.port: Port[CanFrame] = self.dial()
         except BaseException:
@@ -111,7 +122,7 @@ class CanopenServer(ThreadedServer):
             self._hub.close()
 
     def do(self, action: Action) -> None:
-        """Call `action(now)` with the node locked, then send the frames that it returns and those that became due.
+        """Call `action(now)` with the node locked, then send the frames that it returns and those that are due.
 
             server.do(lambda now: device.error(0x4210, now))
 
@@ -122,7 +133,7 @@ class CanopenServer(ThreadedServer):
 
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
-            # Sending fails while no other node acknowledges: the server goes on.
+            # Sending fails while no other node acknowledges. The server continues.
             with contextlib.suppress(PortError):
                 self.port.send(frame)
 
@@ -134,7 +145,7 @@ def _with_faults(
     delay: float | None,
     on_fault: Callable[[str], None] | None,
 ) -> Callable[[], Port[CanFrame]]:
-    """`dial`, with these faults in the frames of the port that it opens."""
+    """Return a `dial` that opens the same port with these faults in its frames."""
     from barewire.io.fault_injection.faults import faults_on_can
     from barewire.io.fault_injection.ports import FaultyPort
 
@@ -142,33 +153,14 @@ def _with_faults(
     return lambda: FaultyPort(dial(), model)
 
 
-class AsyncCanopenServer:
+class AsyncCanopenServer(_CanopenServerBase):
     """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`.
 
-    Constructing it opens nothing; `async with` or `await start()` opens the bus.
+    The constructor opens nothing; `async with` or `await start()` opens the bus.
     """
 
-    def __init__(
-        self,
-        url: str,
-        *,
-        device: Served | None = None,
-        eds: str | Path | Eds | None = None,
-        node: int | None = None,
-        faults: str | Mapping[str, float] | None = None,
-        fault_seed: int | None = None,
-        fault_delay: float | None = None,
-        on_fault: Callable[[str], None] | None = None,
-        **options: Any,
-    ) -> None:
-        endpoint = self._endpoint = can_endpoint(url, node=node, **options)
-        self._node = SharedNode(_node_of(endpoint, device, eds))
-        self.url = str(endpoint)
-        self._dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
-        if faults is not None:
-            self._dial = _with_faults(self._dial, faults, fault_seed, fault_delay, on_fault)
+    def _prepare(self) -> None:
         self._has_started = self._is_closed = False
-        self._hub: SocketcandHub | None = None
         self._bus: CanBus | None = None
         self._running: AsyncRunning | None = None
 
@@ -179,19 +171,17 @@ class AsyncCanopenServer:
         self._hub = _hub(self._endpoint)
         if self._is_closed and self._hub is not None:  # closed meanwhile
             self._hub.close()
-        return CanBus(self._dial(), dial=self._dial)
+        return CanBus(self.dial(), dial=self.dial)
 
     async def __aenter__(self) -> Self:
         await self.start()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def start(self) -> None:
-        """Open the bus and begin to serve. PortError if it serves already, or was closed."""
+        """Open the bus and begin to serve. Raises PortError if the server is serving already, or was closed."""
         from barewire.io.canopen.async_bus import AsyncRunning, open_in_thread
 
         if self._has_started:
@@ -205,7 +195,7 @@ class AsyncCanopenServer:
         self._running = AsyncRunning(self._bus, self._node, None)
 
     async def do(self, action: Action) -> None:
-        """Call `action(now)`, then send the frames that it returns and those that became due."""
+        """Call `action(now)`, then send the frames that it returns and those that are due."""
         if self._running is None:
             raise PortError(f"{self.url}: not served: enter `async with`")
         await self._running.do(action)
@@ -222,7 +212,7 @@ class AsyncCanopenServer:
 
 
 def _node_of(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | None) -> CanopenNode:
-    """The node to serve, with `feed` and `deadline`. Raises EncodeError for any other device."""
+    """Return the node to serve, which has `feed` and `deadline`. Raises EncodeError for any other device."""
     from barewire.canopen.object_dictionary import ObjectDictionary
 
     if (device is None) == (eds is None):
@@ -256,7 +246,7 @@ def _node_of(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | 
 
 
 def _check_node_id(endpoint: Endpoint, machine: CanopenNode) -> None:
-    """Raise EncodeError if the URL has another node-ID than the device: clients use the same URL."""
+    """Raise EncodeError if the URL has another node-ID than the device, because clients use the same URL."""
     requested, own = endpoint.integer("node", 0), getattr(machine, "node", None)
     own = getattr(own, "node", own)  # the `node` of a simulator is a LocalNode, whose `node` is the number
     if requested and isinstance(own, int) and own != requested:
@@ -266,7 +256,7 @@ def _check_node_id(endpoint: Endpoint, machine: CanopenNode) -> None:
 
 
 def _hub(endpoint: Endpoint) -> SocketcandHub | None:
-    """A socketcand server, if the endpoint is one on this computer at which none listens yet; otherwise None."""
+    """Start a socketcand server if the endpoint is on this computer and no server listens there yet."""
     interface, _, channel = endpoint.place.partition("/")
     host, port = socketcand_address(channel)
     if interface != "socketcand" or host not in ("127.0.0.1", "localhost", "::1"):

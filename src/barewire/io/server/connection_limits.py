@@ -11,8 +11,9 @@
                                                  request for that many seconds
 
 Recording a request costs O(1): no order is kept, and the table is searched only when a connection must be closed.
+Times are passed in.
 
-Depends on: nothing but times passed in.  Used by: the threaded and the asyncio TCP server.
+Used by: the threaded and the asyncio TCP server.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ if TYPE_CHECKING:
     from barewire.modbus.server.server import Reply
 
 Inject = Callable[[bytes, Callable[[bytes], None]], None]
-"""Given an answer and the function that sends it: sends it, or something else, later, or nothing (`FaultInjector`)."""
+"""Takes an answer and the function that sends it; sends it now, later, changed or not at all (`FaultInjector`)."""
 
 
 def send_replies(replies: list[Reply], send: Callable[[bytes], None], inject: Inject | None) -> None:
-    """Send the answers to everything that one read received, together. A fault injector gets them one by one."""
+    """Send the answers to the requests of one read together. A fault injector gets them one by one."""
     if inject is not None:
         for reply in replies:
             inject(reply.data, send)
@@ -49,7 +50,7 @@ class TrackedConnection(Protocol):
 
     @property
     def unsent(self) -> int:
-        """How many bytes the client has not taken yet."""
+        """How many bytes the client has not read yet."""
 
     def abort(self) -> None:
         """Close the connection at once."""
@@ -76,11 +77,11 @@ class ConnectionTable(Generic[C]):
 
     @property
     def unsent(self) -> int:
-        """How many bytes of answers the clients have not taken yet."""
+        """How many bytes of answers the clients have not read yet."""
         return sum(connection.unsent for connection in self.open)
 
     def add(self, connection: C, now: float) -> None:
-        """Record a new connection; if it is one too many, another one is closed."""
+        """Record a new connection. If there are too many then, close another one."""
         while len(self.open) >= self.limit:
             self.close_longest_silent(f"unused longest of {self.limit} connections")
         self.open[connection] = now
@@ -90,11 +91,11 @@ class ConnectionTable(Generic[C]):
         self.open[connection] = now
 
     def remove(self, connection: C) -> None:
-        """Forget a connection that ended."""
+        """Remove a connection that ended."""
         self.open.pop(connection, None)
 
     def close_longest_silent(self, why: str) -> None:
-        """Close the connection that was silent longest; of those without an answer so far, if there are any."""
+        """Close the connection that was silent longest, if possible one that never got an answer."""
         unanswered = [connection for connection in self.open if not connection.was_answered]
         self.close(min(unanswered or self.open, key=self.open.__getitem__), why)
 
@@ -109,12 +110,12 @@ class ConnectionTable(Generic[C]):
         self.closed.append(f"{connection.peer}: {why}")
 
     def close_idle(self, now: float) -> float | None:
-        """Close the connections that were silent too long. When to call this again; None while there is no need."""
+        """Close the connections that were silent too long. Return when to call this again, None if it is not needed."""
         if not self.idle_timeout or not self.open:
             return None
         if now >= self._none_older + self.idle_timeout:
-            for connection, last in list(self.open.items()):
-                if last + self.idle_timeout <= now and connection in self.open:
+            for connection, received_at in list(self.open.items()):
+                if received_at + self.idle_timeout <= now and connection in self.open:
                     self.close(connection, f"silent for {self.idle_timeout:g} s")
             self._none_older = min(self.open.values(), default=-inf)
         return self._none_older + self.idle_timeout if self.open else None

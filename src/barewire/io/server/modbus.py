@@ -7,8 +7,8 @@
     rtu, ascii       `serial`
     tls, udp, rtu+tcp, ascii+tcp      `asyncio_thread`
 
-Each is loaded when a URL needs it. Several servers may have the same units, each in its thread: one thread at a time
-enters a unit (`locking`).
+Each of these files is loaded when a URL needs it. Several servers may serve the same units, each in its own thread:
+only one thread at a time enters a unit (`locking`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
 from barewire.errors import EncodeError, PortError, shown
+from barewire.io.endpoint import CARRIERS
 from barewire.io.engine.locking import SharedUnits
 from barewire.io.modbus.carriers import modbus_endpoint
 from barewire.io.server.base import ThreadedServer
@@ -32,8 +33,12 @@ if TYPE_CHECKING:
     from barewire.modbus import Authorization, Unit
 
 
+_SERVED = ("tcp", "tls", "udp", "serial")
+"""The transports that have a server."""
+
+
 class Service(Protocol):
-    """What serves units on one kind of port, which it takes when it is constructed."""
+    """Serves units on one kind of port, which its constructor opens."""
 
     url: str
 
@@ -46,13 +51,18 @@ class Service(Protocol):
 
 
 class ModbusServer(ThreadedServer):
-    """Serves `units`, by unit address, at a URL (`barewire.io.endpoint` lists the forms; port 0 takes a free port).
+    """A server of units on a port. The constructor opens the port; `with`, `start()` or `run(stop)` serve.
 
-    The constructor opens the port; `with`, `start()` or `run(stop)` serve. All options of a URL are keywords as well.
-    `authorization` has the rights of each role of a TLS certificate. `set_direction(sending)` sets the direction of a
-    two-wire line. `faults`, such as "late:0.5,drop", are kinds of faults with their probability for each answer
-    (`barewire.io.fault_injection.faults`); `fault_seed` makes them repeatable, `fault_delay` is the delay of a late
-    answer in seconds, and `on_fault(kind)` is called for each fault.
+    url             one of the forms that `barewire.io.endpoint` lists; port 0 takes a free port
+    units           by unit address, 0..255: a `Table`, `Functions`, or any object with handle(request, now)
+    authorization   the rights of each role of a TLS certificate; by default the table that the URL names as `roles`
+    set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
+    faults          kinds of faults and the probability of each, 0..1, for every answer: "late:0.5,drop", or a dict;
+                    by default none (`barewire.io.fault_injection.faults` lists them)
+    fault_seed      an integer with which the same answers have the same faults; by default they are random
+    fault_delay     the delay of a late answer in seconds; by default 1.5
+    on_fault        called as on_fault(kind) for each fault
+    options         all other options of a URL, which they override
 
     Raises EncodeError for a wrong URL or option, PortError for a port that cannot be taken.
     """
@@ -71,8 +81,7 @@ class ModbusServer(ThreadedServer):
         **options: Unpack[ModbusOptions],
     ) -> None:
         super().__init__()
-        endpoint = modbus_endpoint(url, options).with_direction(set_direction)
-        check_units(units)
+        endpoint = server_endpoint(url, units, set_direction, options)
         model = None
         if faults is not None:
             from barewire.io.fault_injection.faults import faults_at
@@ -83,7 +92,7 @@ class ModbusServer(ThreadedServer):
 
     @property
     def port(self) -> int:
-        """The number of the TCP or UDP port that it listens on. PortError on a serial line, which has none."""
+        """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
         return port_number(self.url)
 
     @property
@@ -125,13 +134,25 @@ def _service(
     return AsyncioService(endpoint, units, authorization, LoopFaultInjector(faults))
 
 
-def check_units(units: Mapping[int, Unit]) -> None:
-    """Raise EncodeError unless this is a mapping from unit addresses, 0 to 255, to objects with a method `handle`."""
+def server_endpoint(
+    url: str, units: Mapping[int, Unit], set_direction: SetDirection | None, options: Mapping[str, object]
+) -> Endpoint:
+    """Return the endpoint of a server of `units`. Raise EncodeError for a wrong URL, option or unit."""
+    endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+    if endpoint.transport not in _SERVED:
+        expected = ", ".join(f"{scheme}://" for scheme, carrier in CARRIERS.items() if carrier.transport in _SERVED)
+        raise EncodeError(f"endpoint {url!r}: there is no server for {endpoint.scheme}://, expected {expected}")
+    _check_units(units)
+    return endpoint
+
+
+def _check_units(units: Mapping[int, Unit]) -> None:
+    """Raise EncodeError unless `units` maps unit addresses, 0 to 255, to objects with a method `handle`."""
     if not hasattr(units, "get") or not hasattr(units, "keys"):
         raise EncodeError(
             f"units: expected a dict of unit address and unit, such as {{1: Table()}}, got {shown(units)}"
         )
-    for address in units.keys():  # noqa: SIM118 - what iterates itself need not be a mapping
+    for address in units.keys():  # noqa: SIM118 - an object with `get` and `keys` need not be iterable
         if isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 255:
             raise EncodeError(f"units: address {shown(address)}: expected 0..255")
         unit = units.get(address)
@@ -141,7 +162,7 @@ def check_units(units: Mapping[int, Unit]) -> None:
 
 
 def port_number(url: str) -> int:
-    """The port number in the URL of a server."""
+    """Return the port number in the URL of a server. Raises PortError for a serial line."""
     endpoint = modbus_endpoint(url)
     if endpoint.is_serial_port:
         raise PortError(f"{url}: a serial line has no port number")

@@ -1,4 +1,4 @@
-"""Serves units on a serial line, blocking, or on a pseudo-terminal that it makes."""
+"""The server of a serial line, in a thread; it may make a pseudo-terminal as its line."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 class SerialService:
-    """Serves units on a serial line; on a new pseudo-terminal if the URL names `pty` or a path that does not exist.
+    """A server of units on a serial line, with `faults` in its answers.
 
-    `faults` are put into the answers.
+    If the URL names `pty`, or a path that does not exist, the line is a new pseudo-terminal.
     """
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], faults: Faults[bytes] | None = None) -> None:
@@ -60,7 +60,7 @@ class SerialService:
             for reply in self._server.feed(data, clock()):
                 time.sleep(max(0.0, reply.at - clock()))
                 self.port.send(reply.data)
-                # A client that receives this at once may send a silence later: that must not be too early for the line.
+                # A client that receives the answer at once may send after one silence; the line must accept that.
                 self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
 
     def close(self) -> None:

@@ -3,9 +3,9 @@
     select ->  recv  ->  Server.feed  ->  send          and the next readable socket
                                 '-> not all of it was taken: the rest is sent first, and until then nothing is read
 
-It answers sooner than an event loop does, and a small machine need not load one. Its limits are `connection_limits`.
-No call waits but the select, and a client that sends without end gets one read at a time, so clients do not delay each
-other.
+It answers sooner than an event loop does, and a small machine need not load one. Its limits are those of
+`connection_limits`. Clients do not delay each other: only the select waits, and a client that sends without end is read
+once in each round.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FULL = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 class TcpService:
-    """Serves units on a TCP port. `injector` puts faults into the answers."""
+    """A server of units on a TCP port. `injector` puts faults into the answers."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], injector: FaultInjector | None = None) -> None:
         self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint)
@@ -78,7 +78,7 @@ class TcpService:
         self._listener.close()
 
     def _wait(self, now: float) -> float:
-        """The seconds that `select` may wait. Due actions are carried out first."""
+        """Carry out the actions that are due; return the seconds that `select` may wait."""
         if not self.connections.idle_timeout and self.injector is None:
             return POLL_INTERVAL
         until = now + POLL_INTERVAL
@@ -124,11 +124,11 @@ class _Connection:
         self._line = modbus_line(service.endpoint, "server", service.units)
         self._server = Server(self._line, service.units, serial=False)
         self._unsent = bytearray()
-        self._ending = False  # as soon as everything is sent
+        self._ending = False  # it closes when everything is sent
         selector.register(connection, selectors.EVENT_READ, self)
 
     def ready(self, now: float) -> None:
-        """Read and answer, or send the rest of an answer, now that the socket is ready for it."""
+        """Read and answer, or send the rest of an answer. Called when the socket is ready for that."""
         if self._unsent:
             self._send_rest()
             return
@@ -150,15 +150,15 @@ class _Connection:
             self._end(str(self._line.broken))
 
     def _send(self, data: bytes) -> None:
-        """Send as much as the system takes now. Until the rest is sent, nothing is read from this client."""
+        """Send as much as the system takes now. Nothing is read from this client until the rest is sent."""
         if self._unsent:
-            self._unsent += data  # delayed answers may come while others wait
-        elif (taken := self._taken(data)) < len(data):
+            self._unsent += data  # an answer that a fault delayed, while others wait
+        elif (taken := self._send_some(data)) < len(data):
             self._unsent += data[taken:]
             self._selector.modify(self._socket, selectors.EVENT_WRITE, self)
 
     def _send_rest(self) -> None:
-        del self._unsent[: self._taken(self._unsent)]
+        del self._unsent[: self._send_some(self._unsent)]
         if self._unsent:
             return
         if self._ending:
@@ -166,8 +166,8 @@ class _Connection:
         elif self._socket.fileno() >= 0:
             self._selector.modify(self._socket, selectors.EVENT_READ, self)
 
-    def _taken(self, data: bytes | bytearray) -> int:
-        """How many bytes the system takes now; all of them if the connection has ended."""
+    def _send_some(self, data: bytes | bytearray) -> int:
+        """Send, and return how many bytes the system took; all of them if the connection has ended."""
         try:
             return self._socket.send(data)
         except (BlockingIOError, InterruptedError):
@@ -177,7 +177,7 @@ class _Connection:
             return len(data)
 
     def _end(self, why: str) -> None:
-        """Close after the pending bytes are sent: the beginning of the next frame cannot be found any more."""
+        """Close after the pending bytes are sent. The beginning of the next frame cannot be found any more."""
         self._service.connections.note(self, why)
         self._ending = True
         if not self._unsent:
@@ -185,7 +185,7 @@ class _Connection:
 
     @property
     def unsent(self) -> int:
-        """How many bytes the client has not taken yet."""
+        """How many bytes the client has not read yet."""
         return len(self._unsent)
 
     def abort(self) -> None:
