@@ -13,15 +13,13 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from barewire.errors import PortError
-from barewire.io.ports.pty import PseudoTerminal
+from tests.interop.relay import relayed
 
 ROOT = Path(__file__).parent.parent
 LINE = "baudrate=115200&parity=N"
@@ -71,30 +69,6 @@ def running(command: list[str]) -> Iterator[str]:
 
 
 @contextmanager
-def wire() -> Iterator[tuple[str, str]]:
-    """Connect two pseudo-terminals to one line; yield the paths of its ends."""
-    ends, stop = (PseudoTerminal(), PseudoTerminal()), threading.Event()
-
-    def carry(source: PseudoTerminal, target: PseudoTerminal) -> None:
-        with suppress(PortError):
-            while not stop.is_set():
-                if data := source.receive(0.05):
-                    target.send(data)
-
-    threads = [threading.Thread(target=carry, args=pair, daemon=True) for pair in (ends, ends[::-1])]
-    for thread in threads:
-        thread.start()
-    try:
-        yield ends[0].path, ends[1].path
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join(2)
-        for end in ends:
-            end.close()
-
-
-@contextmanager
 def server(kind: str, command: Callable[[str, str], list[str]]) -> Iterator[tuple[str, str]]:
     """Run a server on a port of its own; yield the line that it printed, and the endpoint."""
     with ExitStack() as stack:
@@ -103,7 +77,7 @@ def server(kind: str, command: Callable[[str, str], list[str]]) -> Iterator[tupl
                 place = str(taken.getsockname()[1])
             url = f"tcp://127.0.0.1:{place}"
         else:
-            place, ours = stack.enter_context(wire())
+            place, ours = stack.enter_context(relayed())
             url = f"{kind}://{ours}?{LINE}"
         ready = stack.enter_context(running(command(kind, place)))
         time.sleep(0.3)  # some print the line a little before they are ready

@@ -26,14 +26,15 @@ LARGE = (0x2100, 0)
 ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 
 
-def plain() -> LocalNode:
-    """A device with everything that the battery needs."""
+def plain(*more: Entry) -> LocalNode:
+    """A device with the objects that most cases need, and `more`."""
     objects = [
         *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device"),
         Entry(0x1010, 1, "save all", "u32", "rw", 1),
         Entry(*LARGE, "anything", "domain", "rw", b""),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
+        *more,
     ]
     pdos = [PdoConfig("RPDO", 1, (0x60400010,)), PdoConfig("TPDO", 1, (0x60410010,), type=1)]
     return LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS))

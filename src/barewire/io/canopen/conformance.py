@@ -67,10 +67,10 @@ def conform_can(
         wanted = [case for case in cases(subject) if case.name.startswith(only)]
         before, remote = None, not endpoint.place.startswith("socketcand/")
         for place, case in enumerate(wanted):
-            if left_out := _left_out(case, gentle, remote=remote):
+            if left_out := why_left_out(case, gentle, remote=remote):
                 yield NodeCaseResult(case, None, left_out)
                 continue
-            not_run = sum(not _left_out(other, gentle, remote=remote) for other in wanted[place:])
+            not_run = sum(not why_left_out(other, gentle, remote=remote) for other in wanted[place:])
             try:
                 if needs_reset(case, before) and not run(prepare(subject, boot=boot), port):
                     # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
@@ -113,8 +113,8 @@ def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, N
     raise NoAnswer(f"node {node} does not answer")
 
 
-def _left_out(case: NodeCase, gentle: bool, remote: bool) -> str:
-    """Why a case is not run; empty if it is."""
+def why_left_out(case: NodeCase, gentle: bool, *, remote: bool) -> str:
+    """Why a case is not run on a bus with or without remote frames; empty if it is."""
     if case.lacks:
         return f"needs {case.lacks}"
     if gentle and case.effect != "reads":
