@@ -28,6 +28,10 @@ def test_every_table_has_as_many_rows_as_in_the_manual(tool: ModuleType) -> None
     assert counted == {(count.device, count.table): count.manual for count in tool.COUNTS}
 
 
+def test_every_device_of_the_catalogue_is_counted(tool: ModuleType) -> None:
+    assert sorted(device.replace("_", "-") for device in tool.DEVICES) == names()
+
+
 def test_every_counted_row_is_a_parameter(tool: ModuleType) -> None:
     for name in names():
         assert len(tool.rows(name.replace("-", "_"))) == len(load(name).parameters)

@@ -7,8 +7,10 @@ barewire, and files and README as `tools/vectors.py` formats them.
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -36,6 +38,51 @@ def named(file: Path) -> str:
 @pytest.mark.parametrize(("kind", "case"), CASES, ids=[case["id"] for _, case in CASES])
 def test_vector(kind: str, case: Case) -> None:
     RUNNERS[kind](case)
+
+
+# The runners -----------------------------------------------------------------------------------------------------
+
+NOT_COMPARED = {"id", "result", "reason", "fails", "flags", "comment", "source", "printed", "side"}
+"""Fields that describe a case; the others are input or expected output of its runner."""
+
+
+def altered(value: Any) -> Iterator[Any]:
+    """The same value with one change in it."""
+    if isinstance(value, bool):
+        yield not value
+    elif isinstance(value, (int, float)):
+        yield from (value + 1, value - 1)
+    elif isinstance(value, str):
+        yield from (value[:-1] + ("0" if value.endswith("1") else "1"), value + "0")
+    elif isinstance(value, list):
+        yield from (value[:place] + value[place + 1 :] for place in range(len(value)))
+        for place, item in enumerate(value):
+            yield from ([*value[:place], other, *value[place + 1 :]] for other in altered(item))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from ({**value, key: other} for other in altered(item))
+
+
+@pytest.mark.parametrize("kind", RUNNERS)
+def test_a_runner_fails_for_a_change_in_any_field(kind: str) -> None:
+    """A runner that did not compare a field would pass every change of it."""
+    noticed, failed = set[str](), False
+    cases = [case for case_kind, case in CASES if case_kind == kind and case["result"] != "invalid"]
+    fields = {field for case in cases for field in case if list(altered(case[field]))} - NOT_COMPARED
+    if kind == "sdo-talk":
+        fields.discard("node")  # its frames are written without an identifier, so every node is right
+    for case, field in itertools.product(cases, fields):
+        for other in altered(case.get(field)) if field not in noticed else ():
+            try:
+                RUNNERS[kind]({**case, field: other})
+            except (AssertionError, pytest.fail.Exception):
+                failed = True
+                noticed.add(field)
+                break
+            except Exception:  # the change made the case unreadable
+                noticed.add(field)
+    assert noticed == fields
+    assert failed, "no comparison failed"
 
 
 # The files -------------------------------------------------------------------------------------------------------

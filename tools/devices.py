@@ -102,7 +102,7 @@ COUNTS = (
     Count("csd_mt", "motors (table 24)", 16, lambda: len(head("csd_mt")["motor"])),
 )
 
-DEVICES = ("az3", "adxl", "csd_mt")
+DEVICES = tuple(dict.fromkeys(count.device for count in COUNTS))
 
 
 def page() -> str:

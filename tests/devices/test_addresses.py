@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from barewire.devices import names
+
 HOME = Path(__file__).parents[2]
 LISTED = (HOME / "tests" / "devices" / "addresses.txt").read_text(encoding="utf-8").splitlines()
 NOW = runpy.run_path(str(HOME / "tools" / "addresses.py"))["addresses"]().splitlines()
 
 
-@pytest.mark.parametrize("device", ["az3", "adxl", "csd-mt"])
+@pytest.mark.parametrize("device", names())
 def test_every_parameter_has_its_listed_address(device: str) -> None:
     now = [line for line in NOW if line.startswith(f"{device} |")]
     listed = [line for line in LISTED if line.startswith(f"{device} |")]

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from barewire.devices import load
+from barewire.devices import load, names
 from barewire.devices.block_decoder import block_decoder
 from barewire.devices.plan import PlannedRead, plan_reads
 
@@ -22,7 +22,7 @@ def one_by_one(block: PlannedRead, content: list[int]) -> dict[str, object]:
     return found
 
 
-@pytest.mark.parametrize("device_name", ["az3", "adxl", "csd-mt"])
+@pytest.mark.parametrize("device_name", names())
 def test_a_block_is_decoded_like_its_parameters_one_by_one(device_name: str) -> None:
     device = load(device_name)
     readable = [parameter for parameter in device.parameters if parameter.readable and parameter.modbus]

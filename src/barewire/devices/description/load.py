@@ -30,8 +30,8 @@ DEVICE_FILE = "device.toml"
 def names() -> list[str]:
     """The devices of the catalogue.
 
-    >>> names()
-    ['adxl', 'az3', 'csd-mt']
+    >>> "az3" in names()
+    True
     """
     return sorted(found.parent.name.replace("_", "-") for found in CATALOG.glob(f"*/{DEVICE_FILE}"))
 
