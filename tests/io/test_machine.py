@@ -102,7 +102,7 @@ def test_errors_name_the_device_and_the_wire() -> None:
     ):
         with pytest.raises(EncodeError, match="adxl is no drive"):
             adxl.drive.enable()
-        with pytest.raises(EncodeError, match=r"\['Status'\] is no name of a parameter of adxl; expected a text"):
+        with pytest.raises(EncodeError, match=r"\['Status'\] is not the name of a parameter of adxl; expected a text"):
             adxl.read(["Status"])  # type: ignore[call-overload]
     with pytest.raises(PortError):
         connect("az3", "tcp://127.0.0.1:1", timeout=0.1)

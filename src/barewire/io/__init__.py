@@ -1,15 +1,15 @@
-"""The only room with clocks and sockets: it carries conversations out on real ports.
+"""Input and output: carries out conversations on real ports. Only this room uses clocks and sockets.
 
     endpoint, url      URLs and their options
-    engine/            how a conversation or an exchange is carried out: blocking, asyncio, and the fast path
+    engine/            carries out a conversation or an exchange: blocking, asyncio, and the fast path
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
     modbus/            ModbusClient, AsyncModbusClient, listening in, the conformance battery
     canopen/           CanopenClient, AsyncCanopenClient, shared buses, captures, the gateway of CiA 309-3
-    machine            a machine by name, on any bus; named_values, drive: its values, its motion
+    machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion
     fault_injection/   faults in the answers of a server
-    server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits, locks
+    server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits
 
-The clients, servers and machines are names of `barewire` itself; this package offers the rest.
+`barewire` itself exports the clients, servers and machines; this package exports the rest.
 
 Depends on: all rooms but `cli`.  Used by: `barewire`, `cli`, programs.
 """

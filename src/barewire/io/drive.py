@@ -4,12 +4,12 @@
         machine.drive.enable()
         machine.drive.move(12_800, relative=True, velocity=20_000)
 
-The methods are the conversations of `devices.drive.Drive`, carried out to their end:
+Each method carries out a conversation of `devices.drive.Drive`:
 
     Drive.move  --(names to read, values to write)-->  engine  -->  machine.read_all, machine.write
                 <------(readings, or an error)-------                one exchange at a time
 
-so another thread or task may read values or stop the drive while a movement is under way.
+Between two exchanges another thread or task may read values or stop the drive.
 
 Depends on: anything that reads and writes by name.  Used by: machines of `connect`, nodes of a CANopen client.
 """
@@ -19,7 +19,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Protocol, Self, TypeVar, overload
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, Self, TypeVar, cast
 
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Listen, Send
@@ -28,9 +28,7 @@ from barewire.devices.drive.drive import Drive
 from barewire.devices.drive.report import DriveProgress, DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.engine import blocking
-
-if TYPE_CHECKING:
-    from collections.abc import Coroutine
+from barewire.io.engine.methods import AsyncioClient, BlockingClient, Method
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -64,18 +62,18 @@ class _Outcome(NamedTuple):
 
 
 class _Access:
-    """The conversations of the drive: each request goes out as one item, its outcome comes back as one."""
+    """Reads and writes for the conversations of the drive: sends each request as one item and receives its outcome."""
 
     def read(self, names: Sequence[str]) -> Conversation[Any, list[Reading]]:
-        """Send the names."""
+        """Send the names, and return the readings."""
         return self._exchange(tuple(names))
 
     def write(self, values: Mapping[str, Value]) -> Conversation[Any, None]:
-        """Send the values."""
+        """Send the values, and wait until they are written."""
         yield from self._exchange(values)
 
     def wait(self, until: float) -> Conversation[Any, float]:
-        """Wait, without an exchange."""
+        """Wait until then, without an exchange; return the time."""
         heard = yield Listen(until)
         return heard.now
 
@@ -90,7 +88,7 @@ class _Access:
 
 
 class _Port:
-    """The port of these conversations: sending a request carries it out, receiving gives its outcome, or waits."""
+    """The port of these conversations. `send` carries a request out, `receive` returns its outcome, or waits."""
 
     def __init__(self, values: BlockingValues) -> None:
         self._values = values
@@ -108,14 +106,14 @@ class _Port:
             self._outcome = _Outcome(error=error)
 
     def receive(self, timeout: float) -> _Outcome | None:
-        """The outcome at once; without an exchange, None after `timeout` seconds."""
+        """Return the outcome at once; without an exchange, None after `timeout` seconds."""
         outcome, self._outcome = self._outcome, None
         if outcome is None:
             time.sleep(timeout)
         return outcome
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: the machine keeps its connection."""
 
 
 class _AsyncPort:
@@ -127,7 +125,7 @@ class _AsyncPort:
         self._outcome: _Outcome | None = None
 
     def write(self, item: Any) -> None:
-        """Take the request; `sent` carries it out."""
+        """Keep the request; `sent` carries it out."""
         self._request = item
 
     async def sent(self) -> None:
@@ -142,7 +140,7 @@ class _AsyncPort:
             self._outcome = _Outcome(error=error)
 
     async def receive(self, timeout: float) -> _Outcome | None:
-        """The outcome at once; without an exchange, None after `timeout` seconds."""
+        """Return the outcome at once; without an exchange, None after `timeout` seconds."""
         from asyncio import sleep
 
         outcome, self._outcome = self._outcome, None
@@ -151,36 +149,18 @@ class _AsyncPort:
         return outcome
 
 
-if TYPE_CHECKING:
+def _action(make: Callable[Concatenate[Drive[Any], P], Conversation[Any, DriveStatus]]) -> Method[P, DriveStatus]:
+    """Return the method that carries out a conversation of the client's `Drive`."""
 
-    class _action(Generic[P]):
-        """A conversation of `Drive` as a method: it returns the last DriveStatus, or a coroutine of it."""
+    @functools.wraps(make)
+    def method(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        return client.run(make(client.drive, *args, **kwargs))
 
-        def __init__(self, make: Callable[Concatenate[Drive[Any], P], Conversation[Any, DriveStatus]]) -> None: ...
-
-        @overload
-        def __get__(self, client: DriveClient, kind: type) -> Callable[P, DriveStatus]: ...
-        @overload
-        def __get__(self, client: AsyncDriveClient, kind: type) -> Callable[P, Coroutine[Any, Any, DriveStatus]]: ...
-        @overload
-        def __get__(self, client: None, kind: type) -> _action[P]: ...
-        def __get__(self, client: Any, kind: type) -> Any: ...
-
-else:
-
-    def _action(make):
-        """The method that runs a conversation of the client's `Drive`."""
-
-        @functools.wraps(make)
-        def method(self, *args, **kwargs):
-            return self.run(make(self.drive, *args, **kwargs))
-
-        return method
+    return cast("Method[P, DriveStatus]", method)
 
 
 class _DriveMethods:
-    """What both clients of a drive share: the actions of `Drive`, with its parameters. They raise DriveStuck, and what
-    reading and writing raise."""
+    """The actions of `Drive`, with its parameters. They raise DriveStuck, and the errors of reading and writing."""
 
     def __init__(
         self,
@@ -196,8 +176,12 @@ class _DriveMethods:
     def following(
         self, progress: Callable[[DriveProgress], None] | None, *, timeout: float = 3.0, period: float = 0.02
     ) -> Self:
-        """The same drive, which calls `progress` after every look at it. Each step may take `timeout` seconds, with a
-        look every `period` seconds."""
+        """Return the same drive with other settings.
+
+        progress    called with a DriveProgress each time the state of the drive was read
+        timeout     seconds that each step may take
+        period      seconds between two reads of the state
+        """
         return type(self)(self._values, timeout=timeout, period=period, progress=progress)
 
     status = _action(Drive.status)
@@ -210,19 +194,19 @@ class _DriveMethods:
     home = _action(Drive.home)
 
 
-class DriveClient(_DriveMethods):
-    """A drive: enable it, move it."""
+class DriveClient(_DriveMethods, BlockingClient):
+    """A CiA 402 drive."""
 
     def run(self, conversation: Conversation[Any, T]) -> T:
-        """Carry one of the drive's conversations out."""
+        """Carry out a conversation of `drive`, and return its result."""
         return blocking.run(conversation, _Port(self._values))
 
 
-class AsyncDriveClient(_DriveMethods):
-    """A drive: enable it, move it, with await."""
+class AsyncDriveClient(_DriveMethods, AsyncioClient):
+    """A CiA 402 drive, for asyncio."""
 
     async def run(self, conversation: Conversation[Any, T]) -> T:
-        """Carry one of the drive's conversations out."""
+        """Carry out a conversation of `drive`, and return its result."""
         from barewire.io.engine import asyncio as engine
 
         return await engine.run(conversation, _AsyncPort(self._values))

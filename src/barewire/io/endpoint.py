@@ -1,8 +1,8 @@
-"""Endpoints: where a port or bus is and how to use it, as a URL. Clients, servers and all commands take them.
+"""Endpoints: URLs that name a port or bus and its options. Clients, servers and all commands take them.
 
 tcp://127.0.0.1:1502?unit=1               Modbus TCP
 tls://10.0.0.5?cert=me.crt&key=me.key&ca=ca.crt        the same inside TLS; port 802
-udp://10.0.0.5:502                        the same frames, one a datagram
+udp://10.0.0.5:502                        the same frames, each in a datagram
 rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
 ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E
 rtu+tcp://10.0.0.5:4001                   a serial line behind a transparent serial server; ascii+tcp:// too
@@ -10,21 +10,37 @@ rtu://pty                                 a new pseudo-terminal (for a server)
 can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can names it: socketcan, slcan, ...
 can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
 
-scheme     options, and their defaults
-all Modbus unit (the device's own, or 1), timeout (1), gap between two exchanges with a unit (0), dead_after:
-           so many unanswered requests, then a pause (never), late_window (three time-outs), recovery (probe)
-tcp        any_unit, any_transaction (0): quirks tolerated; server: connections (1024), idle seconds (0: no limit)
-tls        as tcp, and cert, key, ca (files), server_name (the host); server: roles (a file, or "any")
-udp        any_unit, any_transaction (0)
-rtu        baudrate (19200), parity (E), stopbits (1), bytesize (8), latency (usb: see LATENCIES), patience (that of the
-           latency, in seconds, or "strict"), echo (0, 1, or auto: found out by reading a register), rs485 (off, kernel
-           or rts), pace
-ascii      as rtu, but patience (1) and no latency
-rtu+tcp    latency (tunnel), patience, echo (0); server: connections, idle; ascii+tcp has no latency
-can        node (the device's own, or 1), timeout (1), dialect (standard), bitrate (125000 bit/s), the interface's own
+scheme          option           default           meaning
+all Modbus      unit             device's own, 1   address of the unit, 0..255
+                timeout          1                 seconds that a request waits for its response
+                gap              0                 seconds between two exchanges with a unit
+                dead_after       never             unanswered requests after which a unit is not asked for a while
+                late_window      3 time-outs       seconds in which a late answer is expected
+                recovery         probe             after an unanswered request: probe the unit, or wait late_window
+tcp, tls, udp   any_unit         0                 1: accept answers of another unit
+                any_transaction  0                 1: accept answers with any transaction number
+tcp, tls,       connections      1024              server: connections at a time
+  tunnels       idle             0                 server: seconds without a request until it closes; 0: no limit
+tls             cert, key, ca                      files
+                server_name      the host          name in the certificate of the server
+                roles                              server: a file, or "any"
+rtu, ascii      baudrate         19200             bit/s
+                parity           E                 N, E or O
+                stopbits         1                 1, 1.5 or 2
+                bytesize         8                 8, for ascii also 7
+                rs485            off               what sets the direction of the line: off, kernel or rts
+                pace             0, server 1       1: send on a pseudo-terminal as slowly as on a real line
+rtu, ascii,     patience         as latency        seconds of the longest pause in a frame, or "strict"; ascii: 1
+  tunnels       echo             0                 1: what is sent comes back first; auto: read a register to find out
+rtu, rtu+tcp    latency          usb, tunnel       uart, usb or tunnel: see LATENCIES
+can             node             device's own, 1   node-ID, 1..127
+                timeout          1                 seconds
+                dialect          standard          how SDO requests are written
+                bitrate          125000            bit/s
+                ...                                options of the interface, as python-can names them
 
-Which scheme means which framing and which port is the table `CARRIERS`; a new kind of port is a line there and two
-files in `ports`, one for each engine.
+The tunnels are rtu+tcp and ascii+tcp. The table `CARRIERS` has the framing and the transport of each scheme; a new
+transport is a line there and two files in `ports`, one for each engine.
 
 Depends on: `url`.  Used by: everything in this room, and the commands.
 """
@@ -47,8 +63,8 @@ DEFAULT_BITRATE = 125_000
 DEFAULT_ASCII_PATIENCE = 1.0
 """The longest pause, in seconds, that is tolerated inside an ASCII frame [MB-SERIAL 2.5.2.1]."""
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
-"""The longest pause, in seconds, that is tolerated inside an RTU frame, by what carries the bytes. A UART's FIFO and
-the scheduler delay bytes for milliseconds, USB adapters twice up to 16 ms, a network without limit."""
+"""The longest pause, in seconds, that is tolerated inside an RTU frame, by the hardware that carries the bytes. The
+FIFO of a UART and the scheduler delay bytes for milliseconds, USB adapters for twice 16 ms, a network without limit."""
 
 _ALL = frozenset({"unit", "timeout", "gap", "dead_after", "late_window", "recovery"})
 _TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
@@ -59,10 +75,10 @@ _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
 
 
 class Carrier(NamedTuple):
-    """The meaning of the scheme of a Modbus URL: the framing of messages (rtu, ascii, tcp), and the port below it.
+    """The meaning of a scheme: the framing of Modbus messages (rtu, ascii or tcp), and the transport of the frames.
 
-    `transport` names the files in `barewire.io.ports`: `transport` has `dialer(endpoint)` for blocking clients,
-    `async_transport` has `connect(endpoint, receive, lose)` for asyncio clients.
+    `transport` names two files in `barewire.io.ports`. TRANSPORT.py has `dialer(endpoint)` for blocking clients,
+    async_TRANSPORT.py has `connect(endpoint, receive, lose)` for asyncio clients.
     """
 
     framing: str
@@ -80,7 +96,7 @@ CARRIERS = {
     "rtu+tcp": Carrier("rtu", "tcp", _TUNNEL | {"latency"}),
     "ascii+tcp": Carrier("ascii", "tcp", _TUNNEL),
 }
-"""By scheme, all that carry Modbus."""
+"""All carriers of Modbus, by scheme."""
 
 _INTEGERS: dict[str, tuple[int, int | None]] = {
     "unit": (0, 255),
@@ -110,7 +126,7 @@ _SOCKETCAND_PORT = 29536
 
 
 def socketcand_address(channel: str) -> tuple[str, int]:
-    """HOST and PORT of the channel of a socketcand endpoint, HOST:PORT/BUS.
+    """Return HOST and PORT of the channel of a socketcand endpoint, HOST:PORT/BUS.
 
     >>> socketcand_address("127.0.0.1:29536/can0")
     ('127.0.0.1', 29536)
@@ -123,7 +139,7 @@ def socketcand_address(channel: str) -> tuple[str, int]:
 
 
 def can_be_host(name: str) -> bool:
-    """Whether this can be the name or address of a host.
+    """Return whether a text can be the name or address of a host.
 
     >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
     (True, False, False, True)
@@ -140,7 +156,7 @@ def can_be_host(name: str) -> bool:
 
 
 def check_timeout(timeout: float | None) -> None:
-    """Raise EncodeError for a time-out that would never end (nan), is negative, or is no number."""
+    """Raise EncodeError for a time-out that would never end (nan), is negative, or is not a number."""
     if timeout is not None and not (isinstance(timeout, (int, float)) and timeout >= 0):
         raise EncodeError(f"time-out {shown(timeout)}: expected 0 or more seconds", "timeout")
 
@@ -150,7 +166,7 @@ SetDirection = Callable[[bool], None]
 
 
 def _text(url: str, key: str, value: object) -> str:
-    """A keyword argument as the text that a URL has for it: True is 1, 0.5 is 0.5, a path is its text."""
+    """Return a keyword argument as a URL has it: True is 1, 0.5 is 0.5, a path is its text."""
     if isinstance(value, (str, PathLike)):
         return str(fspath(value))
     if isinstance(value, float):
@@ -163,7 +179,7 @@ def _text(url: str, key: str, value: object) -> str:
 class Endpoint(NamedTuple):
     """The parts of a URL. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
-    `set_direction` is a function, which no URL can hold: see `with_direction`.
+    `set_direction` is a function, which a URL cannot hold: see `with_direction`.
 
     >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
     >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)
@@ -177,9 +193,9 @@ class Endpoint(NamedTuple):
 
     @classmethod
     def parse(cls, url: str, options: Mapping[str, object] | None = None) -> Endpoint:
-        """The parts of a URL. `options` are added to those of the URL and override them; None is no option.
+        """Return the parts of a URL. `options` are added to those of the URL and override them; None leaves one out.
 
-        Raises EncodeError, which names the fault and the expected values.
+        Raises EncodeError with the fault and the expected values.
 
         >>> Endpoint.parse("tcp://10.0.0.5?unit=1", {"unit": 7, "any_unit": True}).options
         {'unit': '7', 'any_unit': '1'}
@@ -227,7 +243,7 @@ class Endpoint(NamedTuple):
         return endpoint
 
     def _check(self, key: str) -> None:
-        """Raise EncodeError for a wrong value now, not when the option is used."""
+        """Raise EncodeError for a wrong value, before the option is used."""
         if key in _INTEGERS:
             _ = self.integer(key, 1)
         elif key in _CHOICES:
@@ -240,9 +256,8 @@ class Endpoint(NamedTuple):
         return f"{self.scheme}://{self.place}" + (f"?{query}" if query else "")
 
     def with_direction(self, set_direction: SetDirection | None) -> Endpoint:
-        """The same endpoint, the direction of its two-wire line set by this function (a GPIO pin, for example).
-
-        Raises EncodeError if the endpoint is not a serial port, or has `rs485=` already.
+        """Return the same endpoint with a function that sets the direction of its two-wire line, for example by a GPIO
+        pin. Raises EncodeError if the endpoint is not a serial port, or has `rs485=` already.
         """
         if set_direction is None:
             return self
@@ -256,17 +271,17 @@ class Endpoint(NamedTuple):
 
     @property
     def timeout(self) -> float:
-        """How many seconds a request waits for its response."""
+        """Seconds that a request waits for its response."""
         return self.seconds("timeout", DEFAULT_TIMEOUT)
 
     @property
     def framing(self) -> str:
-        """How a message becomes bytes: rtu, ascii or tcp; "can" for a CAN bus."""
+        """The framing of messages: rtu, ascii or tcp; "can" for a CAN bus."""
         return CARRIERS[self.scheme].framing if self.scheme in CARRIERS else self.scheme
 
     @property
     def transport(self) -> str:
-        """The kind of port: tcp, tls, udp or serial; "can" for a CAN bus."""
+        """The transport: tcp, tls, udp or serial; "can" for a CAN bus."""
         return CARRIERS[self.scheme].transport if self.scheme in CARRIERS else self.scheme
 
     @property
@@ -281,7 +296,7 @@ class Endpoint(NamedTuple):
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """Host and port number; without a number 502, for TLS 802. An IPv6 address is in brackets."""
+        """Host and port number, by default 502, for TLS 802. In the URL an IPv6 address is in brackets."""
         host, colon, port = self.place.rpartition(":")
         if not colon or port.endswith("]"):
             host, port = self.place, str(CARRIERS[self.scheme].default_port)
@@ -295,26 +310,26 @@ class Endpoint(NamedTuple):
         return host.strip("[]"), int(port)
 
     def integer(self, key: str, default: int) -> int:
-        """An option that is a whole number."""
+        """Return an option that is a whole number."""
         text = self.options.get(key)
         if text is None:
             return default
-        least, most = _INTEGERS.get(key, (None, None))
+        smallest, largest = _INTEGERS.get(key, (None, None))
         try:
             number = int(text, 0)
         except ValueError:
             raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a whole number") from None
-        if (least is not None and number < least) or (most is not None and number > most):
-            expected = f"{least}..{most}" if most else f"{least} or more"
+        if (smallest is not None and number < smallest) or (largest is not None and number > largest):
+            expected = f"{smallest}..{largest}" if largest else f"{smallest} or more"
             raise EncodeError(f"endpoint {str(self)!r}: {key} {number}: expected {expected}")
         return number
 
     def flag(self, key: str) -> bool:
-        """An option that is 0 or 1; 0 if it is not given."""
+        """Return an option that is 0 or 1, by default 0."""
         return self.choice(key, "0") == "1"
 
     def seconds(self, key: str, default: float) -> float:
-        """An option that is a time in seconds, not negative."""
+        """Return an option that is a time in seconds, 0 or more."""
         text = self.options.get(key)
         try:
             number = default if text is None else float(text)
@@ -325,9 +340,9 @@ class Endpoint(NamedTuple):
         return number
 
     def choice(self, key: str, default: str) -> str:
-        """An option that is one of a few words."""
+        """Return an option that is one of a few words."""
         text = self.options.get(key, default)
-        for one in _CHOICES[key]:
-            if text.lower() == one.lower():
-                return one
+        for word in _CHOICES[key]:
+            if text.lower() == word.lower():
+                return word
         raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(_CHOICES[key])}")

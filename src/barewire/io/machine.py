@@ -1,13 +1,13 @@
 """A machine by name, on Modbus or CANopen: `barewire.connect("az3", "can://socketcan/can0?node=5")`.
 
-    with connect("az3", "rtu:///dev/ttyUSB0?unit=1") as az3:                  Modbus, from here on the same words
+    with connect("az3", "rtu:///dev/ttyUSB0?unit=1") as az3:                  on Modbus, with the same methods
         az3["STATUS WORD"], az3.read_all(), az3.drive.enable()
 
     async with connect_async("az3", "can://socketcan/can0?node=5") as az3:
         await az3.read("STATUS WORD")
 
-The scheme of the URL decides: can:// is CANopen, every other one Modbus. Unit or node are those of the URL, or the
-device's own. `machine.client` is the Modbus or CANopen client for anything that has no name.
+A can:// URL means CANopen, any other one Modbus. The unit or node is that of the URL, or the device's own.
+`machine.client` is the Modbus or CANopen client, for everything that has no name.
 """
 
 from __future__ import annotations
@@ -33,16 +33,20 @@ if TYPE_CHECKING:
 
 
 def connect(device: str | Path | Device, url: str, **options: Any) -> MachineClient:
-    """The machine at `url`: `device` is the name or the path of its description, or the description.
+    """Connect to a machine, and return a client for its values by name.
 
-    `options` are those of the client: `unit` or `node`, `timeout` in seconds, `watch`, and what the URL may have.
-    Raises UnknownName for a name without description, EncodeError for a device without this wire, PortError.
+    device      the description of the machine, or the name or path of one
+    url         `barewire.io.endpoint` lists the forms
+    options     those of `ModbusClient` or `CanopenClient`: `unit` or `node`, `timeout` in seconds, `watch`, ...
+
+    Raises UnknownName for a name that is not in the catalogue, EncodeError for a wrong URL or option, or a device that
+    is not on this kind of bus, and PortError for a port that cannot be opened.
     """
     return MachineClient(described(device), url, **options)
 
 
 def connect_async(device: str | Path | Device, url: str, **options: Any) -> AsyncMachineClient:
-    """The same for asyncio. The connection is made by `async with`."""
+    """Return the same client for asyncio. `async with` connects."""
     return AsyncMachineClient(described(device), url, **options)
 
 
@@ -54,7 +58,7 @@ def _is_canopen(device: Device, url: str) -> bool:
 
 
 class MachineClient(NamedValues):
-    """A machine and the client by which it is reached."""
+    """A machine and its client."""
 
     def __init__(self, device: Device, url: str, **options: Any) -> None:
         self.device = device
@@ -97,7 +101,7 @@ class MachineClient(NamedValues):
 
 
 class AsyncMachineClient(AsyncNamedValues):
-    """A machine and the client by which it is reached, for asyncio."""
+    """A machine and its client, for asyncio."""
 
     def __init__(self, device: Device, url: str, **options: Any) -> None:
         self.device = device
@@ -141,7 +145,7 @@ class AsyncMachineClient(AsyncNamedValues):
 
 
 class _ModbusValues(ModbusNames, NamedValues):
-    """The values of a device that is the unit of a client."""
+    """The values of a device on Modbus."""
 
     def __init__(self, client: ModbusClient, device: Device) -> None:
         self.client, self.device = client, device
@@ -154,7 +158,7 @@ class _ModbusValues(ModbusNames, NamedValues):
 
 
 class _AsyncModbusValues(ModbusNames, AsyncNamedValues):
-    """The values of a device that is the unit of a client, for asyncio."""
+    """The values of a device on Modbus, for asyncio."""
 
     def __init__(self, client: AsyncModbusClient, device: Device) -> None:
         self.client, self.device = client, device

@@ -3,14 +3,14 @@
     az3["STATUS WORD"]                     Reading: the parameter, its value and unit
     az3["TARGET VELOCITY"] = 1500
     az3.read("STATUS WORD")                Reading
-    az3.read("STATUS WORD", "DC BUS")      list of them, with as few requests as the device allows
+    az3.read("STATUS WORD", "DC BUS")      list of Reading, with as few requests as the device allows
     az3.read_all()                         every readable parameter
     az3.write("TARGET VELOCITY", 1500)
     az3.write({"PROFILE ACCELERATION": 100, "TARGET VELOCITY": 1500})         in this order
     az3.drive.enable()                     if it is a drive of CiA 402
 
-With asyncio each method is awaited, and there are no brackets. Names, ranges and access are checked before anything is
-sent.
+With asyncio each method is awaited, and brackets are not available. Names, ranges and access are checked before
+anything is sent.
 
 Depends on: descriptions.  Used by: machines of `connect`, nodes of a CANopen client.
 """
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def described(device: str | Path | Device) -> Device:
-    """The description of a device by its name or its path; a description as it is."""
+    """Return a description, or load it by its name or path. Raises EncodeError for any other object."""
     from pathlib import Path
 
     from barewire.devices.description.load import load
@@ -50,7 +50,7 @@ def described(device: str | Path | Device) -> Device:
 
 
 class _Names(ABC):
-    """What both kinds share: the device, and how the arguments of a call are understood."""
+    """The base class of values by name: the device, and the checks of arguments."""
 
     device: Device
 
@@ -67,7 +67,7 @@ class _Names(ABC):
             if not isinstance(name, str):
                 by_index = self.device.canopen is not None and isinstance(name, (int, tuple))
                 hint = "by index it is node.sdo.upload" if by_index else "expected a text"
-                raise EncodeError(f"{shown(name)} is no name of a parameter of {self.device.name}; {hint}")
+                raise EncodeError(f"{shown(name)} is not the name of a parameter of {self.device.name}; {hint}")
         return found
 
     def _values(self, name: Any, value: Value | None) -> Mapping[str, Value]:
@@ -124,15 +124,15 @@ class NamedValues(_Names):
     @overload
     def read(self, first: str, second: str, /, *others: str) -> list[Reading]: ...
     def read(self, *names: str) -> Reading | list[Reading]:
-        """Read one parameter, or several: one reading, or a list in the order of the names."""
+        """Read one parameter, or several; return one reading, or a list in the order of the names."""
         if not names:
             raise EncodeError("read(): expected a name; every readable parameter is read_all()")
         readings = self._read(self._names(names))
         return readings[0] if len(names) == 1 else readings
 
     def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
-        """Read those of `names`, in their order; without names every readable parameter that the machine does not
-        refuse."""
+        """Read the parameters with these names, in their order. Without names, read every readable parameter, and leave
+        out those that the machine refuses."""
         wanted = self._names(names)
         try:
             return self._read(wanted)
@@ -150,7 +150,7 @@ class NamedValues(_Names):
     @overload
     def write(self, values: Mapping[str, Value], /, *, force: bool = False) -> None: ...
     def write(self, name: str | Mapping[str, Value], value: Value | None = None, /, *, force: bool = False) -> None:
-        """Write a parameter, or several in the order given. `force` leaves range and access to the machine."""
+        """Write one parameter, or several in the order given. `force` skips the checks of range and access."""
         self._write(self._values(name, value), force)
 
     def __getitem__(self, name: str) -> Reading:
@@ -183,15 +183,15 @@ class AsyncNamedValues(_Names):
     @overload
     async def read(self, first: str, second: str, /, *others: str) -> list[Reading]: ...
     async def read(self, *names: str) -> Reading | list[Reading]:
-        """Read one parameter, or several: one reading, or a list in the order of the names."""
+        """Read one parameter, or several; return one reading, or a list in the order of the names."""
         if not names:
             raise EncodeError("read(): expected a name; every readable parameter is read_all()")
         readings = await self._read(self._names(names))
         return readings[0] if len(names) == 1 else readings
 
     async def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
-        """Read those of `names`, in their order; without names every readable parameter that the machine does not
-        refuse."""
+        """Read the parameters with these names, in their order. Without names, read every readable parameter, and leave
+        out those that the machine refuses."""
         wanted = self._names(names)
         try:
             return await self._read(wanted)
@@ -211,7 +211,7 @@ class AsyncNamedValues(_Names):
     async def write(
         self, name: str | Mapping[str, Value], value: Value | None = None, /, *, force: bool = False
     ) -> None:
-        """Write a parameter, or several in the order given. `force` leaves range and access to the machine."""
+        """Write one parameter, or several in the order given. `force` skips the checks of range and access."""
         await self._write(self._values(name, value), force)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The three parts of a URL: scheme, place, options. What endpoints need of `urllib.parse`, which takes 20 ms to load.
+"""Splits URLs into scheme, place and options, without `urllib.parse`, which takes 20 ms to load.
 
         rtu:///dev/tty%23USB0?baudrate=9600&unit=7     ->     rtu     /dev/tty#USB0     (baudrate, 9600), (unit, 7)
         |-|   |--------------||-------------------|           %23 is a byte in hexadecimal, in options + is a blank
@@ -12,7 +12,7 @@ _HEXADECIMAL = frozenset("0123456789abcdefABCDEF")
 
 
 def split(url: str) -> tuple[str, str, str]:
-    """The scheme in lower case ("" without "://"), the part before the first "?", and the part after it.
+    """Return the scheme in lower case ("" without "://"), the part before the first "?", and the part after it.
 
     >>> split("TCP://10.0.0.5:502?unit=1")
     ('tcp', '10.0.0.5:502', 'unit=1')
@@ -23,21 +23,21 @@ def split(url: str) -> tuple[str, str, str]:
 
 
 def pairs(query: str) -> list[tuple[str, str]]:
-    """The options, in their order. One without "=" has the value "".
+    """Return the options in their order. An option without "=" has the value "".
 
     >>> pairs("unit=1&server_name=a+b%26c&lazy")
     [('unit', '1'), ('server_name', 'a b&c'), ('lazy', '')]
     """
     found = []
-    for one in query.replace("+", " ").split("&"):
-        if one:
-            key, _, value = one.partition("=")
+    for option in query.replace("+", " ").split("&"):
+        if option:
+            key, _, value = option.partition("=")
             found.append((unquote(key), unquote(value)))
     return found
 
 
 def unquote(text: str) -> str:
-    """Text with %XX for bytes. A "%" without two digits remains; bytes that are not UTF-8 become U+FFFD.
+    """Replace %XX by bytes. A "%" without two digits remains; bytes that are not UTF-8 become U+FFFD.
 
     >>> unquote("/dev/tty%23%C3%A9"), unquote("100%")
     ('/dev/tty#é', '100%')

@@ -118,13 +118,15 @@ def test_wrong_arguments_give_an_error_that_names_the_right_method() -> None:
     with CanopenClient(CanBus(MemoryPort()), node=5) as client:
         node, described, by_eds = client.node(), client.node(device="az3"), client.node(eds=objects)
         mistakes: dict[str, Callable[[], object]] = {
-            "24641 is no name of a parameter of az3; by index it is node.sdo.upload": lambda: described.read(0x6041),  # type: ignore[call-overload]
-            "5 is no name": lambda: described.write({5: 1}),  # type: ignore[dict-item]
+            "24641 is not the name of a parameter of az3; by index it is node.sdo.upload": lambda: described.read(
+                0x6041
+            ),  # type: ignore[call-overload]
+            "5 is not the name": lambda: described.write({5: 1}),  # type: ignore[dict-item]
             r"write\('STATUS WORD'\): expected a value": lambda: described.write("STATUS WORD"),  # type: ignore[call-overload]
             r"read\(\): expected a name": lambda: described.read(),  # type: ignore[call-overload]
             r"read_all\('STATUS WORD'\): expected several": lambda: described.read_all("STATUS WORD"),
             "'pressure'": lambda: by_eds.read("pressure"),
-            "is no ObjectDictionary; a described": lambda: node.sdo.read_object(az3, "STATUS WORD"),  # type: ignore[arg-type]
+            "is not an ObjectDictionary; a described": lambda: node.sdo.read_object(az3, "STATUS WORD"),  # type: ignore[arg-type]
             r"1500 is not bytes: .* \(1500\).to_bytes": lambda: node.sdo.download(0x60FF, 0, 1500),  # type: ignore[arg-type]
             "NMT command 'start': expected one of NmtCommand.START": lambda: node.nmt.send_confirmed("start"),  # type: ignore[arg-type]
             "node 128: expected a number in 1..127": lambda: client.node(128),

@@ -1,4 +1,4 @@
-"""The asyncio engine: carries out conversations on asyncio ports, as `blocking` does on blocking ports."""
+"""The asyncio engine: carries out conversations on asyncio ports. See `blocking`."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], err
 
 
 async def exchange(bus: Bus, unit: int, request: Request[R], timeout: float, port: AsyncPort[bytes]) -> R:
-    """`fast_path.exchange` for an asyncio port. Only for numbered answers (TCP): there `write` needs no `sent`."""
+    """Do the same as `fast_path.exchange` on an asyncio port. There `write` of a TCP connection needs no `sent`."""
     frame = bus.begin(unit, request) if timeout > 0.0 else None
     if frame is None:
         return await run(bus.ask(unit, request, timeout=timeout), port)

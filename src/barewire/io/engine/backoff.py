@@ -1,9 +1,10 @@
-"""When to try again to connect: at once the first time, then after pauses that grow, each a little different.
+"""The pauses between attempts to connect: none before the first, then longer and longer ones.
 
     attempt fails at 0.0      next attempt not before 0.125 s later, then 0.25, 0.5, ... up to `longest`
 
-The pauses vary at random (`jitter`), so that a hundred clients of a server that was restarted do not come all at once.
-Nothing runs by itself: a client without requests does not connect. Times and random numbers are passed in.
+The pauses vary at random (`jitter`), so that the hundred clients of a server that was restarted do not all connect at
+the same time. Nothing runs in the background: a client without requests does not connect. Times and random numbers are
+passed in.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable
 
 
 def random_fraction() -> float:
-    """A random number in 0..1."""
+    """Return a random number in 0..1."""
     from random import random  # not at the top: needed only after a failed attempt, and slow to load
 
     return random()
@@ -41,18 +42,18 @@ class BackOff:
         self._not_before = float("-inf")
 
     def wait(self, now: float) -> float:
-        """How many seconds until the next attempt may be made."""
+        """Return the seconds until the next attempt may be made."""
         return max(0.0, self._not_before - now)
 
     def failed(self, now: float, why: str) -> None:
-        """An attempt failed: a pause begins, twice the last, not above `longest`; then half of `jitter` up or down."""
+        """Record a failed attempt. The pause doubles, up to `longest`, and varies by half of `jitter` up or down."""
         pause = min(self._first * 2.0 ** min(self._failures, 32), self._longest)
         self._failures += 1
         self._not_before = now + pause * (1.0 + self._jitter * (self._random() - 0.5))
         self.why = why
 
     def worked(self) -> None:
-        """An attempt succeeded: the next pause is the first again."""
+        """Record an attempt that succeeded: the next pause is the first again."""
         self._failures = 0
         self._not_before = float("-inf")
         self.why = ""

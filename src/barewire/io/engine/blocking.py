@@ -2,8 +2,8 @@
 
     Send, SendAll -> port.send          Listen(until) -> port.receive          Heard(item, now) -> the conversation
 
-`engine.asyncio` is this file with await, and `conversation.Wire` the same in virtual time, for tests. `fast_path` has a
-fourth path, for the one exchange that nearly all are.
+`engine.asyncio` does the same with await, and `conversation.Wire` in virtual time, for tests. `fast_path` carries out
+one request and one response without a conversation.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def run(
 ) -> Result:
     """Carry out a conversation and return its result. `heard` is the first input of one that already listens.
 
-    If the port fails or the user interrupts, the conversation is abandoned, and what it sends then (an SDO abort) is
+    If the port fails or the user interrupts, the conversation is abandoned, and its final frames (an SDO abort) are
     sent.
     """
     try:
@@ -44,14 +44,14 @@ def run(
                 wait = step.until - clock()
                 item = port.receive(wait if wait > 0.0 else 0.0)
             else:
-                for one in step.items:
-                    port.send(one)
+                for outgoing in step.items:
+                    port.send(outgoing)
             step = conversation.send(Heard(item, clock()))
     except StopIteration as stop:
         result: Result = stop.value
         return result
     except BaseException as error:
-        # A conversation that raised this itself is over and sends nothing; one that was interrupted may.
+        # A conversation that raised the error itself is over; one that was interrupted may still send frames.
         abandon(conversation, port, error)
         raise
 
@@ -64,10 +64,10 @@ def abandon(conversation: Conversation[Item, Result], port: Port[Item], error: B
 
 
 def frames_of_abort(conversation: Conversation[Item, Result], error: BaseException) -> list[Item]:
-    """The frames that a conversation sends when `error` interrupts it.
+    """Return the frames that a conversation sends when `error` interrupts it.
 
-    Where the port failed and the conversation raises a more exact error (a write whose outcome is unknown), that error
-    is raised instead.
+    If the port failed and the conversation raises a more exact error (a write whose outcome is unknown), that error is
+    raised instead.
     """
     why = str(error) if isinstance(error, PortError) else "the conversation was abandoned"
     try:

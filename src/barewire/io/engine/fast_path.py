@@ -7,10 +7,9 @@
     request.read_response(PDU)                   raises: an exception, or an answer that does not fit      } -> bus.rest
 
 On TCP nearly every exchange takes this path, in about two thirds of the time (8.8 instead of 12.4 us, without the
-network). It is a fourth path beside the three that carry out conversations (`blocking`, `asyncio`,
-`conversation.Wire`), and it cannot change results: every irregular case (no bytes, too few, too many, other bytes, the
-port failed, the user interrupted) is delegated, with all received bytes, to the conversation of `bus.ask` at the point
-where it listens. tests/io/engine/test_fast_path.py compares results, errors and counters of both.
+network). It cannot change results: in every irregular case (no bytes, too few, too many, other bytes, a port that
+failed, an interrupt by the user) the conversation of `bus.ask` continues at the point where it listens, with all bytes
+received so far. tests/io/engine/test_fast_path.py compares results, errors and counters of both.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ R = TypeVar("R", bound="Response")
 def exchange(
     bus: Bus, unit: int, request: Request[R], timeout: float, port: Port[bytes], clock: Clock = time.monotonic
 ) -> R:
-    """The same result, errors and counters as `run(bus.ask(unit, request, timeout=timeout), port)`, faster."""
+    """Do the same as `run(bus.ask(unit, request, timeout=timeout), port)`, faster."""
     frame = bus.begin(unit, request) if timeout > 0.0 else None
     if frame is None:
         return run(bus.ask(unit, request, timeout=timeout), port, clock)
@@ -56,14 +55,14 @@ def exchange(
 
 
 def listening(bus: Bus, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
-    """The conversation of a request that was already sent, advanced to the point where it listens."""
+    """Return the conversation of a request that was already sent, advanced to the point where it listens."""
     rest = bus.rest(unit, request, timeout, sent_at)
     next(rest)
     return rest
 
 
 def answer(bus: Bus, unit: int, request: Request[R], data: bytes | None, now: float) -> R | None:
-    """The response, if `data` is exactly one; otherwise None, and the state of the bus is unchanged."""
+    """Return the response if `data` is exactly one; otherwise None, with the state of the bus unchanged."""
     line = bus.line
     pdu = line.answer_in(data) if data is not None and isinstance(line, TcpLine) else None
     if pdu is None:

@@ -5,9 +5,9 @@
         server of can://, thread 2 --feed----> SharedNode --'
         the caller's thread        ---------->  with exclusive(machine): machine.fault(0x3210, now)
 
-The rooms below have no threads and so no locks: servers wrap what they serve. The lock belongs to the machine, so all
-servers of a machine use the same one: it is an attribute of the `machine` of a unit or node that has one, and otherwise
-of the unit or node itself. Servers within one asyncio loop need no lock, because nothing in a machine awaits.
+The rooms below have no threads and so no locks: servers wrap what they serve. All servers of a machine use the same
+lock, because it is an attribute of the machine: of the `machine` of a unit or node, or of the unit or node itself if it
+has none. Servers within one asyncio loop need no lock, because nothing in a machine awaits.
 
 Depends on: nothing but threads.  Used by: servers, nodes that run on a bus, programs with a simulator.
 """
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class CanopenNode(Protocol):
-    """A node on a CAN bus: fed with frames and time, it returns frames."""
+    """A node on a CAN bus: it is fed with frames and time, and returns frames."""
 
     @property
     def deadline(self) -> float | None:
-        """When it has to be fed None, if no frame comes before."""
+        """When it has to be fed None, if no frame arrives before."""
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]: ...
 
@@ -49,9 +49,9 @@ _shared_lock = threading.RLock()
 
 
 def exclusive(thing: object) -> AbstractContextManager[Any]:
-    """The lock of a machine, or of the machine of a unit or node: `with exclusive(machine): ...`.
+    """Return the lock of a machine, or of the machine of a unit or node: `with exclusive(machine): ...`.
 
-    The thread that holds it may take it again.
+    The thread that holds the lock may acquire it again.
 
     >>> from barewire.modbus import Table
     >>> table = Table()
@@ -64,7 +64,7 @@ def exclusive(thing: object) -> AbstractContextManager[Any]:
     if not isinstance(attributes, dict):
         return _shared_lock
     found: AbstractContextManager[Any] | None = attributes.get(_LOCK)
-    # One step of the interpreter: of two threads that come first, both get the same lock.
+    # `setdefault` is one step of the interpreter, so two threads at the same time get the same lock.
     return attributes.setdefault(_LOCK, _MachineLock()) if found is None else found
 
 
@@ -78,7 +78,7 @@ class SharedUnit:
             self.supports = supports  # called with every request, so it is not looked up each time
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """The response of the unit."""
+        """Return the response of the unit."""
         with self._lock:
             return self._unit.handle(request, now)
 
@@ -97,7 +97,7 @@ class SharedUnits(Mapping[int, "Unit"]):
         return self._wrapped(address, self._units[address])
 
     def get(self, address: int, default: Any = None) -> Any:
-        """The unit at this address, or the default."""
+        """Return the unit at this address, or the default."""
         unit = self._units.get(address)
         return default if unit is None else self._wrapped(address, unit)
 
@@ -126,7 +126,7 @@ class SharedNode:
 
     @property
     def deadline(self) -> float | None:
-        """When the node has to be fed None, if no frame comes before."""
+        """When the node has to be fed None, if no frame arrives before."""
         with self._lock:
             return self._node.deadline
 
@@ -137,17 +137,17 @@ class SharedNode:
             return [] if start is None else list(start(now))
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frames with which the node answers."""
+        """Return the frames with which the node answers."""
         with self._lock:
             return self._node.feed(frame, now)
 
     def do(self, action: Callable[[float], Iterable[CanFrame] | None], now: float) -> list[CanFrame]:
-        """The frames that `action(now)` returns, and those that the node sends after it."""
+        """Call `action(now)`; return its frames, and those that the node sends after it."""
         with self._lock:
             return [*(action(now) or ()), *self._node.feed(None, now)]
 
     def bus_off(self, now: float) -> None:
-        """Report to the node that the CAN controller left the bus, if it has a method for that."""
+        """Report to the node that the CAN controller left the bus, if the node has a method for that."""
         with self._lock:
             bus_off = getattr(self._node, "bus_off", None)
             if bus_off is not None:

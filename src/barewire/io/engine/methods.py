@@ -1,4 +1,4 @@
-"""How one definition becomes a method of the blocking and of the asyncio Modbus client.
+"""Makes a blocking and an asyncio method of one definition, for Modbus clients and drives.
 
     @exchange
     def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]: ...
@@ -6,12 +6,11 @@
     client.read_coils(0, 8)            -> (True, ...)       on a `BlockingClient`
     await client.read_coils(0, 8)      -> (True, ...)       on an `AsyncioClient`
 
-A definition does no input or output: it returns what is to be done, and the client does it. At run time `exchange`,
-`exchanges` and `bus_conversation` are ordinary decorators that return ordinary functions. For a type checker the result
-is a `Method`, whose parameters are those of the definition (a ParamSpec) and whose result is a value or a coroutine,
-depending on the client.
+A definition does no input or output: it returns a description of the operation, which the client carries out. At run
+time `exchange`, `exchanges` and `bus_conversation` are ordinary decorators. For a type checker the result is a
+`Method`: its parameters are those of the definition, and its result is a value or a coroutine, depending on the client.
 
-Depends on: the types of messages.  Used by: the methods of Modbus clients (those of CANopen: `io.canopen.methods`).
+Depends on: the types of messages.  Used by: Modbus clients, drives. `io.canopen.methods` has the decorators of CANopen.
 """
 
 from __future__ import annotations
@@ -42,11 +41,11 @@ if TYPE_CHECKING:
 
 
 class BlockingClient:
-    """Base of the client whose methods return results."""
+    """The base class of clients whose methods return results."""
 
 
 class AsyncioClient:
-    """Base of the client whose methods return coroutines."""
+    """The base class of clients whose methods return coroutines."""
 
 
 class Method(Protocol[P, V_co]):
@@ -63,7 +62,7 @@ class Method(Protocol[P, V_co]):
 
 
 def exchange(make: Callable[Concatenate[Any, P], Exchange[V]]) -> Method[P, V]:
-    """The method that passes the request, and the function for its response, to the client's `fetch`."""
+    """Return the method that passes the request, and the function for its response, to the client's `fetch`."""
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
@@ -73,7 +72,7 @@ def exchange(make: Callable[Concatenate[Any, P], Exchange[V]]) -> Method[P, V]:
 
 
 def exchanges(make: Callable[Concatenate[Any, P], Exchanges[V]]) -> Method[P, V]:
-    """The same for several requests and the client's `fetch_all`."""
+    """Return the method that passes the requests to the client's `fetch_all`."""
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
@@ -83,7 +82,7 @@ def exchanges(make: Callable[Concatenate[Any, P], Exchanges[V]]) -> Method[P, V]
 
 
 def bus_conversation(make: Callable[Concatenate[Any, P], BusConversation[V]]) -> Method[P, V]:
-    """The method that passes the conversation to the client's `run_with_bus`."""
+    """Return the method that passes the conversation to the client's `run_with_bus`."""
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:

@@ -1,8 +1,8 @@
 """Modbus on real ports: clients, listening in, and the conformance cases.
 
-    options                         the options of clients and servers, as keywords
-    carriers                        the framing state and the port that an endpoint means
-    methods                         read_coils and all others, once for both clients
+    options                         the types of the options of clients and servers
+    carriers                        the framing state and the port of an endpoint
+    methods                         the base class of both clients: read_coils and all other methods
     connection, client              the blocking client
     async_connection, async_client  the asyncio client
     sniff                           listens in on a serial line

@@ -132,15 +132,15 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         """Send a request message and return its response message: as `ModbusClient.ask`."""
         checked_request(request)
         check_timeout(timeout)
-        at = self.unit_for(unit)
+        address = self.unit_for(unit)
         limit = self.timeout if timeout is None else timeout
 
         def asking(bus: Bus, left: int = 0) -> Conversation[bytes, R]:
-            return bus.ask(at, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
+            return bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
 
         if retries and (repeat_writes or not request.writes):
-            return self._ask_again(asking, at, retries)
-        return self.connection.ask(at, request, limit, self.timeout)
+            return self._ask_again(asking, address, retries)
+        return self.connection.ask(address, request, limit, self.timeout)
 
     async def _ask_again(self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int) -> R:
         while True:

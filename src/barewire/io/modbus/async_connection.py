@@ -1,13 +1,13 @@
-"""The connection of an asyncio client: opened when it is needed, dropped when it failed, its lanes used in turn.
+"""The connection of an asyncio client: opened when it is needed, dropped when it fails, its lanes used in turn.
 
     requests ->  fair queue  ->  lane 1: bus, mailbox  ->  |
                                  lane 2: bus, mailbox  ->  |  one connection
                                  ...
 
-A lane is one request under way. There is one on a serial line and up to 16 over TCP, TLS and UDP, where `FanOut` passes
-each answer to the lane with its transaction number.
+A lane carries one request at a time. There is one lane on a serial line and up to 16 over TCP, TLS and UDP, where
+`FanOut` passes each answer to the lane with its transaction number.
 
-A task that is cancelled gives its lane back, and the connection stays open for the others. `_failed` closes it after
+A task that is cancelled releases its lane, and the connection stays open for the others. `_failed` closes it after
 any error that leaves it useless: the port failed, or the line cannot find the next frame.
 """
 
@@ -41,17 +41,17 @@ T = TypeVar("T")
 
 
 class Lane:
-    """One request under way: its bus, and the mailbox of its answers."""
+    """The place of one request under way: its bus, and the mailbox of its answers."""
 
     def __init__(self, bus: Bus) -> None:
         self.bus = bus
         self.box: Mailbox | None = None
         self.ticket: Ticket | None = None
-        """Of the task that waited in the queue for it."""
+        """The ticket of the task that waited in the queue for this lane."""
 
 
 class AsyncConnection:
-    """The connection of a client. `patience` of its methods is how many seconds they wait for the back-off."""
+    """The connection of a client. Its methods wait at most `patience` seconds for the back-off."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class AsyncConnection:
             self._leave(lane)
 
     async def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
-        """The same as `run` of `bus.ask`, by way of `fast_path`."""
+        """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
         if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
             return await self.run(
                 lambda bus: bus.ask(unit, request), unit, patience
@@ -112,11 +112,11 @@ class AsyncConnection:
             self._leave(lane)
 
     def _enter(self, unit: int | None) -> Lane | None:
-        """A lane, if one is free and no task waits."""
+        """Return a lane if one is free and no task waits."""
         return self._free.pop() if self._queue.enter(unit) else None
 
     async def _wait(self, unit: int | None) -> Lane:
-        """A lane when it is this unit's turn."""
+        """Return a lane when it is this unit's turn."""
         ticket = self._queue.join(unit)
         waiter = self._waiters[ticket] = asyncio.get_running_loop().create_future()
         try:
@@ -147,7 +147,7 @@ class AsyncConnection:
             self.drop(str(lane.bus.line.broken or box.lost or error))
 
     def _open_box(self, lane: Lane) -> Mailbox | None:
-        """The lane's mailbox, if it is connected. Bytes received since the last request are passed to the bus first."""
+        """Return the lane's mailbox if it is connected. Bytes received since the last request go to the bus first."""
         box = lane.box
         if box is None or box.lost is not None:
             return None
@@ -160,7 +160,7 @@ class AsyncConnection:
         return box if lane.bus.line.broken is None else None
 
     async def open(self, lane: Lane, patience: float) -> Mailbox:
-        """The lane's mailbox, connected again if it has to be."""
+        """Return the lane's mailbox. It is connected again if necessary."""
         async with self._opening:
             now = asyncio.get_running_loop().time()
             box = self._open_box(lane)
@@ -199,8 +199,8 @@ class AsyncConnection:
         self.back_off.worked()
         write = traced("sent", link.write if fan is None else link.write_together, self._watch)
         boxes += [Mailbox(self._endpoint.place, write, link.sent) for _ in lines]
-        for each, box, line in zip(self.lanes, boxes, lines):
-            each.bus.line, each.box = line, box
+        for other, box, line in zip(self.lanes, boxes, lines):
+            other.bus.line, other.box = line, box
             line.sent(clock())  # a client waits for a silence of the line before its first request
         return boxes[self.lanes.index(lane)]
 

@@ -1,12 +1,12 @@
-"""What carries Modbus, by endpoint: the framing state of clients and servers, and the port of a client.
+"""Makes the framing state of an endpoint, for clients and servers, and opens its port, for clients.
 
     scheme      framing         port                            a late answer
-    tcp, tls    TcpLine         TCP, TLS inside it              is recognised by its transaction number
-    udp         DatagramLine    UDP                             is recognised by its transaction number
-    rtu, ascii  RtuLine ...     serial                          is handled by the bus
-    rtu+tcp     RtuLine ...     TCP, to a serial server         is handled by the bus
+    tcp, tls    TcpLine         TCP, TLS inside it              is recognized by its transaction number
+    udp         DatagramLine    UDP                             is recognized by its transaction number
+    rtu, ascii  RtuLine ...     serial                          is recognized by the bus
+    rtu+tcp     RtuLine ...     TCP, to a serial server         is recognized by the bus
 
-The table behind it is `endpoint.CARRIERS`. A framing, and a port with its library, is loaded when a URL needs it.
+The table of schemes is `endpoint.CARRIERS`. A framing, and a port with its library, is loaded when a URL needs it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _Role = Literal["client", "server"]
 
 
 def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> Endpoint:
-    """The parts of a URL and `options`, see `Endpoint.parse`. EncodeError for a scheme that does not carry Modbus."""
+    """Return the endpoint of a URL and `options`, as `Endpoint.parse` does. Raises EncodeError if the scheme does not
+    carry Modbus."""
     endpoint = Endpoint.parse(url, options)
     if endpoint.scheme not in CARRIERS:
         raise EncodeError(f"endpoint {url!r}: Modbus goes over {', '.join(f'{name}://' for name in CARRIERS)}")
@@ -35,7 +36,7 @@ def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> En
 
 
 def modbus_line(endpoint: Endpoint, role: _Role, units: Container[int] = ()) -> Line:
-    """The framing state of a new connection."""
+    """Return the framing state of a new connection."""
     line: Line
     if endpoint.framing == "tcp":
         kind = DatagramLine if endpoint.is_datagram else TcpLine
@@ -55,13 +56,13 @@ def modbus_line(endpoint: Endpoint, role: _Role, units: Container[int] = ()) -> 
     from barewire.modbus.echo import EchoLine
 
     if echo == "auto":
-        # A server needs no probe: it recognises its own answer, which comes back before any other unit may send.
+        # A server needs no probe: it recognizes its own answer, which arrives before any other unit may send.
         return EchoLine(line, echoes=None) if role == "client" else line
     return EchoLine(line)
 
 
 def patience(endpoint: Endpoint) -> float | None:
-    """The longest pause tolerated inside an RTU frame, in seconds; None for the 1.5 characters of the standard."""
+    """Return the longest pause tolerated inside an RTU frame, in seconds; None for the standard's 1.5 characters."""
     if endpoint.options.get("patience") == "strict":
         return None
     latency = endpoint.choice("latency", "usb" if endpoint.is_serial_port else "tunnel")
@@ -69,7 +70,7 @@ def patience(endpoint: Endpoint) -> float | None:
 
 
 def timing_in_words(endpoint: Endpoint) -> str:
-    """The times that the settings of a line mean, in one line.
+    """Describe the times of a line in one sentence.
 
     >>> timing_in_words(Endpoint.parse("rtu:///dev/ttyUSB0?latency=uart"))
     'sends after 2.01 ms of silence (t3.5), accepts pauses up to 5 ms inside a frame'
@@ -83,38 +84,39 @@ def timing_in_words(endpoint: Endpoint) -> str:
     if endpoint.framing == "ascii":
         between = 1e3 * endpoint.seconds("patience", DEFAULT_ASCII_PATIENCE)
         return f"waits for no silence, accepts pauses up to {between:g} ms between two characters of a frame"
-    timing, forgiven = _timing(endpoint), patience(endpoint)
+    timing, pause = _timing(endpoint), patience(endpoint)
     sends = f"sends after {1e3 * timing.t35:.2f} ms of silence (t3.5)" if timing.t35 else "waits for no silence"
-    if forgiven is None:
+    if pause is None:
         return f"{sends}, accepts pauses up to {1e3 * timing.t15:.2f} ms (t1.5) inside a frame"
-    return f"{sends}, accepts pauses up to {1e3 * forgiven:g} ms inside a frame"
+    return f"{sends}, accepts pauses up to {1e3 * pause:g} ms inside a frame"
 
 
 def _timing(endpoint: Endpoint) -> Timing:
     if not endpoint.is_serial_port:
         from barewire.rtu.timing import Timing
 
-        return Timing(0.0, 0.0, 0.0)  # the line behind a serial server is unknown: the serial server keeps its silences
+        return Timing(0.0, 0.0, 0.0)  # the line behind a serial server is unknown; the serial server times its silences
     from barewire.io.ports.serial import SerialSettings
 
     return SerialSettings.of(endpoint).timing
 
 
 def dialer(endpoint: Endpoint) -> Callable[[], Port[bytes]]:
-    """The function that opens the port of a blocking client, each time it is called."""
-    found: Callable[[], Port[bytes]] = import_module(f"barewire.io.ports.{endpoint.transport}").dialer(endpoint)
-    return found
+    """Return the function that opens the port of a blocking client."""
+    dial: Callable[[], Port[bytes]] = import_module(f"barewire.io.ports.{endpoint.transport}").dialer(endpoint)
+    return dial
 
 
 async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> AsyncLink:
-    """Open the connection of an asyncio client. `receive` gets the received bytes, `lose` the reason of its end."""
+    """Open the connection of an asyncio client. `receive` is called with received bytes, and `lose` with the reason
+    when the connection ends."""
     ports = import_module(f"barewire.io.ports.async_{endpoint.transport}")
     link: AsyncLink = await ports.connect(endpoint, receive, lose)
     return link
 
 
 def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:
-    """The arguments of `Bus` that an endpoint has."""
+    """Return the arguments of `Bus` that an endpoint has."""
     options: dict[str, Any] = {"recovery": endpoint.choice("recovery", "probe")}
     options["gap"] = endpoint.seconds("gap", 0.0)
     options["gaps"] = gaps

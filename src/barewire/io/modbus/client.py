@@ -136,16 +136,16 @@ class ModbusClient(ModbusMethods, BlockingClient):
         """
         checked_request(request)
         check_timeout(timeout)
-        at = self.unit_for(unit)
+        address = self.unit_for(unit)
         connection = self.connection
         limit = self.timeout if timeout is None else timeout
         left = retries if repeat_writes or not request.writes else 0
         if not left:
-            return connection.ask(at, request, limit, self.timeout)
+            return connection.ask(address, request, limit, self.timeout)
         while True:
-            asking = connection.bus.ask(at, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
+            asking = connection.bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
             try:
-                return connection.run(asking, at, self.timeout)
+                return connection.run(asking, address, self.timeout)
             except (PortError, NoAnswer):
                 if connection.port is not None or not left:
                     raise

@@ -1,11 +1,11 @@
-"""The connection of a blocking client: opened when it is needed, dropped when it failed, used by one thread at a time.
+"""The connection of a blocking client: opened when it is needed, dropped when it fails, used by one thread at a time.
 
     thread 1, unit 1  --.
     thread 2, unit 7  ---+-- fair queue --> lock --> port, bus --> the line
     thread 3, unit 1  --'
 
-While no thread waits, the lock is taken without the queue. A connection that failed is opened again by the next
-request: at once the first time, then after pauses that grow (`BackOff`).
+While no thread waits, the lock is taken without the queue. After a connection has failed, the next request opens it
+again, at once the first time, then after pauses that grow (`BackOff`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ T = TypeVar("T")
 class Connection:
     """The port of a client and its bus. `dial` opens a port, `new_line` makes the framing state of a new connection.
 
-    `bus_options` are arguments of `Bus`. `patience` of the methods is how many seconds they wait for the back-off.
+    `bus_options` are arguments of `Bus`. The methods wait at most `patience` seconds for the back-off.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Connection:
                 self._leave(ticket)
 
     def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
-        """The same as `run` of `bus.ask`, by way of `fast_path`."""
+        """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
         if unit == BROADCAST and not self.bus.line.numbered:
             return self.run(self.bus.ask(unit, request), unit, patience)  # raises: a broadcast has no answer
         ticket = None if not self._waiting and self._line.acquire(False) else self._wait(unit)
@@ -111,7 +111,7 @@ class Connection:
             self.drop()
 
     def open(self, patience: float) -> Port[bytes]:
-        """The port, opened again if there is none or it has failed."""
+        """Return the port. It is opened if there is none, or if it has failed."""
         if self.port is not None:
             try:
                 data = self.port.receive(0.0)

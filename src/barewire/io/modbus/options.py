@@ -1,7 +1,7 @@
-"""The options of Modbus clients and servers, as keywords for type checkers. `endpoint` describes each of them.
+"""The types of the keyword options of Modbus clients and servers. `endpoint` describes each option.
 
-A keyword is the same option as that of the URL, and overrides it: `ModbusClient("tcp://10.0.0.7", gap=0.1)` is
-`ModbusClient("tcp://10.0.0.7?gap=0.1")`. Which of them a URL may have depends on its scheme.
+A keyword is an option of the URL and overrides it: `ModbusClient("tcp://10.0.0.7", gap=0.1)` is the same as
+`ModbusClient("tcp://10.0.0.7?gap=0.1")`. The scheme of a URL determines which options it may have.
 """
 
 from __future__ import annotations

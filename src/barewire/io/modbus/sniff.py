@@ -1,8 +1,8 @@
-"""Listening in on a live serial line: the port is read and never written to.
+"""Listens in on a live serial line: the port is read and never written to.
 
     for event in listen(Endpoint.parse("rtu:///dev/ttyUSB0"), stop): ...
 
-A receiver beside the two parties is enough: an adapter with A and B on the bus and its transmitter unused.
+An adapter with A and B on the bus, whose transmitter stays unused, is enough.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ _POLL = 0.1
 def listen(
     endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None, window: float = WINDOW
 ) -> Iterator[SnifferEvent]:
-    """What passes on the line, until `stop` is set or so many seconds are over. Times are seconds since 1970.
+    """Yield the requests and responses on the line, until `stop` is set or `seconds` are over.
 
-    Raises EncodeError for an endpoint that is no serial line, PortError when the port fails.
+    Their times are seconds since 1970. Raises EncodeError for an endpoint that is not a serial line, PortError when the
+    port fails.
     """
     if endpoint.framing not in ("rtu", "ascii"):
         text = "listening in needs a line, rtu:// or ascii://; record a network with tcpdump and give the file"

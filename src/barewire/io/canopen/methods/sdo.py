@@ -145,6 +145,6 @@ def checked_dictionary(objects: object) -> ObjectDictionary:
 
     if not isinstance(objects, ObjectDictionary):
         raise EncodeError(
-            f"{objects!r} is no ObjectDictionary; a described device is read by name: bus.node(5, device=...).read"
+            f"{objects!r} is not an ObjectDictionary; a described device is read by name: bus.node(5, device=...).read"
         )
     return objects
