@@ -97,7 +97,7 @@ def test_the_end_of_the_command_is_a_quick_stop(how: str) -> None:
 
 def test_a_device_that_is_no_drive_is_refused_before_the_port_is_opened() -> None:
     error = error_of("drive", "tcp://127.0.0.1:1", "adxl", "enable")
-    assert "is no drive: its description has no table [drive]" in error
+    assert "is not a drive: its description has no table [drive]" in error
 
 
 def test_an_error_names_the_state_and_the_cause() -> None:
@@ -164,7 +164,7 @@ def test_a_broken_connection_during_a_movement_names_the_danger() -> None:
 
 def test_a_homing_without_a_method_and_a_timeout_that_is_no_number() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-        assert "home: Homing Method 0 is no method: expected one of -2, -1, 3" in error_of(
+        assert "home: Homing Method 0 is not a homing method: expected one of -2, -1, 3" in error_of(
             "drive", endpoint, "csd-mt", "home"
         )
         done = run_command("drive", endpoint, "csd-mt", "enable", "--timeout", "nan")

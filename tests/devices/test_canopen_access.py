@@ -158,9 +158,9 @@ def test_refused_before_anything_is_sent(wanted: dict[str, Value], message: str)
 
 
 def test_a_parameter_without_an_object() -> None:
-    with refused(EncodeError, "DIGITAL INPUT STATUS is no object of CANopen: it is input 27 on Modbus (from 0)"):
+    with refused(EncodeError, "DIGITAL INPUT STATUS has no object on CANopen: it is input 27 on Modbus (from 0)"):
         read_canopen(NODE, DRIVE, ["DIGITAL INPUT STATUS"])
-    with refused(EncodeError, "Status Word is no object of CANopen: it is holding 1001 on Modbus (from 0)"):
+    with refused(EncodeError, "Status Word has no object on CANopen: it is holding 1001 on Modbus (from 0)"):
         read_canopen(NODE, load("csd-mt"), ["Status Word"])
 
 

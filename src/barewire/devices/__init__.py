@@ -15,7 +15,7 @@
     modbus_access, canopen_access     read and write by name
     raw_address       parameters by address instead of a name;  value_text  typed text -> a value
     sdo_dialects      SDO variants of known devices
-    drive/            one code that moves any drive of CiA 402
+drive/            moves any drive of CiA 402
     sim/              the three machines of the catalogue, simulated
 
 Depends on: codecs, modbus, canopen.  Used by: explain, io, cli.

@@ -31,7 +31,7 @@ _IN_REGISTER = {"u8": "H", "i8": "h"}
 
 
 def block_decoder(block: PlannedRead) -> BlockDecoder:
-    """The function from the content of a response to this request to the values of its members, in their order.
+    """Return a function from the content of a response to `block` to the values of its members, in their order.
 
     >>> from barewire.devices import load
     >>> from barewire.devices.plan import plan_reads
@@ -73,8 +73,8 @@ def _with_rules(
 
 
 def _member(parameter: Parameter, start: int) -> tuple[str, list[int], Callable[[Any], Value] | None]:
-    """The letter of `struct`, the positions of the bytes, the most significant first, and what turns the number into
-    the value (None: it is the value)."""
+    """Return the letter of `struct`, the positions of the bytes with the most significant first, and the function from
+    the number to the value (None: the number is the value)."""
     place = parameter.modbus
     assert place is not None
     positions = list(range(start, start + 2 * place.words))
@@ -91,7 +91,7 @@ def _member(parameter: Parameter, start: int) -> tuple[str, list[int], Callable[
 
 
 def _scaling(parameter: Parameter) -> Callable[[Any], Value] | None:
-    """`Parameter.from_raw` as a prepared function; None if it changes nothing."""
+    """Return `Parameter.from_raw` as a prepared function; None if it changes nothing."""
     if parameter.type == "bool":
         return bool
     if parameter.scale == 1:

@@ -43,9 +43,11 @@ def read_canopen(
 ) -> Conversation[CanFrame, list[Reading]]:
     """Read parameters of `node`, which is a `device`: one Reading for each name, in the order of the names.
 
-    `node` is a node-ID or a channel to it; `dialect` is that of the standard if it is not given. Several bits of one
-    object are one transfer. Raises at once UnknownName, and EncodeError for a parameter that is write only or not on
-    CANopen; in the conversation the errors of `upload`, and DecodeError.
+    `node` is a node-ID or a channel to it; `dialect` is that of the standard if it is not given; `timeout` (seconds) is
+    that of each transfer. Several bits of one object are one transfer.
+
+    Raises at once UnknownName, and EncodeError for a parameter that is write only or not on CANopen. The conversation
+    raises the errors of `upload`, and DecodeError.
     """
     parameters = to_read(device, names)
     for parameter in parameters:
@@ -82,8 +84,8 @@ def write_canopen(
 ) -> Conversation[CanFrame, None]:
     """Write parameters of `node`, which is a `device`, one after the other in the order of `values`.
 
-    Raises at once UnknownName, and EncodeError for a parameter that is read only, out of range or not on CANopen; in
-    the conversation the errors of `download`, with a note of what was written before.
+    Raises at once UnknownName, and EncodeError for a parameter that is read only, out of range or not on CANopen. The
+    conversation raises the errors of `download`, with a note of what was written before.
     """
     pairs = to_write(device, values, force)
     for parameter, value in pairs:
@@ -114,18 +116,18 @@ def _write_canopen(
 
 
 def _upload(channel: Channel, parameter: Parameter, place: ObjectAt, timeout: float) -> Conversation[CanFrame, bytes]:
-    """The bytes of the object, as many as the type has."""
+    """Upload the object, and return as many bytes as the type has."""
     size = parameter.object_size
     data = yield from upload(channel, place.index, place.sub, timeout=timeout, size=size)
-    # The size of an object of which only one bit is described is assumed, so nothing is cut off.
+    # If only one bit of an object is described, its size is assumed, so nothing is cut off.
     return data if place.bit is not None else fit(data, size)
 
 
 def _object(device: Device, parameter: Parameter) -> ObjectAt:
-    """The object of a parameter; EncodeError with its address on Modbus if it has none, or if it has no size."""
+    """Return the object of a parameter. Raises EncodeError if it has no object (with its Modbus address) or no size."""
     if parameter.object is None or device.canopen is None:
         where = parameter.modbus
         elsewhere = f"it is {where.table} {where.address} on Modbus (from 0)" if where else "it has no other address"
-        raise EncodeError(f"{parameter.name} is no object of CANopen: {elsewhere}", parameter.name)
+        raise EncodeError(f"{parameter.name} has no object on CANopen: {elsewhere}", parameter.name)
     _ = parameter.object_size  # text has no size: refused before anything is sent
     return parameter.object

@@ -54,7 +54,7 @@ class CanopenSettings(NamedTuple):
 class DriveRoles(NamedTuple):
     """Names of the parameters with a role in a drive of CiA 402, numbers of its modes, departures from the profile.
 
-    Every role but the two words may be missing (""): actions that need it raise EncodeError.
+    Every role except the two words may be missing (""); actions that need it then raise EncodeError.
     """
 
     status_word: str
@@ -103,17 +103,17 @@ class Device:
         return {}
 
     def find(self, name: str) -> Parameter:
-        """The parameter of that name; case and extra blanks do not matter. UnknownName has the nearest names."""
+        """Return the parameter of that name; case and extra blanks do not matter.
+
+        Raises UnknownName with the nearest names.
+        """
         found = self._by_name.get(fold(name))
         if found is None:
             raise UnknownName(f"{self.name} has no parameter {name!r}{suggest(name, self._by_name, self._named)}")
         return found
 
     def in_order(self, order: Order) -> Device:
-        """The same machine with another order of bytes in registers than described.
-
-        A row of the description with an order of its own keeps it.
-        """
+        """Return the same machine with this order of bytes in registers; a row with an order of its own keeps it."""
         if self.modbus is None:
             return self
         usual = self.modbus.order
@@ -130,14 +130,14 @@ class Device:
 
 
 def drive_roles(device: Device) -> DriveRoles:
-    """The roles of a device as a drive. EncodeError if its description has no table [drive]."""
+    """Return the roles of a device as a drive. Raises EncodeError if its description has no table [drive]."""
     if device.drive is None:
-        raise EncodeError(f"{device.name} is no drive: its description has no table [drive]")
+        raise EncodeError(f"{device.name} is not a drive: its description has no table [drive]")
     return device.drive
 
 
 def fold(name: str) -> str:
-    """A name in the form in which names are compared.
+    """Return a name in the form in which names are compared: lower case, single blanks.
 
     >>> fold("  Thyristors   Temperature ")
     'thyristors temperature'
@@ -146,7 +146,7 @@ def fold(name: str) -> str:
 
 
 def suggest(name: str, known: Mapping[str, Any], title: Any = str) -> str:
-    """'; did you mean ...?' with up to three near names, or an empty text."""
+    """Return '; did you mean ...?' with up to three similar names, or an empty text."""
     from difflib import get_close_matches  # only errors need it
 
     wanted = fold(name)

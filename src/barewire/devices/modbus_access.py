@@ -10,8 +10,8 @@
 A value that is less than a register (a bit, half a register) is read, changed and written back. Between the two
 exchanges the device may change the rest of it; that change is lost.
 
-With `force` range and access are checked by the device only, for manuals that are wrong. A value that cannot be encoded
-is refused nevertheless.
+With `force` only the device checks range and access, for manuals that are wrong. A value that cannot be encoded is
+still refused.
 
 Depends on: Device, the plan, the Modbus bus.  Used by: the Modbus clients of `io`, the drive code.
 """
@@ -52,24 +52,24 @@ from barewire.modbus import (
 
 _READS: dict[int, Any] = {1: ReadCoils, 2: ReadDiscreteInputs, 3: ReadHoldingRegisters, 4: ReadInputRegisters}
 _MOST_PLANS = 256
-"""More plans than this are not kept for one device: a program that polls has a few lists of names."""
+"""The most plans that are kept for one device: a program that polls has a few lists of names."""
 
 
 class ReadPlan(NamedTuple):
-    """The requests for a list of names, and how to decode the responses. The device keeps it: it is made once."""
+    """The requests for a list of names, and the decoders of the responses. The device keeps it, so it is made once."""
 
     requests: list[Any]
     notes: list[str]
-    """The note that an error of each request gets: the parameters that it reads."""
+    """For each request the note of its errors, with the parameters that it reads."""
 
     decoders: list[BlockDecoder]
     parameters: list[Parameter]
     """The parameter of each name."""
     numbers: list[int]
-    """The number of its value among those of all responses."""
+    """For each name the index of its value among the values of all responses."""
 
     def readings(self, responses: Iterable[Any]) -> list[Reading]:
-        """The readings in the responses to `requests`, one for each name."""
+        """Return the readings in the responses to `requests`, one for each name."""
         values: list[Value] = []
         for request, decode, response in zip(self.requests, self.decoders, responses):
             values += decode(response.bits if request.function_code <= 2 else response.registers)
@@ -77,7 +77,7 @@ class ReadPlan(NamedTuple):
 
 
 def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
-    """The plan for reading these names. Raises what `read_modbus` raises at once."""
+    """Return the plan for reading these names. Raises the same errors at once as `read_modbus`."""
     plan: ReadPlan | None = device.read_plans.get(names)
     if plan is None:
         parameters = to_read(device, names)
@@ -102,8 +102,8 @@ def read_modbus(
 ) -> Conversation[bytes, list[Reading]]:
     """Read parameters of `unit`, which is a `device`: one Reading for each name, in the order of the names.
 
-    Raises at once UnknownName, and EncodeError for a parameter that is write only or not on Modbus; in the conversation
-    the errors of `ask`, and DecodeError. `timeout` (seconds) is that of each request.
+    `timeout` (seconds) is that of each request. Raises at once UnknownName, and EncodeError for a parameter that is
+    write only or not on Modbus. The conversation raises the errors of `ask`, and DecodeError.
     """
     return _read_modbus(bus, unit, read_plan(device, tuple(names)), timeout)
 
@@ -125,7 +125,7 @@ def write_modbus(
     """Write parameters of `unit`, which is a `device`, in the order of `values`.
 
     Raises at once UnknownName, and EncodeError for a parameter that is read only, out of range, not on Modbus, or wider
-    than one request of the device; in the conversation the errors of `ask`, with a note of what was written before.
+    than one request of the device. The conversation raises the errors of `ask`, with a note of what was written before.
     """
     pairs = to_write(device, values, force)
     writes = plan_writes(device, [parameter for parameter, _ in pairs])
@@ -135,7 +135,7 @@ def write_modbus(
 
 
 def _registers(parameter: Parameter, value: Value, old: Sequence[int]) -> tuple[int, ...]:
-    """The value as registers; that of a coil as one number, 0 or 1."""
+    """Return the value as registers; the value of a coil as one number, 0 or 1."""
     if parameter.modbus is not None and parameter.modbus.table == "coil":
         return (int(bool(parameter.check(value))),)
     with naming(parameter, value):

@@ -103,7 +103,7 @@ class Parameter:
         return self.access != "ro"
 
     def check(self, value: Value) -> Value:
-        """The value, if it is in the range of the parameter; otherwise EncodeError with the range.
+        """Return the value. Raises EncodeError if it is not in the range of the parameter.
 
         >>> Parameter("Set-point", "u16", unit="l/h", maximum=100).check(101)
         Traceback (most recent call last):
@@ -128,11 +128,11 @@ class Parameter:
         return value
 
     def limit(self, limit: int | float, side: int) -> int | float:
-        """The limit with the slack of an f32: the 32-bit float nearest to a decimal limit may lie just beyond it."""
+        """Return the limit; with some slack for an f32, since the 32-bit float nearest to a decimal may exceed it."""
         return limit + side * abs(limit) * 6e-8 if self.type == "f32" else limit
 
     def text(self, value: Value) -> str:
-        """The value with its unit, and in words where its values or bits have names.
+        """Return the value with its unit, and in words where its values or bits have names.
 
         >>> Parameter("State", "u8", values={2: "Starter ready"}).text(2)
         '2 (Starter ready)'
@@ -147,7 +147,7 @@ class Parameter:
         return shown_value
 
     def as_dict(self) -> dict[str, Any]:
-        """The parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
+        """Return the parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
 
         >>> Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)).as_dict()["object"]
         {'index': 24641, 'sub': 0, 'bit': None}
@@ -178,7 +178,10 @@ class Parameter:
     # Raw numbers, as the wire has them
 
     def to_raw(self, value: Value) -> Value:
-        """The number on the wire: the checked value divided by the scale. EncodeError for a value between two steps."""
+        """Return the number on the wire: the value divided by the scale.
+
+        Raises EncodeError for a value out of range or between two steps.
+        """
         value = self.check(value)
         if self.scale == 1 or isinstance(value, (str, bytes)):
             return value
@@ -199,7 +202,7 @@ class Parameter:
         return raw
 
     def from_raw(self, raw: Value) -> Value:
-        """The value in the unit for a number from the wire."""
+        """Return the value in the unit for a number from the wire."""
         if self.scale == 1 or isinstance(raw, (str, bytes)):
             return raw
         if isinstance(raw, float):
@@ -210,7 +213,7 @@ class Parameter:
     # Modbus
 
     def to_registers(self, value: Value, old: Sequence[int] = ()) -> tuple[int, ...]:
-        """The registers that hold the value. Half a register or a bit needs `old`, the present register."""
+        """Return the registers that hold the value. Half a register or a bit needs `old`, the present register."""
         place = self._on_modbus()
         raw = self.to_raw(value)
         if place.partial:
@@ -223,7 +226,7 @@ class Parameter:
         return to_registers(self._register_codec(place).encode(raw))
 
     def from_registers(self, registers: Sequence[int]) -> Value:
-        """The value in these registers. DecodeError for a wrong number of them."""
+        """Return the value in these registers. Raises DecodeError for a wrong number of them."""
         place = self._on_modbus()
         if len(registers) != place.words:
             data = from_registers(registers)
@@ -252,7 +255,7 @@ class Parameter:
     # CANopen: always little-endian
 
     def to_object(self, value: Value, old: bytes = b"") -> bytes:
-        """The bytes of the object. For one bit of an object, `old` is its present content."""
+        """Return the bytes of the object. For one bit of an object, `old` is its present content."""
         place = self._in_dictionary()
         raw = self.to_raw(value)
         if place.bit is not None:
@@ -263,12 +266,12 @@ class Parameter:
         return self._object_codec().encode(raw)
 
     def from_object(self, data: bytes) -> Value:
-        """The value in the bytes of the object. Bytes beyond its width are accepted if they are zero."""
+        """Return the value in the bytes of the object. Bytes beyond its width are accepted if they are zero."""
         place = self._in_dictionary()
         if place.bit is not None:
             return get_bit(int.from_bytes(data, "little"), place.bit, 8 * len(data))
         object_codec = self._object_codec()
-        # Some devices answer every object in four bytes (the guide of the AZ3 shows it): the zeros behind are padding.
+        # Some devices answer every object in four bytes (shown in the guide of the AZ3), padded with zeros.
         if len(data) > object_codec.size and not any(data[object_codec.size :]):
             data = data[: object_codec.size]
         raw = object_codec.decode(data)
@@ -276,7 +279,7 @@ class Parameter:
 
     @property
     def object_size(self) -> int:
-        """The bytes of the object. A bit does not give the width of its object: 16 bits are assumed."""
+        """The size of the object in bytes. A bit does not give the width of its object: 16 bits are assumed."""
         return 2 if self._in_dictionary().bit is not None else self._object_codec().size
 
     def _in_dictionary(self) -> ObjectAt:
@@ -326,7 +329,7 @@ def _range_text(low: int | float | None, high: int | float | None) -> str:
 
 
 def show(value: Value) -> str:
-    """A value as the shortest text that does not lose anything: 32-bit floats without their binary tail.
+    """Return a value as the shortest text that does not lose anything: 32-bit floats without their binary tail.
 
     >>> show(27.2), show(0.20000000298023224), show(3000), show(True)
     ('27.2', '0.2', '3000', 'on')

@@ -7,7 +7,7 @@
                       input 0, 4  input 6, 1          described, so that gap is never bridged
 
 Reads may have any order, so neighbours, overlaps and the described parameters between them become one request, up to
-the limit of the device. Writes keep their order, and nothing else is written.
+the limit of the device. Writes keep their order, and no other address is written.
 
 Depends on: addresses, limits and functions of a Device.  Used by: `modbus_access.py`.
 """
@@ -43,7 +43,7 @@ class PlannedRead(NamedTuple):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters of the members."""
+        """The parameters that it reads or writes."""
         return tuple(member.parameter for member in self.members)
 
 
@@ -64,12 +64,12 @@ class PlannedWrite(NamedTuple):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters of the members."""
+        """The parameters that it reads or writes."""
         return tuple(member.parameter for member in self.members)
 
 
 def _modbus_address(device: Device, parameter: Parameter) -> tuple[ModbusAt, ModbusSettings]:
-    """The address of a parameter on Modbus; EncodeError with its address on CANopen if it has none."""
+    """Return the Modbus address of a parameter. Raises EncodeError with its address on CANopen if it has none."""
     if parameter.modbus is not None and device.modbus is not None:
         return parameter.modbus, device.modbus
     where = parameter.object
@@ -78,7 +78,7 @@ def _modbus_address(device: Device, parameter: Parameter) -> tuple[ModbusAt, Mod
 
 
 def known_addresses(device: Device, table: TableName) -> frozenset[int]:
-    """All addresses of a table that belong to parameters that can be read."""
+    """Return the addresses in a table that belong to readable parameters."""
     return frozenset(
         address
         for parameter in device.parameters
@@ -88,7 +88,7 @@ def known_addresses(device: Device, table: TableName) -> frozenset[int]:
 
 
 def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedRead]:
-    """The fewest requests that read these parameters, by table and address.
+    """Return the fewest requests that read these parameters, by table and address.
 
     >>> from barewire.devices import load
     >>> adxl = load("adxl")
@@ -111,11 +111,11 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
 def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -> list[PlannedRead]:
     placed = [(_modbus_address(device, parameter)[0], parameter) for parameter in parameters]
     placed.sort(key=lambda pair: (pair[0].address, pair[0].words))
-    side = _modbus_address(device, parameters[0])[1]
-    function = side.read_functions.get(table)
+    settings = _modbus_address(device, parameters[0])[1]
+    function = settings.read_functions.get(table)
     if function is None:
         raise EncodeError(f"{parameters[0].name}: {device.name} has no function that reads table {table!r}")
-    limit = side.read_limit
+    limit = settings.read_limit
     if table in ("coil", "discrete"):
         limit = min(_COILS_READ_LIMIT, limit * _BITS_IN_REGISTER)
     known = known_addresses(device, table)
@@ -140,7 +140,7 @@ def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -
 
 
 def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[PlannedWrite]:
-    """The writes, in the order of the parameters. Consecutive neighbours become one request if function 16 exists.
+    """Return the writes in the order of the parameters. Consecutive neighbours become one request with function 16.
 
     >>> from barewire.devices import load
     >>> csd = load("csd-mt")
@@ -153,8 +153,8 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Planned
     writes: list[PlannedWrite] = []
     for parameter in parameters:
         write = _plan_one(device, parameter)
-        side = _modbus_address(device, parameter)[1]
-        joined = _join(writes[-1], write, side) if writes else None
+        settings = _modbus_address(device, parameter)[1]
+        joined = _join(writes[-1], write, settings) if writes else None
         if joined is None:
             writes.append(write)
         else:
@@ -163,27 +163,27 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Planned
 
 
 def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
-    place, side = _modbus_address(device, parameter)
-    functions = side.write_functions.get(place.table, ())
+    place, settings = _modbus_address(device, parameter)
+    functions = settings.write_functions.get(place.table, ())
     if not functions:
         raise EncodeError(
             f"{parameter.name} lies in table {place.table!r}, which no function of {device.name} writes", parameter.name
         )
     single, multiple = (5, 15) if place.table == "coil" else (6, 16)
     function = single if place.words == 1 and single in functions else multiple
-    if place.words > 1 and (multiple not in functions or place.words > side.write_limit):
-        # Register by register the value is torn for a moment: refused if the device takes fewer in one write.
-        if single not in functions or place.words > side.write_limit:
+    if place.words > 1 and (multiple not in functions or place.words > settings.write_limit):
+        # Written register by register, the value is inconsistent for a moment: only if the device has no function 16.
+        if single not in functions or place.words > settings.write_limit:
             raise EncodeError(
-                f"{parameter.name} takes {place.words} registers, and {device.name} takes {side.write_limit} in one "
-                f"write: it would arrive in pieces",
+                f"{parameter.name} takes {place.words} registers, and {device.name} takes {settings.write_limit} in "
+                f"one write: it would arrive in pieces",
                 parameter.name,
             )
         function = single
     member = (Member(parameter, 0),)
     if not place.partial:
         return PlannedWrite(place.table, place.address, place.words, member, function)
-    read_function = side.read_functions.get(place.table)
+    read_function = settings.read_functions.get(place.table)
     if read_function is None:
         raise EncodeError(
             f"{parameter.name} is part of a register that cannot be read in {device.name}, so the rest of it "
@@ -193,15 +193,15 @@ def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
     return PlannedWrite(place.table, place.address, 1, member, function, True, read_function)
 
 
-def _join(last: PlannedWrite, write: PlannedWrite, side: ModbusSettings) -> PlannedWrite | None:
-    """Both as one write, or None: parts of the same register, or neighbours within the limit of function 16."""
+def _join(last: PlannedWrite, write: PlannedWrite, settings: ModbusSettings) -> PlannedWrite | None:
+    """Return both as one write, or None: parts of the same register, or neighbours within the limit of function 16."""
     if last.table != "holding" or write.table != "holding" or last.keep != write.keep:
         return None
     if last.keep:
         return last._replace(members=last.members + write.members) if last.address == write.address else None
     quantity = last.quantity + write.quantity
     are_adjacent = last.address + last.quantity == write.address
-    if not are_adjacent or 16 not in side.write_functions["holding"] or quantity > side.write_limit:
+    if not are_adjacent or 16 not in settings.write_functions["holding"] or quantity > settings.write_limit:
         return None
     moved = tuple(Member(member.parameter, member.offset + last.quantity) for member in write.members)
     return PlannedWrite("holding", last.address, quantity, last.members + moved, 16)

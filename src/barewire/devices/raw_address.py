@@ -43,7 +43,9 @@ _FORM = "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, or 
 
 
 def device_with(name: str, wanted: Iterable[str]) -> Device:
-    """The device of that name with a parameter for each name that is an address. EncodeError for a wrong address.
+    """Return the device of that name, with a further parameter for each of the `wanted` names that is an address.
+
+    Raises EncodeError for a wrong address.
 
     >>> device = device_with("raw", ["input:0x0FB1:u32", "object:1018h.1:u32"])
     >>> device.find("input:0x0FB1:u32").modbus
@@ -61,51 +63,51 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
 
 
 def is_raw_address(text: str) -> bool:
-    """Whether the text begins like an address; no name of a parameter in the catalogue does."""
+    """Return whether the text begins like an address; no name of a parameter in the catalogue does."""
     return text.partition(":")[0].strip() in (*TABLE_NAMES, "object") and ":" in text
 
 
 def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
-    """The parameter at an address; `order` is that of a long value without one. EncodeError for a wrong address."""
+    """Return the parameter at an address; `order` is for long values without one. Raises EncodeError if it is wrong."""
     table, _, rest = text.strip().partition(":")
     parts = rest.split(":")
     if table == "object" and len(parts) == 2:
         index, dot, sub = parts[0].partition(".")
-        at = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)
-        return Parameter(text, _type(text, parts[1]), object=at)
+        place = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)
+        return Parameter(text, _type(text, parts[1]), object=place)
     if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
-        raise EncodeError(f"{text!r} is no address: expected {_FORM}")
+        raise EncodeError(f"{text!r} is not an address: expected {_FORM}")
     address = _number(text, parts[0], 0xFFFF)
     bits = table in ("coil", "discrete")
-    kind = parts[1] if len(parts) > 1 else "bool" if bits else "u16"
-    if bits and kind != "bool":
+    type_name = parts[1] if len(parts) > 1 else "bool" if bits else "u16"
+    if bits and type_name != "bool":
         raise EncodeError(f"{text!r}: a {table} is a bool")
     letters = cast(Order, parts[2].upper()) if len(parts) == 3 else order
     if letters not in ORDERS:
         raise EncodeError(f"{text!r}: order {parts[2]!r}: expected one of {', '.join(ORDERS)}")
-    string = re.fullmatch(r"text(\d*)", kind)
+    string = re.fullmatch(r"text(\d*)", type_name)
     if string is not None:
-        kind, size = "text", int(string[1][:9] or 0)
+        type_name, size = "text", int(string[1][:9] or 0)
         if not 1 <= size <= _REGISTERS_MAX:
             raise EncodeError(
                 f"{text!r}: type {parts[1]!r}: expected text1..text{_REGISTERS_MAX}, text in that number of registers"
             )
     else:
-        size = 1 if _type(text, kind) == "bool" else max(1, codec(kind).size // 2)
+        size = 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
     if address + size > 0x10000:
         raise EncodeError(f"{text!r}: there are no {size} registers from address {address} on")
     access: ParameterAccess = "ro" if table in ("input", "discrete") else "rw"
-    return Parameter(text, kind, access=access, modbus=ModbusAt(table, address, size, order=letters))
+    return Parameter(text, type_name, access=access, modbus=ModbusAt(table, address, size, order=letters))
 
 
-def _type(text: str, kind: str) -> str:
-    if kind not in _TYPES:
-        raise EncodeError(f"{text!r}: type {kind!r}: expected one of {', '.join(_TYPES)}, or textN in registers")
-    return kind
+def _type(text: str, type_name: str) -> str:
+    if type_name not in _TYPES:
+        raise EncodeError(f"{text!r}: type {type_name!r}: expected one of {', '.join(_TYPES)}, or textN in registers")
+    return type_name
 
 
 def _number(text: str, digits: str, most: int, base: int = 10) -> int:
-    """A decimal number, 0x1A or 1Ah; with base 16 all are hexadecimal."""
+    """Return the number in 26, 0x1A or 1Ah; with base 16, 26 is hexadecimal too."""
     plain = digits.strip().lower()
     if plain.endswith("h"):
         plain, base = plain[:-1], 16
@@ -116,5 +118,5 @@ def _number(text: str, digits: str, most: int, base: int = 10) -> int:
     except ValueError:
         number = -1
     if not 0 <= number <= most:
-        raise EncodeError(f"{text!r}: {digits!r} is no number in 0..{most}: 100, 0x64 or 64h")
+        raise EncodeError(f"{text!r}: {digits!r} is not a number in 0..{most}, such as 100, 0x64 or 64h")
     return number

@@ -26,7 +26,7 @@ ValuesByName: TypeAlias = Mapping[str, Value] | Mapping[Parameter, Value] | Mapp
 
 
 def to_read(device: Device, names: Iterable[NameOrParameter]) -> list[Parameter]:
-    """The parameters of these names. UnknownName, or EncodeError if one cannot be read."""
+    """Return the parameters of these names. Raises UnknownName, or EncodeError if one cannot be read."""
     found = [device.find(name) if isinstance(name, str) else name for name in names]
     for parameter in found:
         if not parameter.readable:
@@ -35,8 +35,10 @@ def to_read(device: Device, names: Iterable[NameOrParameter]) -> list[Parameter]
 
 
 def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Parameter, Value]]:
-    """The parameters with their values. EncodeError if one cannot be written, or is out of range; with `force` neither
-    access nor range is checked."""
+    """Return the parameters with their values. With `force` neither access nor range is checked.
+
+    Raises UnknownName, or EncodeError if a parameter cannot be written or its value is out of range.
+    """
     found = []
     for name, value in values.items():
         parameter = device.find(name) if isinstance(name, str) else name
@@ -50,7 +52,7 @@ def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Pa
 
 
 def check_encodable(parameter: Parameter, value: Value) -> None:
-    """Check that the value can be sent: in range, on a step of the scale, within the type. EncodeError names it."""
+    """Raise EncodeError if the value cannot be sent: out of range, between two steps, or outside of the type."""
     raw = parameter.to_raw(value)
     if parameter.type not in ("bool", "text"):
         with naming(parameter, value):
@@ -59,7 +61,7 @@ def check_encodable(parameter: Parameter, value: Value) -> None:
 
 @contextmanager
 def naming(parameter: Parameter, value: Value) -> Iterator[None]:
-    """Put the name of the parameter into an EncodeError of a codec, which does not have it."""
+    """Add the name of the parameter to an EncodeError of a codec, which lacks it."""
     try:
         yield
     except EncodeError as error:
@@ -69,13 +71,13 @@ def naming(parameter: Parameter, value: Value) -> Iterator[None]:
 
 
 def reading_note(parameters: Iterable[Parameter]) -> str:
-    """The note in the error of a request that reads these parameters: one request of several has failed."""
+    """Return the note for the error of a request that reads these parameters: one request of several has failed."""
     return f"while reading {_names(parameters)}"
 
 
 @contextmanager
 def writing(parameters: Iterable[Parameter], done: Sequence[str]) -> Iterator[None]:
-    """Note in an error of one write of several which parameters it was for, and what was written before."""
+    """Add notes to an error of one write of several: which parameters it was for, and which were written before."""
     try:
         yield
     except BarewireError as error:
@@ -96,6 +98,6 @@ def may_not_answer(parameters: Iterable[Parameter]) -> Iterator[None]:
 
 
 def _names(parameters: Iterable[Parameter]) -> str:
-    """The first three names, and how many more there are."""
+    """Return the first three names, and the number of others."""
     names = [parameter.name for parameter in parameters]
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")

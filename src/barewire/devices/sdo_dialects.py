@@ -19,7 +19,7 @@ DIALECTS = {dialect.name: dialect for dialect in (STANDARD, AZ3)}
 
 
 def sdo_dialect(name: str) -> SdoDialect:
-    """The dialect of that name. Raises EncodeError for an unknown one.
+    """Return the dialect of that name. Raises EncodeError for an unknown one.
 
     >>> sdo_dialect("az3").lengths
     'in four'

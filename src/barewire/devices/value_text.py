@@ -24,7 +24,7 @@ _SWITCHED = {"on": True, "true": True, "off": False, "false": False}
 
 
 def parse_value(parameter: Parameter, text: str) -> Value:
-    """The value in a text; EncodeError has what was expected.
+    """Return the value in a text. Raises EncodeError with what was expected.
 
     >>> relay = Parameter("Relay", "bool")
     >>> parse_value(relay, "on"), parse_value(relay, "0")
@@ -58,7 +58,7 @@ def parse_value(parameter: Parameter, text: str) -> Value:
 
 
 def _number(text: str) -> int | float:
-    """The number; ValueError for other text. The word `each` is not taken for EACh: lower case needs a digit first."""
+    """Return the number. Raises ValueError for other text, also for `each`: before a small h, a digit comes first."""
     if _SUFFIXED.fullmatch(text):
         return int(text[:-1], 16)
     base = {"0x": 16, "0b": 2}.get(text.lstrip("+-")[:2].lower(), 10)

@@ -1,4 +1,4 @@
-"""The two entries: `explain` for a frame in bytes, `explain_text` for a frame as text.
+"""The two functions of this package: `explain` for a frame in bytes, `explain_text` for a frame as text.
 
 Depends on: the rooms for Modbus, CANopen and input. Used by: `barewire.explain`.
 """
@@ -63,7 +63,7 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
 
 
 def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:
-    """The explanation; if its framing is broken and the text is a frame of another protocol, the error names that.
+    """Return the explanation. If its framing is broken and another protocol fits the text, the error names that one.
 
     >>> explain_text("tcp", "01 04 0F B1 00 02 22 F8").verdict.partition("; ")[2]
     'as rtu it is a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok (byte 2)'
@@ -78,7 +78,7 @@ def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = Non
 
 
 def _other(protocol: str, text: str, role: FrameRole | None) -> str:
-    """The text read in another protocol: '; as tcp it is ...'; empty if it fits none."""
+    """Return the reading in another protocol, '; as tcp it is ...', or '' if none fits."""
     for name in ("tcp", "rtu", "ascii", "can"):
         try:
             if name == protocol or (name == "can") != ("#" in text):

@@ -2,11 +2,7 @@
 
     offset  hex     name            value         meaning
        0    01      unit            1             unit 1
-       1    04      function code   4             04 Read Input Registers
        2    0F B1   address         0FB1h (4017)  0-based; number 4018 in 1-based tables
-       4    00 02   quantity        2             input registers
-       6    22 F8   CRC                           CRC ok
-    valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
 
 **Every byte is in exactly one field, in order, however broken the frame is.** Bytes outside the known fields are a
 field called "left over". A field of length 0 covers no byte: the identifier of a CAN frame, which is not part of its
@@ -67,7 +63,7 @@ class ExplainedField(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Why a frame is not valid: a `barewire.errors.Reason`, the offset of the first wrong byte, and a text."""
+    """The reason why a frame is not valid: a `barewire.errors.Reason`, the offset of the first wrong byte, a text."""
 
     reason: Reason
     at: int
@@ -101,7 +97,7 @@ class Explanation:
         return f"not valid: {self.error.text} ({unit} {self.error.at})"
 
     def as_dict(self) -> dict[str, object]:
-        """The explanation for `json.dumps`: only numbers, texts, lists, dicts, True, False and None."""
+        """Return the explanation for `json.dumps`: only numbers, texts, lists, dicts, True, False and None."""
         names = ("offset", "length", "name", "hex", "value", "meaning")
         return {
             "protocol": self.protocol,
@@ -112,7 +108,7 @@ class Explanation:
         }
 
     def lines(self) -> list[str]:
-        """One line for each field, in columns, then the verdict."""
+        """Return one line for each field, in columns, then the verdict."""
         rows = [(str(field.offset), _clipped(field.hex), field.name, field.shown) for field in self.fields]
         widths = [max((len(row[column]) for row in rows), default=0) for column in range(4)]
         lines = []
@@ -128,7 +124,7 @@ def _clipped(digits: str) -> str:
 
 
 def fill_gaps(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
-    """The fields of `size` bytes, with a field for each gap between them and after the last one.
+    """Return the fields of `size` bytes, with a field for each gap between them and after the last one.
 
     `cut` is the name of the field after the last one, if the frame ends inside it.
 
@@ -148,33 +144,33 @@ def fill_gaps(fields: Iterable[Field], size: int, cut: str = "") -> list[Field]:
 
 
 def counted(number: int, noun: str = "byte") -> str:
-    """A number and its noun: '1 byte', '2 bytes'."""
+    """Return a number and its noun: '1 byte', '2 bytes'."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def text_error(reason: Reason, text: str, at: int, message: str) -> DecodeError:
-    """The error for a text that cannot be read at character `at`."""
-    return DecodeError(reason, text.encode("latin-1", "replace"), at, message)
+def text_error(reason: Reason, text: str, position: int, message: str) -> DecodeError:
+    """Return the error for a text that cannot be read at character `position`."""
+    return DecodeError(reason, text.encode("latin-1", "replace"), position, message)
 
 
-def shifted(fields: Iterable[Field], by: int) -> list[Field]:
-    """The same fields with their offsets moved by `by` bytes."""
-    return [field._replace(offset=field.offset + by) for field in fields]
+def shifted(fields: Iterable[Field], offset: int) -> list[Field]:
+    """Return the same fields with their offsets moved by `offset` bytes."""
+    return [field._replace(offset=field.offset + offset) for field in fields]
 
 
-def as_problem(error: DecodeError | None, by: int = 0) -> Problem | None:
-    """A decoding error as a value; `by` is the offset of its bytes in the frame."""
-    return None if error is None else Problem(error.reason, error.at + by, error.text)
+def as_problem(error: DecodeError | None, offset: int = 0) -> Problem | None:
+    """Return a decoding error as a value; `offset` is that of its bytes in the frame."""
+    return None if error is None else Problem(error.reason, error.at + offset, error.text)
 
 
 def explained_fields(fields: Iterable[Field], data: bytes) -> tuple[ExplainedField, ...]:
-    """The fields with their hexadecimal digits."""
+    """Return the fields with their hexadecimal digits."""
     return tuple(
         explained_field(field, data[field.offset : field.offset + field.length].hex(" ").upper()) for field in fields
     )
 
 
 def explained_field(field: Field, digits: str) -> ExplainedField:
-    """One field with its digits; underscores in its name become blanks."""
+    """Return one field with its digits; underscores in its name become blanks."""
     value = field.value if field.value is None or isinstance(field.value, (int, str)) else str(field.value)
     return ExplainedField(field.offset, field.length, field.name.replace("_", " "), digits, value, field.meaning)

@@ -88,7 +88,7 @@ def test_schema_and_loader_refuse_the_same_rows(changes: dict[str, str | None], 
 
 
 # A JSON schema cannot describe errors of TOML syntax, sums of PDO bits, or references to parameters in other files.
-BEYOND_SCHEMA = ("no TOML", "nested", "room for 64", "is no parameter")
+BEYOND_SCHEMA = ("not TOML", "nested", "room for 64", "is not a parameter")
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_a_word_has_one_state_at_most_and_other_bits_do_not_matter() -> None:
 
 @pytest.mark.parametrize("word", [0x0001, 0x0013, 0x0203, 0x0060 | 0x08, 0x10000, -1])
 def test_a_word_without_a_state(word: int) -> None:
-    with refused(DecodeError, f"status word {word:04X}h is no state of CiA 402"):
+    with refused(DecodeError, f"status word {word:04X}h is not a state of CiA 402"):
         state_of(word)
 
 

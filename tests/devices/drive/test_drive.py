@@ -264,7 +264,7 @@ def test_the_drive_is_disabled_by_another_master(csd: Bench) -> None:
 
 
 def test_actions_that_the_description_does_not_support(csd: Bench) -> None:
-    with refused(EncodeError, "adxl is no drive: its description has no table [drive]"):
+    with refused(EncodeError, "adxl is not a drive: its description has no table [drive]"):
         Drive(csd.drive.access, load("adxl"))
     az3 = Bench(WIRES[2])
     with refused(EncodeError, "home: the description of az3 has no 'homing' in modes of [drive]"):

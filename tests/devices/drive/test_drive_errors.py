@@ -27,10 +27,12 @@ def csd() -> Bench:
 
 def test_homing_with_an_unknown_method_is_refused(csd: Bench) -> None:
     """As delivered, register 1050 is 0: the motor would not move, and the time-out would not tell why."""
-    with refused(EncodeError, "home: Homing Method 0 is no method: expected one of -2, -1, 3, 4, 5, 6, 19, 20"):
+    with refused(
+        EncodeError, "home: Homing Method 0 is not a homing method: expected one of -2, -1, 3, 4, 5, 6, 19, 20"
+    ):
         csd.do(csd.drive.home())
     assert csd.states == []  # nothing was enabled for it
-    with refused(EncodeError, "home: Homing Method 7 is no method"):
+    with refused(EncodeError, "home: Homing Method 7 is not a homing method"):
         csd.drive.home(7)
     csd.machine.store["Homing Method"] = 35
     assert csd.do(csd.drive.home()).position == 0

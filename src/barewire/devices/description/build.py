@@ -4,7 +4,7 @@
     input = 25                first_register = 1     ->  ModbusAt("input", 24)         the AZ3 counts from 1
     object = 0x6041           sub = 0                ->  ObjectAt(0x6041, 0)
 
-Nothing is checked here: `check.py` does that for descriptions of users, and a test does it for those of the catalogue.
+Nothing is checked here: `check.py` checks descriptions of users, and a test checks those of the catalogue.
 
 Depends on: Device, Parameter.  Used by: `load.py`, `check.py`.
 """
@@ -22,7 +22,7 @@ from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRol
 from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter, TableName
 
 KEYS = ("name", "title", "documents", "modbus", "canopen", "pdo", "drive", "parameter")
-"""The keys of device.toml that the format defines. Tables of other names are kept in `Device.extra`."""
+"""The keys of device.toml that the format defines. Tables with other names are kept in `Device.extra`."""
 
 _WORDS = {"u32": 2, "i32": 2, "f32": 2, "u64": 4, "i64": 4, "f64": 4}
 _NONE: Mapping[Any, Any] = MappingProxyType({})
@@ -31,7 +31,7 @@ _ONE = _fraction(1)
 
 
 class Numbering(NamedTuple):
-    """What the rows leave out because it is the same for all: how the manual counts, and the order of long values."""
+    """Settings for all rows: the first number of each table in the manual, and the order of long values."""
 
     first: Mapping[str, int] = _NONE
     """For each table the printed number of address 0 on the wire; 0 if it is not given."""
@@ -40,7 +40,7 @@ class Numbering(NamedTuple):
 
 
 def build_device(head: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> Device:
-    """The device of these tables: `head` is device.toml, `rows` are the [[parameter]] tables of all files."""
+    """Return the device of these tables: `head` is device.toml, `rows` are the [[parameter]] tables of all files."""
     numbering = numbering_of(head.get("modbus", _NONE))
     parameters = tuple(build_parameter(row, numbering) for row in rows)
     modbus, canopen, drive = head.get("modbus"), head.get("canopen"), head.get("drive")
@@ -57,7 +57,7 @@ def build_device(head: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> 
 
 
 def numbering_of(modbus: Mapping[str, Any]) -> Numbering:
-    """The numbering that a table [modbus] gives."""
+    """Return the numbering that a table [modbus] gives."""
     first: dict[str, int] = {}
     for key, tables in (("first_register", ("holding", "input")), ("first_coil", ("coil", "discrete"))):
         number = modbus.get(key, 0)
@@ -66,7 +66,7 @@ def numbering_of(modbus: Mapping[str, Any]) -> Numbering:
 
 
 def build_parameter(row: Mapping[str, Any], numbering: Numbering) -> Parameter:
-    """One [[parameter]] table."""
+    """Return the parameter of one [[parameter]] table."""
     get = row.get
     return Parameter(
         name=" ".join(row["name"].split()),
@@ -90,7 +90,7 @@ def build_parameter(row: Mapping[str, Any], numbering: Numbering) -> Parameter:
 
 
 def words_of(row: Mapping[str, Any]) -> int:
-    """How many registers or bits of its table a row takes."""
+    """Return how many registers or bits of its table a row takes."""
     words: int = row["words"] if row["type"] == "text" else _WORDS.get(row["type"], 1)
     return words
 
@@ -108,7 +108,7 @@ def _modbus_address(row: Mapping[str, Any], numbering: Numbering) -> ModbusAt | 
 
 
 def _numbered(table: Mapping[str, str]) -> Mapping[int, str]:
-    """{ 0 = "text" }: the keys of TOML are text, these are numbers."""
+    """Return { 0 = "text" } with numbers as keys; in TOML every key is text."""
     return MappingProxyType({int(key): text for key, text in table.items()})
 
 
@@ -129,7 +129,7 @@ def _canopen(table: Mapping[str, Any], pdos: Iterable[Mapping[str, Any]]) -> Can
 
 
 def _drive(table: Mapping[str, Any], parameters: Iterable[Parameter]) -> DriveRoles:
-    """The roles with the names as the parameters have them; `modes`, `settle` and the flag are no names."""
+    """Return the roles with the names as the parameters have them; `modes`, `settle` and the flag hold no names."""
     names = {fold(parameter.name): parameter.name for parameter in parameters}
     roles: dict[str, Any] = {
         key: names[fold(value)] if isinstance(value, str) else value for key, value in table.items()

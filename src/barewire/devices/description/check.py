@@ -1,11 +1,11 @@
-"""Checks that a description follows the format: its tables key by key, and then what the keys mean together.
+"""Checks that a description follows the format: its tables key by key, and then the keys against each other.
 
     bad.toml:12: parameter 'TEMPERATURE': key 'half': half a register with type 'u16'; expected u8 or i8
 
     read_file             one file -> a TomlTable, or a DescriptionError with the line
     check_description     device.toml, its [modbus], [canopen], [[pdo]] and [drive], and every [[parameter]] row:
-                          does the address fit the type, do the limits, does the device have a function that reads
-                          this table, can the parameter have this role in the drive
+                          whether address and limits fit the type, whether the device has a function that reads the
+                          table, and whether a parameter can have its role in the drive
 
 Depends on: `rules.py` for single keys, `build.py` for the parameters.  Used by: `load.py`, the test of the catalogue.
 """
@@ -31,7 +31,7 @@ _DEFAULTS = ModbusSettings()
 
 
 def read_file(path: Path) -> TomlTable:
-    """One TOML file as a table. DescriptionError for a file that cannot be read, or that is not TOML."""
+    """Read one TOML file. Raises DescriptionError for a file that cannot be read, or that is not TOML."""
     try:
         content = path.read_bytes().decode("utf-8")
         items = tomllib.loads(content)
@@ -48,7 +48,7 @@ def read_file(path: Path) -> TomlTable:
         message = str(error)
         place = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", message)
         line = int(place[1]) if place and place[1] else content.count("\n") + 1
-        raise DescriptionError(f"{path}:{line}: no TOML: {message[: place.start()] if place else message}") from None
+        raise DescriptionError(f"{path}:{line}: not TOML: {message[: place.start()] if place else message}") from None
     return TomlTable(str(path), KeyLines(content), (), "", items)
 
 
@@ -121,7 +121,7 @@ def _check_role(drive: TomlTable, key: str, name: str, parameters: Mapping[str, 
     found = parameters.get(fold(name))
     if found is None:
         titles = {folded: parameter.name for folded, parameter in parameters.items()}
-        raise drive.error(key, f"{name!r} is no parameter of this device{suggest(name, titles, titles.__getitem__)}")
+        raise drive.error(key, f"{name!r} is not a parameter of this device{suggest(name, titles, titles.__getitem__)}")
     if key in rules.READ_ROLES and not found.readable:
         raise drive.error(key, f"{found.name!r} is write only; expected one that can be read")
     if key in rules.WRITTEN_ROLES and not found.writable:
@@ -176,20 +176,20 @@ def _check_modbus_address(row: TomlTable, modbus: TomlTable | None, numbering: N
 def _check_width(row: TomlTable, table: str) -> None:
     """Check that a value of this type can have this address."""
     items = row.items
-    kind = items["type"]
+    type_name = items["type"]
     if table in ("coil", "discrete"):
-        if kind != "bool":
-            raise row.error("type", f"{kind!r} in table {table!r}; expected bool")
+        if type_name != "bool":
+            raise row.error("type", f"{type_name!r} in table {table!r}; expected bool")
         for key in ("half", "bit", "order", "words"):
             if key in items:
                 raise row.error(key, f"a {table} is one bit already; expected it only with holding or input")
-    if "half" in items and kind not in ("u8", "i8"):
-        raise row.error("half", f"half a register with type {kind!r}; expected u8 or i8")
-    if "bit" in items and kind != "bool":
-        raise row.error("bit", f"one bit with type {kind!r}; expected bool")
-    if "words" in items and kind != "text":
-        raise row.error("words", f"type {kind!r} has its own width; expected words only with text")
-    if kind == "text":
+    if "half" in items and type_name not in ("u8", "i8"):
+        raise row.error("half", f"half a register with type {type_name!r}; expected u8 or i8")
+    if "bit" in items and type_name != "bool":
+        raise row.error("bit", f"one bit with type {type_name!r}; expected bool")
+    if "words" in items and type_name != "text":
+        raise row.error("words", f"type {type_name!r} has its own width; expected words only with text")
+    if type_name == "text":
         if "words" not in items:
             raise row.error("words", "missing; expected how many registers the text takes")
         if "order" in items:
@@ -210,14 +210,14 @@ def _check_object(row: TomlTable, has_canopen: bool) -> None:
 
 
 def _check_numbers(row: TomlTable, parameter: Parameter) -> None:
-    """Scale, range and default: of the right kind, within the type, and within each other."""
-    kind, low, high, default = parameter.type, parameter.minimum, parameter.maximum, parameter.default
-    if kind in ("bool", "text"):
+    """Check that scale, range and default have the right type, fit the parameter's type and agree with each other."""
+    type_name, low, high, default = parameter.type, parameter.minimum, parameter.maximum, parameter.default
+    if type_name in ("bool", "text"):
         for key in ("scale", "min", "max"):
             if key in row.items:
-                raise row.error(key, f"type {kind!r} has none; expected it only with numbers")
-        if default is not None and not isinstance(default, bool if kind == "bool" else str):
-            raise row.error("default", f"{default!r}; expected {'true or false' if kind == 'bool' else 'text'}")
+                raise row.error(key, f"type {type_name!r} has none; expected it only with numbers")
+        if default is not None and not isinstance(default, bool if type_name == "bool" else str):
+            raise row.error("default", f"{default!r}; expected {'true or false' if type_name == 'bool' else 'text'}")
         return
     if isinstance(default, (bool, str, bytes)):
         raise row.error("default", f"{default!r}; expected a number")
@@ -244,16 +244,16 @@ def _check_fits(row: TomlTable, parameter: Parameter, key: str, value: int | flo
 
 
 def _check_names(row: TomlTable, parameter: Parameter) -> None:
-    """`values` and `bits`: only numbers that the type has."""
-    kind = parameter.type
+    """Check that `values` and `bits` name only numbers that the type has."""
+    type_name = parameter.type
     for key, names in (("values", parameter.values), ("bits", parameter.bits)):
         if not names:
             continue
-        if kind not in (INTEGER_TYPES if key == "bits" else ("bool", *INTEGER_TYPES)):
-            raise row.error(key, f"type {kind!r} has no such names; expected a whole-number type")
-        low, high = (0, 1) if kind == "bool" else (int(codec(kind).minimum), int(codec(kind).maximum))
+        if type_name not in (INTEGER_TYPES if key == "bits" else ("bool", *INTEGER_TYPES)):
+            raise row.error(key, f"type {type_name!r} has no such names; expected a whole-number type")
+        low, high = (0, 1) if type_name == "bool" else (int(codec(type_name).minimum), int(codec(type_name).maximum))
         if key == "bits":
-            low, high = 0, codec(kind).bits - 1
+            low, high = 0, codec(type_name).bits - 1
         for named in names:
             if not low <= named <= high:
-                raise row.error(key, f"{named} is not in {kind}; expected {low}..{high}")
+                raise row.error(key, f"{named} is not in {type_name}; expected {low}..{high}")

@@ -37,7 +37,7 @@ _RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
 
 def export(device: Device, file_name: str = "") -> Eds:
-    """The EDS of a device. Raises EncodeError if its description has no CANopen.
+    """Return the EDS of a device. Raises EncodeError if its description has no CANopen.
 
     >>> from barewire.devices import load
     >>> document = export(load("az3"))
@@ -78,7 +78,7 @@ def export(device: Device, file_name: str = "") -> Eds:
 
 
 def _selectable_rates(device: Device) -> Iterator[int]:
-    """The bit rates among the named values of parameters, such as "7: 500 kbit/s"."""
+    """Yield the bit rates among the named values of parameters, such as "7: 500 kbit/s"."""
     for parameter in _on_canopen(device):
         for text in parameter.values.values():
             if match := _RATE.fullmatch(text):
@@ -86,7 +86,7 @@ def _selectable_rates(device: Device) -> Iterator[int]:
 
 
 def _mandatory_objects(device: Device) -> Iterator[EdsObject]:
-    """The objects of every node. Objects of the description replace them."""
+    """Yield the objects of every node. Objects of the description replace them."""
     is_servo = any(_index_and_sub(parameter)[0] == _STATUS_WORD for parameter in _on_canopen(device))
     profile = _SERVO_DRIVE if is_servo else 0
     yield _variable(0x1000, EdsItem(0, "Device type", "u32", "ro", profile))
@@ -96,7 +96,7 @@ def _mandatory_objects(device: Device) -> Iterator[EdsObject]:
 
 
 def _described_objects(device: Device) -> Iterator[EdsObject]:
-    """One object for each index of the parameters."""
+    """Yield one object for each index of the parameters."""
     by_index: dict[int, dict[int, Parameter]] = {}
     for parameter in _on_canopen(device):
         index, sub = _index_and_sub(parameter)
@@ -114,7 +114,7 @@ def _described_objects(device: Device) -> Iterator[EdsObject]:
 
 
 def _on_canopen(device: Device) -> Iterator[Parameter]:
-    """The parameters with an object. Whole objects come first, so that they are exported instead of their bits."""
+    """Return the parameters with an object, whole objects first: they are exported instead of their bits."""
     parameters = [parameter for parameter in device.parameters if parameter.object is not None]
     return iter(sorted(parameters, key=lambda parameter: _bit(parameter) is not None))
 
@@ -158,7 +158,7 @@ def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
 
 
 def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:
-    """A limit as a raw number. None for a text: its limits are lengths, for which an EDS has no key."""
+    """Return a limit as a raw number. None for a text: its limits are lengths, for which an EDS has no key."""
     if limit is None or parameter.type == "text":
         return None
     raw = parameter.to_raw(limit)

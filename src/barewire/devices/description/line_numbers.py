@@ -6,8 +6,8 @@
     4  [parameter.bits]                 KeyLines(text).of(("parameter", 0, "name"))       -> 2, its table: no such key
     5  5 = "fault"
 
-For texts that tomllib has accepted: the error of any other text has its line. A line inside a multi-line string or an
-array is not taken for a key or a header. The text is searched at the first question only.
+Only for texts that tomllib accepts; its error for any other text has a line. A line inside a multi-line string or an
+array is not taken for a key or a header. The text is searched at the first call of `of` only.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class KeyLines:
         self._text = text
 
     def of(self, path: KeyPath) -> int:
-        """The line of that key or table, counted from 1; of the table around it if it has no line of its own."""
+        """Return the line of that key or table, counted from 1, or of the table around it if it has no line."""
         while path and path not in self._lines:
             path = path[:-1]
         return self._lines.get(path, 1)
@@ -63,7 +63,7 @@ class KeyLines:
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Each header and each assignment with the line on which it begins."""
+    """Yield each header and each assignment with the line on which it begins."""
     line, begin, begun_at, depth = 1, 0, 1, 0
     for token in _TOKEN.finditer(text + "\n"):
         found = token[0]
@@ -79,7 +79,7 @@ def _parts(dotted: str) -> list[str]:
 
 
 def _header_path(parts: list[str], counts: dict[KeyPath, int]) -> KeyPath:
-    """The path of a header: [parameter.bits] belongs to the latest [[parameter]]."""
+    """Return the path of a header: [parameter.bits] belongs to the latest [[parameter]]."""
     path: KeyPath = ()
     for place, part in enumerate(parts):
         path = (*path, part)

@@ -4,8 +4,8 @@
     catalog/az3/coils.toml       [[parameter]] rows                                                 -> Device.parameters
     catalog/az3/holding.toml     ...  in the order of the file names
 
-A description of the catalogue is parsed and built. It is not checked at each start, because a test checks it before it
-is shipped. A description of a user is checked completely before it is built, and errors have file, line and key.
+A description of the catalogue is only parsed and built, because a test checks it before it is shipped. A description of
+a user is checked completely before it is built, and errors have file, line and key.
 
 Depends on: `build.py`, and for descriptions of users `check.py`.  Used by: everything that takes a device by name.
 """
@@ -28,7 +28,7 @@ DEVICE_FILE = "device.toml"
 
 
 def names() -> list[str]:
-    """The devices of the catalogue.
+    """Return the devices of the catalogue.
 
     >>> "az3" in names()
     True
@@ -37,7 +37,7 @@ def names() -> list[str]:
 
 
 def load(name_or_path: str | Path) -> Device:
-    """A device of the catalogue by its name, or one of your own by the path of its directory or its device.toml.
+    """Load a device of the catalogue by its name, or one of your own by the path of its directory or its device.toml.
 
     >>> load("AZ3").find("status word").modbus
     ModbusAt(table='input', address=24, words=1, half=None, bit=None, order='CDAB')
@@ -82,7 +82,7 @@ def _from_catalog(name: str) -> Device:
 
 
 def load_directory(directory: Path) -> Device:
-    """The device that the TOML files of a directory describe, after all checks."""
+    """Load the device that the TOML files of a directory describe, after all checks."""
     from barewire.devices.description.check import check_description, read_file
 
     files = [read_file(file) for file in _files(directory)]
@@ -91,7 +91,7 @@ def load_directory(directory: Path) -> Device:
 
 
 def _files(directory: Path) -> list[Path]:
-    """device.toml and then the other TOML files by name."""
+    """Return device.toml and then the other TOML files by name."""
     others = sorted(file for file in directory.glob("*.toml") if file.name != DEVICE_FILE)
     return [directory / DEVICE_FILE, *others]
 

@@ -25,11 +25,11 @@ from barewire.errors import BarewireError, shown
 
 
 class DescriptionError(BarewireError, ValueError):
-    """A device description does not follow the format. The text names file, line and key, and what was expected."""
+    """A device description does not follow the format. The text has file, line, key, and what was expected."""
 
 
 class Invalid(Exception):
-    """A value breaks a rule; the text is what the rule expected."""
+    """A value breaks a rule; the text has what the rule expected."""
 
 
 KeyRule: TypeAlias = Callable[[Any], None]
@@ -45,11 +45,11 @@ class TomlTable(NamedTuple):
     items: Mapping[str, Any]
 
     def line(self, key: str) -> int:
-        """The line of a key; of the table if the table does not have it."""
+        """Return the line of a key, or of the table if the key is missing."""
         return self.lines.of((*self.path, key))
 
     def error(self, key: str, text: str) -> DescriptionError:
-        """The error for one key, with its file and line."""
+        """Return the error for one key, with its file and line."""
         title = f"{self.title}: " if self.title else ""
         return DescriptionError(f"{self.file}:{self.line(key)}: {title}key {key!r}: {text}")
 
@@ -69,7 +69,7 @@ class TomlTable(NamedTuple):
                 raise self.error(key, f"{shown(value)}: {invalid}") from None
 
     def table(self, key: str) -> TomlTable | None:
-        """The table [key] in this one, if there is one."""
+        """Return the table [key] in this one, None if there is none."""
         items = self.items.get(key)
         if items is None:
             return None
@@ -78,7 +78,7 @@ class TomlTable(NamedTuple):
         return TomlTable(self.file, self.lines, (*self.path, key), f"[{key}]", items)
 
     def tables(self, key: str) -> list[TomlTable]:
-        """The tables [[key]] in this one."""
+        """Return the tables [[key]] in this one."""
         rows = self.items.get(key, [])
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             raise self.error(key, f"expected [[{key}]] tables")
@@ -92,50 +92,50 @@ class TomlTable(NamedTuple):
 
 
 def text(value: Any) -> None:
-    """Text that is not blank."""
+    """Accept text that is not blank."""
     if not isinstance(value, str) or not value.strip():
         raise Invalid("expected text, not empty")
 
 
 def any_text(value: Any) -> None:
-    """Text that may be empty."""
+    """Accept any text, also empty text."""
     if not isinstance(value, str):
         raise Invalid("expected text")
 
 
 def texts(value: Any) -> None:
-    """A list of texts."""
+    """Accept a list of texts."""
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise Invalid("expected a list of texts")
 
 
 def boolean(value: Any) -> None:
-    """true or false."""
+    """Accept true or false."""
     if not isinstance(value, bool):
         raise Invalid("expected true or false")
 
 
 def finite_number(value: Any) -> None:
-    """A finite number: TOML has inf and nan too."""
+    """Accept a finite number: TOML has inf and nan too."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value - value != 0:
         raise Invalid("expected a number")
 
 
 def scalar(value: Any) -> None:
-    """A default: which of these it may be depends on the type of the parameter."""
+    """Accept a default; `check.py` compares it with the type of the parameter."""
     if not isinstance(value, (bool, str)):
         finite_number(value)
 
 
 def short_time(value: Any) -> None:
-    """A time of up to a minute."""
+    """Accept a time of up to a minute."""
     finite_number(value)
     if not 0 <= value <= 60:
         raise Invalid("expected seconds, 0..60")
 
 
 def whole(low: int, high: int) -> KeyRule:
-    """A whole number within limits."""
+    """Return a rule for a whole number within limits."""
 
     def rule(value: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
@@ -145,7 +145,7 @@ def whole(low: int, high: int) -> KeyRule:
 
 
 def one_of(*choices: str | int) -> KeyRule:
-    """One of a few words or numbers."""
+    """Return a rule for one of a few words or numbers."""
 
     def rule(value: Any) -> None:
         if isinstance(value, bool) or value not in choices:
@@ -155,7 +155,7 @@ def one_of(*choices: str | int) -> KeyRule:
 
 
 def fraction(value: Any) -> None:
-    """A scale: "1/10" or "0.1", as text, since a binary 0.1 would not be a tenth."""
+    """Accept a scale: "1/10" or "0.1", as text, since a binary 0.1 would not be a tenth."""
     # Python accepts "1e999999" too, and takes long to compute it.
     form = r"[0-9]{1,20}(/0*[1-9][0-9]{0,19}|\.[0-9]{1,20})?"
     if not (isinstance(value, str) and re.fullmatch(form, value) and Fraction(value) > 0):
@@ -163,18 +163,18 @@ def fraction(value: Any) -> None:
 
 
 def numbered_texts(value: Any) -> None:
-    """{ 0 = "text" }: the keys of TOML are text, these must be whole numbers in decimal."""
+    """Accept { 0 = "text" }: the keys of TOML are text, and these must be whole numbers in decimal."""
     if not isinstance(value, dict) or not value:
         raise Invalid('expected a table of numbers and texts: { 0 = "off" }')
     for key, title in value.items():
         if not re.fullmatch(r"0|-?[1-9][0-9]{0,24}", key):
-            raise Invalid(f"{key!r} is no whole number in decimal")
+            raise Invalid(f"{key!r} is not a whole number in decimal")
         if not isinstance(title, str) or not title.strip():
             raise Invalid(f"{shown(title)} for {key}: expected text, not empty")
 
 
 def table_of(rules: Mapping[str, KeyRule]) -> KeyRule:
-    """An inline table with keys of its own."""
+    """Return a rule for an inline table with these keys."""
 
     def rule(value: Any) -> None:
         if not isinstance(value, dict):
@@ -191,7 +191,7 @@ def table_of(rules: Mapping[str, KeyRule]) -> KeyRule:
 
 
 def list_of(item_rule: KeyRule, least: int, most: int) -> KeyRule:
-    """A list whose every item follows one rule."""
+    """Return a rule for a list in which every item follows `item_rule`."""
 
     def rule(value: Any) -> None:
         if not isinstance(value, list) or not least <= len(value) <= most:
@@ -207,18 +207,18 @@ PRINTED_MAX = 465_536
 
 
 def each_of(*names: str) -> KeyRule:
-    """One whole number for all of these names, or a table with a number for some of them."""
-    one = whole(0, PRINTED_MAX)
-    several = table_of(dict.fromkeys(names, one))
+    """Return a rule for one whole number for all of these names, or a table with a number for some of them."""
+    number_rule = whole(0, PRINTED_MAX)
+    table_rule = table_of(dict.fromkeys(names, number_rule))
 
     def rule(value: Any) -> None:
-        (several if isinstance(value, dict) else one)(value)
+        (table_rule if isinstance(value, dict) else number_rule)(value)
 
     return rule
 
 
 def mapping_entry(value: Any) -> None:
-    """An entry of a PDO mapping: [index, sub-index, bits]."""
+    """Accept an entry of a PDO mapping: [index, sub-index, bits]."""
     ranges = (whole(1, 0xFFFF), whole(0, 0xFF), whole(1, 64))
     if not isinstance(value, list) or len(value) != len(ranges):
         raise Invalid("expected [index, sub-index, bits] in each place")
@@ -227,12 +227,15 @@ def mapping_entry(value: Any) -> None:
 
 
 def printed(value: Any) -> None:
-    """Field -> the text of the manual; `range` is min and max in one, `canopen_` or `modbus_` names the manual."""
+    """Accept { field = "text of the manual" }.
+
+    `range` is min and max in one text; the prefix `canopen_` or `modbus_` names the manual.
+    """
     if not isinstance(value, dict):
         raise Invalid('expected a table of fields and texts: { max = "4.2E10" }')
     for key, words in value.items():
         if key.removeprefix("canopen_").removeprefix("modbus_") not in (*PARAMETER, "range"):
-            raise Invalid(f"{key!r} is no field; expected a key of the row, or range, maybe behind canopen_ or modbus_")
+            raise Invalid(f"{key!r} is not a field; expected range or a key of the row, or canopen_ or modbus_ and one")
         if not isinstance(words, str):
             raise Invalid(f"{key} = {shown(words)}: expected text, as it is printed")
 
@@ -241,7 +244,7 @@ def printed(value: Any) -> None:
 
 
 def anything(value: Any) -> None:
-    """A table that is checked by itself."""
+    """Accept anything: a table that `check.py` checks by itself."""
 
 
 _BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)

@@ -1,4 +1,4 @@
-"""Drives of CiA 402: one code that moves any drive, over Modbus and over CANopen.
+"""Drives of CiA 402: moves any of them, over Modbus and over CANopen.
 
     cia402      states, status words, control words, transitions
     report      one reading of a drive, progress, and the error DriveStuck with the reasons

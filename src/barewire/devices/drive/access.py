@@ -24,7 +24,7 @@ from barewire.modbus import Bus
 
 
 class DriveAccess(Protocol[Item]):
-    """The operations that the drive code needs."""
+    """The operations on a drive that `drive.py` uses."""
 
     def read(self, names: Sequence[str]) -> Conversation[Item, list[Reading]]:
         """Read values by name, in the order of `names`."""
@@ -51,12 +51,12 @@ class ModbusAccess:
         return write_modbus(self.bus, self.unit, self.device, values, timeout=self.timeout)
 
     def wait(self, until: float) -> Conversation[bytes, float]:
-        """Wait; received bytes go to `Bus.overhear`."""
+        """Wait, and pass received bytes to `Bus.overhear`."""
         while True:
-            heard = yield Listen(until)
-            self.bus.overhear(heard.item, heard.now)
-            if heard.now >= until:
-                return heard.now
+            received = yield Listen(until)
+            self.bus.overhear(received.item, received.now)
+            if received.now >= until:
+                return received.now
 
 
 class CanopenAccess:
@@ -74,10 +74,10 @@ class CanopenAccess:
         return write_canopen(self.channel, self.device, values, timeout=self.timeout)
 
     def wait(self, until: float) -> Conversation[CanFrame, float]:
-        """Wait; received frames go to the channel."""
+        """Wait, and pass received frames to the channel."""
         while True:
-            heard = yield Listen(until)
-            if heard.item is not None:
-                self.channel.receive(heard.item)
-            if heard.now >= until:
-                return heard.now
+            received = yield Listen(until)
+            if received.item is not None:
+                self.channel.receive(received.item)
+            if received.now >= until:
+                return received.now

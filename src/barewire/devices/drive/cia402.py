@@ -134,7 +134,7 @@ _STEPS: dict[State, dict[State, DriveCommand]] = {
 
 
 def state_of(status_word: int) -> State:
-    """The state in a status word.
+    """Return the state in a status word.
 
     >>> state_of(0x0637)
     <State.OPERATION_ENABLED: 'operation enabled'>
@@ -145,11 +145,11 @@ def state_of(status_word: int) -> State:
         if status_word & mask == value and 0 <= status_word <= 0xFFFF:
             return state
     data = (status_word & 0xFFFF).to_bytes(2, "big")
-    raise DecodeError("value", data, 0, f"status word {status_word:04X}h is no state of CiA 402")
+    raise DecodeError("value", data, 0, f"status word {status_word:04X}h is not a state of CiA 402")
 
 
 def with_state(status_word: int, state: State) -> int:
-    """The status word with the bits of `state` and every other bit kept, as a simulated drive reports it.
+    """Return the status word with the bits of `state` and every other bit kept, as a simulated drive reports it.
 
     >>> hex(with_state(0x0600, State.OPERATION_ENABLED))
     '0x627'
@@ -159,7 +159,7 @@ def with_state(status_word: int, state: State) -> int:
 
 
 def command_of(control_word: int, previous: int = 0) -> DriveCommand | None:
-    """The command in a control word that follows `previous`: fault reset is an edge. None while bit 7 stays set.
+    """Return the command in a control word that follows `previous`: fault reset is an edge. None while bit 7 stays set.
 
     >>> command_of(0x001F), command_of(0x0080), command_of(0x0080, previous=0x0080)
     (<DriveCommand.ENABLE_OPERATION: 15>, <DriveCommand.FAULT_RESET: 128>, None)
@@ -173,7 +173,7 @@ def command_of(control_word: int, previous: int = 0) -> DriveCommand | None:
 
 
 def after(state: State, control_word: int, previous: int = 0, *, stays_in_quick_stop: bool = False) -> State:
-    """The state after a control word. Transition 16 exists only in a drive that stays in its quick stop.
+    """Return the state after a control word. Transition 16 exists only in a drive that stays in its quick stop.
 
     >>> after(State.READY_TO_SWITCH_ON, 0x000F)
     <State.OPERATION_ENABLED: 'operation enabled'>
@@ -181,15 +181,15 @@ def after(state: State, control_word: int, previous: int = 0, *, stays_in_quick_
     command = command_of(control_word, previous)
     if command is None:
         return state
-    for number, source, target, asks in TRANSITIONS:
-        if source is state and asks is command and (number != 16 or stays_in_quick_stop):
+    for number, source, target, trigger in TRANSITIONS:
+        if source is state and trigger is command and (number != 16 or stays_in_quick_stop):
             # One word can make two transitions: 000Fh switches a ready drive on and enables it.
             state = target
     return state
 
 
 def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = False) -> int | None:
-    """The control word for the next step from `state` to `goal`, or None where no command is needed.
+    """Return the control word for the next step from `state` to `goal`, or None where no command is needed.
 
     None is returned at the goal, and in states that the drive leaves by itself. A fault is left by the edge of bit 7:
     if the control word is 0080h already, write 0000h first.

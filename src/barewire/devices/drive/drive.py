@@ -1,4 +1,4 @@
-"""One drive code for every drive of CiA 402 with a table [drive] in its description, over any bus.
+"""Moves any drive of CiA 402 whose description has a table [drive], over any bus.
 
     drive = Drive(ModbusAccess(bus, 1, load("csd-mt")), load("csd-mt"))       or CanopenAccess(Channel(1), load("az3"))
 
@@ -13,9 +13,9 @@
     reset         fault -> switch on disabled            home          bit 4 up, wait for bits 12 and 10; 13 is an error
 
 Each is a conversation that returns the last `DriveStatus`, or raises `DriveStuck` with the state and the reasons.
-`progress`, if given, is called with a `DriveProgress` after every reading. A fault is never reset on the way, so that
-it is noticed. "Target reached" is a success only if mode, target and control word are still the written ones: after a
-halt by another master the drive reports "reached" too.
+`progress`, if given, is called with a `DriveProgress` after every reading. Only `reset` resets a fault; all others
+report it. "Target reached" is a success only if mode, target and control word are still the written ones: after a halt
+by another master the drive reports "reached" too.
 
 Depends on: the access to the drive, the states of CiA 402.  Used by: `io.drive`.
 """
@@ -63,7 +63,7 @@ _NOW = float("-inf")
 
 
 class Drive(Generic[Item]):
-    """One drive. `timeout` (seconds) limits each step, `period` is the pause between two readings in seconds."""
+    """One drive. `timeout` (seconds) limits each step, `period` (seconds) is the pause between two readings."""
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class Drive(Generic[Item]):
         return status
 
     def enable(self) -> Conversation[Item, DriveStatus]:
-        """To operation enabled, and then the pause that the motor needs."""
+        """Bring the drive to operation enabled, and wait as long as the motor needs to settle."""
         return self._enable("enable")
 
     def disable(self) -> Conversation[Item, DriveStatus]:
@@ -118,7 +118,7 @@ class Drive(Generic[Item]):
         return (yield from self._until("quick stop", "standstill", stands, within, enabled=False))
 
     def reset(self) -> Conversation[Item, DriveStatus]:
-        """Leave a fault. The edge of bit 7 is repeated until the drive accepts it: a cause may take time to go."""
+        """Leave a fault. The edge of bit 7 is repeated until the drive accepts it: the cause may last for some time."""
 
         def is_reset(status: DriveStatus) -> bool:
             return status.state not in (*FAULT_STATES, None)
@@ -152,11 +152,15 @@ class Drive(Generic[Item]):
         deceleration: int | float | None = None,
         within: float = 60.0,
     ) -> Conversation[Item, DriveStatus]:
-        """Profile position: to `target`, or by `target` if `relative`, in the drive's units; enables the drive first.
+        """Enable the drive and move to `target` (profile position). All values are in the drive's units.
 
-        `immediately` replaces a movement under way; otherwise the drive takes the set-point at its end. Parts of the
-        profile that are not given keep their value in the drive. Raises EncodeError at once for a value out of range
-        or a role that the description lacks, DriveStuck if the target is not reached `within` so many seconds.
+            relative        move by `target` from the present position instead
+            immediately     replace a movement under way; otherwise the drive begins this one at the end of that one
+            velocity, acceleration, deceleration      the profile; without one, the value in the drive stays
+            within          the longest time for the movement, in seconds
+
+        Raises EncodeError at once for a value out of range or a role that the description does not have, and DriveStuck
+        if the target is not reached in time.
         """
         values = {"profile_velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
         settings = self._settings("move", "position", {**values, "target_position": target}, within)
@@ -166,7 +170,7 @@ class Drive(Generic[Item]):
     def _move(
         self, settings: Mapping[str, Value], set_point: int, target: float, within: float
     ) -> Conversation[Item, DriveStatus]:
-        begun = yield from self._prepare("move", settings, within)
+        before = yield from self._prepare("move", settings, within)
         yield from self._command(set_point)
         low, high = "bit 12 to fall (set-point acknowledge)", "bit 12 to rise (set-point acknowledge)"
         yield from self._until("move", low, lambda status: not status.has(MODE_BIT), self.timeout)
@@ -174,7 +178,7 @@ class Drive(Generic[Item]):
         yield from self._until("move", high, lambda status: status.has(MODE_BIT), self.timeout)
         yield from self._command(set_point)
         status = yield from self._until("move", "target reached", lambda status: status.has(REACHED), within)
-        goal = target + float(begun.position or 0) if set_point & _RELATIVE else target
+        goal = target + float(before.position or 0) if set_point & _RELATIVE else target
         if status.has(LIMITED) and status.position is not None and status.position != goal:
             reached = [f"position {show(status.position)}"]
             raise (yield from self._stuck("move", "target reached", None, status, reached))
@@ -188,9 +192,10 @@ class Drive(Generic[Item]):
         deceleration: int | float | None = None,
         within: float = 60.0,
     ) -> Conversation[Item, DriveStatus]:
-        """Profile velocity: enables the drive, ramps to `target` and leaves it turning; 0 stops it on its ramp.
+        """Enable the drive, ramp to the velocity `target` and leave it turning (profile velocity); 0 stops it.
 
-        The drive decides when the velocity is reached: some have a wide velocity window.
+        The drive decides when the velocity is reached: some have a wide velocity window. For the other arguments and
+        the errors see `move`.
         """
         values = {"acceleration": acceleration, "deceleration": deceleration, "target_velocity": target}
         return self._velocity(self._settings("velocity", "velocity", values, within), target, within)
@@ -211,7 +216,7 @@ class Drive(Generic[Item]):
         return (yield from self._unchanged("velocity", "target reached", settings, status))
 
     def home(self, method: int | None = None, *, within: float = 60.0) -> Conversation[Item, DriveStatus]:
-        """Homing, with the method that is set in the drive or the given one; enables the drive first."""
+        """Enable the drive and home it, with `method` or, without one, with the method that is set in the drive."""
         settings = self._settings("home", "homing", {"homing_method": method}, within)
         if method is not None:
             _check_method(self.device.find(self.roles.homing_method), method)
@@ -254,7 +259,7 @@ class Drive(Generic[Item]):
         return (yield from self.status(action, "the motor to settle"))
 
     def _go(self, action: str, goal: State) -> Conversation[Item, DriveStatus]:
-        """Command after command until the drive is in the state `goal`. A command that had no effect is repeated.
+        """Send commands until the drive is in the state `goal`. A command that had no effect is repeated.
 
         Where the goal is current off, a fault counts as reached: the drive has switched it off.
         """
@@ -302,7 +307,7 @@ class Drive(Generic[Item]):
     def _settings(
         self, action: str, mode: str, values: Mapping[str, int | float | None], within: float
     ) -> dict[str, Value]:
-        """The values to write by name, the mode first, all of them checked; EncodeError before anything is sent."""
+        """Return the checked values to write by name, the mode first. Raises EncodeError before anything is sent."""
         _positive("within", within)
         if mode not in self.roles.modes:
             raise EncodeError(f"{action}: the description of {self.device.name} has no {mode!r} in modes of [drive]")
@@ -340,8 +345,8 @@ class Drive(Generic[Item]):
     def _unchanged(
         self, action: str, waiting_for: str, settings: Mapping[str, Value], status: DriveStatus
     ) -> Conversation[Item, DriveStatus]:
-        """Check that "reached" is meant for our target: a following error, a halt, another mode or another target of
-        another master make the drive report it too."""
+        """Raise DriveStuck if "reached" is not about our target: the drive reports it also after a following error, or
+        after another master commanded a halt, a mode or a target."""
         if status.has(MODE_ERROR) and action != "home":
             raise (yield from self._stuck(action, waiting_for, None, status, ["a following error, bit 13"]))
         commanded = (self.roles.mode, self.roles.target_position, self.roles.target_velocity)
@@ -365,18 +370,18 @@ class Drive(Generic[Item]):
     # Reasons
 
     def _stuck(
-        self, action: str, waiting_for: str, waited: float | None, status: DriveStatus, more: Sequence[str] = ()
+        self, action: str, waiting_for: str, waited: float | None, status: DriveStatus, reasons: Sequence[str] = ()
     ) -> Conversation[Item, DriveStuck]:
         error = yield from self._read_reason(self.roles.error_code)
-        more = list(more)
+        reasons = list(reasons)
         if status.state is State.OPERATION_ENABLED and not status.velocity:
             for role in _ZERO_STOPS.get(action, ()):
                 reading = yield from self._read_reason(getattr(self.roles, role))
-                more += [f"{reading.name} is 0"] if reading is not None and reading.value == 0 else []
-        return stuck_error(action, waiting_for, waited, status, self.control, error, more)
+                reasons += [f"{reading.name} is 0"] if reading is not None and reading.value == 0 else []
+        return stuck_error(action, waiting_for, waited, status, self.control, error, reasons)
 
     def _read_reason(self, name: str) -> Conversation[Item, Reading | None]:
-        """A value that may explain the error. If it cannot be read, the error is raised without it."""
+        """Read a value that may explain the error; return None if it cannot be read."""
         if name:
             with suppress(BarewireError):
                 return (yield from self.access.read([name]))[0]
@@ -384,14 +389,14 @@ class Drive(Generic[Item]):
 
 
 def _positive(name: str, value: float) -> float:
-    """A time in seconds above 0. Not-a-number is refused too: waiting for it would never end."""
+    """Return a time in seconds. Raises EncodeError unless it is above 0: waiting for not-a-number would never end."""
     if not value > 0:
         raise EncodeError(f"{name} = {value:g}: expected seconds, above 0", name)
     return value
 
 
 def _check_method(parameter: Parameter, method: Value) -> None:
-    """EncodeError for a homing method that the drive does not have: it would never finish."""
+    """Raise EncodeError for a homing method that the drive does not have: it would never finish."""
     if parameter.values and method not in parameter.values:
         known = ", ".join(map(str, parameter.values))
-        raise EncodeError(f"home: {parameter.name} {show(method)} is no method: expected one of {known}")
+        raise EncodeError(f"home: {parameter.name} {show(method)} is not a homing method: expected one of {known}")

@@ -47,7 +47,7 @@ class DriveStatus(NamedTuple):
 
     @property
     def state(self) -> State | None:
-        """The state; None for a word that is no state, which a drive shows only during a transition."""
+        """The state; None for a word without a state, which a drive shows only during a transition."""
         try:
             return state_of(self.status_word)
         except DecodeError:
@@ -59,7 +59,7 @@ class DriveStatus(NamedTuple):
         return self.state.value if self.state else "no state of CiA 402"
 
     def has(self, bit: int) -> bool:
-        """Whether a bit of the status word is set."""
+        """Return whether a bit of the status word is set."""
         return bool(self.status_word >> bit & 1)
 
 
@@ -71,7 +71,7 @@ class DriveProgress(NamedTuple):
     status: DriveStatus
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: the status word as a number and its bits in words."""
+        """Return the progress for JSON, with the status word as a number and its bits in words."""
         status = self.status
         return {
             "time": round(status.now, 3),
@@ -97,7 +97,7 @@ class DriveStuck(BarewireError, TimeoutError):
 
 
 def bit_names(word: int) -> list[str]:
-    """The named bits that are set.
+    """Return the named bits that are set.
 
     >>> bit_names(0x0221)
     ['ready to switch on', 'quick stop', 'remote']
@@ -112,12 +112,12 @@ def stuck_error(
     status: DriveStatus,
     control: int | None,
     error: Reading | None,
-    more: Sequence[str] = (),
+    further: Sequence[str] = (),
 ) -> DriveStuck:
-    """The error with all reasons. `waited` (seconds) is None where more time would not help; `more` are reasons that
-    are not in the status."""
+    """Return the error with all reasons. `waited` (seconds) is None where more time would not help, and `further` holds
+    reasons that are not in the status."""
     after = "" if waited is None else f" after {waited:g} s"
-    reasons = [*_reasons(action, status, error), *_motor_reason(status), *more]
+    reasons = [*_reasons(action, status, error), *_motor_reason(status), *further]
     bits = ", ".join(bit_names(status.status_word)) or "no bit set"
     last = "" if control is None else f"; last control word {control:04X}h"
     because = f": {'; '.join(reasons)}" if reasons else ""
@@ -126,7 +126,7 @@ def stuck_error(
 
 
 def _reasons(action: str, status: DriveStatus, error: Reading | None) -> list[str]:
-    """The reasons in the error code and in the status word, the most certain first."""
+    """Return the reasons in the error code and in the status word, the most certain first."""
     reasons = []
     code = f"{error.name} {_code(error.parameter, error.value)}" if error is not None and error.value else ""
     if status.state in FAULT_STATES:
@@ -146,7 +146,7 @@ def _reasons(action: str, status: DriveStatus, error: Reading | None) -> list[st
 
 
 def _motor_reason(status: DriveStatus) -> list[str]:
-    """With the current on: a motor that stands waits for something, one that turns may need more time."""
+    """Return whether the motor of an enabled drive stands or turns: one that turns may only need more time."""
     if status.state is not State.OPERATION_ENABLED or status.velocity is None:
         return []
     if status.velocity:
@@ -155,7 +155,7 @@ def _motor_reason(status: DriveStatus) -> list[str]:
 
 
 def _code(parameter: Parameter, value: Value) -> str:
-    """An error code as manuals print it, with its meaning if the description has one."""
+    """Return an error code as manuals print it, with its meaning if the description has one."""
     meaning = parameter.values.get(int(value)) if isinstance(value, int) else None
     number = f"{value & 0xFFFF:04X}h" if isinstance(value, int) else str(value)
     return f"{number} ({meaning})" if meaning else number

@@ -13,7 +13,7 @@ codes, limits and exceptions of each device; the CiA 402 states and status words
 duration; a soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; saved parameters and
 power-off. Simplified: currents, torques, temperatures and their curves. Only stored: what the heads of `adxl.machine`,
 `az3.machine` and `csd_mt.machine` list. What the manuals leave open is decided in one place, and documented there. The
-environment of a machine (a supply that fails, a switch that is passed) is set by attributes that the same heads name.
+environment of a machine (a supply that fails, a switch that is passed) is set by attributes that the same heads list.
 
 In reading order:
 
@@ -23,8 +23,7 @@ In reading order:
     az3       the servo drive
     csd_mt    the stepper drive
 
-Depends on: device descriptions, messages, the CANopen node.  Used by: cli, tests. Framing, ports and clocks are unknown
-here.
+Depends on: device descriptions, messages, the CANopen node.  Used by: cli, tests.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ def simulator(
     bitrate: int | None = None,
     unit: int | None = None,
 ) -> Simulator:
-    """The simulator of a device, given by its name, its path or its description. `now`: the time in seconds.
+    """Return the simulator of a device, given by its name, its path or its description. `now`: the time in seconds.
 
     `node`, `bitrate` (CANopen, bit/s) and `unit` (Modbus) replace the settings of the description at delivery.
 
@@ -62,12 +61,12 @@ def simulator(
     described = device if isinstance(device, Device) else load(device)
     # A user's description may have the name of a shipped one, but not the parameters that its simulator needs.
     shipped = described.name in _SIMULATORS and described is load(described.name)
-    kind = _SIMULATORS[described.name] if shipped else Simulator
+    simulator_class = _SIMULATORS[described.name] if shipped else Simulator
     settings = described.canopen
     if settings is not None:
         settings = settings._replace(node=node or settings.node, bitrate=bitrate or settings.bitrate)
         described = replace(described, canopen=settings)
-    machine = kind(described, now)
+    machine = simulator_class(described, now)
     if unit is not None:
         machine.readdress(unit)
     return machine

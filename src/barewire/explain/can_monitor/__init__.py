@@ -6,14 +6,14 @@
                                             +--> services                      SYNC, TIME, EMCY, LSS
                                             '--> events --> event_text         a line, or a dict
 
-    events, rules    what is reported, and the closed list of what can be wrong
+    events, rules    the events, and the closed list of rules that can be broken
     monitor          CanMonitor: one bus
     transfer, block, channel_state, segments, channel, channels    SDO
     nodes, pdos, services    the other services
     event_text       the events as lines and dicts
     recording        recordings: any file format, all buses in it, and writing one
 
-Frames that a recording lacks (`Gap`) and frames that the bus lost (`Loss`) are reported separately. The monitor never
+Missing frames of a recording (`Gap`) and frames that the bus lost (`Loss`) are reported separately. The monitor never
 sends, and has no files, buses or clocks.
 
 Depends on: canopen, devices, explain.canopen, explain.capture. Used by: cli.

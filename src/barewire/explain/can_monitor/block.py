@@ -1,4 +1,4 @@
-"""A block transfer as the monitor sees it: the segments in the recording against the acknowledgements.
+"""A block transfer in the monitor: the segments in the recording compared with the acknowledgements.
 
         in the recording           acknowledged        conclusion
         1 2 3 4                    4                   nothing is missing
@@ -6,7 +6,7 @@
         1 2 3 4                    2                   3 was lost on its way to the receiver: 3 and 4 are sent again
         1 2   4                    2                   3 was lost on the bus
 
-Which segments arrived is certain only from the acknowledgement, so a block is judged there. [CiA 301, SDO block]
+Only the acknowledgement shows which segments arrived, so a block is judged there. [CiA 301, SDO block]
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from barewire.explain.can_monitor.events import Gap, Loss
 from barewire.explain.can_monitor.transfer import OpenTransfer, SdoSide
 
 _PAUSE = 0.3
-"""After so many seconds of silence a frame that looks like a request is one, although a segment could look the same."""
+"""Seconds of silence after which a frame counts as a request, although a segment of a block could look the same."""
 
 _REQUESTS = (InitiateUpload, ExpeditedDownload, InitiateDownload, InitiateBlockDownload, InitiateBlockUpload)
 
 Finding = Gap | Loss | tuple[str, str]
-"""A gap, a loss, or a rule that was broken and how."""
+"""A gap, a loss, or a broken rule with a text."""
 
 
 class BlockTracker:
-    """The segments of one transfer. `feed` returns whether a frame belongs to it; `findings` collects what it showed.
+    """The segments of one transfer. `feed` returns whether a frame belongs to it; `findings` collects its findings.
 
-    `blksize` is None, and `crc` too, if the frame that announces it is not in the recording.
+    `blksize` and `crc` are None if the frame that announces them is not in the recording.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class BlockTracker:
         self.blocks = 0
         self.findings: list[Finding] = []
         self._has_size = blksize is not None
-        self._short = 0  # a block was acknowledged up to here, before its end: it was the last one, or its rest is lost
+        self._short = 0  # a block was acknowledged up to here, before its end: it is the last one, or its rest is lost
         self._parts: dict[int, bytes] = {}  # the segments of this block by number
         self._final = 0  # the number of the last segment, if it is in this block
         self._tail = 0  # the last number sent of a block that was acknowledged early
@@ -69,7 +69,7 @@ class BlockTracker:
         return max(self._parts, default=0) + 1
 
     def feed(self, sender: SdoSide, data: bytes, now: float) -> bool:
-        """Take a frame. False if it does not belong to this transfer; `state` is "over" after the last one."""
+        """Take a frame; return False if it does not belong to this transfer. `state` is "over" after the last one."""
         if data[0] == LAST:
             return False  # 80h is an abort: there is no segment 0
         return self._from_sender(data, now) if sender == self.data_sender else self._from_receiver(data, now)
@@ -81,7 +81,7 @@ class BlockTracker:
         ends = BlockEnd.pattern.matches(data[0]) and not any(data[3:])
         if self.state == "segments":
             if self._short and not self._parts and ends and data[0] & ~LAST > 1:
-                self.state = "end"  # so it was the last block, and its last segment is not in the recording
+                self.state = "end"  # it was the last block, and its last segment is not in the recording
             elif self._final and ends:
                 self._lacks(1, "the transfer ends, but the last acknowledgement is not in the recording", now)
                 self._commit(self._final)
@@ -101,11 +101,11 @@ class BlockTracker:
         return False
 
     def _is_new_request(self, data: bytes, now: float) -> bool:
-        """Whether a frame of a download begins another transfer: some requests look like segments."""
+        """Return whether a frame of a download begins another transfer: some requests look like segments."""
         late = self.transfer.gapped or now - self.transfer.last_frame_at > _PAUSE
         if self.data_sender == "server" or not late or data[0] & ~LAST == self.expects:
             return False
-        return any(kind.pattern.matches(data[0]) for kind in _REQUESTS)
+        return any(request.pattern.matches(data[0]) for request in _REQUESTS)
 
     def _segment(self, data: bytes, now: float) -> None:
         number, body = data[0] & ~LAST, data[1:].ljust(SEGMENT, b"\0")
@@ -128,7 +128,7 @@ class BlockTracker:
         if held is not None:
             if number == 1:
                 self._lacks(1, "a new block begins, but no acknowledgement is in the recording", now)
-            else:  # how much of the block before was acknowledged is as unknown as how this one began
+            else:  # neither the end of the block before nor the beginning of this one is in the recording
                 text = f"segment {number} again, with other bytes: the beginning of its block is not in the recording"
                 self._lacks(number, text, now, data=True)
             self._commit(max(self._parts))
@@ -169,10 +169,10 @@ class BlockTracker:
             transfer.lost += 1
             self.findings.append(Loss(now, self.node, 1, "the acknowledgement is repeated: no segment came after it"))
             return
-        gone = [place for place in range(1, number + 1) if place not in self._parts]
-        if gone:
-            which = f"segment{'s' if len(gone) > 1 else ''} {', '.join(map(str, gone[:8]))}"
-            self._lacks(len(gone), f"{which} of {number} acknowledged ones: not in the recording", now, data=True)
+        missing = [segment for segment in range(1, number + 1) if segment not in self._parts]
+        if missing:
+            which = f"segment{'s' if len(missing) > 1 else ''} {', '.join(map(str, missing[:8]))}"
+            self._lacks(len(missing), f"{which} of {number} acknowledged ones: not in the recording", now, data=True)
         if number < max(sent, self._final):
             transfer.lost += 1
             transfer.repeats += sent - number
@@ -195,15 +195,15 @@ class BlockTracker:
         self.findings.append(Gap(now, None, frames, evidence, self.node))
 
     def _commit(self, number: int) -> None:
-        """The receiver has the segments up to this one. All bytes of the block before count."""
+        """Count all bytes up to this segment: the receiver has acknowledged it."""
         self.blocks += 1
-        chunk = b"".join(self._parts[place] for place in range(1, number + 1) if place in self._parts)
+        chunk = b"".join(self._parts[segment] for segment in range(1, number + 1) if segment in self._parts)
         if chunk:
             self.transfer.take(self._pending)
             self._pending = chunk
 
     def _trimmed(self) -> bytes:
-        """The bytes of the last block that count if only the announced size shows it."""
+        """Return the bytes of the last block that count, if only the announced size shows how many."""
         size = self.transfer.size
         return self._pending if size is None else self._pending[: max(0, size - self.transfer.count)]
 
@@ -229,7 +229,7 @@ class BlockTracker:
         self.state = "ended"
 
     def _lacks_blocks(self) -> bool:
-        """Whether an acknowledgement that looked like a repetition was for a block that is not in the recording."""
+        """Return whether an acknowledgement that looked repeated was for a block that is not in the recording."""
         transfer = self.transfer
         if self._repeats and transfer.size is not None and transfer.count < transfer.size:
             transfer.complete = False

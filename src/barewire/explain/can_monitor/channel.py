@@ -2,8 +2,8 @@
 
         605h  client -> server     585h  server -> client          one transfer at a time
 
-A frame has its meaning from the frames before it, so this is a machine with the state of both sides. A frame that
-does not fit is one of three things; often the next frame of the other side decides which:
+The meaning of a frame depends on the frames before it, so this is a machine with the state of both sides. A frame that
+does not fit has one of three causes; often the next frame of the other side decides which:
 
     the recording lacks a frame     both sides go on, so both have it                            Gap
     the bus lost a frame            one side sends the same again                                Loss
@@ -72,7 +72,7 @@ from barewire.explain.can_monitor.transfer import (
 )
 
 GIVE_UP = 3.0
-"""After so many seconds without a frame a transfer is given up."""
+"""Seconds without a frame after which a transfer is given up."""
 
 _UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
 
@@ -127,32 +127,32 @@ class SdoTracker:
         return self._state.take_events()
 
     def interrupt(self) -> None:
-        """The recording has a hole here: the transfer under way may go on after it, or may have ended in it."""
+        """Note a gap in the recording: the transfer under way may go on after it, or may have ended in it."""
         if self._state.open is not None:
             self._state.open.gapped = True
         self._state.given_up, self._state.has_frames = None, False
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """The recording ends."""
+        """End the recording: report the transfer under way as cut."""
         self._state.now = now
         self._state.close("cut")
         self._state.release()
         return self._state.take_events()
 
     def takes_segment(self, from_client: bool, data: bytes) -> bool:
-        """Whether this frame, coming now, would be a segment of a block."""
+        """Return whether this frame, coming now, would be a segment of a block."""
         block = self._state.block
         if block is None or block.state != "segments" or not data or data[0] == 0x80:
             return False
         return block.data_sender == ("client" if from_client else "server")
 
-    # Which message it is
+    # Frames
 
     def _take(self, sender: SdoSide, data: bytes) -> None:
         state = self._state
         if self._continues_unrecorded_block(sender, data):
-            begun = state.begin_unrecorded("upload" if sender == "server" else "download", "block")
-            state.begin_blocks(begun, sender)
+            transfer = state.begin_unrecorded("upload" if sender == "server" else "download", "block")
+            state.begin_blocks(transfer, sender)
         state.release()
         self._begin_unanswered_block(sender, data)
         block = state.block
@@ -173,7 +173,7 @@ class SdoTracker:
             self._reserved.add(data[0])
             standard = message.pattern.encode(**message.pattern.decode(data[0]))
             text = f"{data[0]:02X}h instead of {standard:02X}h"
-            # The next frame may show that this was a segment of a block that began in a hole of the recording.
+            # The next frame may show that this was a segment of a block that began in a gap of the recording.
             state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
         if isinstance(message, Abort):
             self._aborted(sender, message)
@@ -229,7 +229,7 @@ class SdoTracker:
             self._go_on(transfer, answer)
 
     def _go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
-        """Take an answer that the request can have: the value, or how it will be transferred."""
+        """Take a possible answer to the request: the value, or the way in which it will be transferred."""
         state = self._state
         if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
             size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
@@ -275,10 +275,10 @@ class SdoTracker:
     # Transfers whose beginning is not in the recording
 
     def _continues_unrecorded_block(self, sender: SdoSide, data: bytes) -> bool:
-        """Whether two consecutive frames of one side have consecutive numbers, which only a block has.
+        """Return whether consecutive frames of one side have consecutive numbers, as only the segments of a block do.
 
-        Three are needed, or a first one that would be wrong, while a transfer is under way that may have ended
-        unrecorded.
+        Two are enough, except while another transfer is under way that may have ended unrecorded. Then a third is
+        needed, unless the first would break a rule.
         """
         state, transfer = self._state, self._state.open
         from_client, last = state.last_frame
@@ -289,7 +289,7 @@ class SdoTracker:
         return from_client == (sender == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
 
     def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
-        """The client begins to send segments, so it has the answer to its request, which is not in the recording."""
+        """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""
         transfer = self._state.open
         if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
             return
@@ -299,7 +299,7 @@ class SdoTracker:
             self._state.begin_blocks(transfer, "client")
 
     def _unmatched_answer(self, answer: InitiateAnswer) -> None:
-        """An answer without a request: it is late, or the request is not in the recording."""
+        """Take an answer without a request: it is late, or the request is not in the recording."""
         state = self._state
         given, first = state.given_up, not state.has_frames
         matches = given is not None and (given.index, given.sub) == (answer.index, answer.sub)
@@ -334,10 +334,10 @@ class SdoTracker:
                 state.release()
 
     def _unmatched_block_message(self, sender: SdoSide, message: SdoMessage, data: bytes) -> None:
-        """A message of a block transfer while none is under way."""
+        """Take a message of a block transfer while none is under way."""
         state, transfer = self._state, self._state.open
         if transfer is not None and transfer.request:
-            if sender == "client":  # it goes on, so it has the answer; the server may go on without the client
+            if sender == "client":  # it goes on, so it received the answer; the server may go on without the client
                 state.report_missing(transfer, 1, _UNANSWERED, data=False)
             transfer.request, transfer.manner = b"", "block"
         else:
@@ -357,7 +357,7 @@ class SdoTracker:
 
 
 def _outcome_of_silence(transfer: OpenTransfer) -> TransferOutcome:
-    """The outcome of a transfer that neither side continues."""
+    """Return the outcome of a transfer that neither side continues."""
     if transfer.gapped or transfer.began is None:
         return "cut"
     return "unanswered" if transfer.next_sender == "server" else "left"

@@ -1,6 +1,6 @@
 """The state of one SDO channel, which its trackers share: the transfer under way, and the events of the last frame.
 
-        channel      finds out which message a frame is    |
+        channel      determines the message of a frame    |
         segments     takes frames of segmented transfers   |--> ChannelState: open transfer, block, events
         block        takes frames of block transfers; its findings are collected by `collect_findings`
 
@@ -32,8 +32,8 @@ class ChannelState:
         self.open: OpenTransfer | None = None
         self.block: BlockTracker | None = None  # of the open transfer
         self.given_up: OpenTransfer | None = None  # the last one without an end: its answer may be late
-        self.has_frames = False  # since the start, or since a hole in the recording
-        self.last_frame = (False, b"")  # whether it was the client's, and its data
+        self.has_frames = False  # since the start, or since a gap in the recording
+        self.last_frame = (False, b"")  # whether the client sent it, and its data
         self.run = 0  # consecutive frames of one side, each with the next higher number
         self.now, self.frame = 0.0, ""
         self.events: list[MonitorEvent] = []
@@ -88,7 +88,7 @@ class ChannelState:
         self.close("done")
 
     def close(self, outcome: TransferOutcome, *, abort: int | None = None, by: SdoSide | None = None) -> None:
-        """Report the transfer under way, if there is one, and forget it."""
+        """Report the transfer under way, if there is one, and drop it."""
         transfer, block = self.open, self.block
         if transfer is None:
             return
@@ -99,11 +99,11 @@ class ChannelState:
         self.given_up = transfer if outcome in ("unanswered", "left") else None
 
     def release(self) -> None:
-        """Emit the events held back: they are certain now."""
+        """Emit the events held back, which are now certain."""
         self.events += self.held_back
         self.held_back = []
 
     def take_events(self) -> list[MonitorEvent]:
-        """The events since the last call."""
+        """Return the events since the last call."""
         events, self.events = self.events, []
         return events

@@ -37,11 +37,11 @@ class SdoChannels:
         self._half: dict[tuple[int, int], dict[int, int]] = {}  # the COB-IDs learned of further channels
 
     def find(self, frame: CanFrame) -> tuple[SdoTracker, bool] | None:
-        """The channel of a frame, and whether it is the client's frame."""
+        """Return the channel of a frame, and whether the client sent it."""
         return None if frame.extended else self._ids.get(frame.id)
 
     def channel(self, node: int, request: int | None = None, answer: int | None = None) -> SdoTracker | None:
-        """The default channel of a node, or the one with these COB-IDs. None if there are too many."""
+        """Return the default channel of a node, or the one with these COB-IDs. None if there are too many."""
         requests, answers = 0x600 + node if request is None else request, 0x580 + node if answer is None else answer
         if requests not in self._channels and len(self._channels) < CHANNELS_MAX:
             tracker = SdoTracker(node, requests, self._held, self._give_up, self._dialects.get(node, ()))
@@ -70,16 +70,16 @@ class SdoChannels:
         return self._with_names([event for channel in under_way for event in channel.pass_time(now)])
 
     def interrupt(self) -> None:
-        """The recording has a hole here."""
+        """Note a gap in the recording."""
         for channel in self._channels.values():
             channel.interrupt()
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """The recording ends."""
+        """End the recording: report the transfers under way as cut."""
         return self._with_names([event for channel in self._channels.values() for event in channel.end(now)])
 
     def learn(self, node: int, index: int, sub: int, number: int) -> None:
-        """Learn a further channel from the value of an object 1201h to 127Fh."""
+        """Add a channel from the value of an object 1201h to 127Fh."""
         if not 0x1201 <= index <= 0x127F or sub not in (1, 2):
             return
         half = self._half.setdefault((node, index), {}) if len(self._half) < CHANNELS_MAX else {}
@@ -88,7 +88,7 @@ class SdoChannels:
             self.channel(node, half[1] & 0x7FF, half[2] & 0x7FF)
 
     def _with_names(self, events: list[MonitorEvent]) -> list[MonitorEvent]:
-        """The events; transfers with the name of their object and their value as text."""
+        """Return the events; transfers get the name of their object and their value as text."""
         return [self._with_name(event) if isinstance(event, SdoTransferReport) else event for event in events]
 
     def _with_name(self, event: SdoTransferReport) -> SdoTransferReport:

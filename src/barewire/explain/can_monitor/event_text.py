@@ -1,4 +1,4 @@
-"""Formats the events of a CAN monitor: a line for people, a dict for programs.
+"""Formats the events of a CAN monitor: a line for people, or a dict for programs.
 
 0.100000  node 5   SDO       upload 6041h:00 -> 37 06, 1.0 ms
 0.200000  node 5   heartbeat operational, was pre-operational
@@ -70,17 +70,17 @@ _OUTCOME_TEXT = {
 
 
 def event_kind(event: MonitorEvent) -> str:
-    """The name of the event in `EVENT_KINDS`."""
+    """Return the name of the event in `EVENT_KINDS`."""
     return EVENT_KINDS[type(event)]
 
 
 def is_repeated(event: MonitorEvent) -> bool:
-    """Whether the event repeats an earlier one."""
+    """Return whether the event repeats an earlier one."""
     return bool(getattr(event, "repeated", False))
 
 
 def event_line(event: MonitorEvent) -> str:
-    """The event as one line.
+    """Return the event as one line.
 
     >>> event_line(Loss(1.5, 5, 1, "segment 3 did not arrive"))
     '1.500000  node 5    LOSS        segment 3 did not arrive'
@@ -94,7 +94,7 @@ def _node_name(node: int) -> str:
 
 
 def _columns(event: MonitorEvent) -> tuple[str, str, str]:
-    """Node, service, and text."""
+    """Return node, service and text."""
     match event:
         case SdoTransferReport():
             return _node_name(event.node), "SDO", _transfer(event)
@@ -170,7 +170,7 @@ def _span(seconds: float) -> str:
 
 
 def data_text(data: bytes) -> str:
-    """Bytes as hexadecimal pairs, or as text if all of them are printable. Long data is cut."""
+    """Return bytes as hexadecimal pairs, or as text if all of them are printable. Long data is cut."""
     if len(data) > 4 and all(32 <= byte < 127 for byte in data.rstrip(b"\0")):
         text = data.rstrip(b"\0")[: 2 * _BYTES_SHOWN].decode("ascii")
         return f"{text!r}" + (" ..." if len(data) > 2 * _BYTES_SHOWN else "")
@@ -204,8 +204,8 @@ def _sync(event: SyncReport) -> str:
     if event.kind == "summary":
         jitter = f"{1e3 * (event.shortest or 0):.3f} to {1e3 * (event.longest or 0):.3f} ms"
         return f"{event.beats} beats, every {1e3 * event.period:.3f} ms ({jitter})"
-    kind = {"missing": "MISSING", "back": "back", "first": "first", "beat": ""}[event.kind]
-    return ", ".join(filter(None, (kind, number, f"every {1e3 * event.period:.3f} ms")))
+    change = {"missing": "MISSING", "back": "back", "first": "first", "beat": ""}[event.kind]
+    return ", ".join(filter(None, (change, number, f"every {1e3 * event.period:.3f} ms")))
 
 
 def _pdo(event: PdoReport) -> str:
@@ -215,7 +215,7 @@ def _pdo(event: PdoReport) -> str:
 
 
 def event_as_dict(event: MonitorEvent) -> dict[str, Any]:
-    """The event for `json.dumps`: bytes as hexadecimal digits, NaN as text. The key `event` has its kind.
+    """Return the event for `json.dumps`: bytes as hexadecimal digits, NaN as text. The key `event` has its kind.
 
     >>> event_as_dict(NmtCommandReport(1.0, 1, 5))
     {'event': 'nmt', 'at': 1.0, 'command': 1, 'node': 5}

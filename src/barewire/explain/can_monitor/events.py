@@ -2,13 +2,13 @@
 
         SdoTransferReport     one SDO transfer, assembled      NodeReport, NmtCommandReport      states and commands
         PdoReport             process data by name             EmcyReport, SyncReport,
-        PdoMappingReport      what a PDO carries from now on     TimeReport, LssReport           the other services
+        PdoMappingReport      the objects in a PDO from now on   TimeReport, LssReport           the other services
         BusErrorReport        from the controller              ForeignFrameReport                not classical CANopen
-        Violation             a rule that was broken           Summary                           counts, at the end
+        Violation             a broken rule                    Summary                           counts, at the end
         Gap                   the RECORDING lacks frames       Loss                              the BUS lost a frame
 
-`repeated` is true for the same heartbeat, SYNC or PDO once more. The names of the fields are the keys of the JSON
-output (docs/can-analysis.md) and do not change.
+`repeated` is true for an event with the same heartbeat, SYNC or PDO as before. The names of the fields are the keys of
+the JSON output (docs/can-analysis.md) and do not change.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class SdoTransferReport:
     """An SDO transfer that is over.
 
     `outcome`: done; aborted (`abort` is the code, `by` the side); unanswered, the server stopped answering; left, the
-    client did not go on; cut, the end is not in the recording. `began` is None if the beginning is not in it either.
-    `data` is the value, None if a byte of it is not known; `count` bytes were seen. `lost` frames did not reach their
-    receiver, `again` counts repeated frames; `missing` frames were on the bus and are not in the recording.
+    client did not go on; cut, the end is not in the recording. `began` is None if the beginning is not in it.
+    `data` is the value, None if a byte of it is not known; `count` of its bytes were recorded. `lost` frames did not
+    reach their receiver, `again` counts repeated frames; `missing` frames were on the bus and are not in the recording.
     """
 
     at: float
@@ -56,11 +56,11 @@ class SdoTransferReport:
     missing: int = 0
     late: bool = False  # the answer came after the monitor had given up the transfer
     name: str = ""
-    text: str = ""  # the value as the device description reads it
+    text: str = ""  # the value by the device description
 
 
 class Gap(NamedTuple):
-    """The recording lacks frames: those from `since` to `at`, or `frames` of them. `evidence` is the reason."""
+    """The recording lacks frames: all from `since` to `at`, or a number of `frames`. `evidence` is the reason."""
 
     at: float
     since: float | None
@@ -79,7 +79,7 @@ class Loss(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """A rule of `rules.BUS_RULES` was broken; `frame` is the frame that shows it."""
+    """A broken rule of `rules.BUS_RULES`; `frame` is the frame that shows it."""
 
     at: float
     rule: str
@@ -128,7 +128,7 @@ class EmcyReport(NamedTuple):
 
 
 class SyncReport(NamedTuple):
-    """SYNC: `first`, `missing`, `back`, another one (`beat`), and at the end a `summary` with period and jitter."""
+    """SYNC: the `first`, `missing`, `back`, a further one (`beat`), at the end a `summary` with period and jitter."""
 
     at: float
     kind: Literal["first", "beat", "missing", "back", "summary"]

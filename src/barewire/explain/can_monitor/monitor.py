@@ -4,10 +4,10 @@
     events = monitor.feed(frame, now)            CanFrame, FdFrame, ErrorFrame, Dropped; None: time has passed
     events = monitor.end(now)
 
-**A hole in the recording is not silence on the bus.** A live caller feeds None at every `deadline`, so it has missed no
-frame, and a heartbeat that does not come is missing. For a recording only frames are fed: when several periodic
-messages (heartbeats, SYNC) or transfers under way fall silent at once, the recorder has stopped, not the bus. Two of
-them are enough. A recorder that reports lost frames itself (`Dropped`, an overrun of its controller) is believed.
+**A gap in the recording is not silence on the bus.** A live caller feeds None at every `deadline`, so no frame is
+unrecorded, and a late heartbeat is missing. A caller with a recording feeds only frames: if two or more periodic
+messages (heartbeats, SYNC) or transfers under way stop at once, the recorder has stopped, not the bus. A report of the
+recorder about lost frames (`Dropped`, an overrun of its controller) is a gap too.
 
 Memory is bounded: 127 nodes, `channels.CHANNELS_MAX` SDO channels, `transfer.HELD_MAX` bytes of values, and the limits
 of the parts.
@@ -51,13 +51,13 @@ _VIOLATIONS_MAX = 4096
 """The most different violations that are kept to find repeated ones."""
 _HEARTBEAT_TIME = 0x1017
 _WITNESSES = 2
-"""The number of silent nodes, SYNC and transfers that proves a hole in the recording."""
+"""The number of silent nodes, SYNC and transfers that proves a gap in the recording."""
 _TRANSFER_SILENT = 1.0
-"""A transfer counts as silent after so many seconds."""
+"""Seconds after which a transfer counts as silent."""
 _BACKWARDS = 1.0
-"""A clock that goes back by less means two frames in the wrong order."""
+"""Seconds: a clock that goes back by less means two frames in the wrong order."""
 _GFC = 0x001
-"""The global fail-safe command of CiA 304: the only identifier of the reserved range with a use of its own."""
+"""The global fail-safe command of CiA 304: the only identifier of the reserved range that has a use."""
 
 
 class CanMonitor:
@@ -80,7 +80,7 @@ class CanMonitor:
         self.pdos = PdoTracker(described)
         self.sync = SyncTracker()
         self.lss = LssTracker()
-        dialects = {one.node: one.commands for one in described}
+        dialects = {node.node: node.commands for node in described}
         self.channels = SdoChannels(self.held, give_up, dialects, self.pdos)
         self.violations: Counter[str] = Counter()
         self._reported: set[tuple[str, int, str]] = set()
@@ -101,7 +101,7 @@ class CanMonitor:
         return min((due for due in dues if due is not None), default=None)
 
     def feed(self, item: AnyFrame | Dropped | None, now: float) -> list[MonitorEvent]:
-        """Take an item; None if only time has passed. Returns its events, after those that were due before."""
+        """Take an item (None: only time has passed). Returns its events, after the events that were due before."""
         return [self._count(event) if isinstance(event, Violation) else event for event in self._feed(item, now)]
 
     def _count(self, violation: Violation) -> Violation:
@@ -145,7 +145,7 @@ class CanMonitor:
         return events
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """The recording ends: report the transfers under way, and a summary."""
+        """End the recording: report the transfers under way, and a summary."""
         now = max(now, self._last)
         events = self._pass_time(now)
         events += [*self.channels.end(now), *self.lss.end(now), *self.sync.end(now)]
@@ -156,7 +156,7 @@ class CanMonitor:
         return [*events, Summary(now, self.frames, seconds, counts, dict(sorted(self.violations.items())))]
 
     def takes_segment(self, frame: CanFrame) -> bool:
-        """Whether this frame, coming now, would be a segment of a block. Its bytes alone do not show it."""
+        """Return whether this frame, coming now, would be a segment of a block. Its bytes alone do not show it."""
         found = self.channels.find(frame)
         return found is not None and found[0].takes_segment(found[1], frame.data)
 
@@ -170,7 +170,7 @@ class CanMonitor:
         return sorted(events, key=lambda event: event.at)
 
     def _silence(self, now: float) -> Gap | None:
-        """A gap, if the recorder was silent before this frame."""
+        """Return a gap if the recorder was silent before this frame."""
         silent = now - self._last
         if silent <= 0 or ((self.deadline or now) > now and silent < _TRANSFER_SILENT):
             return None

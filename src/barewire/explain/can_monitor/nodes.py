@@ -1,4 +1,4 @@
-"""Nodes: states, boot-ups, missing heartbeats, node guarding, and whether nodes obey NMT commands.
+"""Nodes: states, boot-ups, missing heartbeats, node guarding, and the effect of NMT commands.
 
         701h  05   05   05        05     the period is learned from the intervals, or from an access to 1017h
               |----|----|----x----|      after 2.5 periods of silence (2, if 1017h is known) the node is missing
@@ -17,16 +17,16 @@ from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtState
 from barewire.explain.can_monitor.events import MonitorEvent, NmtCommandReport, NodeReport, Violation
 
 _PERIODS_LEARNED, _PERIODS_CONFIGURED = 2.5, 2.0
-"""After so many periods of silence a node is missing: with a learned period, with the one of 1017h."""
+"""Periods of silence after which a node is missing, for a learned period and for the period in 1017h."""
 _GRACE = 0.05
 """Seconds after a command in which frames of the old state may still come from a queue."""
 _INTERVALS = 5
-"""The period is the median of so many intervals; at least three are needed."""
+"""The number of intervals whose median is the period; at least three are needed."""
 _STATES = frozenset(int(state) for state in NmtState)
 
 
 def state_name(state: int) -> str:
-    """The name of a state.
+    """Return the name of a state.
 
     >>> state_name(0x7F), state_name(0x33)
     ('pre-operational', 'state 33h')
@@ -50,7 +50,7 @@ class ObservedNode:
         self.pending = 0  # guarding requests without an answer
         self.toggle: bool | None = None  # of the next answer
         self.unsure = False  # an answer may have been lost
-        self.reported: set[str] = set()  # rules that it broke in this state: each is reported once
+        self.reported: set[str] = set()  # broken rules that were reported in this state: each is reported once
 
     @property
     def beat(self) -> tuple[float, float] | None:
@@ -98,18 +98,18 @@ class NodeTracker:
         return events
 
     def overdue(self, now: float) -> int:
-        """The number of nodes that have passed their deadline."""
+        """Return the number of nodes that have passed their deadline."""
         return sum((due := node.deadline) is not None and now >= due for node in self.nodes.values())
 
     def interrupt(self, now: float) -> None:
-        """The recording has a hole that ends here."""
+        """Note the end of a gap in the recording."""
         for node in self.nodes.values():
             node.last = now if node.last is not None else None
             node.unsure = True
             node.update_deadline()
 
     def set_period(self, number: int, seconds: float) -> None:
-        """An access to 1017h shows the heartbeat period; 0 switches the heartbeat off."""
+        """Set the heartbeat period that an access to 1017h shows; 0 switches the heartbeat off."""
         node = self._node(number)
         node.configured_period = seconds
         node.intervals.clear()
@@ -135,7 +135,7 @@ class NodeTracker:
     # States
 
     def state(self, number: int, now: float) -> int | None:
-        """The state of a node; None if it is not certain."""
+        """Return the state of a node; None if it is not certain."""
         node = self.nodes.get(number)
         if node is None:
             return None
@@ -145,23 +145,23 @@ class NodeTracker:
         return None if node.missing else node.state
 
     def check_allowed(
-        self, number: int, what: str, sent_by_node: bool, frame: CanFrame, now: float
+        self, number: int, service: str, sent_by_node: bool, frame: CanFrame, now: float
     ) -> list[MonitorEvent]:
         """Check that the node may send this in its state. Reported once per state."""
         state = self.state(number, now) if sent_by_node else None
         rule = ""
         if state == NmtState.STOPPED:
             rule = "STOPPED-TALKS"
-        elif state == NmtState.PRE_OPERATIONAL and "PDO" in what:
+        elif state == NmtState.PRE_OPERATIONAL and "PDO" in service:
             rule = "PDO-NOT-OPERATIONAL"
         reported = self._node(number).reported if rule else set()
         if not rule or rule in reported or state is None:
             return []
         reported.add(rule)
-        return [Violation(now, rule, number, f"it is {state_name(state)}, and sends {what}", str(frame))]
+        return [Violation(now, rule, number, f"it is {state_name(state)}, and sends {service}", str(frame))]
 
     def guarding_request(self, number: int) -> None:
-        """A remote frame requests the state."""
+        """Take a remote frame that requests the state."""
         node = self._node(number)
         node.guarded = True
         node.pending += 1
@@ -218,7 +218,7 @@ class NodeTracker:
         return NodeReport(now, number, "boot-up", 0, before)
 
     def _obeyed(self, number: int, node: ObservedNode, state: int, now: float, frame: CanFrame) -> list[MonitorEvent]:
-        """Check the command: the first state that the node reports after the grace time decides."""
+        """Check the last command against the first state that the node reports after the grace time."""
         if node.commanded is None:
             return []
         expected, since = STATE_AFTER[node.commanded], now - node.commanded_at

@@ -1,4 +1,4 @@
-"""PDOs: which bits are which object, by the factory setting and by what is written to the mapping.
+"""PDOs: the objects in their bits, by the factory setting and by writes to the mapping.
 
         write to 1A00h:01 ...                         the entries of TPDO1
         write of 3 to 1A00h:00                        from now on the first three are mapped; 0: none
@@ -46,7 +46,7 @@ class _Record:
 
     @property
     def name(self) -> str:
-        """Such as TPDO1."""
+        """The name, such as TPDO1."""
         return f"{self.direction}{self.number}"
 
     def reset(self) -> None:
@@ -65,17 +65,17 @@ class _Record:
             )
 
     def build_mapping(self, objects: dict[tuple[int, int], KnownObject]) -> None:
-        """Build the mapping from the entries. Without types if a type does not fit the bits of its entry."""
+        """Build the mapping from the entries, without types if a type does not fit the bits of its entry."""
         self.mapping = None
-        if self.count is None or not all(place in self.words for place in range(1, self.count + 1)):
+        if self.count is None or not all(number in self.words for number in range(1, self.count + 1)):
             return
-        words = [self.words[place] for place in range(1, self.count + 1)]
+        words = [self.words[number] for number in range(1, self.count + 1)]
         for typed in (True, False):
             entries = []
             for word in words:
                 known = objects.get((word >> 16, word >> 8 & 0xFF)) if typed else None
-                kind = None if known is None or known.type == "text" else known.type
-                entries.append(MappedObject.of_word(word, kind, "" if known is None else known.name))
+                type_name = None if known is None or known.type == "text" else known.type
+                entries.append(MappedObject.of_word(word, type_name, "" if known is None else known.name))
             try:
                 self.mapping = PdoMapping(entries)
                 return
@@ -87,14 +87,14 @@ class PdoTracker:
     """The PDOs of all nodes: their owners, mappings and values. A machine."""
 
     def __init__(self, known: tuple[KnownNode, ...] = ()) -> None:
-        self._objects: dict[int, dict[tuple[int, int], KnownObject]] = {one.node: dict(one.objects) for one in known}
+        self._objects: dict[int, dict[tuple[int, int], KnownObject]] = {node.node: dict(node.objects) for node in known}
         self._records: dict[tuple[int, PdoDirection, int], _Record] = {}
         self._by_key: dict[_FrameKey, _Record] = {}
         self._last: dict[_FrameKey, bytes] = {}
         self._stored: set[int] = set()
-        for one in known:
-            for pdo in one.pdos:
-                self._add(one.node, pdo.direction, pdo.number, pdo)
+        for node in known:
+            for pdo in node.pdos:
+                self._add(node.node, pdo.direction, pdo.number, pdo)
 
     def _add(self, node: int, direction: PdoDirection, number: int, factory: PdoConfig | None) -> _Record | None:
         place = node, direction, number
@@ -106,14 +106,14 @@ class PdoTracker:
 
     def _update(self, record: _Record) -> None:
         """Update the tables after a change of the record."""
-        for key in [key for key, one in self._by_key.items() if one is record]:
+        for key in [key for key, other in self._by_key.items() if other is record]:
             del self._by_key[key]
         if record.key is not None:
             self._by_key[record.key] = record
         record.build_mapping(self._objects.get(record.node, {}))
 
     def owner(self, frame: CanFrame) -> tuple[int, str, PdoMapping | None] | None:
-        """Node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
+        """Return node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
         record = self._by_key.get(frame.key)
         if record is not None:
             return record.node, record.name, record.mapping
@@ -123,7 +123,7 @@ class PdoTracker:
         return found[1], found[0].name, None
 
     def object(self, node: int, index: int | None, sub: int | None) -> KnownObject | None:
-        """An object of a node that has a description; None for others."""
+        """Return an object of a node that has a description; None for others."""
         return None if index is None or sub is None else self._objects.get(node, {}).get((index, sub))
 
     def feed(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
@@ -151,7 +151,7 @@ class PdoTracker:
         return found
 
     def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
-        """Values by name, and each as text with its name."""
+        """Return the values by name, and each as text with its name."""
         try:
             raw = mapping.unpack(data)
         except DecodeError:
@@ -172,7 +172,7 @@ class PdoTracker:
     # The configuration, learned from accesses by SDO
 
     def learn(self, node: int, index: int, sub: int, data: bytes, now: float) -> list[MonitorEvent]:
-        """An access by SDO shows that an object of the node has this value."""
+        """Take the value of an object of the node that an access by SDO shows."""
         if index == 0x1010 and sub:
             self._stored.add(node)
         for communication, mapping, direction in _BASES:
@@ -201,7 +201,7 @@ class PdoTracker:
         self._update(record)
         after = record.key, _words(record)
         if before == after or before[0] is after[0] is None:
-            return []  # no change; or it is switched off, and its mapping is reported when it is on again
+            return []  # no change, or it is switched off: then its mapping is reported when it is on again
         return [self._report(record, now)]
 
     def _report(self, record: _Record, now: float) -> MonitorEvent:
@@ -212,7 +212,7 @@ class PdoTracker:
         )
 
     def reset(self, node: int, now: float) -> list[MonitorEvent]:
-        """The node has booted: restore the factory setting, unless another one was stored."""
+        """Restore the factory setting after a boot of the node, unless another one was stored."""
         found: list[MonitorEvent] = []
         if node in self._stored:
             return found

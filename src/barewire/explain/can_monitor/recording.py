@@ -1,6 +1,6 @@
 """Recordings of CAN buses: read in any of the file formats, monitored bus by bus, and written.
 
-candump      its log, and what it prints               Vector ASC      text
+candump      its log, and its screen output            Vector ASC      text
 pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
 
 Depends on: explain.capture, monitor. Used by: cli.
@@ -28,7 +28,7 @@ _INSPECTED = 0x1_0000
 
 
 def is_can_recording(data: bytes) -> bool:
-    """Whether this is a recording of a CAN bus, in a format that `read_recording` reads.
+    """Return whether this is a recording of a CAN bus, in a format that `read_recording` reads.
 
     >>> is_can_recording(b"(1.5) can0 705#05"), is_can_recording(b"12.5 01 03 00 00 00 02 C4 0B")
     (True, False)
@@ -45,7 +45,7 @@ def is_can_recording(data: bytes) -> bool:
 
 
 def _text(data: bytes) -> str:
-    """The bytes as text: UTF-8, or Windows-1252 as programs on Windows write names and remarks."""
+    """Return the bytes as text: UTF-8, or Windows-1252 as programs on Windows write names and remarks."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -53,7 +53,7 @@ def _text(data: bytes) -> str:
 
 
 def read_recording(data: bytes) -> Iterator[RecordedItem]:
-    """The frames, and the parts that cannot be read, in the order of the file.
+    """Return the frames, and the parts that cannot be read, in the order of the file.
 
     >>> [str(item.frame) for item in read_recording(b"(1.5) can0 705#05")]
     ['705#05']
@@ -74,7 +74,7 @@ def read_recording(data: bytes) -> Iterator[RecordedItem]:
 
 def _read_capture(data: bytes) -> Iterator[RecordedItem]:
     packets = pcapng.iter_packets(data)
-    at, number = 0.0, 0
+    now, number = 0.0, 0
     while True:
         number += 1
         try:
@@ -82,21 +82,21 @@ def _read_capture(data: bytes) -> Iterator[RecordedItem]:
         except StopIteration:
             return
         except DecodeError as error:
-            yield unread(at, number, error, "")
+            yield unread(now, number, error, "")
             return
         if not is_can_packet(packet):
             continue
-        at = packet.at
+        now = packet.at
         if packet.dropped:
-            yield Dropped(at, packet.interface, packet.dropped)
+            yield Dropped(now, packet.interface, packet.dropped)
         try:
-            yield Recorded(at, packet.interface, from_packet(packet), number)
+            yield Recorded(now, packet.interface, from_packet(packet), number)
         except DecodeError as error:
-            yield unread(at, number, error, packet.data.hex(" "))
+            yield unread(now, number, error, packet.data.hex(" "))
 
 
 class BusMonitors:
-    """All buses of a recording, each with a monitor of its own: `feed` each item, then `end`. `bus` selects one."""
+    """All buses of a recording, each with its own monitor: `feed` each item, then `end`. `bus` selects one bus."""
 
     def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None) -> None:
         self._known = tuple(known)
@@ -104,7 +104,7 @@ class BusMonitors:
         self.monitors: dict[str, CanMonitor] = {}
 
     def feed(self, item: RecordedItem) -> Iterator[tuple[str, MonitorEvent]]:
-        """Take an item: its events, each with the name of the bus."""
+        """Take an item, and yield its events, each with the name of the bus."""
         if isinstance(item, Unread):
             yield "", item
             return
@@ -118,13 +118,13 @@ class BusMonitors:
             yield item.bus, event
 
     def monitor(self, bus: str) -> CanMonitor | None:
-        """The monitor of a bus; None if there are too many buses."""
+        """Return the monitor of a bus; None if there are too many buses."""
         if bus not in self.monitors and len(self.monitors) < BUSES_MAX:
             self.monitors[bus] = CanMonitor(self._known)
         return self.monitors.get(bus)
 
     def end(self) -> Iterator[tuple[str, MonitorEvent]]:
-        """The last events of each bus."""
+        """Yield the last events of each bus."""
         for bus, monitor in self.monitors.items():
             for event in monitor.end(monitor.now):
                 yield bus, event
@@ -133,7 +133,7 @@ class BusMonitors:
 def replay_can(
     items: Iterable[RecordedItem], known: Iterable[KnownNode] = (), bus: str | None = None
 ) -> Iterator[tuple[str, MonitorEvent]]:
-    """The events of a whole recording, each with the name of its bus, in order.
+    """Return the events of a whole recording, each with the name of its bus, in order.
 
     >>> next(replay_can(read_recording(b"(1.5) can0 705#00")))[1].kind
     'boot-up'
@@ -145,7 +145,7 @@ def replay_can(
 
 
 class CanRecordingWriter:
-    """Writes a recording frame by frame, as candump log or as pcapng, which the ending of the file name selects.
+    """Writes a recording frame by frame, as a candump log or as pcapng: the ending of the file name selects.
 
     >>> writer = CanRecordingWriter("bus.log")
     >>> [writer.put(item.at, item.bus, item.frame) for item in read_recording(b"(1.5) can0 705#05")]
@@ -158,7 +158,7 @@ class CanRecordingWriter:
         self.start = pcapng.file_header(None) if self._capture else b""
 
     def put(self, at: float, bus: str, frame: AnyFrame) -> bytes:
-        """The bytes to append for one frame."""
+        """Return the bytes to append for one frame."""
         name = bus or "can0"
         if not self._capture:
             return f"{log_line(at, name if not name.isdecimal() else f'can{name}', frame)}\n".encode()

@@ -1,7 +1,7 @@
 """The rules of a CANopen bus that the monitor checks: a closed list, each with its clause and a sentence.
 
-The frames prove a violation. If a hole in the recording or a disturbed bus can be the cause as well, the event is a
-`Gap` or a `Loss` instead.
+A violation is proved by the frames. If a gap in the recording or a disturbed bus can be the cause as well, the event is
+a `Gap` or a `Loss` instead.
 """
 
 from __future__ import annotations

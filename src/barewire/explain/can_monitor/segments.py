@@ -2,7 +2,7 @@
 
 client  60  70  60  70          server  00  10  00  11          the bit alternates, the answer repeats it
 
-next bit, no answer in between            the answer is missing in the recording: the client does not go on without it
+next bit, no answer in between            the answer is missing in the recording, because the client needs it to go on
 same bit and same bytes again             a frame was lost on the bus, and the segment is repeated
 bit not alternated                        if the other side goes on, two frames are missing in the recording;
                                           if it aborts with 0503 0000h, a rule was broken
@@ -33,7 +33,7 @@ def feed_segment(
 
 
 def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
-    """The transfer to which the frame belongs; if there is none, a new one whose beginning was not recorded."""
+    """Return the transfer to which the frame belongs; if there is none, a new one whose beginning was not recorded."""
     transfer = channel.open
     if transfer is not None and transfer.direction == direction and channel.block is None:
         if not transfer.request and transfer.manner == "segmented":
@@ -60,7 +60,7 @@ def _repeated(channel: ChannelState, transfer: OpenTransfer, how: str, now: floa
 
 
 def _settle_doubt(channel: ChannelState, transfer: OpenTransfer) -> None:
-    """The other side goes on after a doubtful frame, so no rule was broken: frames are missing in the recording."""
+    """Drop a suspected violation: the other side goes on, so frames are missing in the recording."""
     if transfer.doubt == "toggle":
         text = "the toggle bit stays the same and both sides go on: a segment and its answer are missing"
         channel.report_missing(transfer, 2, text, data=True)
@@ -72,7 +72,7 @@ def _settle_doubt(channel: ChannelState, transfer: OpenTransfer) -> None:
 
 
 def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int, now: float) -> None:
-    """The client requests the next segment."""
+    """Take the client's request for the next segment."""
     if transfer.next_sender == "server":
         if toggle == transfer.toggle:
             _repeated(channel, transfer, "requested", now)
@@ -85,7 +85,7 @@ def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int
 
 
 def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment) -> None:
-    """The server sends a segment."""
+    """Take a segment from the server."""
     if transfer.next_sender == "client":
         if segment.toggle != transfer.toggle:
             if segment.data == transfer.previous:
@@ -109,7 +109,7 @@ def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment
 
 
 def _downloaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
-    """The client sends a segment."""
+    """Take a segment from the client."""
     if transfer.next_sender == "server":
         if segment.toggle == transfer.toggle:
             _repeated(channel, transfer, "sent", now)
@@ -130,7 +130,7 @@ def _downloaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegme
 
 
 def _download_confirmed(channel: ChannelState, transfer: OpenTransfer, toggle: int) -> None:
-    """The server confirms a segment."""
+    """Take the server's confirmation of a segment."""
     if transfer.next_sender == "client":
         if toggle != transfer.toggle:
             transfer.repeats += 1

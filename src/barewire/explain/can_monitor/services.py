@@ -1,6 +1,6 @@
 """SYNC, TIME, emergencies and LSS.   [CiA 301; CiA 305]
 
-A SYNC counter that jumps is judged by the time: a step of four after four periods means that three SYNCs are not in
+A SYNC counter that jumps is compared with the time: a step of four after four periods means that three SYNCs are not in
 the recording; a step of four after one period is the producer's fault.
 """
 
@@ -27,9 +27,9 @@ from barewire.explain.can_monitor.events import (
 from barewire.explain.canopen.lss import explain_lss
 
 _MISSING = 2.5
-"""After so many periods without a SYNC it is missing."""
+"""Periods without a SYNC after which it is missing."""
 _INTERVALS = 7
-"""The period is the median of so many intervals; at least three are needed."""
+"""The number of intervals whose median is the period; at least three are needed."""
 
 
 class SyncTracker:
@@ -65,7 +65,7 @@ class SyncTracker:
         return [SyncReport(due, "missing", self._counter, self.beats, self.period, self.shortest, self.longest)]
 
     def interrupt(self) -> None:
-        """The recording has a hole here."""
+        """Note a gap in the recording."""
         self._last, self._counter, self._missing = None, None, False
 
     def feed(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
@@ -94,7 +94,7 @@ class SyncTracker:
         return events
 
     def _judge(self, counter: int, before: int, since: float, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """Check that a counter follows the one before it. A 1 may always come: the producer starts again."""
+        """Check that a counter follows `before`. 1 is always allowed: the producer starts again."""
         if counter in (1, before + 1):
             return []
         step = counter - before if counter > before else counter - before + self._highest
@@ -105,7 +105,7 @@ class SyncTracker:
         return [Violation(now, "SYNC-COUNTER", 0, f"{counter} after {before}", str(frame))]
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """A summary, if there were at least two."""
+        """Return a summary if there were at least two SYNCs."""
         if self.beats < 2:
             return []
         return [SyncReport(now, "summary", self._counter, self.beats, self.period, self.shortest, self.longest)]
@@ -138,7 +138,7 @@ class LssTracker:
     def __init__(self) -> None:
         self._requests = self._answers = 0
         self._began = 0.0
-        self._asked: Fastscan | None = None
+        self._scan_request: Fastscan | None = None
         self._parts: dict[int, int] = {}
 
     def feed(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
@@ -151,10 +151,10 @@ class LssTracker:
             return [*self.end(now), Violation(now, rule, 0, error.text, str(frame))]
         if message.service == LssService.FASTSCAN and not answer:
             return self._scan(message.body, now)
-        if self._asked is not None and answer and message.service == LssService.IDENTIFIED:
+        if self._scan_request is not None and answer and message.service == LssService.IDENTIFIED:
             self._answers += 1
-            if self._asked.bit == 0:
-                self._parts[self._asked.sub] = self._asked.number
+            if self._scan_request.bit == 0:
+                self._parts[self._scan_request.sub] = self._scan_request.number
             return []
         return [*self.end(now), LssReport(now, answer, message.service, _text(frame, answer))]
 
@@ -167,16 +167,16 @@ class LssTracker:
                 *self.end(now),
                 LssReport(now, False, LssService.FASTSCAN, f"fastscan that no device answers: {error.text}"),
             ]
-        if self._asked is None or request.bit == BEGIN:
+        if self._scan_request is None or request.bit == BEGIN:
             events = self.end(now)
             self._began = now
-        self._asked = request
+        self._scan_request = request
         self._requests += 1
         return events
 
     def end(self, now: float) -> list[MonitorEvent]:
-        """End the fastscan under way: its event."""
-        if self._asked is None:
+        """End the fastscan under way and return its event."""
+        if self._scan_request is None:
             return []
         text = f"fastscan, {self._requests} requests in {now - self._began:.3f} s, {self._answers} answers: "
         if len(self._parts) == 4:
@@ -184,12 +184,12 @@ class LssTracker:
         else:
             found = "no device" if not self._answers else "not finished"
         self._requests = self._answers = 0
-        self._asked, self._parts = None, {}
+        self._scan_request, self._parts = None, {}
         return [LssReport(self._began, False, LssService.FASTSCAN, text + found)]
 
 
 def _text(frame: CanFrame, answer: bool) -> str:
-    """The service and its fields."""
+    """Return the service and its fields."""
     fields, _, summary = explain_lss(frame.data, "response" if answer else "request")
     texts = []
     for field in fields[1:]:

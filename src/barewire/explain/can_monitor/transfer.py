@@ -81,7 +81,7 @@ class HeldBytes:
         self.refused = 0
 
     def take(self, count: int) -> bool:
-        """Reserve `count` more bytes. False if they exceed the limit."""
+        """Reserve `count` more bytes; return False if they exceed the limit."""
         if self.used + count > self.limit:
             self.refused += count
             return False
@@ -90,7 +90,7 @@ class HeldBytes:
 
 
 def object_name(index: int | None, sub: int | None) -> str:
-    """Index and sub-index in the usual notation.
+    """Return index and sub-index in the usual notation.
 
     >>> object_name(0x6041, 0), object_name(None, None)
     ('6041h:00', 'an object')
@@ -130,7 +130,7 @@ class OpenTransfer:
         self.client_crc: bool | None = None  # whether the client supports a CRC; None if its request was not seen
         self.crc_result: Literal["ok", "wrong", "unused", "unknown", ""] = ""
         self.complete = began is not None  # no byte of the value is missing so far
-        self.gapped = False  # the recording has a hole within this transfer
+        self.gapped = False  # the recording has a gap within this transfer
         self.doubt: Literal["", "toggle", "unasked"] = ""  # a fault that the next frame proves or disproves
         self.repeats = self.lost = self.missing = 0
         self._held = held
@@ -171,7 +171,7 @@ class OpenTransfer:
         abort: int | None = None,
         by: SdoSide | None = None,
     ) -> SdoTransferReport:
-        """End the transfer: its report. The bytes that it held are released."""
+        """End the transfer and return its report. The bytes that it held are released."""
         proved = self.crc_result == "ok" or (self.size is not None and self.size == self.count)
         known = self._holds and self.complete and (proved or not self.gapped)
         report = SdoTransferReport(

@@ -3,9 +3,9 @@
         605#4041600000000000       605h = 600h + node 5: an SDO request
         85#...  emergency of node 5        705#05  node 5 is operational        000#0105  start node 5
 
-Offsets count the data, so the field of the identifier has length 0. The identifier also gives the direction, so a role
-is not needed. An identifier outside the predefined connection set is not a fault: PDOs may be configured to any free
-one. With `pdos`, which describes the nodes, the objects of PDOs and SDOs have names and values.
+Offsets count bytes of the data, so the field of the identifier has length 0. The identifier also gives the direction,
+so no role is needed. An identifier outside the predefined connection set is not a fault: PDOs may be configured to any
+free identifier. With `pdos`, the descriptions of the nodes, the objects of PDOs and SDOs have names and values.
 """
 
 from __future__ import annotations
@@ -70,13 +70,13 @@ class PdoDescriptions(Protocol):
     """The PDOs and objects of nodes that have a description."""
 
     def owner(self, frame: CanFrame) -> tuple[int, str, PdoMapping | None] | None:
-        """Node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
+        """Return node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
 
     def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
-        """Values by name, and each as text with its name."""
+        """Return the values by name, and each as text with its name."""
 
     def object(self, node: int, index: int, sub: int) -> KnownObject | None:
-        """An object of a node; None if it is not known."""
+        """Return an object of a node; None if it is not known."""
 
 
 def explain_can(frame: AnyFrame, pdos: PdoDescriptions | None = None) -> Explanation:
@@ -114,7 +114,7 @@ def explain_can(frame: AnyFrame, pdos: PdoDescriptions | None = None) -> Explana
 
 
 def explain_segment(frame: CanFrame) -> Explanation:
-    """Explain a segment of a block transfer, which only the frames before it show to be one.
+    """Explain a frame as a segment of a block transfer; only the frames before it show that it is one.
 
     >>> explain_segment(CanFrame.parse("605#8200010203040506")).verdict
     'valid: SDO request to node 5: segment 2 of a block, the last'
@@ -146,7 +146,7 @@ def _not_classical(frame: FdFrame | ErrorFrame) -> Explanation:
 
 
 def _process_data(frame: CanFrame, pdos: PdoDescriptions, node: int, name: str, mapping: PdoMapping) -> Explanation:
-    """Explain a PDO of a known node: a field for each object, or for those that share a byte."""
+    """Explain a PDO of a known node: a field for each object, or for the objects that share a byte."""
     title = f"{name} {'from' if name.startswith('T') else 'to'} node {node}"
     data, fields, error, summary = frame.data, list[Field](), None, counted(len(frame.data))
     if len(data) < mapping.size:
@@ -165,22 +165,22 @@ def _process_data(frame: CanFrame, pdos: PdoDescriptions, node: int, name: str, 
 
 def _mapped_fields(mapping: PdoMapping, data: bytes, texts: Mapping[str, str]) -> list[Field]:
     fields, begin, end, held = list[Field](), 0, 0, list[MappedObject]()
-    for place, entry in enumerate(mapping.entries, start=1):
+    for number, entry in enumerate(mapping.entries, start=1):
         held.append(entry)
         end += entry.bits
-        if end % 8 and place < len(mapping.entries):
+        if end % 8 and number < len(mapping.entries):
             continue
-        first, behind = begin // 8, (end + 7) // 8
-        names = ", ".join("unused" if one.is_dummy else one.name for one in held)
-        meaning = ", ".join(texts[one.name] for one in held if one.name in texts)
-        if behind > first:
-            fields.append(Field(first, behind - first, names, int.from_bytes(data[first:behind], "little"), meaning))
+        first, stop = begin // 8, (end + 7) // 8
+        names = ", ".join("unused" if item.is_dummy else item.name for item in held)
+        meaning = ", ".join(texts[item.name] for item in held if item.name in texts)
+        if stop > first:
+            fields.append(Field(first, stop - first, names, int.from_bytes(data[first:stop], "little"), meaning))
         begin, held = end, []
     return fields
 
 
 def _title(frame: CanFrame, owner: tuple[CobService, int] | None) -> str:
-    """The service and the node of an identifier."""
+    """Return the service and the node of an identifier."""
     if frame.extended:
         return "extended identifier, which CANopen does not predefine"
     if owner is None:
@@ -194,7 +194,7 @@ def _title(frame: CanFrame, owner: tuple[CobService, int] | None) -> str:
 
 
 def _length(frame: CanFrame, name: str) -> Problem | None:
-    """Too few or too many bytes for the service: the first error, because the rest is doubtful then."""
+    """Return the error of a frame with too few or too many bytes for its service; other errors are doubtful then."""
     size = len(frame.data)
     if size > DATA_MAX:
         return Problem("long", DATA_MAX, f"a CAN frame carries at most {DATA_MAX} bytes, got {size}")
@@ -212,7 +212,7 @@ def _raw(data: bytes) -> _Parts:
 
 
 def _remote(frame: CanFrame, name: str) -> _Parts:
-    """A remote frame requests data from the owner of the identifier."""
+    """Return the parts of a remote frame, which requests data from the owner of the identifier."""
     if name == "error control":
         return [], None, "a remote frame requests its state"
     if name.startswith("TPDO") or not name:
@@ -221,7 +221,7 @@ def _remote(frame: CanFrame, name: str) -> _Parts:
 
 
 def _data(frame: CanFrame, service: CobService, node: int) -> _Parts:
-    """The fields of the service."""
+    """Return the fields of the service."""
     data = frame.data
     match service.name:
         case "SDO request" | "SDO answer":
@@ -242,7 +242,7 @@ def _data(frame: CanFrame, service: CobService, node: int) -> _Parts:
 
 
 def _cut(layout: Layout, data: bytes) -> list[Field]:
-    """The fields of a little-endian layout, as far as there are bytes."""
+    """Return the fields of a little-endian layout, as far as there are bytes."""
     found = []
     for field in layout.fields(data):
         part = data[field.offset : field.offset + field.length]
@@ -323,7 +323,7 @@ _CONTROLLER_TEXTS = (
 
 
 def error_frame_text(frame: ErrorFrame) -> str:
-    """The text of an error frame of SocketCAN.
+    """Return the text of an error frame of SocketCAN.
 
     >>> error_frame_text(ErrorFrame(0x04, bytes.fromhex("0001000000000000")))
     'controller problem: receive buffer overrun'
@@ -336,7 +336,7 @@ def error_frame_text(frame: ErrorFrame) -> str:
 
 
 def is_overrun(frame: ErrorFrame) -> bool:
-    """Whether the recording controller reports that it lost frames.
+    """Return whether the recording controller reports that it lost frames.
 
     >>> is_overrun(ErrorFrame(0x04, b"\\0\\1")), is_overrun(ErrorFrame(0x40))
     (True, False)

@@ -31,11 +31,11 @@ class KnownObject(NamedTuple):
     parameter: Parameter | None = None
 
     def value(self, raw: Value) -> Value:
-        """The scaled value of a raw number."""
+        """Return the scaled value of a raw number."""
         return raw if self.parameter is None else self.parameter.from_raw(raw)
 
     def text(self, raw: Value) -> str:
-        """The value of a raw number as text, with its unit."""
+        """Return the value of a raw number as text, with its unit."""
         if self.parameter is not None:
             return self.parameter.text(self.parameter.from_raw(raw))
         if isinstance(raw, bytes):
@@ -47,7 +47,7 @@ class KnownObject(NamedTuple):
         return repr(raw) if isinstance(raw, str) else show(raw)
 
     def read(self, data: bytes) -> str:
-        """The value of the object from its bytes, as text; empty if they do not fit its type."""
+        """Return the value of the object from its bytes, as text; empty if they do not fit its type."""
         try:
             if self.parameter is not None and self.type != "text":
                 return self.parameter.text(self.parameter.from_object(data))
@@ -68,7 +68,7 @@ class KnownNode(NamedTuple):
 
 
 def of_device(device: Device, node: int | None = None) -> KnownNode:
-    """A device of the catalogue with this node-ID, or with its own. EncodeError if the device has no CANopen.
+    """Return a device of the catalogue with this node-ID, or its own. Raises EncodeError if it has no CANopen.
 
     >>> from barewire.devices import load
     >>> known = of_device(load("az3"), 5)
@@ -97,7 +97,7 @@ def of_device(device: Device, node: int | None = None) -> KnownNode:
 
 
 def of_dictionary(objects: ObjectDictionary, node: int, title: str = "") -> KnownNode:
-    """A node described by an object dictionary, such as one read from an EDS."""
+    """Return a node described by an object dictionary, such as one read from an EDS."""
     known = {(entry.index, entry.sub): KnownObject(entry.name, entry.type) for entry in objects}
     for entry in objects:
         if entry.object_name and entry.sub and entry.object_name != entry.name:

@@ -3,7 +3,7 @@
 7E5h   | service | 7 bytes, numbers little-endian, unused 0 |      master -> device
 7E4h   | service | 7 bytes                                  |      device -> master
 
-`canopen.lss` defines the services and their directions; here are the names of the fields and of their values.
+`canopen.lss` defines the services and their directions; this file has the names of the fields and of their values.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _TITLES: dict[LssService, str] = {
 _SCAN = Layout("<IBBB", "number", "bit check", "LSS sub", "LSS next")
 assert _SCAN.size == Fastscan.layout.size
 
-_ASKED: dict[LssService, Layout] = {
+_REQUEST_LAYOUTS: dict[LssService, Layout] = {
     LssService.SWITCH_GLOBAL: Layout("<B", "mode"),
     LssService.CONFIGURE_NODE: Layout("<B", "node-ID"),
     LssService.CONFIGURE_BIT_TIMING: Layout("<BB", "table", "entry"),
@@ -65,7 +65,7 @@ _ASKED: dict[LssService, Layout] = {
     **{LssService(LssService.IDENTIFY_VENDOR + k): _NUMBER[name] for k, name in enumerate(_LIMITS)},
     LssService.FASTSCAN: _SCAN,
 }
-_ANSWERED: dict[LssService, Layout] = {
+_RESPONSE_LAYOUTS: dict[LssService, Layout] = {
     LssService.CONFIGURE_NODE: _RESULT,
     LssService.CONFIGURE_BIT_TIMING: _RESULT,
     LssService.STORE: _RESULT,
@@ -75,7 +75,7 @@ _ANSWERED: dict[LssService, Layout] = {
 
 
 def explain_lss(data: bytes, role: FrameRole) -> tuple[list[Field], DecodeError | None, str]:
-    """Fields, error and summary of an LSS frame. Never raises.
+    """Return fields, error and summary of an LSS frame. Never raises.
 
     >>> explain_lss(bytes.fromhex("1105000000000000"), "request")[2]
     'configure node-ID'
@@ -88,17 +88,17 @@ def explain_lss(data: bytes, role: FrameRole) -> tuple[list[Field], DecodeError 
     service = LssService(data[0])
     title = _TITLES[service]
     fields = [Field(0, 1, "service", data[0], title)]
-    layout = (_ASKED if role == "request" else _ANSWERED).get(service)
-    at = 1
+    layout = (_REQUEST_LAYOUTS if role == "request" else _RESPONSE_LAYOUTS).get(service)
+    end = 1
     for field in [] if layout is None else layout.fields(data[1:], 1):
         value = int.from_bytes(data[field.offset : field.offset + field.length], "little")
         fields.append(field._replace(value=value, meaning=_value_text(service, field.name, value)))
-        at = field.offset + field.length
-    if layout is not None and at < 1 + layout.size:
+        end = field.offset + field.length
+    if layout is not None and end < 1 + layout.size:
         missing = layout.names[len(fields) - 1]
         return fill_gaps(fields, len(data), missing), None, title
-    if at < len(data):
-        fields.append(Field(at, len(data) - at, "reserved", data[at:].hex(" ").upper()))
+    if end < len(data):
+        fields.append(Field(end, len(data) - end, "reserved", data[end:].hex(" ").upper()))
     return fields, None, title
 
 

@@ -3,9 +3,9 @@
         605h  | 2B | 40 60 | 00 | 0F 00 | 00 00 |         001- nnes    initiate download, ccs 1, n 2, e 1, s 1
                 command index sub  data    unused
 
-The same byte means different things in the two directions, so there are two tables. **Inside a block transfer** byte 0
+The same byte has different meanings in the two directions, so there are two tables. **Inside a block transfer** byte 0
 from 01h to 7Fh, with bit 7 set for the last, is the number of a segment; only the frames before show that. Here every
-frame is explained as if it stood alone.
+frame is explained alone.
 """
 
 from __future__ import annotations
@@ -53,20 +53,20 @@ class CommandRow(NamedTuple):
 
 
 def _number(data: bytes, offset: int, length: int, name: str, meaning: str = "") -> list[Field]:
-    """One little-endian number, if all its bytes are present."""
+    """Return one little-endian number, if all its bytes are present."""
     part = data[offset : offset + length]
     return [Field(offset, length, name, int.from_bytes(part, "little"), meaning)] if len(part) == length else []
 
 
 def _object(data: bytes) -> list[Field]:
-    """Index and sub-index."""
+    """Return the field of index and sub-index."""
     index = int.from_bytes(data[1:3], "little")
     area = next((name for first, last, name in _AREAS if first <= index <= last), "reserved")
     return _number(data, 1, 2, "index", area) + _number(data, 3, 1, "sub-index")
 
 
 def _reserved(data: bytes, start: int) -> list[Field]:
-    """The reserved bytes from `start` on."""
+    """Return the reserved bytes from `start` on."""
     rest = data[start:_LENGTH]
     meaning = "" if not any(rest) else "should be 0"
     return [Field(start, len(rest), "reserved", rest.hex(" ").upper(), meaning)] if rest else []
@@ -81,12 +81,12 @@ def _nothing(data: bytes, bits: dict[str, int]) -> list[Field]:
 
 
 def _sized(data: bytes, bits: dict[str, int]) -> list[Field]:
-    """A size, if s indicates one."""
+    """Return a size, if s indicates one."""
     return _object(data) + (_number(data, 4, 4, "size", "bytes") if bits["s"] else _reserved(data, 4))
 
 
 def _value(data: bytes, bits: dict[str, int]) -> list[Field]:
-    """The value of 1 to 4 bytes, or a size if e is 0."""
+    """Return the value of 1 to 4 bytes, or a size if e is 0."""
     if not bits["e"]:
         return _sized(data, bits)
     size = 4 - bits["n"] if bits["s"] else 4
@@ -105,7 +105,7 @@ def _abort(data: bytes, bits: dict[str, int]) -> list[Field]:
 
 
 def _segment(data: bytes, bits: dict[str, int]) -> list[Field]:
-    """Up to seven bytes of a value; the last n are unused."""
+    """Return up to seven bytes of a value, and the unused last n."""
     end = _LENGTH - bits["n"]
     found = [Field(1, len(data[1:end]), "data", data[1:end].hex(" ").upper(), _text(data[1:end]))]
     if data[end:_LENGTH]:
@@ -187,16 +187,16 @@ def explain_sdo(data: bytes, role: FrameRole) -> ExplainedSdo:
 def with_object_names(
     fields: list[Field], summary: str, data: bytes, find: Callable[[int, int], KnownObject | None]
 ) -> tuple[list[Field], str]:
-    """Fields and summary of an SDO frame with the name of its object and its value as text, if `find` returns one."""
-    held = {field.name: field for field in fields}
-    index, sub = (held[name].value if name in held else None for name in ("index", "sub-index"))
+    """Return fields and summary of an SDO frame with the object's name and its value as text, if `find` returns one."""
+    by_name = {field.name: field for field in fields}
+    index, sub = (by_name[name].value if name in by_name else None for name in ("index", "sub-index"))
     known = find(index, sub) if isinstance(index, int) and isinstance(sub, int) else None
     if known is None:
         return fields, summary
     place = f"{index:04X}h:{sub:02X}"
     summary = summary.replace(place, f"{place} {known.name}", 1)
     meanings = {"index": known.name}
-    if (value := held.get("data")) is not None:
+    if (value := by_name.get("data")) is not None:
         read = known.read(data[value.offset : value.offset + value.length])
         if read:
             meanings["data"] = read
@@ -205,7 +205,7 @@ def with_object_names(
 
 
 def numeric_readings(data: bytes) -> str:
-    """1 to 4 bytes as numbers of that width: the type of the object decides which one applies.
+    """Return 1 to 4 bytes as numbers of that width: the type of the object decides which one applies.
 
     >>> numeric_readings(bytes.fromhex("CDCC8C3F"))
     'u32 1066192077, f32 1.1'
@@ -224,12 +224,12 @@ def numeric_readings(data: bytes) -> str:
 
 
 def _text(data: bytes) -> str:
-    """The bytes as characters, if all of them are printable."""
+    """Return the bytes as characters, if all of them are printable."""
     return repr(data.decode("ascii")) if data and all(32 <= byte < 127 for byte in data) else ""
 
 
 def _command_text(name: str, row: CommandRow, command: int, role: FrameRole, bits: dict[str, int]) -> str:
-    """The name, the meaning of the bits, and the bits."""
+    """Return the name, the meaning of the bits, and the bits."""
     details = []
     if "e" in bits:
         size = f"{counted(4 - bits['n'])}, size indicated" if bits["s"] else "size not indicated"
@@ -251,20 +251,20 @@ def _command_text(name: str, row: CommandRow, command: int, role: FrameRole, bit
 
 
 def _dialect(row: CommandRow, command: int) -> str:
-    if row.pattern.pattern == InitiateUpload.pattern.pattern and any(command == one for _, one in AZ3.read_commands):
+    if row.pattern.pattern == InitiateUpload.pattern.pattern and any(command == byte for _, byte in AZ3.read_commands):
         return "CiA 301 has 40h for every read request; the AZ3 manual uses this form"
     return f"{row.pattern.pattern}: reserved bits are set, which a receiver ignores"
 
 
 def _summary(name: str, fields: list[Field]) -> str:
-    """Command, object and value in one line; the identifier shows the direction."""
-    held = {field.name: field for field in fields}
+    """Return command, object and value in one line; the identifier shows the direction."""
+    by_name = {field.name: field for field in fields}
     parts = [name]
-    if "index" in held and "sub-index" in held:
-        parts.append(f"{held['index'].value:04X}h:{held['sub-index'].value:02X}")
-    if "abort code" in held:
-        parts.append(held["abort code"].meaning)
-    data = held.get("data")
+    if "index" in by_name and "sub-index" in by_name:
+        parts.append(f"{by_name['index'].value:04X}h:{by_name['sub-index'].value:02X}")
+    if "abort code" in by_name:
+        parts.append(by_name["abort code"].meaning)
+    data = by_name.get("data")
     if data is not None:
         value = f": {data.value:0{2 * data.length}X}h" if isinstance(data.value, int) else ""
         parts.append(counted(data.length) + value)

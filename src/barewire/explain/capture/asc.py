@@ -49,19 +49,19 @@ _FD = re.compile(
 
 
 def is_asc(text: str) -> bool:
-    """Whether the text begins like an ASC file."""
+    """Return whether the text begins like an ASC file."""
     lines = [line for line in text.splitlines()[:20] if line.strip() and not line.lstrip().startswith("//")]
     return bool(lines) and _START.match(lines[0]) is not None
 
 
 def read_asc(text: str) -> Iterator[RecordedItem]:
-    """The frames of the file.
+    """Yield the frames of the file.
 
     >>> text = "base hex  timestamps absolute\\n 0.5 1  705  Rx   d 1 05\\n"
     >>> [(item.at, item.bus, str(item.frame)) for item in read_asc(text)]
     [(0.5, '1', '705#05')]
     """
-    base, relative, at = 16, False, 0.0
+    base, relative, now = 16, False, 0.0
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _BASE.match(line):
             base, relative = (16 if header[1].lower() == "hex" else 10), header[2].lower() == "relative"
@@ -71,21 +71,21 @@ def read_asc(text: str) -> Iterator[RecordedItem]:
         match = _FRAME.match(line) or _FD.match(line) or _ERROR.match(line)
         if match is None:
             if overrun := _OVERRUN.match(line):
-                yield Dropped(at, overrun[2], 0)
+                yield Dropped(now, overrun[2], 0)
             elif not _KNOWN.match(line):
-                yield unread(at, number, "not a line of an ASC file", line)
+                yield unread(now, number, "not a line of an ASC file", line)
             continue
         stamp = float(match[1])
-        at = at + stamp if relative else stamp
+        now = now + stamp if relative else stamp
         if match.re is _ERROR:
-            yield Recorded(at, match[2], ErrorFrame(0x80), number)
+            yield Recorded(now, match[2], ErrorFrame(0x80), number)
             continue
         try:
             frame = _frame(match, base) if match.re is _FRAME else _fd_frame(match, base)
         except DecodeError as error:
-            yield unread(at, number, error, line)
+            yield unread(now, number, error, line)
         else:
-            yield Recorded(at, match["bus"], frame, number)
+            yield Recorded(now, match["bus"], frame, number)
 
 
 def _wrong(match: re.Match[str], words: str) -> DecodeError:
@@ -119,8 +119,8 @@ def _frame(match: re.Match[str], base: int) -> CanFrame:
     tokens = match["rest"].split()
     code = tokens[0] if tokens else ""
     if match["kind"].lower() == "r":
-        asked = int(code, 16) if len(code) == 1 and code in "0123456789abcdefABCDEF" else 0
-        return CanFrame(number, b"", extended, True, min(asked, DATA_MAX))
+        requested = int(code, 16) if len(code) == 1 and code in "0123456789abcdefABCDEF" else 0
+        return CanFrame(number, b"", extended, True, min(requested, DATA_MAX))
     if len(code) != 1 or code not in "0123456789abcdefABCDEF":
         raise _wrong(match, f"length {code!r}: expected one digit")
     return CanFrame(number, _data(match, tokens[1:], min(int(code, 16), DATA_MAX), base), extended)
@@ -132,9 +132,9 @@ def _fd_frame(match: re.Match[str], base: int) -> AnyFrame:
     if length > FD_LENGTHS[-1]:
         raise _wrong(match, f"length {length}: a CAN FD frame has at most {FD_LENGTHS[-1]} bytes")
     data = _data(match, tokens, length, base)
-    behind = tokens[length:]  # duration, length in bits, flags
+    rest = tokens[length:]  # duration, length in bits, flags
     try:
-        flags = int(behind[2], 16) if len(behind) > 2 else _EDL
+        flags = int(rest[2], 16) if len(rest) > 2 else _EDL
     except ValueError:
         flags = _EDL
     if not flags & _EDL and length <= DATA_MAX:

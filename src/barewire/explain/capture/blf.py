@@ -31,7 +31,7 @@ _CONTAINER, _LOST = 10, 125
 _OBJECT_MAX = 0x80_0000
 """The longest possible object; a longer one is damaged."""
 _CONTAINER_MAX = 0x400_0000
-"""The most bytes of a container when unpacked; those of Vector have 128 KiB."""
+"""The most bytes of a container when unpacked; Vector's tools write containers of 128 KiB."""
 _FRAME_OBJECT_MAX = 1024
 _FRAME, _FRAME_2, _ERROR, _ERROR_EXT, _FD, _FD_64 = 1, 86, 2, 73, 100, 101
 _FRAMES = (_FRAME, _FRAME_2, _ERROR, _ERROR_EXT, _FD, _FD_64)
@@ -45,48 +45,48 @@ _BUS_ERROR = ErrorFrame(0x80)  # an error on the bus without details
 
 
 class _Objects:
-    """Splits a stream of bytes, which comes in pieces, into objects."""
+    """Splits a stream, received in pieces, into objects."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes, *, last: bool) -> Iterator[bytes | int]:
-        """Complete objects; a number stands for so many bytes that are not an object."""
-        data, at, lost = self._rest + data, 0, 0
+        """Yield complete objects; a number stands for that many bytes that are not an object."""
+        data, position, lost = self._rest + data, 0, 0
         self._rest = b""
         while True:
-            found = data.find(_OBJECT, at)
+            found = data.find(_OBJECT, position)
             if found < 0:
-                rest = data[at:]
+                rest = data[position:]
                 if not last:
                     self._rest = rest[-len(_OBJECT) + 1 :]
                     rest = rest[: len(rest) - len(self._rest)]
                 lost += len(rest) if len(rest) > 3 or any(rest) else 0
                 break
-            lost += found - at if found - at > 3 or lost else 0
-            size, kind = _HEAD.unpack_from(data, found)[3:] if found + _HEAD.size <= len(data) else (0, 0)
-            whole = _HEAD.size <= size <= (_FRAME_OBJECT_MAX if kind in _FRAMES else _OBJECT_MAX)
-            if not last and (whole or not size) and found + max(size, _HEAD.size) > len(data):
+            lost += found - position if found - position > 3 or lost else 0
+            size, object_type = _HEAD.unpack_from(data, found)[3:] if found + _HEAD.size <= len(data) else (0, 0)
+            is_possible = _HEAD.size <= size <= (_FRAME_OBJECT_MAX if object_type in _FRAMES else _OBJECT_MAX)
+            if not last and (is_possible or not size) and found + max(size, _HEAD.size) > len(data):
                 self._rest = data[found:]
                 break
-            if not whole or found + size > len(data):
-                if kind == _CONTAINER and whole and data.find(_OBJECT, found + 4) < 0:
+            if not is_possible or found + size > len(data):
+                if object_type == _CONTAINER and is_possible and data.find(_OBJECT, found + 4) < 0:
                     yield data[found:]  # the file is cut off in it; the part that is there can be unpacked
                     lost += found + size - len(data)
                     break
-                at, lost = found + len(_OBJECT), lost + len(_OBJECT)
+                position, lost = found + len(_OBJECT), lost + len(_OBJECT)
                 continue
             if lost:
                 yield lost
                 lost = 0
             yield data[found : found + size]
-            at = found + size
+            position = found + size
         if lost:
             yield lost
 
 
 def read_blf(data: bytes) -> Iterator[RecordedItem]:
-    """The frames of a BLF file, and its damaged parts.
+    """Yield the frames of a BLF file, and its damaged parts.
 
     >>> list(read_blf(b"LOGG"))[0].why
     'the BLF file is damaged: its header is cut off'
@@ -95,21 +95,21 @@ def read_blf(data: bytes) -> Iterator[RecordedItem]:
         yield unread(0.0, 1, "the BLF file is damaged: its header is cut off", "")
         return
     start = _start(data)
-    at, number, buses = start, 0, set[str]()
+    now, number, buses = start, 0, set[str]()
     for piece in _pieces(data):
         if isinstance(piece, str):
             number += 1
-            yield unread(at, number, f"the BLF file is damaged here: {piece}", "")
+            yield unread(now, number, f"the BLF file is damaged here: {piece}", "")
             continue
-        for item in _items(piece, start, at, number + 1, buses):
-            at, number = item.at, number + 1
+        for item in _items(piece, start, now, number + 1, buses):
+            now, number = item.at, number + 1
             if isinstance(item, Recorded):
                 buses.add(item.bus)
             yield item
 
 
 def _pieces(data: bytes) -> Iterator[bytes | int | str]:
-    """Objects, also those in containers; a number for bytes that are not an object; a text for a damaged container."""
+    """Yield objects, also from containers; a number for bytes outside of objects; a text for a damaged container."""
     inner = _Objects()
     begin = max(int.from_bytes(data[4:8], "little"), _START_AT + 2 * _TIMES.size)
     for outer in _Objects().feed(data[begin:], last=True):
@@ -125,7 +125,7 @@ def _pieces(data: bytes) -> Iterator[bytes | int | str]:
 
 
 def _start(data: bytes) -> float:
-    """The start of the measurement in seconds since 1970; 0 if it is not a time."""
+    """Return the start of the measurement in seconds since 1970; 0 if it is not a time."""
     year, month, _, day, hour, minute, second, millisecond = _TIMES.unpack_from(data, _START_AT)
     try:
         return datetime(year, month, day, hour, minute, second, millisecond * 1000, UTC).timestamp()
@@ -138,7 +138,7 @@ def _kind(piece: bytes) -> int:
 
 
 def _unpack(container: bytes) -> bytes | str:
-    """The content of a container, or the reason why it cannot be unpacked. Part of it if it is cut off."""
+    """Return the content of a container, or the reason why it cannot be unpacked. Part of it if it is cut off."""
     body = container[_HEAD.size + 16 :]
     if len(container) < _HEAD.size + 16:
         return "a container is cut off"
@@ -155,53 +155,53 @@ def _unpack(container: bytes) -> bytes | str:
     return data if not unpacking.unconsumed_tail else f"a container holds more than {_CONTAINER_MAX >> 20} MiB"
 
 
-def _items(piece: bytes | int, start: float, at: float, number: int, buses: set[str]) -> Iterator[RecordedItem]:
-    """The item of an object, if it is an object for CAN."""
+def _items(piece: bytes | int, start: float, now: float, number: int, buses: set[str]) -> Iterator[RecordedItem]:
+    """Yield the item of an object, if it is an object for CAN."""
     if isinstance(piece, int):
-        yield unread(at, number, f"the BLF file is damaged here: {piece} bytes that are not an object", "")
+        yield unread(now, number, f"the BLF file is damaged here: {piece} bytes that are not an object", "")
         return
-    kind = _kind(piece)
-    if kind not in _FRAMES and kind != _LOST:
+    object_type = _kind(piece)
+    if object_type not in _FRAMES and object_type != _LOST:
         return
     head = int.from_bytes(piece[4:6], "little")
     if not _BARE <= head <= len(piece):
-        yield unread(at, number, f"an object with a header of {head} bytes", piece.hex(" "))
+        yield unread(now, number, f"an object with a header of {head} bytes", piece.hex(" "))
         return
     flags, _, _, time = _STAMP.unpack_from(piece, _HEAD.size)
-    at = start + time * (1e-5 if flags == 1 else 1e-9)
-    if kind == _LOST:
-        yield from (Dropped(at, bus, 0) for bus in buses)
+    now = start + time * (1e-5 if flags == 1 else 1e-9)
+    if object_type == _LOST:
+        yield from (Dropped(now, bus, 0) for bus in buses)
         return
     try:
-        channel, frame = _frame(kind, piece, head)
+        channel, frame = _frame(object_type, piece, head)
     except struct.error:
-        yield unread(at, number, "an object that is too short for its type", piece.hex(" "))
+        yield unread(now, number, "an object that is too short for its type", piece.hex(" "))
     except DecodeError as error:
-        yield unread(at, number, error, piece.hex(" "))
+        yield unread(now, number, error, piece.hex(" "))
     else:
-        yield Recorded(at, str(channel - 1), frame, number)
+        yield Recorded(now, str(channel - 1), frame, number)
 
 
-def _frame(kind: int, piece: bytes, head: int) -> tuple[int, AnyFrame]:
-    """The channel, from 1, and the frame."""
+def _frame(object_type: int, piece: bytes, head: int) -> tuple[int, AnyFrame]:
+    """Return the channel, from 1, and the frame."""
     body = piece[head:]
-    if kind in (_ERROR, _ERROR_EXT):
+    if object_type in (_ERROR, _ERROR_EXT):
         return struct.unpack_from("<H", body)[0], _BUS_ERROR
-    if kind in (_FRAME, _FRAME_2):
+    if object_type in (_FRAME, _FRAME_2):
         channel, flags, length, word, data = _CLASSICAL.unpack_from(body)
         number, extended = _identifier(word, body)
         length = min(length, DATA_MAX)
         if flags & 0x80:
             return channel, CanFrame(number, b"", extended, True, length)
         return channel, CanFrame(number, data[:length], extended)
-    if kind == _FD:
+    if object_type == _FD:
         channel, flags, code, word, _, _, fd, length = _FD_BODY.unpack_from(body)
         data, remote = body[_FD_BODY.size :], bool(flags & 0x80)
         is_fd, speed = bool(fd & 1), fd >> 1 & 3
     else:
-        channel, code, length, _, word, _, fd, _, behind, _ = _FD_64_BODY.unpack_from(body)
-        # `behind` counts from the start of the object. Zeros at the end of the data may be left out.
-        data = piece[head + _FD_64_BODY.size : behind or None].ljust(length, b"\0")
+        channel, code, length, _, word, _, fd, _, end, _ = _FD_64_BODY.unpack_from(body)
+        # `end` counts from the start of the object. Zeros at the end of the data may be left out.
+        data = piece[head + _FD_64_BODY.size : end or None].ljust(length, b"\0")
         remote = bool(fd & 0x10)
         is_fd, speed = bool(fd & 0x1000), fd >> 13 & 3
     number, extended = _identifier(word, body)

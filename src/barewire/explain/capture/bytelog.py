@@ -3,7 +3,7 @@
     12.345678 01 03 00 00 00 02 C4 0B         seconds; also (12.345678), [12.345678] and 10:31:18.25
     01 03 00 00 00 02 C4 0B                   no time: a line is one piece
     00000000: 0103 0000 0002 c40b  ......     xxd or hexdump -C: one piece, however many lines
-    # anything                                a comment, like an empty line
+    # text                                    a comment, skipped like an empty line
 
 The bytes are in any notation of `input.text.parse_hex`; a direction mark (> or <) may come before them.
 """

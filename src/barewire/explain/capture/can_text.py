@@ -1,4 +1,4 @@
-"""A CAN frame as people paste it: a line of candump, or the short forms that are written into notes.
+"""A pasted CAN frame: a line of candump, or one of the short forms used in notes.
 
     605#4040600000000000     (1234.5) can0 605#...     605#R     605 40 40 60     can0 605 [8] 40 40 60 ...
 
@@ -51,24 +51,24 @@ def parse_can(text: str) -> CanFrame:
             tokens = tokens[3:]
     if not tokens:
         raise text_error("short", text, len(text), "not a CAN frame: expected something like 605#4041600000000000")
-    (at, first), rest = tokens[0], tokens[1:]
+    (position, first), rest = tokens[0], tokens[1:]
     if "#" in first:
         if rest and (len(rest) > 1 or rest[0][1] not in ("R", "T")):
             raise text_error("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over after the frame")
-        return _parsed(text, at, first)
-    return _in_columns(text, at, first, rest)
+        return _parsed(text, position, first)
+    return _in_columns(text, position, first, rest)
 
 
 def _is_bus(token: str) -> bool:
-    """Whether the token is the name of a bus, such as can0. `CA0` could be both and is an identifier."""
+    """Return whether the token is the name of a bus, such as can0. `CA0` could be both and is an identifier."""
     return _BUS.fullmatch(token) is not None and not set(token) <= HEX_DIGITS and not token.startswith("0x")
 
 
-def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> CanFrame:
+def _in_columns(text: str, position: int, first: str, rest: list[tuple[int, str]]) -> CanFrame:
     """Parse identifier, [length], bytes; each token comes with its place in the text."""
     start = 2 if HEX_PREFIX.match(first) else 0
     identifier = first[start:].removesuffix("h")
-    for place, character in enumerate(identifier, start=at + start):
+    for place, character in enumerate(identifier, start=position + start):
         if character not in HEX_DIGITS:
             raise text_error("character", text, place, f"{character!r} at {place} is not a hexadecimal digit")
     length: int | None = None
@@ -84,14 +84,14 @@ def _in_columns(text: str, at: int, first: str, rest: list[tuple[int, str]]) -> 
             words = f"the length is [{length}], but {counted(len(data))} of data follow"
             raise text_error("length", text, rest[0][0] if rest else len(text), words)
         body = data.hex()
-    return _parsed(text, at, f"{identifier.rjust(3, '0')}#{body}")
+    return _parsed(text, position, f"{identifier.rjust(3, '0')}#{body}")
 
 
-def _parsed(text: str, at: int, frame: str) -> CanFrame:
-    """`CanFrame.parse`, with the place of an error in the whole text."""
+def _parsed(text: str, position: int, frame: str) -> CanFrame:
+    """Parse a frame as `CanFrame.parse` does, with the place of an error in the whole text."""
     try:
         return CanFrame.parse(frame)
     except DecodeError as error:
-        place = min(at + error.at, len(text))
+        place = min(position + error.at, len(text))
         words = f"{text[place : place + 1]!r} is not a hexadecimal digit" if error.reason == "character" else error.text
         raise text_error(error.reason, text, place, f"{words}, at {place}") from None

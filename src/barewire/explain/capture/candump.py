@@ -1,4 +1,4 @@
-"""Lines of candump in all its forms, read; and the line of its log, written.
+"""The output of candump: reads all its forms, writes its log.
 
     (1700000000.000100) can0 605#4041600000000000          -L and -l: the log; 705#R1 remote, 123##1AABB CAN FD,
     (1700000000.000100) can0 20000004#0001000000000000 R      20000004#... an error frame; R or T with -x
@@ -11,8 +11,8 @@
       can0  20000004   [8]  00 01 ...   ERRORFRAME         with -e followed by lines that begin with a tab
     DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)
 
-One line does not show whether its time is of -t d or -t z. Times are differences if one of them is smaller than the one
-before, which times since the first line never are.
+One line does not show whether its time is from -t d or -t z. Times are differences if one of them is smaller than the
+one before: times since the first line only increase.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def _bytes(rest: str, length: int, text: str) -> bytes:
 
 
 def _seconds(stamp: str) -> float:
-    """A time as a number. Raises ValueError, also for notations that only Python accepts."""
+    """Return a time as a number. Raises ValueError for other text, also for notations that only Python accepts."""
     if not _NUMBER.fullmatch(stamp):
         raise ValueError(stamp)
     return float(stamp)
@@ -167,7 +167,7 @@ class _Times:
         self._now = 0.0
 
     def read(self, stamp: str | None) -> float:
-        """The time of the next line. Raises ValueError if the stamp is not a time."""
+        """Return the time of the next line. Raises ValueError if the stamp is not a time."""
         if stamp is None:
             self._now += _STEP
         elif "-" in stamp:
@@ -179,7 +179,7 @@ class _Times:
 
 
 def _are_differences(lines: list[str]) -> bool:
-    """Whether the times are those of -t d: small, and not always increasing."""
+    """Return whether the times are differences (-t d): small, and not always increasing."""
     last = -1.0
     for line in lines:
         match = _TIME.match(_ANSI.sub("", line).strip())
@@ -198,7 +198,7 @@ def _are_differences(lines: list[str]) -> bool:
 
 
 def is_candump(text: str) -> bool:
-    """Whether one of the first lines is a line of candump."""
+    """Return whether one of the first lines is a line of candump."""
     for line in text.splitlines()[:50]:
         plain = _ANSI.sub("", line).strip()
         if _DROPS.match(plain) or _LOG.match(plain):
@@ -209,32 +209,32 @@ def is_candump(text: str) -> bool:
 
 
 def read_candump(text: str) -> Iterator[RecordedItem]:
-    """The frames of a log or of screen output.
+    """Yield the frames of a log or of screen output.
 
     >>> [str(item.frame) for item in read_candump("(1.5) can0 705#05\\n  can0  705   [1]  7F")]
     ['705#05', '705#7F']
     """
     lines = text.splitlines()
     times = _Times(_are_differences(lines))
-    at = 0.0
+    now = 0.0
     for number, line in enumerate(lines, start=1):
         plain = _ANSI.sub("", line)
         if not plain.strip() or plain.startswith("\t") or plain.lstrip().startswith("# "):
             continue  # empty, the text of -e for the error frame above, a comment
         plain = plain.strip()
         if drops := _DROPS.match(plain):
-            yield Dropped(at, drops[2], int(drops[1]))
+            yield Dropped(now, drops[2], int(drops[1]))
             continue
         try:
             stamp = _TIME.match(plain)
-            at = times.read(stamp[1] if stamp else None)
+            now = times.read(stamp[1] if stamp else None)
             rest = plain[stamp.end() :] if stamp else plain
             bus, _, after = rest.partition(" ")
             if "#" in after and (log := after.split()) and "#" in log[0]:
-                yield Recorded(at, bus, parse_frame(log[0]), number)
+                yield Recorded(now, bus, parse_frame(log[0]), number)
             else:
-                yield Recorded(at, *parse_columns(rest), number)
+                yield Recorded(now, *parse_columns(rest), number)
         except DecodeError as error:
-            yield unread(at, number, error, line)
+            yield unread(now, number, error, line)
         except ValueError:
-            yield unread(at, number, "the text in brackets is not a time", line)
+            yield unread(now, number, "the text in brackets is not a time", line)

@@ -1,4 +1,4 @@
-"""Modbus frames in packets that Wireshark reads: written and read.
+"""Modbus frames in packets, as Wireshark reads and writes them.
 
     TCP        Ethernet | IPv4 | TCP, port 502 | MBAP | unit | PDU
     RTU        Ethernet | IPv4 | UDP, port 5020 | unit | PDU | CRC        dissected with -o mbrtu.udp.port:5020
@@ -52,7 +52,7 @@ class PacketBuilder:
         self._next = {True: 1, False: 1}
 
     def rtu(self, frame: bytes, *, from_client: bool) -> bytes:
-        """An RTU frame in a datagram.
+        """Return an RTU frame in a datagram.
 
         >>> modbus_payload(Packet(0.0, PacketBuilder().rtu(b"abcd", from_client=True))).data
         b'abcd'
@@ -61,7 +61,7 @@ class PacketBuilder:
         return _ip(_UDP, struct.pack(">HHHH", source, target, 8 + len(frame), 0) + frame, 6, from_client)
 
     def tcp(self, frame: bytes, *, from_client: bool) -> bytes:
-        """A Modbus TCP frame in a segment of the connection."""
+        """Return a Modbus TCP frame in a segment of the connection."""
         source, target = (_CLIENT_PORT, self._port) if from_client else (self._port, _CLIENT_PORT)
         numbers = self._next[from_client], self._next[not from_client]
         self._next[from_client] = numbers[0] + len(frame) & 0xFFFFFFFF
@@ -80,7 +80,7 @@ def _ip(protocol: int, payload: bytes, checksum_at: int, from_client: bool) -> b
 
 
 def _checksum(data: bytes) -> int:
-    """The checksum of IP, UDP and TCP: the one's complement of the one's complement sum."""
+    """Return the checksum of IP, UDP and TCP: the one's complement of the one's complement sum."""
     total: int = sum(struct.unpack(f">{(len(data) + 1) // 2}H", data + bytes(len(data) % 2)))
     while total > 0xFFFF:
         total = (total & 0xFFFF) + (total >> 16)
@@ -88,7 +88,7 @@ def _checksum(data: bytes) -> int:
 
 
 def modbus_payload(packet: Packet, ports: Container[int] = MODBUS_PORTS) -> ModbusPayload | None:
-    """The Modbus bytes of a packet to or from one of `ports` on TCP, or 5020 on UDP. None for other packets."""
+    """Return the Modbus bytes of a packet to or from one of `ports` on TCP, or 5020 on UDP. None for other packets."""
     data, version = packet.data, 0
     skip = _LINKS.get(packet.link)
     if skip is None:
@@ -100,11 +100,11 @@ def modbus_payload(packet: Packet, ports: Container[int] = MODBUS_PORTS) -> Modb
     opened = _ip_payload(data[skip:])
     if opened is None or version not in (0, data[skip] >> 4):
         return None
-    kind, ends, inner = opened
-    source, target = (int.from_bytes(inner[at : at + 2], "big") for at in (0, 2))
-    if kind == _UDP and len(inner) > 8 and RTU_PORT in (source, target):
+    protocol, ends, inner = opened
+    source, target = (int.from_bytes(inner[offset : offset + 2], "big") for offset in (0, 2))
+    if protocol == _UDP and len(inner) > 8 and RTU_PORT in (source, target):
         return _carried(packet.at, "rtu", target == RTU_PORT, inner[8:], ends, (source, target))
-    if kind == _TCP and len(inner) >= 20 and (source in ports or target in ports):
+    if protocol == _TCP and len(inner) >= 20 and (source in ports or target in ports):
         payload = inner[4 * (inner[12] >> 4) :]
         if payload:
             carried = _carried(packet.at, "tcp", target in ports, payload, ends, (source, target))
@@ -117,7 +117,7 @@ _Ends = tuple[bytes, bytes]
 
 
 def _ip_payload(ip: bytes) -> tuple[int, _Ends, bytes] | None:
-    """Protocol, addresses and payload of an IP packet of either version. None for a fragment, or if it is not IP."""
+    """Return protocol, addresses and payload of an IPv4 or IPv6 packet; None for fragments and other packets."""
     version = ip[0] >> 4 if ip else 0
     if version == 6:
         return _ipv6_payload(ip)
@@ -131,21 +131,21 @@ def _ip_payload(ip: bytes) -> tuple[int, _Ends, bytes] | None:
 
 
 def _ipv6_payload(ip: bytes) -> tuple[int, _Ends, bytes] | None:
-    """A header of 40 bytes, then extension headers that each name the next one."""
+    """Return protocol, addresses and payload behind the header of 40 bytes and the extension headers."""
     if len(ip) < 40:
         return None
-    size, kind = int.from_bytes(ip[4:6], "big"), ip[6]
+    size, protocol = int.from_bytes(ip[4:6], "big"), ip[6]
     inner = ip[40 : 40 + size if size else None]
-    while kind in _EXTENSIONS:
+    while protocol in _EXTENSIONS:
         if len(inner) < 8:
             return None
-        if kind == _FRAGMENT:
+        if protocol == _FRAGMENT:
             if int.from_bytes(inner[2:4], "big") & 0xFFF9:
                 return None
-            kind, inner = inner[0], inner[8:]
+            protocol, inner = inner[0], inner[8:]
         else:
-            kind, inner = inner[0], inner[8 * (inner[1] + 1) :]
-    return kind, (bytes(ip[8:24]), bytes(ip[24:40])), inner
+            protocol, inner = inner[0], inner[8 * (inner[1] + 1) :]
+    return protocol, (bytes(ip[8:24]), bytes(ip[24:40])), inner
 
 
 def _carried(

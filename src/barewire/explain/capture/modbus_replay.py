@@ -26,12 +26,12 @@ _ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 
 
 def _rtu_line() -> Line:
-    """An RTU line that receives both directions, at any bit rate."""
+    """Return an RTU line that receives both directions, at any bit rate."""
     return RtuLine(_ANY_BITRATE, role="listener")
 
 
 def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBUS_PORTS) -> Iterator[SnifferEvent]:
-    """The events of a recording, in order.
+    """Return the events of a recording, in order.
 
     >>> [type(event).__name__ for event in replay(b"1.0 01 83 02 C0 F1")]
     ['ResponseSeen']
@@ -85,7 +85,7 @@ class _Reassembly:
         return complete
 
     def _take_at(self, position: int) -> bytes | None:
-        """Bytes at this sequence number. Segments before it are removed; sequence numbers wrap at 32 bits."""
+        """Return the bytes at this sequence number and drop segments before it; sequence numbers wrap at 32 bits."""
         for start in list(self._early):
             known = position - start & 0xFFFFFFFF
             if known < 0x80000000:

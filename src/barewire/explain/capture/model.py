@@ -1,7 +1,7 @@
 """The items of a recording of CAN buses, the same for all file formats.
 
         Recorded(at, bus, frame)      a frame, classical, CAN FD or error, on the bus of that name, at that time
-        Dropped(at, bus, frames)      the recorder reports that it lost so many frames (0: unknown number)
+        Dropped(at, bus, frames)      the recorder reports that it lost this number of frames (0: unknown)
         Unread(at, line, why, text)   a line or record that cannot be read; reading goes on after it
 
 `line` counts from 1: lines of a text, packets of a capture.
@@ -51,7 +51,7 @@ _TEXT_SHOWN = 60
 
 
 def unread(at: float, line: int, error: DecodeError | str, text: str) -> Unread:
-    """An `Unread` item; a long text is cut."""
+    """Return an `Unread` item; a long text is cut."""
     why = error.text if isinstance(error, DecodeError) else error
     clean = "".join(character if character.isprintable() else "." for character in text.strip())
     return Unread(at, line, why, clean if len(clean) <= _TEXT_SHOWN else f"{clean[: _TEXT_SHOWN - 3]}...")

@@ -1,4 +1,4 @@
-"""Capture files: pcapng read and written, pcap read. Bytes to packets and back, without file access.
+"""Capture files: reads pcapng and pcap, writes pcapng. Bytes to packets and back, without file access.
 
     | type 4 | length 4 | body, padded to 4 | length 4 |       a block; the section header determines the byte order
     section header 0A0D0D0A     interface 1: link type, units of time     packet 6, 3, 2: interface, time, length, bytes
@@ -37,20 +37,20 @@ class Packet(NamedTuple):
 
 
 def file_header(link: int | None = ETHERNET) -> bytes:
-    """The beginning of a file: a section, and one interface unless `link` is None."""
+    """Return the beginning of a file: a section, and one interface unless `link` is None."""
     section = struct.pack("<IHHq", _MAGIC, 1, 0, -1)
     return _block(_SECTION, section) + (b"" if link is None else interface_block(link))
 
 
 def interface_block(link: int, name: str = "") -> bytes:
-    """One more interface; they are numbered from 0."""
+    """Return the block of one more interface; interfaces are numbered from 0."""
     text = name.encode()
     option = struct.pack("<HH", _NAME, len(text)) + text + bytes(-len(text) % 4) + bytes(4) if text else b""
     return _block(_INTERFACE, struct.pack("<HHI", link, 0, 0) + option)
 
 
 def packet_block(at: float, data: bytes, interface: int = 0) -> bytes:
-    """One packet, to append to the file.
+    """Return the block of one packet, to append to the file.
 
     >>> read_packets(file_header() + packet_block(12.5, b"abc"))[0][:3]
     (12.5, b'abc', 1)
@@ -60,24 +60,24 @@ def packet_block(at: float, data: bytes, interface: int = 0) -> bytes:
     return _block(_ENHANCED, start + data)
 
 
-def _block(kind: int, body: bytes) -> bytes:
+def _block(block_type: int, body: bytes) -> bytes:
     body += bytes(-len(body) % 4)
     size = struct.pack("<I", len(body) + 12)
-    return struct.pack("<I", kind) + size + body + size
+    return struct.pack("<I", block_type) + size + body + size
 
 
 def is_capture(data: bytes) -> bool:
-    """Whether the bytes begin like a pcapng or pcap file."""
+    """Return whether the bytes begin like a pcapng or pcap file."""
     return data[:4] == _SECTION.to_bytes(4, "big") or _pcap_order(data) is not None
 
 
 def read_packets(data: bytes) -> list[Packet]:
-    """The packets of a pcapng or pcap file. Raises DecodeError where it is cut off or damaged, or if it is neither."""
+    """Return the packets of a pcapng or pcap file. Raises DecodeError if it is cut off, damaged or neither of them."""
     return list(iter_packets(data))
 
 
 def iter_packets(data: bytes) -> Iterator[Packet]:
-    """The packets one by one, so that those before a damaged place can be used."""
+    """Iterate over the packets, so that the packets before a damaged place can be used."""
     return _read_pcap(data) if _pcap_order(data) else _read_pcapng(data)
 
 
@@ -94,53 +94,53 @@ def _read_pcap(data: bytes) -> Iterator[Packet]:
         raise DecodeError("short", data[:32], len(data[:32]), f"a pcap file has a header of 24 bytes, here {len(data)}")
     unit = _PCAP[struct.unpack_from(f"{order}I", data)[0]]
     link = struct.unpack_from(f"{order}I", data, 20)[0] & 0xFFFF
-    at = 24
-    while at < len(data):
-        if at + 16 > len(data):
-            raise _cut(data, at)
-        seconds, fraction, size, _ = struct.unpack_from(f"{order}4I", data, at)
-        if at + 16 + size > len(data):
-            raise _cut(data, at)
-        yield Packet(seconds + fraction / unit, data[at + 16 : at + 16 + size], link)
-        at += 16 + size
+    position = 24
+    while position < len(data):
+        if position + 16 > len(data):
+            raise _cut(data, position)
+        seconds, fraction, size, _ = struct.unpack_from(f"{order}4I", data, position)
+        if position + 16 + size > len(data):
+            raise _cut(data, position)
+        yield Packet(seconds + fraction / unit, data[position + 16 : position + 16 + size], link)
+        position += 16 + size
 
 
 def _read_pcapng(data: bytes) -> Iterator[Packet]:
     order = "<"
     interfaces: list[_Interface] = []
-    at = 0
-    while at < len(data):
-        if at + 12 > len(data):
-            raise _cut(data, at)
-        if data[at : at + 4] == _SECTION.to_bytes(4, "big"):
-            magic = data[at + 8 : at + 12]
+    position = 0
+    while position < len(data):
+        if position + 12 > len(data):
+            raise _cut(data, position)
+        if data[position : position + 4] == _SECTION.to_bytes(4, "big"):
+            magic = data[position + 8 : position + 12]
             if magic not in (_MAGIC.to_bytes(4, "little"), _MAGIC.to_bytes(4, "big")):
-                raise DecodeError("value", data[at : at + 12], 8, "a section without its magic number")
+                raise DecodeError("value", data[position : position + 12], 8, "a section without its magic number")
             order = "<" if magic == _MAGIC.to_bytes(4, "little") else ">"
             interfaces = []
-        kind, size = struct.unpack_from(f"{order}II", data, at)
-        if size < 12 or size % 4 or at + size > len(data):
-            raise _cut(data, at)
-        body = data[at + 8 : at + size - 4]
-        if kind == _INTERFACE and len(body) >= 8:
+        block_type, size = struct.unpack_from(f"{order}II", data, position)
+        if size < 12 or size % 4 or position + size > len(data):
+            raise _cut(data, position)
+        body = data[position + 8 : position + size - 4]
+        if block_type == _INTERFACE and len(body) >= 8:
             interfaces.append(_interface(body, order, len(interfaces)))
-        elif kind in (_ENHANCED, _OLD) and len(body) >= 20:
+        elif block_type in (_ENHANCED, _OLD) and len(body) >= 20:
             number, high, low, captured, _ = struct.unpack_from(f"{order}5I", body)
-            behind = dict(_options(body[20 + captured + -captured % 4 :], order))
-            dropped = int.from_bytes(behind.get(_DROPPED, b""), "little" if order == "<" else "big")
-            if kind == _OLD:
+            options = dict(_options(body[20 + captured + -captured % 4 :], order))
+            dropped = int.from_bytes(options.get(_DROPPED, b""), "little" if order == "<" else "big")
+            if block_type == _OLD:
                 number, dropped = struct.unpack_from(f"{order}HH", body)
                 dropped = 0 if dropped == 0xFFFF else dropped  # not known
             if number >= len(interfaces):
-                text = f"a packet of interface {number} at byte {at}, but the file has {len(interfaces)}"
-                raise DecodeError("value", data[at : at + 16], 8, text)
+                text = f"a packet of interface {number} at byte {position}, but the file has {len(interfaces)}"
+                raise DecodeError("value", data[position : position + 16], 8, text)
             link, unit, name, start = interfaces[number]
             yield Packet(start + ((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
-        elif kind == _SIMPLE and len(body) >= 4 and interfaces:
+        elif block_type == _SIMPLE and len(body) >= 4 and interfaces:
             yield Packet(0.0, body[4 : 4 + struct.unpack_from(f"{order}I", body)[0]], interfaces[0].link)
-        elif at == 0 and kind != _SECTION:
+        elif position == 0 and block_type != _SECTION:
             raise DecodeError("value", data[:12], 0, "neither a pcapng nor a pcap file")
-        at += size
+        position += size
 
 
 class _Interface(NamedTuple):
@@ -158,24 +158,26 @@ def _interface(body: bytes, order: str, number: int) -> _Interface:
 
 
 def _options(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """The options after the fixed part of a block, up to a damaged one."""
-    at = 0
-    while at + 4 <= len(data):
-        code, size = struct.unpack_from(f"{order}HH", data, at)
-        if code == 0 or at + 4 + size > len(data):
+    """Yield the options after the fixed part of a block, up to a damaged one."""
+    position = 0
+    while position + 4 <= len(data):
+        code, size = struct.unpack_from(f"{order}HH", data, position)
+        if code == 0 or position + 4 + size > len(data):
             return
-        yield code, data[at + 4 : at + 4 + size]
-        at += 4 + size + -size % 4
+        yield code, data[position + 4 : position + 4 + size]
+        position += 4 + size + -size % 4
 
 
 def _unit(options: dict[int, bytes]) -> int:
-    """The units of time per second of an interface: a million by default."""
+    """Return the units of time per second of an interface: a million by default."""
     resolution = options.get(_RESOLUTION, b"")
     if len(resolution) != 1:
         return 1_000_000
     return int(2 ** (resolution[0] & 0x7F) if resolution[0] & 0x80 else 10 ** resolution[0])
 
 
-def _cut(data: bytes, at: int) -> DecodeError:
-    shown = data[at : at + 16]
-    return DecodeError("short", shown, len(shown), f"the capture is cut off or damaged at byte {at} of {len(data)}")
+def _cut(data: bytes, position: int) -> DecodeError:
+    shown = data[position : position + 16]
+    return DecodeError(
+        "short", shown, len(shown), f"the capture is cut off or damaged at byte {position} of {len(data)}"
+    )

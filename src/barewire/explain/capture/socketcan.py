@@ -1,4 +1,4 @@
-"""CAN frames in captures, read and written: link type 227, LINKTYPE_CAN_SOCKETCAN.
+"""CAN frames in captures: reads and writes link type 227, LINKTYPE_CAN_SOCKETCAN.
 
         identifier 4, big-endian                    length 1   flags 1   0   0   data
         bit 31 extended, 30 remote, 29 error frame             04: CAN FD, 01: bit rate switch, 02: error passive
@@ -25,7 +25,7 @@ _HEAD = struct.Struct(">IBBBB")
 
 
 def is_can_packet(packet: Packet) -> bool:
-    """Whether a packet is a CAN frame, readable or not.
+    """Return whether a packet is a CAN frame, readable or not.
 
     >>> is_can_packet(Packet(0.0, to_packet(CanFrame.parse("705#05")), SOCKETCAN))
     True
@@ -37,7 +37,7 @@ def is_can_packet(packet: Packet) -> bool:
 
 
 def to_packet(frame: AnyFrame) -> bytes:
-    """The frame as the data of a packet."""
+    """Return the frame as the data of a packet."""
     if isinstance(frame, ErrorFrame):
         return _HEAD.pack(frame.classes & EXTENDED_MAX | _ERROR, len(frame.data), 0, 0, 0) + frame.data
     word = frame.id | (_EXTENDED if frame.extended else 0)
@@ -48,15 +48,15 @@ def to_packet(frame: AnyFrame) -> bytes:
 
 
 def from_packet(packet: Packet) -> AnyFrame:
-    """The frame in a packet. Raises DecodeError if it is cut short or impossible.
+    """Return the frame in a packet. Raises DecodeError if it is cut short or impossible.
 
     >>> str(from_packet(Packet(0.0, bytes.fromhex("0000060508000000 4041600000000000"), SOCKETCAN)))
     '605#4041600000000000'
     """
     data, fd = packet.data, False
     if packet.link in _COOKED:
-        kind, start = _COOKED[packet.link]
-        fd = _KINDS.get(data[kind : kind + 2], False)
+        type_at, start = _COOKED[packet.link]
+        fd = _KINDS.get(data[type_at : type_at + 2], False)
         data = data[start:]
     if len(data) < _HEAD.size:
         raise DecodeError("short", data, len(data), f"{len(data)} bytes: a CAN frame has 8 before its data")

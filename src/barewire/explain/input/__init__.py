@@ -1,4 +1,4 @@
-"""Bytes from text that people paste.
+"""Bytes from pasted text.
 
     hexdump           dumps of xxd, hexdump, od and tshark
     source_literals   byte arrays and strings of programming languages

@@ -5,8 +5,8 @@
     0000   01 03 00 00 00 0a c5 cd                            ........            tshark -x, Wireshark
     0000000 01 03 00 00 00 0a c5 cd                                               od -t x1 (its offsets are octal)
 
-One line may be a dump. Of several lines each must begin where the one before ends; a `*`, which stands for repeated
-lines, raises DecodeError.
+A single line may be a dump. Each further line must begin where the line before it ends; a `*`, which stands for
+repeated lines, raises DecodeError.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def dump_line(line: str) -> DumpLine | None:
 
 
 def parse_dump(text: str) -> bytes | None:
-    """The bytes of a dump; None if the text is not a dump.
+    """Return the bytes of a dump; None if the text is not a dump.
 
     >>> parse_dump("00000000  01 03 00 00  |....|\\n00000004  00 0a c5 cd  |....|\\n00000008").hex(" ")
     '01 03 00 00 00 0a c5 cd'
@@ -84,7 +84,7 @@ def parse_dump(text: str) -> bytes | None:
 
 
 def _is_alone(found: DumpLine, line: str) -> bool:
-    """Whether one line alone is certainly a dump: four digits and two blanks may be a transaction number."""
+    """Return whether one line alone is certainly a dump: four digits and two blanks may be a transaction number."""
     if len(line.split()[0].rstrip(":").removeprefix("0x")) > 4:
         return True
     characters = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in found.data)

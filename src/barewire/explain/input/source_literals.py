@@ -1,4 +1,4 @@
-"""Bytes as a programming language writes them: the syntax around them is removed, string escapes are decoded.
+"""Bytes in the notation of programming languages: the syntax around them is removed, string escapes are decoded.
 
     uint8_t ask[] = {0x01, 0x03};    bytes([1, 3])    bytes.fromhex("0103")    [01][03]    <01> <03>
     b'\\x01\\x03\\n'                   a string of bytes: escapes and plain characters
@@ -34,7 +34,7 @@ _NUMBER = re.compile(r"-?\d+")
 
 
 def strip_syntax(text: str) -> tuple[str, bool]:
-    """The text without the syntax around its bytes, and whether it is a list: in brackets, with commas.
+    """Return the text without the syntax around its bytes, and whether it is a list: in brackets, with commas.
 
     >>> strip_syntax("{0x01, 0x03};")
     (' 0x01, 0x03  ', True)
@@ -62,7 +62,7 @@ def strip_syntax(text: str) -> tuple[str, bool]:
 
 
 def parse_string_literal(text: str) -> bytes | None:
-    """The bytes of a string with escapes, or of b'...'; None for other text, such as digits in quotes.
+    """Return the bytes of a string with escapes, or of b'...'; None for other text, such as digits in quotes.
 
     >>> parse_string_literal(r"b'\\x01\\x03\\n'"), parse_string_literal('"0103"'), parse_string_literal("b'0103'")
     (b'\\x01\\x03\\n', None, None)
@@ -76,25 +76,28 @@ def parse_string_literal(text: str) -> bytes | None:
     data = bytearray()
     for piece in _ESCAPE.finditer(body):
         pair, octal, letter = piece.groups()
-        at = found.start(3) + piece.start()
+        position = found.start(3) + piece.start()
         if pair or octal:
             number = int(pair, 16) if pair else int(octal, 8)
         elif letter:
             number = _LETTERS[letter]
         elif piece[0] == "\\":
             raise text_error(
-                "value", text, at, f"{body[piece.start() : piece.start() + 4]!r} at {at} is not an escape of a byte"
+                "value",
+                text,
+                position,
+                f"{body[piece.start() : piece.start() + 4]!r} at {position} is not an escape of a byte",
             )
         else:
             number = ord(piece[0])
         if number > 255:
-            raise text_error("value", text, at, f"{piece[0]!r} at {at} is not a byte")
+            raise text_error("value", text, position, f"{piece[0]!r} at {position} is not a byte")
         data.append(number)
     return bytes(data)
 
 
 def parse_decimal(text: str, listed: bool) -> bytes | None:
-    """The bytes of decimal numbers, if the text cannot be hexadecimal; None if it is hexadecimal.
+    """Return the bytes of decimal numbers, if the text cannot be hexadecimal; None if it is hexadecimal.
 
     >>> parse_decimal("1, 3, 0, 0, 0, 10, 197, 205", False).hex(" "), parse_decimal("01 03 10", False)
     ('01 03 00 00 00 0a c5 cd', None)
@@ -105,8 +108,8 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
         return None
     if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
         return None
-    has_three, has_one = any(len(one) == 3 for one in numbers), any(len(one) == 1 for one in numbers)
-    if any(one.startswith("-") for one in numbers) and not listed:
+    has_three, has_one = any(len(token) == 3 for token in numbers), any(len(token) == 1 for token in numbers)
+    if any(token.startswith("-") for token in numbers) and not listed:
         return None
     if max(map(len, numbers)) > 4 or (not has_three and not has_one and not listed):
         return None  # 0103 0000: groups of digits; 10 20 30: two digits are hexadecimal
@@ -115,7 +118,7 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
         raise text_error(
             "value", text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x"
         )
-    for at, token in tokens:
+    for position, token in tokens:
         if not -128 <= int(token) <= 255:
-            raise text_error("value", text, at, f"{token!r} at {at}: a byte is a number from 0 to 255")
+            raise text_error("value", text, position, f"{token!r} at {position}: a byte is a number from 0 to 255")
     return bytes(int(token) & 0xFF for token in numbers)

@@ -1,4 +1,4 @@
-"""Bytes from text as people paste it: every usual notation of hexadecimal, source literals, and dumps.
+"""Bytes from pasted text: every usual notation of hexadecimal, source literals, and dumps.
 
     rtu, tcp   01 04 0F B1    01040fb1    0x01,0x04    01-04-0F-B1    01:04    \\x01\\x04    01h 04h
                literals of a program (`source_literals`)    xxd, hexdump -C and tshark -x (`hexdump`)
@@ -48,30 +48,32 @@ def parse_hex(text: str) -> bytes:
     return bytes(found)
 
 
-def parse_hex_token(text: str, at: int, token: str) -> bytes:
+def parse_hex_token(text: str, position: int, token: str) -> bytes:
     # "\x01\x04" has no separators, so a token may hold several bytes, each with its prefix.
     parts = list(HEX_PREFIX.finditer(token))
     if parts and parts[0].start() == 0:
         ends = [part.start() for part in parts[1:]] + [len(token)]
         spans = [(part.end(), end) for part, end in zip(parts, ends)]
-        return b"".join(_pairs(text, at + start, token[start:end], lone=True) for start, end in spans)
+        return b"".join(_pairs(text, position + start, token[start:end], lone=True) for start, end in spans)
     digits = token[:-1] if token[-1] in "hH" else token
-    return _pairs(text, at, digits, lone=False)
+    return _pairs(text, position, digits, lone=False)
 
 
-def _pairs(text: str, at: int, digits: str, lone: bool) -> bytes:
+def _pairs(text: str, position: int, digits: str, lone: bool) -> bytes:
     for place, character in enumerate(digits):
         if character not in HEX_DIGITS:
-            raise text_error("character", text, at + place, f"{character!r} at {at + place} is not a hexadecimal digit")
+            raise text_error(
+                "character", text, position + place, f"{character!r} at {position + place} is not a hexadecimal digit"
+            )
     if lone and len(digits) == 1:
         digits = "0" + digits
     if len(digits) % 2 or not digits:
-        raise text_error("length", text, at, f"{digits!r} at {at}: a byte has two hexadecimal digits")
+        raise text_error("length", text, position, f"{digits!r} at {position}: a byte has two hexadecimal digits")
     return bytes.fromhex(digits)
 
 
 def parse_ascii(text: str) -> bytes:
-    """The characters of an ASCII frame, from the frame itself or from the codes of its characters.
+    """Return the characters of an ASCII frame, from the frame itself or from the codes of its characters.
 
     >>> parse_ascii(r":01040FB1000239\\r\\n") == parse_ascii("3A 30 31 30 34 30 46 42 31 30 30 30 32 33 39 0D 0A")
     True
@@ -91,6 +93,6 @@ def parse_ascii(text: str) -> bytes:
 
 
 def _unquoted(typed: str) -> str:
-    """The characters without quotes, such as those of b':0104...' in a source or a log."""
+    """Return the characters without quotes, such as those of b':0104...' in a source or a log."""
     found = re.fullmatch(r"\s*b?(['\"])(:.*)\1[\s;]*", typed, re.DOTALL)
     return typed if found is None else found[2]

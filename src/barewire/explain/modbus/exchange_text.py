@@ -22,10 +22,10 @@ _SHOWN = 12
 
 
 def exchange_line(event: SnifferEvent) -> str | None:
-    """The event as one line; None for a request whose answer is still to come.
+    """Return the event as one line; None for a request whose answer is still to come.
 
-    >>> asked = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
-    >>> exchange_line(asked), exchange_line(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=asked))
+    >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
+    >>> exchange_line(request), exchange_line(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=request))
     (None, '1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms')
     """
     match event:
@@ -44,25 +44,27 @@ def exchange_line(event: SnifferEvent) -> str | None:
         case ResponseSeen(request=None):
             summary = explain_pdu(event.pdu, "response").summary
             return f"{event.at:.6f}  unit {event.unit}  (request not seen) -> {summary}"
-        case ResponseSeen(request=asked):
-            assert asked is not None
+        case ResponseSeen(request=request):
+            assert request is not None
             late = ", late: after the next request" if event.late else ""
-            return f"{_request(asked)} -> {_result(event, asked)}, after {1e3 * (event.at - asked.at):.1f} ms{late}"
+            return (
+                f"{_request(request)} -> {_result(event, request)}, after {1e3 * (event.at - request.at):.1f} ms{late}"
+            )
 
 
-def _request(asked: RequestSeen) -> str:
-    return f"{asked.at:.6f}  unit {asked.unit}  {explain_pdu(asked.pdu, 'request').summary}"
+def _request(request: RequestSeen) -> str:
+    return f"{request.at:.6f}  unit {request.unit}  {explain_pdu(request.pdu, 'request').summary}"
 
 
-def _result(answer: ResponseSeen, asked: RequestSeen) -> str:
-    """The content of an answer that its request does not have."""
+def _result(answer: ResponseSeen, request: RequestSeen) -> str:
+    """Return the part of an answer that its request does not contain."""
     pdu = answer.pdu
     parsed = explain_pdu(pdu, "response")
     if pdu[0] & EXCEPTION_BIT:
         return parsed.summary.partition(" to ")[0]
     if parsed.error is not None:
         return f"cannot be decoded: {parsed.error.text}"
-    if pdu == asked.pdu or asked.pdu.startswith(pdu):
+    if pdu == request.pdu or request.pdu.startswith(pdu):
         return "done"
     registers = [str(field.value) for field in parsed.fields if field.name.startswith("register ")]
     return _clipped(registers or pdu[1:].hex(" ").upper().split())
@@ -73,23 +75,23 @@ def _clipped(parts: list[str]) -> str:
 
 
 def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
-    """The event for `json.dumps`. `request_at` is the time of the request that a response or a time-out belongs to.
+    """Return the event for `json.dumps`; `request_at` is the time of the request of a response or a time-out.
 
     >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
     """
     match event:
         case RequestSeen():
-            kind = "request" if event.unit or event.transaction is not None else "broadcast"
-            return _frame(kind, event.unit, event.pdu, event.at, event.transaction)
+            name = "request" if event.unit or event.transaction is not None else "broadcast"
+            return _frame(name, event.unit, event.pdu, event.at, event.transaction)
         case ResponseSeen():
             result = _frame("response", event.unit, event.pdu, event.at, event.transaction)
             if event.pdu[0] & EXCEPTION_BIT and len(event.pdu) > 1:
                 result["exception"] = event.pdu[1]
-            asked = event.request
+            request = event.request
             return result | {
-                "request_at": None if asked is None else asked.at,
-                "seconds": None if asked is None else round(event.at - asked.at, 6),
+                "request_at": None if request is None else request.at,
+                "seconds": None if request is None else round(event.at - request.at, 6),
                 "late": event.late,
             }
         case ResponseMissing():
@@ -101,10 +103,10 @@ def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
             return {"event": "noise", "at": event.at, "data": data.hex(), "reason": reason, "text": text}
 
 
-def _frame(kind: str, unit: int, pdu: bytes, at: float, transaction: int | None) -> dict[str, object]:
-    parsed = explain_pdu(pdu, "response" if kind == "response" else "request")
+def _frame(name: str, unit: int, pdu: bytes, at: float, transaction: int | None) -> dict[str, object]:
+    parsed = explain_pdu(pdu, "response" if name == "response" else "request")
     fields = {field.name: field.value if isinstance(field.value, int) else str(field.value) for field in parsed.fields}
-    result: dict[str, object] = {"event": kind, "at": at, "unit": unit, "function": pdu[0] & ~EXCEPTION_BIT}
+    result: dict[str, object] = {"event": name, "at": at, "unit": unit, "function": pdu[0] & ~EXCEPTION_BIT}
     if transaction is not None:
         result["transaction"] = transaction
     return result | {"pdu": pdu.hex(), "summary": parsed.summary, "fields": fields}

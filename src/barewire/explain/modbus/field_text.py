@@ -1,7 +1,7 @@
 """The meanings of the fields of Modbus messages, which `explain` prints in the last column.
 
-The message classes define the places of their fields and a few meanings; the others are here: that addresses count
-from 0, special units, function codes that are user-defined or reserved.
+The message classes define the places of their fields and a few meanings. This file has the others: the base of
+addresses, special units, and function codes that are user-defined or reserved.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _QUANTITY_OF = {
 
 
 def unit_text(unit: int, serial: bool) -> str:
-    """The meaning of a unit number.
+    """Return the meaning of a unit number.
 
     >>> unit_text(0, serial=True)
     'broadcast: all units, no answer'
@@ -54,7 +54,7 @@ def unit_text(unit: int, serial: bool) -> str:
 
 
 def unnamed_code_text(code: int) -> str:
-    """The kind of a function code that has no name.
+    """Return the kind of a function code that has no name.
 
     >>> unnamed_code_text(65), unnamed_code_text(9), unnamed_code_text(99)
     ('user-defined function', 'reserved function', 'not a public function of the standard')
@@ -65,7 +65,7 @@ def unnamed_code_text(code: int) -> str:
 
 
 def function_title(pdu: bytes) -> str:
-    """The name of the function of a PDU."""
+    """Return the name of the function of a PDU."""
     known = request_class(pdu)
     if known is not None:
         return known.name
@@ -75,16 +75,16 @@ def function_title(pdu: bytes) -> str:
 
 
 def code_title(code: int) -> str:
-    """Number and name, such as '04 Read Input Registers', as far as one byte determines it."""
+    """Return number and name, such as '04 Read Input Registers', as far as one byte determines it."""
     known = request_class(bytes([code]))
     name = known.name if known else _PUBLIC.get(code)
     return f"{code:02X} {name or unnamed_code_text(code)}"
 
 
 def with_meanings(fields: list[Field], pdu: bytes, role: FrameRole | None) -> list[Field]:
-    """The fields of a PDU, each with its meaning; meanings that a message class gives are kept."""
-    held = {field.name: field.value for field in fields}
-    start = held.get("address") if role == "request" else None
+    """Return the fields of a PDU, each with its meaning; meanings that a message class gives are kept."""
+    by_name = {field.name: field.value for field in fields}
+    start = by_name.get("address") if role == "request" else None
     result = []
     for field in fields:
         meaning = _meaning(field, pdu)
@@ -95,7 +95,7 @@ def with_meanings(fields: list[Field], pdu: bytes, role: FrameRole | None) -> li
 
 
 def _meaning(field: Field, pdu: bytes) -> str:
-    """The meaning of one field; empty if there is nothing to add."""
+    """Return the meaning of one field; empty if there is nothing to add."""
     value = field.value
     if not isinstance(value, int):
         return ""
@@ -125,8 +125,8 @@ def _meaning(field: Field, pdu: bytes) -> str:
         case "object_id":
             return OBJECT_NAMES.get(value, "private" if value >= 0x80 else "reserved")
         case "conformity":
-            one = ", or one object at a time" if value & 0x80 else ""
-            return READ_CODES.get(value & 0x7F, "not defined") + one
+            individual = ", or one object at a time" if value & 0x80 else ""
+            return READ_CODES.get(value & 0x7F, "not defined") + individual
         case "more_follows":
             return {MORE: "more follows", NO_MORE: "this is all"}.get(value, "neither FFh nor 00h")
     return ""

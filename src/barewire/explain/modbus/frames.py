@@ -47,7 +47,7 @@ def _fault(decode: Callable[[bytes], Adu], data: bytes) -> DecodeError | None:
 
 
 def _summary(parsed: ParsedPdu, unit: int, ending: str = "") -> str:
-    """The text of the verdict, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
+    """Return the text of the verdict, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
     directions = {"request": "a request to", "response": "a response from"}
     direction = directions.get(parsed.role or "", "a message for or from")
     note = f" ({parsed.note})" if parsed.note else ""
@@ -55,7 +55,7 @@ def _summary(parsed: ParsedPdu, unit: int, ending: str = "") -> str:
 
 
 def _is_bare(body: bytes, checked: int, role: FrameRole | None) -> bool:
-    """Whether a unit and a PDU fit a message as they are, and do not without the last `checked` bytes.
+    """Return whether unit and PDU fit a message as they are, but not without the last `checked` bytes.
 
     The checksum is often left out when a frame is written down. Only a known function shows that.
     """
@@ -79,11 +79,11 @@ def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
     not valid: CRC is 3B C3, should be FB D8 (byte 7)
     """
     fault = _fault(rtu_frame.decode, data)
-    frame, behind = data, ""
+    frame, remark = data, ""
     is_doubtful = fault.reason == "checksum" if fault else explain_pdu(data[1:-2], role).error is not None
     end = _end_of_first(data, role) if is_doubtful else None
     if end is not None:
-        frame, behind = data[:end], "perhaps the next frame"
+        frame, remark = data[:end], "perhaps the next frame"
         # The CRC does not detect a byte 00 after a good frame; only the length of the message does.
         reason: Reason = "checksum" if fault else "long"
         text = f"a complete frame ends before this, {counted(len(data) - end)} left over"
@@ -100,10 +100,14 @@ def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
         right = crc16(body).to_bytes(2, "little")
         meaning = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
         fields.append(Field(len(body), 2, "CRC", int.from_bytes(frame[-2:], "little"), meaning))
-    fields += left_over_field(len(frame), len(data), behind)
+    fields += left_over_field(len(frame), len(data), remark)
     summary = _summary(parsed, data[0], "CRC ok") if data else ""
     return Explanation(
-        "rtu", parsed.role, explained_fields(fields, data), as_problem(fault) or as_problem(parsed.error, by=1), summary
+        "rtu",
+        parsed.role,
+        explained_fields(fields, data),
+        as_problem(fault) or as_problem(parsed.error, offset=1),
+        summary,
     )
 
 
@@ -121,7 +125,7 @@ def _without_crc(data: bytes, role: FrameRole | None) -> Explanation:
 
 
 def _end_of_first(data: bytes, role: FrameRole | None) -> int | None:
-    """The end of a complete frame with a good CRC, if more bytes follow: two frames pasted as one."""
+    """Return the end of a complete frame with a correct CRC, if more bytes follow, as when two frames are pasted."""
     measures = {"request": (measure_request,), "response": (measure_response,)}
     for measure in measures.get(role or "", (measure_request, measure_response)):
         size = measure(data[1:])
@@ -191,12 +195,12 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
 
 
 def _characters(field: Field, data: bytes) -> str:
-    """The characters of a field: digits in pairs, invisible ones by name or escaped."""
+    """Return the characters of a field: digits in pairs, invisible ones by name or escaped."""
     text = data[field.offset : field.offset + field.length]
     if field.name == "end":
         return " ".join({13: "CR", 10: "LF"}[character] for character in text)
     if all(character in ascii_frame.DIGITS for character in text):
-        return " ".join(text[at : at + 2].decode() for at in range(0, len(text), 2))
+        return " ".join(text[index : index + 2].decode() for index in range(0, len(text), 2))
     return text.decode("latin-1").encode("unicode_escape").decode("ascii")
 
 
@@ -230,11 +234,13 @@ def explain_tcp(data: bytes, role: FrameRole | None = None) -> Explanation:
     fields += left_over_field(end, len(data), "after the frame: perhaps the next one")
     summary = _summary(parsed, data[6], f"transaction {int.from_bytes(data[:2], 'big')}") if len(data) > 6 else ""
     whole = explained_fields(fields, data)
-    return Explanation("tcp", parsed.role, whole, as_problem(fault) or as_problem(parsed.error, by=_MBAP.size), summary)
+    return Explanation(
+        "tcp", parsed.role, whole, as_problem(fault) or as_problem(parsed.error, offset=_MBAP.size), summary
+    )
 
 
 def _header_words(field: Field, size: int) -> Field:
-    """A field of the header with its meaning; other fields are returned unchanged."""
+    """Return a field of the header with its meaning; other fields are returned unchanged."""
     value = field.value
     if field.offset >= _MBAP.size or not isinstance(value, int):
         return field

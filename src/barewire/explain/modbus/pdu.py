@@ -1,12 +1,12 @@
 """A Modbus PDU, field by field: its function, its direction, and the meaning of each field.
 
-        04 0F B1 00 02        fits a request (5 bytes), and no response: the byte count would be 0Fh
-        04 04 00 00 01 10     fits a response (byte count 4, 4 bytes follow), and no request
+        04 0F B1 00 02        fits a request (5 bytes), but not a response: the byte count would be 0Fh
+        04 04 00 00 01 10     fits a response (byte count 4, 4 bytes follow), but not a request
         06 00 01 00 03        fits both: a write is answered with its echo
 
 A PDU does not contain its direction. If the caller does not give it, both shapes are tried. If both fit, the PDU
-counts as a request, with a note. If none fits, the one nearer in length counts, because a wrong value is more usual
-than a wrong length.
+counts as a request, with a note. If neither fits, the one nearer in length counts, because wrong values are more
+common than wrong lengths.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _UNKNOWN_SHAPE = "data"
 
 
 class ParsedPdu(NamedTuple):
-    """One PDU explained; offsets count from its start. `note` names what could not be decided."""
+    """One PDU explained; offsets count from its start. `note` mentions an ambiguous direction."""
 
     role: FrameRole | None
     fields: list[Field]
@@ -52,7 +52,7 @@ def explain_pdu(pdu: bytes, role: FrameRole | None = None) -> ParsedPdu:
 
 
 def guess_role(pdu: bytes) -> tuple[FrameRole | None, str]:
-    """The direction by the shape, and a note if the other one fits as well. None for an unknown function.
+    """Return the direction by the shape, and a note if the other one fits as well. None for an unknown function.
 
     >>> guess_role(bytes.fromhex("0600010003"))
     ('request', 'a response can look the same')
@@ -71,13 +71,13 @@ def guess_role(pdu: bytes) -> tuple[FrameRole | None, str]:
 
 
 def _missed(message: type[Message], pdu: bytes) -> int:
-    """The difference in bytes between the length and the length of the shape."""
+    """Return the difference in bytes between the length and the length of the shape."""
     size = message.measure(pdu)
     return abs(size - len(pdu)) if size is not None else len(pdu)
 
 
 def _shape(pdu: bytes, role: FrameRole | None) -> type[Message] | None:
-    """The message class of these bytes. Bit 7 marks an exception response, whatever role the caller gives."""
+    """Return the message class of these bytes. Bit 7 marks an exception response, whatever role the caller gives."""
     if role == "response" or pdu[0] & EXCEPTION_BIT:
         return response_class(pdu)
     return request_class(pdu)
@@ -103,7 +103,7 @@ def _error(message: type[Message] | None, pdu: bytes, role: FrameRole | None) ->
 
 
 def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
-    """All bytes in fields, named as far as the shape is known."""
+    """Return all bytes in fields, named as far as the shape is known."""
     if message is not None:
         found = message.fields(pdu)
         names = message.layout.names
@@ -118,14 +118,14 @@ def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
 
 
 def _summary(fields: list[Field], pdu: bytes) -> str:
-    """The message in one line, for the verdict."""
+    """Return the message in one line, for the verdict."""
     if pdu[0] & EXCEPTION_BIT:
         text = f"exception {pdu[1]:02X} ({exception_name(pdu[1])})" if len(pdu) > 1 else "exception"
         if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
             text = "extended exception"
         return f"{text} to {code_title(pdu[0] & ~EXCEPTION_BIT)}"
-    held = {field.name: field.value for field in fields}
-    address, quantity, value = held.get("address"), held.get("quantity"), held.get("value")
+    by_name = {field.name: field.value for field in fields}
+    address, quantity, value = by_name.get("address"), by_name.get("quantity"), by_name.get("value")
     if isinstance(address, int):
         if isinstance(quantity, int):
             return f"{function_title(pdu)}, {quantity} from {address:04X}h"
@@ -140,5 +140,5 @@ def _summary(fields: list[Field], pdu: bytes) -> str:
 
 
 def left_over_field(at: int, size: int, meaning: str = "") -> list[Field]:
-    """A field for the bytes after a complete frame, if there are any."""
+    """Return a field for the bytes after a complete frame, if there are any."""
     return [Field(at, size - at, LEFT_OVER, None, meaning)] if size > at else []

@@ -117,7 +117,7 @@ def test_a_new_bit_rate_takes_effect_at_the_next_reset(bench: Bench) -> None:
     bench.write("CAN BIT RATE", 200)
     bench.write("STORE ALL PARAMETERS", SAVE)
     bench.machine.power_cycle(4.0)
-    assert (adapter.bitrate, bench.read("CAN BITRATE INDEX")) == (125_000, 5)  # 200 is no rate of the guide
+    assert (adapter.bitrate, bench.read("CAN BITRATE INDEX")) == (125_000, 5)  # the guide has no rate with number 200
 
 
 def test_node_bit_rate_and_unit_at_delivery() -> None:

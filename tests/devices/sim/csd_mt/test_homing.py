@@ -112,7 +112,7 @@ def test_a_search_without_switch_or_speed_never_ends(bench: CsdBench) -> None:
     bench.write("Homing Method", 0)
     assert bench.control(0x1F) == "0237"  # no method
     assert bench.position(2.0) == 0
-    bench.put(Homing_Method=19, Input_Config=31)  # I0 is no proximity input
+    bench.put(Homing_Method=19, Input_Config=31)  # I0 is not the proximity input
     bench.control(0x0F, 0x1F)
     assert bench.status(20.0) == "0237"
     assert int(bench.position()) > 600_000

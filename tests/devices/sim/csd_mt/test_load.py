@@ -129,7 +129,7 @@ def test_auto_sync_with_kv_0_recovers_nothing(bench: CsdBench) -> None:
     bench.enable()
     bench.drive.slip(1000, 1.0)
     assert bench.position(100.0) == 1000
-    bench.write("Position Error Reset", 1)  # with Auto Sync, it is no reset of the offset
+    bench.write("Position Error Reset", 1)  # with Auto Sync, it does not reset the offset
     assert bench.drive.axis.trajectory.position(100.0) == 0
 
 

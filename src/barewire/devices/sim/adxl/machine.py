@@ -10,7 +10,7 @@ Simulated: 03 and 04 read measures, only 04 reads settings and events (tables 2 
 returns eight bits of state, 17 the identity. A start is executed when the starter is ready; while it stops, the answer
 is exception 04. C01 restarts the `service_hours` interval, C06 sets the limits to 0. C15, the test with a motor of low
 power, lasts until the starter is switched on again: currents are a twentieth, so no limit is reached, protections are
-inhibited (`trip` is an event and no alarm), and a running motor shows status 11. A new node address (P08.01) takes
+inhibited (`trip` adds an event, not an alarm), and a running motor shows status 11. A new node address (P08.01) takes
 effect at the next power-on or reboot.
 
 The environment is set by attributes and methods: `supply`, `trip` and `clear` an alarm, `close` an input, `limits` and
@@ -36,7 +36,7 @@ from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.core.store import Declined
 
 REBOOT_TAKES = 3.0
-"""Seconds; the manual does not say how long."""
+"""Seconds; the manual does not give the time."""
 
 _ABSENT, _PREHEATING, _READY, _DELAY, _KICK, _RAMP, _CURRENT_LIMIT, _TORQUE_LIMIT, _RUN, _BYPASS = range(10)
 _DECELERATION, _INHIBITED, _FREEWHEEL, _ALARM, _SELECTION = range(10, 15)
@@ -95,7 +95,7 @@ class Adxl(Simulator):
         self.events.add(self.uptime, "POWER ON")
 
     def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """The adapter for Modbus, with functions 07 and 17."""
+        """Return the adapter for Modbus, with functions 07 and 17."""
         return AdxlModbusAdapter(self, settings)
 
     def tick(self, now: float) -> None:
@@ -104,7 +104,7 @@ class Adxl(Simulator):
         self.motor.advance(self.now)
 
     def reset(self) -> None:
-        """Restart: the saved parameters, a motor without current. The counters keep their values."""
+        """Restart with the saved parameters and without current in the motor. The counters keep their values."""
         super().reset()
         self.motor.cut()
         self.motor.low_power = False
@@ -142,15 +142,15 @@ class Adxl(Simulator):
         self.tick(now)
         self.alarm = ""
 
-    def close(self, place: int, on: bool, now: float) -> None:
-        """Close or open input 1, 2 or 3. The first starts the motor when it closes, the second stops it."""
+    def close(self, number: int, on: bool, now: float) -> None:
+        """Close or open input 1, 2 or 3. Closing input 1 starts the motor, closing input 2 stops it."""
         self.tick(now)
-        bit = 1 << place - 1
+        bit = 1 << number - 1
         closes = on and not self.inputs & bit
         self.inputs = self.inputs | bit if on else self.inputs & ~bit
-        if closes and place == 1 and self.is_ready:
+        if closes and number == 1 and self.is_ready:
             self._start()
-        elif closes and place == 2:
+        elif closes and number == 2:
             self._stop()
 
     def set_environment(self, text: str) -> None:
@@ -181,7 +181,7 @@ class Adxl(Simulator):
         return (self.motor.seconds - self._serviced_at) / 3600
 
     def status(self) -> int:
-        """The status register, F84h."""
+        """Return the status register, F84h."""
         if not self.has_line:
             return _ABSENT
         if self.alarm:
@@ -198,7 +198,7 @@ class Adxl(Simulator):
         return _TORQUE_LIMIT if self.motor.is_torque_limited else _PHASE_STATUS[phase]
 
     def exception_status(self) -> int:
-        """The byte of function 07. The ninth bit of the manual, bypass active, does not fit."""
+        """Return the byte of function 07. The ninth bit of the manual, bypass active, does not fit."""
         ready = self.motor.phase is MotorPhase.READY and self.is_ready
         starting = bool(self.inputs & 1)
         bits = (
@@ -211,10 +211,10 @@ class Adxl(Simulator):
             self.motor.is_running,
             bool(self.alarm),
         )
-        return sum(1 << place for place, bit in enumerate(bits) if bit)
+        return sum(1 << number for number, bit in enumerate(bits) if bit)
 
     def selected(self) -> tuple[int, int, int]:
-        """Menu, sub-menu and parameter in 5000h, 5001h and 5002h."""
+        """Return menu, sub-menu and parameter, from 5000h, 5001h and 5002h."""
         names = ("Menu number selection", "Sub-menu number selection", "Parameter number selection")
         menu, sub, number = (self.store.whole(name) for name in names)
         return menu, sub, number
@@ -234,8 +234,8 @@ class Adxl(Simulator):
         def largest() -> float:
             return max(amperes(phase) for phase in range(3))
 
-        def bit(name: str, place: int) -> bool:
-            return bool(getattr(self, name) >> place & 1)
+        def bit(name: str, index: int) -> bool:
+            return bool(getattr(self, name) >> index & 1)
 
         measures: dict[str, Callable[[], Value]] = {
             "L3-L1 Voltage": lambda: motor.line_voltage() if self.has_line else 0,
@@ -259,15 +259,15 @@ class Adxl(Simulator):
             "Event description": self.events.text,
             "Parameter value": lambda: self.menus.read(self.selected()),
         }
-        for place in range(3):
-            line = f"L{place + 1}"
-            measures[f"{line} current"] = partial(amperes, place)
-            measures[f"{line} active power"] = partial(power, place)
+        for index in range(3):
+            line = f"L{index + 1}"
+            measures[f"{line} current"] = partial(amperes, index)
+            measures[f"{line} active power"] = partial(power, index)
             measures[f"{line} power factor"] = lambda: self._sample().power_factor
-            measures[f"Input {place + 1}"] = partial(bit, "inputs", place)
-        for place in range(4):
-            measures[f"Remote {place + 1}"] = partial(bit, "remotes", place)
-            measures[f"Limit {place + 1}"] = partial(bit, "limits", place)
+            measures[f"Input {index + 1}"] = partial(bit, "inputs", index)
+        for index in range(4):
+            measures[f"Remote {index + 1}"] = partial(bit, "remotes", index)
+            measures[f"Limit {index + 1}"] = partial(bit, "limits", index)
         for name, read in measures.items():
             self.store.measure(name, read)
 

@@ -48,7 +48,7 @@ class Menus:
         self.copy: dict[tuple[int, int, int], int] | None = None
 
     def read(self, key: tuple[int, int, int]) -> int:
-        """The value; raises Declined if there is no such parameter."""
+        """Return the value; raises Declined if there is no such parameter."""
         if key not in self.values:
             menu, sub, number = key
             raise Declined("place", f"no parameter {number} in menu {menu}, sub-menu {sub}")
@@ -97,7 +97,7 @@ class EventList:
             raise Declined("value", f"event {index}: {len(self.texts)} are stored")
 
     def text(self) -> str:
-        """The event at the index; raises Declined("state") after the last one."""
+        """Return the event at the index; raises Declined("state") after the last one."""
         if self.index >= len(self.texts):
             raise Declined("state", "no event is left to read")
         return self.texts[self.index]

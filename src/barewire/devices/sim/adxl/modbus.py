@@ -32,13 +32,13 @@ _EVENT_REGISTERS = 28
 
 
 class Starter(SimulatedMachine, Protocol):
-    """What this adapter uses of the soft starter."""
+    """The part of the soft starter that this adapter uses."""
 
     events: EventList
     reboots_until: float
 
     def exception_status(self) -> int:
-        """The byte of function 07."""
+        """Return the byte of function 07."""
 
 
 class AdxlModbusAdapter(ModbusAdapter):
@@ -49,7 +49,7 @@ class AdxlModbusAdapter(ModbusAdapter):
         self.starter = starter
 
     def images(self) -> None:
-        """03 reads the measures of table 2, 04 everything that can be read."""
+        """Let function 03 read the measures of table 2, and 04 everything that can be read."""
         super().images()
         self.reads[0x03] = self.image(
             cell
@@ -58,7 +58,7 @@ class AdxlModbusAdapter(ModbusAdapter):
         )
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """Exception 06 during a reboot; no answer to the request that starts it (parameter setting, step 4)."""
+        """Handle a request: exception 06 during a reboot, no answer to the one that starts it (settings, step 4)."""
         self.starter.tick(now)
         if self._is_rebooting:
             raise ModbusException(SERVER_DEVICE_BUSY)
@@ -70,7 +70,7 @@ class AdxlModbusAdapter(ModbusAdapter):
         return self.starter.clock.now < self.starter.reboots_until
 
     def answer(self, request: Any) -> Response | None:
-        """As `ModbusAdapter.answer`; the text of an event is only read as a whole, and the index moves on after it."""
+        """Answer like `ModbusAdapter`, but an event's text is only read as a whole, and the index moves on after it."""
         match request:
             case ReadInputRegisters(address, quantity) if self._touches_text(address, quantity):
                 if (address, quantity) != (_EVENT_TEXT, _EVENT_REGISTERS):
@@ -85,7 +85,7 @@ class AdxlModbusAdapter(ModbusAdapter):
         return address < _EVENT_TEXT + _EVENT_REGISTERS and address + quantity > _EVENT_TEXT
 
     def other(self, request: Any) -> Response | None:
-        """Functions 07 and 17."""
+        """Answer functions 07 and 17."""
         match request:
             case ReadExceptionStatus():
                 return ReadExceptionStatusResponse(self.starter.exception_status())

@@ -1,4 +1,4 @@
-"""The motor on a soft starter: the phases of a start and a stop, and the values measured meanwhile.
+"""The motor on a soft starter: the phases of a start and a stop, and the values measured in them.
 
         status   2 | 5 ramp | 6 current limit | 5 | 8 run | 9 bypass closed .. | 10 ramp down | 12 freewheel | 2
                  --+--------+-----------------+---+-------+--------------------+--------------+--------------+---
@@ -6,12 +6,12 @@
         current    | rises, held at 2.5 In while it would be more, then load   | falls        | 0
 
 Before the ramp there may be a start delay (3) and a kick (4), in the ramp a torque limit (7), set by `start_delay`,
-`kick_time` and `torque_limit`. No parameter of the Modbus manual sets them, so they are off until they are set here.
+`kick_time` and `torque_limit`. No parameter of the Modbus manual sets them, so they are off by default.
 With `low_power` (C15, the test with a motor of low power) current and torque are a twentieth, and no limit is reached.
 
 Simulated: the order and the duration of the phases. Everything is a function of the time since the phase began. Energy,
 hours and temperatures are integrated in steps of 0.1 s on a ramp and in one step otherwise, so a day at the bypass
-costs as little as a second. The shapes of the curves are plausible; they are those of no real motor.
+costs as little as a second. The shapes of the curves are plausible, but not measured at a motor.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ class MotorSample(NamedTuple):
     torque: float
     power_factor: float
 
-    def scaled(self, by: float) -> MotorSample:
-        """The same voltage on a motor of `by` times the size."""
-        return self._replace(current=self.current * by, wanted=self.wanted * by, torque=self.torque * by)
+    def scaled(self, factor: float) -> MotorSample:
+        """Return the same voltage on a motor of `factor` times the size."""
+        return self._replace(current=self.current * factor, wanted=self.wanted * factor, torque=self.torque * factor)
 
 
 _STANDSTILL = MotorSample(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -116,8 +116,8 @@ class Motor:
         elif self.phase is MotorPhase.DELAYED:
             self._begin(MotorPhase.READY, self.now)
 
-    def _begin(self, phase: MotorPhase, at: float) -> None:
-        self.phase, self.began = phase, at
+    def _begin(self, phase: MotorPhase, began: float) -> None:
+        self.phase, self.began = phase, began
 
     # Time
 
@@ -186,7 +186,7 @@ class Motor:
         return self.phase is MotorPhase.STARTING and self.sample(self.now).torque == self.torque_limit
 
     def sample(self, now: float) -> MotorSample:
-        """Voltage, current, torque and power factor at a time within the present phase."""
+        """Return voltage, current, torque and power factor at a time within the present phase."""
         sample = self._sample(now)
         if self.low_power:
             return sample.scaled(_LOW_POWER)
@@ -211,16 +211,16 @@ class Motor:
         return _RUNNING
 
     def power(self, sample: MotorSample) -> float:
-        """Active power of all three phases in kW, seen from the line."""
+        """Return the active power of all three phases in kW, as taken from the line."""
         return sqrt(3) * _LINE_VOLTAGE * sample.current * RATED_CURRENT * sample.power_factor / 1000
 
     def line_voltage(self) -> float:
-        """The line voltage varies a little, as a fixed function of time, so that a plot is no straight line."""
+        """Return a line voltage that varies a little with time, so that a plot is not a straight line."""
         return _LINE_VOLTAGE * (1 + 0.003 * sin(self.now / 7) + 0.001 * sin(self.now * 1.7))
 
 
 def _ramp(x: float) -> MotorSample:
-    """The sample at the part `x` of the acceleration time. The speed is a smooth step from 0 to 1."""
+    """Return the sample at the part `x` of the acceleration time. The speed is a smooth step from 0 to 1."""
     speed = x * x * (3 - 2 * x)
     voltage = _FIRST_VOLTAGE + (1 - _FIRST_VOLTAGE) * x
     wanted = 6.5 * voltage * (1 - speed) + _LOAD * speed
@@ -230,5 +230,5 @@ def _ramp(x: float) -> MotorSample:
 
 
 def _approach(value: float, towards: float, time: float) -> float:
-    """First-order approach; `time` in time constants. Exact for any length while `towards` stays."""
+    """Return the value after a first-order approach, exact for any `time` (in time constants) while `towards` stays."""
     return towards + (value - towards) * exp(-time)

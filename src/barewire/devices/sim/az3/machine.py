@@ -78,7 +78,7 @@ class Az3ModbusAdapter(ModbusAdapter):
     """The tables, and "Read device identification, MEI type 0Eh with base identification" (ST.TEC.022, 5.3.2)."""
 
     def other(self, request: Any) -> Response | None:
-        """The basic objects from `object_id` on; from 0 if there is no such object [MB-APP 6.21]."""
+        """Answer with the basic objects from `object_id` on, or from 0 if there is no such object [MB-APP 6.21]."""
         if not isinstance(request, ReadDeviceIdentification):
             raise ModbusException(ILLEGAL_FUNCTION)
         if request.read_code == INDIVIDUAL:
@@ -116,7 +116,7 @@ class Az3(Simulator):
         self._bind_commands()
 
     def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """The adapter for Modbus, with the device identification."""
+        """Return the adapter for Modbus, with the device identification."""
         return Az3ModbusAdapter(self, settings)
 
     def _bind_values(self) -> None:
@@ -142,8 +142,8 @@ class Az3(Simulator):
             "BOOT MODBUS NODE": lambda: self.address & 0xFF,
             "ERROR REGISTER": self._error_register,
         }
-        for place in range(8):
-            measures[f"ERROR CODE {place + 1}"] = partial(self._error_code, place)
+        for index in range(8):
+            measures[f"ERROR CODE {index + 1}"] = partial(self._error_code, index)
         for name, read in measures.items():
             store.measure(name, read)
 
@@ -175,7 +175,7 @@ class Az3(Simulator):
             store.after(name, self._button(name, act))
 
     def _button(self, name: str, act: Callable[[], None]) -> Callable[[Value], None]:
-        """A coil that is a push-button: it acts when it is switched on, and returns to off."""
+        """Return the hook of a coil that is a push-button: it acts when it is switched on, and returns to off."""
 
         def pressed(on: Value) -> None:
             if on:
@@ -210,7 +210,7 @@ class Az3(Simulator):
         self.phasing.tick(self.now)
 
     def reset(self) -> None:
-        """As at power-on: the saved parameters, the axis at position 0."""
+        """Restart as at power-on, with the saved parameters and the axis at position 0."""
         super().reset()
         self._restart_axis()
         self.measurements.restart()
@@ -230,7 +230,7 @@ class Az3(Simulator):
         self.memory.deliver("MODBUS ADDRESS", address)
 
     def supply(self, volts: float, now: float) -> None:
-        """Set the voltage of the supply. Without any there is no high voltage: the drive cannot be switched on."""
+        """Set the voltage of the supply. At 0 V there is no high voltage, and the drive cannot be switched on."""
         self.tick(now)
         had, self.measurements.supply = self.measurements.supply > 0, max(0.0, volts)
         if self.measurements.supply <= 0:
@@ -268,7 +268,7 @@ class Az3(Simulator):
         self.axis.cause = 0
 
     def reset_error(self) -> None:
-        """Do what an edge of control bit 7 does."""
+        """Reset the error, as an edge of control bit 7 does."""
         self.axis.word &= ~DriveCommand.FAULT_RESET
         self._control(self.axis.word | DriveCommand.FAULT_RESET)
         self.axis.word &= ~DriveCommand.FAULT_RESET
@@ -284,12 +284,12 @@ class Az3(Simulator):
     def _error_register(self) -> int:
         return error_register(self.errors[0]) if self.axis.state in FAULT_STATES and self.errors else 0
 
-    def _error_code(self, place: int) -> int:
-        return self.errors[place] & 0xFFFF if place < len(self.errors) else 0
+    def _error_code(self, index: int) -> int:
+        return self.errors[index] & 0xFFFF if index < len(self.errors) else 0
 
 
 def error_register(code: int) -> int:
-    """The error register for an error code.
+    """Return the error register for an error code.
 
     >>> hex(error_register(0x3210)), hex(error_register(0x7305))
     ('0x5', '0x1')

@@ -6,7 +6,7 @@ Simplified: the motor is a flywheel with friction, so torque follows acceleratio
 held, and only the torque moves towards TARGET TORQUE. The heatsink has no time constant.
 
 The guides list some measured values as read/write (HEATSINK TEMPERATURE, CUSTOM POSITION ACTUAL VALUE, SENSORLESS
-MEASURED SPEED). A write to them is accepted and has no effect, because each read computes the value.
+MEASURED SPEED). A write to one is accepted and has no effect, because each read computes the value.
 """
 
 from __future__ import annotations
@@ -76,19 +76,19 @@ class Measurements:
         }
         for name, read in measures.items():
             store.measure(name, read)
-        for place in range(CAPTURES):
-            store.measure(f"PHASE DATA INCREMENTAL CAPTURES {place}", partial(phasing.captures.__getitem__, place))
+        for index in range(CAPTURES):
+            store.measure(f"PHASE DATA INCREMENTAL CAPTURES {index}", partial(phasing.captures.__getitem__, index))
         for channel in range(1, 5):
             store.measure(f"MONITOR VAR {channel}", partial(self._monitor, channel))
 
     def restart(self) -> None:
-        """As at power-on: no torque and no voltage reference."""
+        """Restart as at power-on, without torque and voltage reference."""
         self._torque, self._reference = Trajectory(), Trajectory()
 
     # Set-points on ramps
 
     def follow_torque(self) -> None:
-        """In torque mode move the torque to TARGET TORQUE with TORQUE SLOPE, otherwise to 0. In ‰ of the rated one."""
+        """Ramp the torque with TORQUE SLOPE to TARGET TORQUE, or to 0 outside torque mode (‰ of the rated torque)."""
         on = self.axis.mode == TORQUE and self.axis.state is State.OPERATION_ENABLED
         slope = self.settings.torque_slope()
         self._torque.move(self.clock.now, self.settings.target_torque() if on else 0.0, slope, slope, slope, jerky=True)
@@ -109,7 +109,7 @@ class Measurements:
         return self.settings.shown_velocity(self.axis.trajectory.velocity(self.clock.now))
 
     def _torque_nm(self) -> float:
-        """The torque of torque mode, and what flywheel and friction take."""
+        """Return the torque of torque mode, and what flywheel and friction take."""
         if self.axis.state not in CURRENT_ON:
             return 0.0
         now, trajectory = self.clock.now, self.axis.trajectory
@@ -121,13 +121,13 @@ class Measurements:
         return 1000 * self._torque_nm() / self.settings.rated_torque
 
     def _current(self) -> float:
-        """Amperes: the rated current gives the rated torque; during phasing it is the alignment current."""
+        """Return the current in A: the rated current gives the rated torque; phasing takes the alignment current."""
         if self.phasing.in_progress:
             return self.store.number("ALIGNMENT CURRENT")
         return abs(self._torque_permille()) / 1000 * self.store.number("MOTOR RATED CURRENT") / 1000
 
     def _bus_voltage(self) -> float:
-        """The voltage of the supply sinks a little under current."""
+        """Return the supply voltage, which drops a little under current."""
         return max(0.0, self.supply - _SUPPLY_RESISTANCE * self._current())
 
     def _monitor(self, channel: int) -> float:

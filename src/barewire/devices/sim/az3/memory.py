@@ -8,7 +8,7 @@
 Node-ID (BOOT CAN NODE), bit rate (CAN BIT RATE) and MODBUS ADDRESS take effect when the drive restarts: at power-on, a
 software reset, NMT reset node, and for the first two NMT reset communication. The guides do not state when. Unsaved
 values are lost in all of these cases but the last. With a node-ID outside 1..127 the drive is silent on CAN; a number
-that is no bit rate of the guide selects the default.
+without a bit rate in the guide selects the default.
 """
 
 from __future__ import annotations

@@ -50,19 +50,19 @@ class Az3Settings:
         return -value if self.store.whole("POLARITY") & bit else value
 
     def shown_position(self, steps: float) -> float:
-        """POSITION ACTUAL VALUE of a position in increments."""
+        """Return the POSITION ACTUAL VALUE of a position in increments."""
         return self._signed(steps, _REVERSES_POSITION)
 
     def shown_velocity(self, steps: float) -> float:
-        """VELOCITY ACTUAL VALUE, in user units, of a velocity in increments per second."""
+        """Return the VELOCITY ACTUAL VALUE, in user units, of a velocity in increments per second."""
         return self._signed(steps / self.unit, _REVERSES_VELOCITY)
 
     def brake_time(self, name: str) -> float:
-        """A brake time in seconds; 0 for a drive without a brake."""
+        """Return a brake time in seconds; 0 for a drive without a brake."""
         return self.store.number(name) / 1000 if self.store["BRAKE ACTIVATION"] else 0.0
 
     def is_limited(self) -> bool:
-        """Whether a soft limit reduces the target position, or MAX MOTOR SPEED the target velocity."""
+        """Return whether a soft limit reduces the target position, or MAX MOTOR SPEED the target velocity."""
         if self.mode() == VELOCITY:
             return abs(self.store.number("TARGET VELOCITY")) > self.store.number("MAX MOTOR SPEED")
         return self.mode() == POSITION and self._limited() != self.store.number("TARGET POSITION")
@@ -75,41 +75,41 @@ class Az3Settings:
     # Settings of the axis
 
     def mode(self) -> int:
-        """6060h."""
+        """Return object 6060h."""
         return self.store.whole("MODES OF OPERATION")
 
     def target_position(self) -> float:
-        """607Ah."""
+        """Return object 607Ah."""
         return self._signed(self._limited(), _REVERSES_POSITION)
 
     def target_velocity(self) -> float:
-        """60FFh, not above MAX MOTOR SPEED."""
+        """Return object 60FFh, not above MAX MOTOR SPEED."""
         limit = self.store.number("MAX MOTOR SPEED")
         wanted = max(-limit, min(limit, self.store.number("TARGET VELOCITY")))
         return self._signed(wanted, _REVERSES_VELOCITY) * self.unit
 
     def profile_velocity(self) -> float:
-        """6081h, not above MAX PROFILE VELOCITY."""
+        """Return object 6081h, not above MAX PROFILE VELOCITY."""
         return self.unit * min(self.store.number("PROFILE VELOCITY"), self.store.number("MAX PROFILE VELOCITY"))
 
     def acceleration(self) -> float:
-        """6083h; a ramp of 0 would never end, so the slowest is one unit."""
+        """Return object 6083h, at least one unit: a ramp of 0 would never end."""
         return self.unit * max(self.store.number("PROFILE ACCELERATION"), _SLOWEST_RAMP)
 
     def deceleration(self, mode: int) -> float:
-        """6084h."""
+        """Return object 6084h, at least one unit."""
         return self.unit * max(self.store.number("PROFILE DECELERATION"), _SLOWEST_RAMP)
 
     def without_ramp(self, velocity: float) -> bool:
-        """False: this drive always has ramps."""
+        """Return False: this drive always has ramps."""
         return False
 
     def velocity_window(self) -> tuple[float, float]:
-        """One unit, at once: the guides list no velocity window."""
+        """Return one unit, at once: the guides list no velocity window."""
         return self.unit, 0.0
 
     def zero_window(self) -> tuple[float, float]:
-        """One unit, at once, as the velocity window."""
+        """Return one unit, at once, as the velocity window."""
         return self.unit, 0.0
 
     # Torque and voltage
@@ -120,7 +120,7 @@ class Az3Settings:
         return (self.store.number("MOTOR RATED TORQUE") or 1.0) / 1000
 
     def target_torque(self) -> float:
-        """6071h in ‰ of the rated torque, within MAX TORQUE, MAX CURRENT and, with TORQUE LIMIT ON, TORQUE LIMIT."""
+        """Return object 6071h (‰ of the rated torque), limited by MAX TORQUE, MAX CURRENT and TORQUE LIMIT."""
         limit = min(self.store.number("MAX TORQUE"), self.store.number("MAX CURRENT"))
         torque_limit = self.store.number("TORQUE LIMIT")
         if self.store["TORQUE LIMIT ON"] and isfinite(torque_limit):
@@ -128,11 +128,11 @@ class Az3Settings:
         return max(-limit, min(limit, self.store.number("TARGET TORQUE")))
 
     def torque_slope(self) -> float:
-        """6087h."""
+        """Return object 6087h."""
         return max(self.store.number("TORQUE SLOPE"), _SLOWEST_RAMP)
 
     def voltage_ramp(self, change: float) -> float:
-        """Volts per second for a change of the reference: the positive or the negative ramp."""
+        """Return the positive or the negative ramp of the voltage reference, in V/s."""
         name = "V REF POSITIVE RAMP" if change > 0 else "V REF NEGATIVE RAMP"
         return min(abs(self.store.number(name)) or _SLOWEST_RAMP, _STEEPEST_RAMP)
 
@@ -151,11 +151,11 @@ class Az3Axis(Cia402Axis):
         self._brake_holds_at = -inf
 
     def halted(self, now: float) -> bool:
-        """Whether bit 8 is set, or the brake is not open yet."""
+        """Return whether bit 8 is set, or the brake is not open yet."""
         return bool(self.word & HALT) or self._brake_opens_at > now
 
     def brake_is_open(self, now: float) -> bool:
-        """Whether the brake lets the shaft turn."""
+        """Return whether the brake lets the shaft turn."""
         if self.state in CURRENT_ON:
             return now >= self._brake_opens_at
         return now < self._brake_holds_at

@@ -61,6 +61,6 @@ class Phasing:
         self._ends_at = None
         sector = self.settings.increments / (self.store.whole("MOTOR POLES PAIR") or 1) / 6
         start = self.axis.trajectory.position(now)
-        self.captures[:] = [wrapped(start + place * sector, 16) for place in range(CAPTURES)]
+        self.captures[:] = [wrapped(start + number * sector, 16) for number in range(CAPTURES)]
         if self._sets_phased:
             self.store["AUTO-PHASED MOTOR"] = True

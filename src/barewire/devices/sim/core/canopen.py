@@ -10,7 +10,7 @@ The node-ID and the bit rate may change when the machine restarts (`take_address
 given in `bus_bitrate`, a node with another bit rate receives nothing and sends nothing; a real one would send error
 frames.
 
-Of two parameters with one object the first in the description owns it. An object of which only bits are described is
+If two parameters have the same object, the first in the description owns it. An object with only its bits described is
 composed of them.
 """
 
@@ -45,7 +45,7 @@ _SERVO_402 = 0x0002_0192  # device profile 402, servo drive
 
 
 class CanopenAdapter:
-    """A node of its own: CAN frames and time in, CAN frames out. The first `feed`, or `start`, sends the boot-up."""
+    """A machine as a node: CAN frames and time in, CAN frames out. The first `feed`, or `start`, sends the boot-up."""
 
     def __init__(self, machine: SimulatedMachine, settings: CanopenSettings) -> None:
         self.machine = machine
@@ -79,7 +79,7 @@ class CanopenAdapter:
 
     @property
     def deadline(self) -> float | None:
-        """The time at which the node next sends something without a request."""
+        """The time of the next frame that the node sends without a request."""
         if self._is_at_another_bitrate:
             return None
         if self._boots_at is not None:
@@ -87,7 +87,7 @@ class CanopenAdapter:
         return self.machine.clock.now if self._pending or self._heartbeat_changed() else self.node.deadline
 
     def _heartbeat_changed(self) -> bool:
-        """Whether the heartbeat time was written through the other adapter."""
+        """Return whether the heartbeat time was written through the other adapter."""
         place = (0x1017, 0)
         return place in self.objects and int(self.objects.get(*place)) / 1000 != self.node.heartbeat.period
 
@@ -117,7 +117,7 @@ class CanopenAdapter:
         self.node.stored.values.clear()
 
     def power_on(self, now: float) -> None:
-        """Power came back: the node boots at the next `feed`, with the saved PDO records."""
+        """Switch the power on: the node boots at the next `feed`, with the saved PDO records."""
         self.node.stored.restore(_COMMUNICATION.start, 0x9FFF)
         self._pending.clear()
         self._boots_at = now
@@ -129,7 +129,7 @@ class CanopenAdapter:
         return self.node.start(self.machine.clock.now)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frames that the node sends after a received frame, or after time has passed."""
+        """Return the frames that the node sends after a received frame, or after time has passed."""
         self.machine.tick(now)
         if self._is_at_another_bitrate:
             return []
@@ -161,7 +161,7 @@ class CanopenAdapter:
 
 
 def _pdo(described: DevicePdo, node: int) -> PdoConfig:
-    """The factory setting of a PDO. The description gives the COB-ID without the node-ID, which is added here."""
+    """Return the factory setting of a PDO: the COB-ID of the description plus the node-ID."""
     number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
     pdo = PdoConfig(
@@ -176,7 +176,7 @@ def _pdo(described: DevicePdo, node: int) -> PdoConfig:
 
 
 def _entries(machine: SimulatedMachine) -> list[Entry]:
-    """One entry for each object: those that are described, and those of which only bits are described."""
+    """Return one entry for each object: the described ones, and those composed of described bits."""
     entries: dict[tuple[int, int], Entry] = {}
     bits: dict[tuple[int, int], list[Cell]] = {}
     for cell in machine.store:
@@ -194,7 +194,7 @@ def _entries(machine: SimulatedMachine) -> list[Entry]:
 
 
 def _entry(cell: Cell) -> Entry:
-    """The entry of a whole object. The dictionary checks raw numbers, so the limits are given without the scale."""
+    """Return the entry of a whole object. Its limits are raw numbers, because the dictionary checks those."""
     parameter = cell.parameter
     place = parameter.object
     assert place is not None
@@ -227,7 +227,7 @@ def _entry(cell: Cell) -> Entry:
 
 
 def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
-    """The entry of a 16-bit word that is described bit by bit."""
+    """Return the entry of a 16-bit word that is described bit by bit."""
     places = [(cell, cell.parameter.object.bit or 0) for cell in cells if cell.parameter.object is not None]
 
     def read() -> Value:

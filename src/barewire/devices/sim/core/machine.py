@@ -20,7 +20,7 @@ class MachineClock:
     def __init__(self, now: float = 0.0) -> None:
         self.now = now
         self.on_since: float | None = None
-        """When power came: the first time that was passed in, or the last power cycle."""
+        """The time of power-on: the first time that was passed in, or the last power cycle."""
 
     def advance(self, now: float) -> None:
         """Set the time. A time before the present one is ignored."""
@@ -35,7 +35,7 @@ class MachineClock:
 
 
 class SimulatedMachine(Protocol):
-    """The part of a machine that the bus adapters use: its values, its clock, and resets from a bus."""
+    """The part of a machine that the bus adapters use: values, clock, and resets from a bus."""
 
     store: MachineStore
     clock: MachineClock
@@ -47,4 +47,4 @@ class SimulatedMachine(Protocol):
         """Restore every value as at power-on (NMT reset node)."""
 
     def reset_communication(self) -> None:
-        """Act on an NMT reset communication: the store has the saved values of 1000h to 1FFFh again."""
+        """React to an NMT reset communication; the saved values of 1000h to 1FFFh have been restored."""

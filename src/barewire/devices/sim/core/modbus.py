@@ -55,11 +55,11 @@ class ModbusAdapter:
             self.writes |= dict.fromkeys(functions, image)
 
     def image(self, cells: Iterable[Cell]) -> RegisterImage:
-        """An image of these cells."""
+        """Return an image of these cells."""
         return RegisterImage(self.machine.store, cells)
 
     def cells(self, *tables: str) -> list[Cell]:
-        """The cells that lie in these tables."""
+        """Return the cells that lie in these tables."""
         return [cell for cell in self.machine.store if cell.parameter.modbus and cell.parameter.modbus.table in tables]
 
     def handle(self, request: Any, now: float) -> Response | None:
@@ -71,14 +71,14 @@ class ModbusAdapter:
             raise ModbusException(_EXCEPTION_CODES[declined.reason]) from declined
 
     def answer(self, request: Any) -> Response | None:
-        """The response to a request for registers or coils; all other requests go to `other`."""
+        """Answer a request for registers or coils; all other requests go to `other`."""
         code = request.function_code
         match request:
             # ReadDiscreteInputs is a ReadCoils and ReadInputRegisters a ReadHoldingRegisters: one row for each pair.
             case bits.ReadCoils(address, quantity):
                 row = self._read(code, address, quantity, bits.READ_COILS_LIMIT)
-                kind = bits.ReadCoilsResponse if code == 0x01 else bits.ReadDiscreteInputsResponse
-                return kind(tuple(map(bool, row)))
+                response = bits.ReadCoilsResponse if code == 0x01 else bits.ReadDiscreteInputsResponse
+                return response(tuple(map(bool, row)))
             case registers.ReadHoldingRegisters(address, quantity):
                 words = self._read(code, address, quantity, self.settings.read_limit)
                 if code == 0x03:
@@ -99,7 +99,7 @@ class ModbusAdapter:
         return self.other(request)
 
     def other(self, request: Any) -> Response | None:
-        """Answer a function code that accesses no registers or coils: exception 01 in a plain device."""
+        """Answer a function code for anything but registers and coils; a plain device answers exception 01."""
         raise ModbusException(ILLEGAL_FUNCTION)
 
     def _read(self, code: int, address: int, quantity: int, limit: int) -> tuple[int, ...]:

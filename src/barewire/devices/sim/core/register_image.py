@@ -86,10 +86,10 @@ class RegisterImage:
                 parts = waiting.setdefault(cell.name, dict(self._waiting.get(cell.name, {})))
                 parts[row[0].word] = word
                 if row[0].word == len(self.store.registers(cell)) - 1:
-                    now = list(self.store.registers(cell))
-                    for place, part in parts.items():
-                        now[place] = part
-                    commits.append((cell, self._checked(cell, now)))
+                    present = list(self.store.registers(cell))
+                    for number, part in parts.items():
+                        present[number] = part
+                    commits.append((cell, self._checked(cell, present)))
                     parts.clear()
         self._waiting |= waiting
         for cell, value in commits:

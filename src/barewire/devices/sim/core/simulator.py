@@ -77,7 +77,7 @@ class Simulator:
         raise EncodeError(f"{text!r}: {self.device.name} has no environment to set")
 
     def reset_communication(self) -> None:
-        """Called at an NMT reset communication, after 1000h to 1FFFh were restored. Does nothing here."""
+        """React to an NMT reset communication, after 1000h to 1FFFh were restored. Does nothing here."""
 
     def readdress(self, address: int) -> None:
         """Set the unit address that the machine has at delivery."""

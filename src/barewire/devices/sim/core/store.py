@@ -10,8 +10,7 @@ A `Cell` is one parameter with its value. It has three hooks: `measured` compute
 decline a write before anything is stored, `after` is called after a write. A bit of an object whose whole word is
 described as well (the coils of the AZ3) has no value of its own: its cell reads and writes the cell of the word.
 
-Depends on: parameters.  Used by: the adapters, register images, and all machines. Requests, frames and time are unknown
-here.
+Depends on: parameters.  Used by: the adapters, register images, and all machines.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from barewire.devices.parameter import Parameter
 from barewire.errors import BarewireError, EncodeError
 
 DeclineReason = Literal["place", "value", "state"]
-"""No such address or object; no such value; not in the present state of the machine."""
+"""place: no such address or object; value: no such value; state: not in the present state of the machine."""
 
 
 class Declined(BarewireError):
@@ -54,7 +53,7 @@ class Cell:
         self.veto: Callable[[Value], None] | None = None
         self.after: Callable[[Value], None] | None = None
         self.whole: Cell | None = None
-        """The cell of the word of which this one is a bit."""
+        """The cell of the word that contains this bit; None for a value of its own."""
         self.parts: list[Cell] = []
         """The cells that are bits of this one."""
 
@@ -73,7 +72,7 @@ class Cell:
     # From inside the machine
 
     def get(self) -> Value:
-        """The value as it is now."""
+        """Return the value as it is now."""
         if self.measured is not None:
             return self.measured()
         if self.whole is not None:
@@ -88,13 +87,13 @@ class Cell:
             self.whole.held = set_bit(int(self.whole.held), self._bit, bool(value))
 
     def shown(self) -> Value:
-        """The value as a bus can carry it: rounded to a step of its scale, clamped to the range of its type."""
+        """Return the value as a bus can carry it: rounded to a step of its scale, clamped to the range of its type."""
         value = self.get()
         if isinstance(value, (str, bytes)) or self.parameter.type in ("bool", "f32", "f64"):
             return value
-        kind = Number(self.parameter.type)
+        number = Number(self.parameter.type)
         step = self.parameter.scale
-        steps = min(max(round(Fraction(value) / step), int(kind.minimum)), int(kind.maximum))
+        steps = min(max(round(Fraction(value) / step), int(number.minimum)), int(number.maximum))
         return self.free.from_raw(steps)
 
     # From outside
@@ -120,7 +119,7 @@ class Cell:
             self.after(value)
 
     def _write_bit(self, part: Cell, before: int) -> None:
-        """One bit of a word that was written: a read-only bit keeps its value, a changed one calls its hook."""
+        """Write one bit of a word: a read-only bit keeps its value, a bit that changes calls its hook."""
         was, now = get_bit(before, part._bit), get_bit(int(self.held), part._bit)
         if was != now and not part.parameter.writable:
             self.held = set_bit(int(self.held), part._bit, was)
@@ -160,7 +159,7 @@ class MachineStore:
         return iter(self.cells.values())
 
     def cell(self, name: str) -> Cell:
-        """The cell of a parameter."""
+        """Return the cell of a parameter."""
         return self.cells[fold(name)]
 
     def __getitem__(self, name: str) -> Value:
@@ -170,15 +169,15 @@ class MachineStore:
         self.cell(name).set(value)
 
     def number(self, name: str) -> float:
-        """The value of a numeric parameter."""
+        """Return the value of a numeric parameter."""
         return float(self.cell(name).get())
 
     def whole(self, name: str) -> int:
-        """The value of a parameter that is a whole number."""
+        """Return the value of a parameter that is a whole number."""
         return int(self.cell(name).get())
 
     def measure(self, name: str, read: Callable[[], Value]) -> None:
-        """Compute the value with `read` each time it is read."""
+        """Compute the value with `read` at each read."""
         self.cell(name).measured = read
 
     def after(self, name: str, act: Callable[[Value], None]) -> None:
@@ -197,18 +196,18 @@ class MachineStore:
             self[name] = value
 
     def snapshot(self, wanted: Callable[[Cell], bool]) -> dict[str, Value]:
-        """The held values of the cells for which `wanted` returns true."""
+        """Return the stored values of the cells for which `wanted` returns true."""
         return {cell.name: cell.held for cell in self if cell.whole is None and wanted(cell)}
 
     # Registers
 
     def registers(self, cell: Cell, old: Sequence[int] = ()) -> tuple[int, ...]:
-        """The registers of a cell's value. For half a register or a bit, `old` is the rest of the register."""
+        """Return the registers of a cell's value. For half a register or a bit, `old` is the rest of the register."""
         words = cell.free.to_registers(cell.shown(), old)
         return words[::-1] if self._is_reversed(cell) else words
 
     def value(self, cell: Cell, registers: Sequence[int]) -> Value:
-        """The value of a cell from its registers."""
+        """Return the value of a cell from its registers."""
         return cell.free.from_registers(registers[::-1] if self._is_reversed(cell) else registers)
 
     def _is_reversed(self, cell: Cell) -> bool:
@@ -216,7 +215,7 @@ class MachineStore:
 
 
 def _default(parameter: Parameter) -> Value:
-    """The value at delivery: the default of the description, otherwise an empty text, False or 0."""
+    """Return the value at delivery: the default of the description, otherwise an empty text, False or 0."""
     if parameter.default is not None and parameter.access != "wo":
         return parameter.default
     if parameter.type == "text":

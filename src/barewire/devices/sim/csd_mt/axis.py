@@ -1,4 +1,4 @@
-"""The axis of a CSD MT: what it adds to the CiA 402 states and motion.              [CSD MT manual, ch. 11 and 12]
+"""The axis of a CSD MT: its additions to the CiA 402 states and motion.             [CSD MT manual, ch. 11 and 12]
 
         enable    |--1095--> current on |------1096------> OPERATION ENABLED, ready for a motion
                                         |--1094--> brake unlocked
@@ -35,7 +35,7 @@ _BRAKE_ON_O1 = (0x23, 0x27)
 
 
 def is_brake_config(config: int) -> bool:
-    """Whether this value of Output Config (1089) makes O1 the brake."""
+    """Return whether this value of Output Config (1089) makes O1 the brake."""
     return config in _BRAKE_ON_O1
 
 
@@ -46,41 +46,41 @@ class StepperSettings:
         self.store = store
 
     def mode(self) -> int:
-        """Register 1041."""
+        """Return register 1041."""
         return self.store.whole("Mode of Operation")
 
     def target_position(self) -> float:
-        """Register 1042."""
+        """Return register 1042."""
         return self.store.number("Target Position")
 
     def target_velocity(self) -> float:
-        """Register 1048, limited by 1074; a limit of 0 is ignored."""
+        """Return register 1048, limited by 1074; a limit of 0 is ignored."""
         target, limit = self.store.number("Target Velocity"), self.store.number("Max Motor Speed")
         return max(-limit, min(target, limit)) if limit else target
 
     def profile_velocity(self) -> float:
-        """Register 1044."""
+        """Return register 1044."""
         return self.store.number("Profile Velocity")
 
     def acceleration(self) -> float:
-        """Register 1046."""
+        """Return register 1046."""
         return self.store.number("Profile Acceleration")
 
     def deceleration(self, mode: int) -> float:
-        """Register 1072 in profile velocity; a position move brakes with 1046: it is a trapezoid if PV² < PA·ΔS."""
+        """Return register 1072, or 1046 for a position move, which is a trapezoid if PV² < PA·ΔS."""
         ramps = {POSITION: "Profile Acceleration", HOMING: "Homing Acceleration"}
         return self.store.number(ramps.get(mode, "Profile Deceleration"))
 
     def without_ramp(self, velocity: float) -> bool:
-        """Whether a move at this velocity is start-stop."""
+        """Return whether a move at this velocity is start-stop."""
         return velocity <= _START_STOP
 
     def velocity_window(self) -> tuple[float, float]:
-        """Registers 1062 and 1063, read as CiA 402 means them."""
+        """Return registers 1062 and 1063, with their meaning in CiA 402."""
         return self.store.number("Velocity Window"), self.store.number("Velocity Window Time") / 1000
 
     def zero_window(self) -> tuple[float, float]:
-        """Registers 1064 and 1065."""
+        """Return registers 1064 and 1065."""
         return self.store.number("Velocity Threshold"), self.store.number("Velocity Threshold Time") / 1000
 
 
@@ -98,7 +98,7 @@ class StepperAxis(Cia402Axis):
         super().restart()
         self.shaft.command = self.trajectory
         self.awaits: Sign | None = None
-        """What a homing run is waiting for; None if there is no homing run."""
+        """The sign that a homing run waits for; None if there is no homing run."""
         self._steps: Iterator[SearchStep] = iter(())
         self.brake_at = inf
         """Since when the brake is unlocked; inf while it is locked."""
@@ -111,7 +111,7 @@ class StepperAxis(Cia402Axis):
         self._stops_until = -inf
 
     def events(self) -> Iterator[TimedAction]:
-        """The ends of the delays and of the movements of a homing run."""
+        """Yield the ends of the delays and of the movements of a homing run."""
         yield self._current_at, self._switch_current_on
         yield self._done_at, self._finish
         if self.awaits == "rest":
@@ -173,7 +173,7 @@ class StepperAxis(Cia402Axis):
                 self._enabled()
 
     def _enabled(self) -> None:
-        """After transition 4: "the first time there is a reset of Position Actual Value, if 1114 is set"."""
+        """Act on transition 4: "the first time there is a reset of Position Actual Value, if 1114 is set"."""
         if not self._was_enabled and self.store.whole("Reset Encoder On First Power Up"):
             self.rest_at(0.0, self.context.now)
             self.follow(self.context.now)
@@ -188,7 +188,7 @@ class StepperAxis(Cia402Axis):
             self.brake_at = now
 
     def _release(self, now: float) -> float:
-        """Current off: the command stands where it is, the shaft coasts."""
+        """Switch the current off: the command stands where it is, the shaft coasts."""
         self._acknowledged, self._reached = False, True
         self.awaits = self._pending = None
         self.brake_at = self._current_at = self._done_at = inf
@@ -199,7 +199,7 @@ class StepperAxis(Cia402Axis):
         return stands_at
 
     def torque_off(self) -> None:
-        """Safe Torque Off: the motor has no current any more, without a command (CSD MT S4)."""
+        """Switch the current off by Safe Torque Off, without a command (CSD MT S4)."""
         self._release(self.context.now)
         if self.state in CURRENT_ON:
             self.state = State.SWITCH_ON_DISABLED
@@ -217,12 +217,12 @@ class StepperAxis(Cia402Axis):
     # Faults
 
     def protect(self, code: int, *, transient: bool = True, reaction: bool = False) -> None:
-        """To FAULT, with an entry in the alarm log. A `transient` cause can be reset at once."""
+        """Go to FAULT, with an entry in the alarm log. A `transient` cause can be reset at once."""
         self.fault(code, self.context.now, transient=transient, reaction=reaction)
         self.context.alarms.add(code, self.context.clock.uptime)
 
     def following_error(self, *, transient: bool = True) -> None:
-        """Reaction 2. In profile velocity FAULT waits until the shaft stands (register 1085, A to C)."""
+        """Carry out reaction 2: in profile velocity FAULT waits until the shaft stands (register 1085, A to C)."""
         self.protect(FOLLOWING, transient=transient, reaction=self.mode == VELOCITY)
 
     def _react_to_following_error(self) -> None:
@@ -233,7 +233,7 @@ class StepperAxis(Cia402Axis):
             self.following_error()
 
     def _break_off(self) -> None:
-        """Reaction 0: stop with the ramp, or at once if the run has none (register 1085)."""
+        """Stop with the ramp, or at once if the run has none: reaction 0 of register 1085."""
         now = self.context.now
         if self.mode == POSITION and self._runs_without_ramp(now):
             self.awaits, self._reached = None, True
@@ -242,7 +242,7 @@ class StepperAxis(Cia402Axis):
             self._stop(now)
 
     def _runs_without_ramp(self, now: float) -> bool:
-        """Whether the present run is a start-stop one: slow, and not on a ramp."""
+        """Return whether the present run is a start-stop one: slow, and not on a ramp."""
         slow = self.settings.without_ramp(abs(self.trajectory.velocity(now)))
         return not self.trajectory.acceleration(now) and slow
 
@@ -272,17 +272,17 @@ class StepperAxis(Cia402Axis):
         return now < max(self._stops_until, self.trajectory.turns_until)
 
     def start(self, *, relative: bool) -> None:
-        """A start input became ON: as bit 4 of the control word (register 1067)."""
+        """Act on a start input that became ON as on bit 4 of the control word (register 1067)."""
         if self.mode == POSITION and self.ready and not self._halts:
             self._set_point(RELATIVE if relative else 0, self.context.now)
 
     def start_falls(self) -> None:
-        """A start input became OFF: as bit 4 of the control word reset."""
+        """Act on a start input that became OFF as on a reset of bit 4 of the control word."""
         if self.mode == POSITION:
             self._acknowledged = False
 
     def halted(self, now: float) -> bool:
-        """Whether bit 8 or an input commands a halt."""
+        """Return whether bit 8 or an input commands a halt."""
         return super().halted(now) or self.inputs.halts(self.mode)
 
     def inputs_changed(self) -> None:
@@ -300,7 +300,7 @@ class StepperAxis(Cia402Axis):
             self._stop(now)  # "like it has received Halt command" (register 1008)
 
     def may_go(self, direction: float) -> bool:
-        """Whether no limit switch that is OFF blocks this direction."""
+        """Return whether no limit switch that is OFF blocks this direction."""
         inputs = self.inputs
         return not ((direction < 0 and inputs.below_limit) or (direction > 0 and inputs.above_limit))
 
@@ -352,7 +352,7 @@ class StepperAxis(Cia402Axis):
                 self.trajectory.move(now, target, _START_STOP, ramp, ramp, jerky=True)
 
     def _home_found(self) -> None:
-        """The present position gets the number in Homing Offset."""
+        """Give the present position the number in Homing Offset."""
         self.awaits = None
         self.rest_at(self.store.number("Homing Offset"), self.context.now)
         self.homed = self._reached = True
@@ -380,8 +380,8 @@ class StepperAxis(Cia402Axis):
     def _command_follows_shaft(self) -> None:
         """Remove the difference between encoder and command by renumbering the command; nothing moves."""
         now = self.context.now
-        by = self.shaft.encoder(now) - self.trajectory.position(now)
-        self.trajectory.renumber(now, by)
-        self._goal += by
-        self._overall_start += by
-        self.shaft.command_renumbered(by)
+        shift = self.shaft.encoder(now) - self.trajectory.position(now)
+        self.trajectory.renumber(now, shift)
+        self._goal += shift
+        self._overall_start += shift
+        self.shaft.command_renumbered(shift)

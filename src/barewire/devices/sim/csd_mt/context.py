@@ -1,4 +1,4 @@
-"""What all parts of a CSD MT share: the clock, the registers, the environment, the alarm log; and the fault codes."""
+"""State that all parts of a CSD MT share: clock, registers, environment and alarm log; the fault codes."""
 
 from __future__ import annotations
 

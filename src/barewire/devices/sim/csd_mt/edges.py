@@ -37,20 +37,20 @@ class Edges:
         self.context, self.store, self.shaft, self.inputs, self.axis = context, context.store, shaft, inputs, axis
         self._config = -1
         self._index: bool | None = None
-        """The level of the index pulse; None while nothing waits for it."""
+        """The level of the index pulse; None while it is not used."""
         self._sampled = 0
         self.store.measure("Touch Probe Status", self._probe_status)
         self.store.after("Touch Probe Function", self._probe_set)
         self.store.after("Control Word from I/O", lambda value: axis.inputs_changed())
 
     def restart(self) -> None:
-        """As at power-on of the logic; also when the touch probe is disabled."""
+        """Restart as at power-on of the logic; a disabled touch probe restarts too."""
         self._config, self._sampled, self._index = -1, 0, None
         for name in ("Touch Probe Positive Value", "Touch Probe Negative Value"):
             self.store[name] = 0
 
     def events(self) -> Iterator[TimedAction]:
-        """Edges of the switches that the shaft passes, changed levels, changed meanings, the index pulse."""
+        """Yield edges of the switches that the shaft passes, changed levels, changed meanings, and the index pulse."""
         now = self.context.now
         if self._config != self.store.whole("Input Config"):
             yield now, self._configured
@@ -65,7 +65,7 @@ class Edges:
             self._index = None
 
     def _passes(self, span: Span, on: bool) -> float:
-        """When the shaft enters a span in which it is not, or leaves the one in which it is."""
+        """Return when the shaft enters a span, or leaves it if it is inside."""
         now, shaft = self.context.now, self.shaft
         if on:
             return min(shaft.first(now, span.low - EDGE, rising=False), shaft.first(now, span.high + EDGE, rising=True))
@@ -98,7 +98,7 @@ class Edges:
         return probes or self.axis.awaits == "index"
 
     def _pulse(self, ahead: int = 0) -> Span:
-        """The index pulse at or before the shaft, or the one `ahead` revolutions further on."""
+        """Return the index pulse at or before the shaft, or the one `ahead` revolutions further on."""
         index = self.context.environment.index
         turn = floor((self.shaft.position(self.context.now) + EDGE - index) / REVOLUTION) + ahead
         return Span(index + turn * REVOLUTION, index + turn * REVOLUTION + _PULSE)

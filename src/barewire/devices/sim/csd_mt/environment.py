@@ -36,13 +36,13 @@ _POWER_RANGE = 24 * 0.9, 48 * 1.1
 
 
 def _default_inputs() -> list[Span | bool]:
-    """A home switch at I0, and no voltage at I1 to I4."""
+    """Return a home switch at I0, and no voltage at I1 to I4."""
     return [_HOME_SWITCH, False, False, False, False]
 
 
 @dataclass
 class Environment:
-    """What is around the drive. A `Span` at an input is a switch that is ON while the shaft is inside.
+    """The surroundings of the drive. A `Span` at an input is a switch that is ON while the shaft is inside.
 
     >>> environment = Environment()
     >>> environment.inputs[1] = Span(-50_000, inf)  # a negative limit switch: OFF below -50000
@@ -56,7 +56,7 @@ class Environment:
     pull_out: float = inf
     """The load: above this speed, in step/s, the motor does not follow."""
     friction: float = 400_000.0
-    """How fast a shaft without current slows down, in step/s²."""
+    """The deceleration of a shaft without current, in step/s²."""
     encoder: int = 400
     """Counts per revolution of the encoder on the shaft; 0 for a motor without one."""
     index: float = 0.0

@@ -7,15 +7,15 @@
 
 3, 4, 5 and 6 are 19, 20, 21 and 22, and then on in the same direction to the next index pulse. If the shaft is in the
 switch at the beginning, the fast part is left out. 35 and 37: the place where the shaft stands. -1 (down) and -2 (up):
-fast against a mechanical stop, until Auto Sync sees the shaft stay behind, and 1115 steps back.
+fast against a mechanical stop, until Auto Sync detects that the shaft lags, and 1115 steps back.
 
 The manual prints 19 as "OFF->ON transition, negative direction" and refers to DSP 402 2.0, where the same method leaves
 the switch downwards, ON to OFF. Both are right if the transition is that of the switch seen upwards (A is OFF->ON, B
 ON->OFF) and the direction that of the last movement. Read so, the eight lines of register 1050 are the eight methods
 of DSP 402, and this file follows both.
 
-What is found is called +offset, as in the manual (in CiA 402 it would be -offset). A slow search at speed 0, the
-default of 1054, never ends, nor does a search for an input that Input Config (1088) does not make the proximity input.
+Home gets the number +offset, as in the manual (in CiA 402 it would be -offset). A slow search at speed 0, the default
+of 1054, never ends, nor does a search for an input that Input Config (1088) does not make the proximity input.
 
 Depends on: nothing. The axis carries the movements out.
 """
@@ -71,16 +71,16 @@ _BY_SWITCH = {
 }
 _ON_THE_SPOT = (35, 37)
 _BY_IMPACT = {-1: -1, -2: 1}
-"""The manual does not print which is which (register 1115)."""
+"""Method -> direction. The manual does not print which is which (register 1115)."""
 
 
 def is_possible(method: int, *, auto_sync: bool) -> bool:
-    """Whether the method exists; only Auto Sync detects a mechanical stop."""
+    """Return whether the method exists; only Auto Sync detects a mechanical stop."""
     return auto_sync if method in _BY_IMPACT else method in _BY_SWITCH or method in _ON_THE_SPOT
 
 
 def search_steps(method: int, *, fast: float, slow: float, ramp: float, in_switch: bool) -> Iterator[SearchStep]:
-    """The movements of a method, for speeds in step/s. After the last one the shaft is at home.
+    """Yield the movements of a method, for speeds in step/s. After the last one the shaft is at home.
 
     >>> for step in search_steps(19, fast=8000, slow=800, ramp=1e5, in_switch=False):
     ...     print(step.move, step.until)

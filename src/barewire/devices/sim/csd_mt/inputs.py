@@ -52,7 +52,7 @@ class Inputs:
         self.store.measure("Digital Input", self.shown)
 
     def input_of(self, function: int) -> int | None:
-        """The number of the input that has a special function now; None if no input has it."""
+        """Return the number of the input that has a special function now; None if no input has it."""
         config = self.store.whole("Input Config")
         if self.context.environment.model == "94":
             return None if config >> function & 1 else function
@@ -60,7 +60,7 @@ class Inputs:
         return number if config >> 2 * number & 0b11 == value else None
 
     def is_on(self, function: int) -> bool:
-        """Whether there is an input with this function, and it is ON."""
+        """Return whether there is an input with this function, and it is ON."""
         number = self.input_of(function)
         return number is not None and self.levels[number]
 
@@ -89,7 +89,7 @@ class Inputs:
         return self.below_limit or self.above_limit
 
     def shown(self) -> int:
-        """Digital Input (1008): limits and proximity where configured, I0 to I3, Auto Sync at work, STO."""
+        """Return Digital Input (1008): limits and proximity where configured, I0 to I3, Auto Sync at work, STO."""
         environment = self.context.environment
         shown = self.levels[: 4 if environment.model == "94" else 2]
         word = sum(level << 16 + number for number, level in enumerate(shown))
@@ -106,7 +106,7 @@ class Inputs:
         return StartInput((code - 1) // 2, code % 2 == 0) if 1 <= code <= 8 else None
 
     def halts(self, mode: int) -> bool:
-        """Whether an input holds the shaft: halt in profile position, a start input that is OFF in profile velocity."""
+        """Return whether an input holds the shaft: halt in profile position, a start input that is OFF in velocity."""
         if mode == VELOCITY:
             start = self.start_input
             return start is not None and not self.levels[start.number]

@@ -6,11 +6,11 @@
 
 Simulated: the states with their delays and the brake; position, velocity and homing mode with ramps; inputs, limit
 switches, touch probe and index pulse; lost steps, Auto Sync and following errors; current and temperature; watchdog,
-alarm log, outputs and saved parameters. `environment` is what a user sets, and its `model` chooses between CSD MT 94
-and CSD MT S4. Nothing is computed in steps of time. `tick` collects the times of the next actions of all parts, and
-acts at these times in their order: a switch is passed, a watchdog runs out, a brake has opened. So what a drive does
-between two requests does not depend on how often it is read. Function 04 returns the same registers as 03: nothing is
-mapped elsewhere (ch. 10).
+alarm log, outputs and saved parameters. A user sets the `environment`; its `model` is CSD MT 94 or CSD MT S4. Nothing
+is computed in steps of time: `tick` collects the times of the next actions of all parts, and carries these out in their
+order (a switch is passed, a watchdog runs out, a brake has opened). So the behaviour between two requests does not
+depend on how often the drive is read. Function 04 returns the same registers as 03: nothing is mapped elsewhere
+(ch. 10).
 
 Decided here, because the manual leaves it open:
 
@@ -61,8 +61,7 @@ _WARNING, _LIMITED, _FOLLOWING_ERROR, _CLOSED_LOOP, _RAMPING = 1 << 7, 1 << 11, 
 """Bits of the status word that are not those of CiA 402."""
 
 _MOST_EVENTS = 1000
-"""Events in one tick, after which the rest is left out: an impossible environment (walls.low above walls.high) makes
-events without end."""
+"""The most events in one tick: an impossible environment (walls.low above walls.high) causes events without end."""
 
 
 class CsdMtModbusAdapter(ModbusAdapter):
@@ -73,12 +72,12 @@ class CsdMtModbusAdapter(ModbusAdapter):
         self.drive = drive
 
     def images(self) -> None:
-        """04 reads the same registers as 03."""
+        """Let function 04 read the same registers as 03."""
         super().images()
         self.reads[0x04] = self.reads[0x03]
 
     def handle(self, request: object, now: float) -> Response | None:
-        """As `ModbusAdapter.handle`; every message resets the watchdog of register 1097."""
+        """Handle a request like `ModbusAdapter`; every message resets the watchdog of register 1097."""
         self.drive.tick(now)
         self.drive.request_at = now
         return super().handle(request, now)
@@ -101,7 +100,7 @@ class CsdMt(Simulator):
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
         self.environment = Environment()
-        """What is around the drive. It may be changed at any time."""
+        """The surroundings of the drive. They may be changed at any time."""
         self.context = context = Context(self.clock, self.store, self.environment)
         self.shaft = Shaft(context)
         self.inputs = Inputs(context, self.shaft)
@@ -126,7 +125,7 @@ class CsdMt(Simulator):
         store.veto("Profile Velocity", self._check_velocity)
 
     def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """The adapter for Modbus, with the watchdog."""
+        """Return the adapter for Modbus, with the watchdog."""
         return CsdMtModbusAdapter(self, settings)
 
     # Time
@@ -149,10 +148,10 @@ class CsdMt(Simulator):
         until, self.clock.now = self.now, before
         self.shaft.rescale()
         for _ in range(_MOST_EVENTS):
-            at, act = min(self._events(), key=lambda event: event[0])
-            if at > until:
+            due, act = min(self._events(), key=lambda event: event[0])
+            if due > until:
                 break
-            self._pass(max(at, self.now))
+            self._pass(max(due, self.now))
             act()
         self._pass(until)
 
@@ -213,9 +212,9 @@ class CsdMt(Simulator):
         self.axis.cause = 0
 
     def reset(self) -> None:
-        """Logic supply off and on: the drive starts in SWITCH ON DISABLED, at position 0, with the saved parameters.
+        """Switch the logic supply off and on: SWITCH ON DISABLED, position 0, the saved parameters.
 
-        The shaft, and all that is around the drive, stays as it is.
+        The shaft and the environment stay as they are.
         """
         self.shaft.current_off()
         super().reset()
@@ -247,7 +246,7 @@ class CsdMt(Simulator):
             raise Declined("value", "Profile Velocity 0 while the motor runs")
 
     def status(self) -> int:
-        """Register 1001: the status of the axis, and the bits of the other parts (1105 to 1107)."""
+        """Return register 1001: the status of the axis, and the bits of the other parts (1105 to 1107)."""
         axis, store = self.axis, self.store
         word = axis.status(self.now)
         if self.shaft.error or (axis.state is State.FAULT_REACTION_ACTIVE and axis.cause == FOLLOWING):

@@ -32,7 +32,7 @@ _IDENTITY = {
     "Product Code": 0x94,
     "Hardware Version": 1,
     "Serial Number": 1,
-    **{f"Read MAC Address {place}": word for place, word in ((1, 0x0200), (2, 0x0000), (3, 0x0094))},
+    **{f"Read MAC Address {number}": word for number, word in ((1, 0x0200), (2, 0x0000), (3, 0x0094))},
 }
 """Values chosen for this simulator: the manual does not print them."""
 
@@ -48,7 +48,7 @@ class ServiceRegisters:
     def __init__(self, context: Context, shaft: Shaft, axis: StepperAxis) -> None:
         self.context, self.store, self.shaft, self.axis = context, context.store, shaft, axis
         self._saving: tuple[float, dict[str, Value]] | None = None
-        """The time at which the values under way will be saved, and the values."""
+        """The time at which saving ends, and the values that are being saved."""
         store = self.store
         for name, value in _IDENTITY.items():
             store.cell(name).default = value
@@ -57,9 +57,9 @@ class ServiceRegisters:
         store.measure("Error Code", lambda: axis.cause)
         store.measure("Error Register", lambda: int(axis.state in FAULT_STATES))
         store.measure("Digital Output", self._outputs)
-        for place in range(AlarmLog.SIZE):
-            store.measure(f"Drive Alarm Time {place}", partial(self._alarm, place, 0))
-            store.measure(f"Drive Alarm Code {place}", partial(self._alarm, place, 1))
+        for index in range(AlarmLog.SIZE):
+            store.measure(f"Drive Alarm Time {index}", partial(self._alarm, index, 0))
+            store.measure(f"Drive Alarm Code {index}", partial(self._alarm, index, 1))
         self._show_motor(store["Motor Code"])
         order = store.cell("Little Endian / Big Endian")
         # The description is little-endian: register 1162 = 1.
@@ -96,7 +96,7 @@ class ServiceRegisters:
     # Memory
 
     def events(self) -> Iterator[TimedAction]:
-        """The time at which saving ends, and the action then."""
+        """Yield the time at which saving ends, and the action then."""
         yield self._saving[0] if self._saving else inf, self._saved
 
     def _saved(self) -> None:
@@ -129,9 +129,9 @@ class ServiceRegisters:
 
     # Alarm log, motor, outputs
 
-    def _alarm(self, place: int, column: int) -> int:
+    def _alarm(self, index: int, column: int) -> int:
         entries = self.context.alarms.entries
-        return entries[place][column] if place < len(entries) else 0
+        return entries[index][column] if index < len(entries) else 0
 
     def _clear_log(self, value: Value) -> None:
         if value == 1:
@@ -139,7 +139,7 @@ class ServiceRegisters:
         self.store["Reset Error Logs"] = 0
 
     def _show_motor(self, code: Value) -> None:
-        """Registers 1117 to 1120 show the digits of Motor Code; the default code equals 1544h (ch. 12, table 24)."""
+        """Show the digits of Motor Code in registers 1117 to 1120; the default code equals 1544h (ch. 12, table 24)."""
         digits = int(code) if int(code) < 0x10000 else _DEFAULT_MOTOR
         store = self.store
         store["Motor Current Recycling Enable"] = digits >> 12 & 0x1
@@ -148,7 +148,7 @@ class ServiceRegisters:
         store["Motor Current Limit"] = digits & 0xF
 
     def _outputs(self) -> int:
-        """Register 1010: Set Output (1087), except for outputs to which Output Config (1089) gives another meaning."""
+        """Return register 1010: Set Output (1087), except for outputs that Output Config (1089) uses otherwise."""
         outputs, axis = self.store.whole("Set Output"), self.axis
         if self.context.environment.model != "94":
             outputs &= 0b111
@@ -222,7 +222,7 @@ class ServiceRegisters:
 
 
 def _saved_by(cell: Cell) -> int:
-    """The signature that saves the parameter, 0 if it cannot be saved."""
+    """Return the signature that saves the parameter, 0 if it cannot be saved."""
     place = cell.parameter.modbus
     if not cell.parameter.storable or place is None:
         return 0

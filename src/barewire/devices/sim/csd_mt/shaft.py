@@ -40,7 +40,7 @@ _HISTORY = 32
 
 
 def _no_reaction() -> None:
-    """The reaction to a following error before an axis is connected."""
+    """React to a following error before an axis is connected: not at all."""
 
 
 class Shaft:
@@ -65,12 +65,12 @@ class Shaft:
     # Position
 
     def position(self, now: float) -> float:
-        """R, in steps of the environment."""
+        """Return R, in steps of the environment."""
         motions = self.motions
         return next((motion for motion in reversed(motions) if motion.since <= now), motions[0]).position(now)
 
     def first(self, after: float, position: float, *, rising: bool) -> float:
-        """When the shaft is first at a position or beyond it; inf if it never is."""
+        """Return when the shaft is first at a position or beyond it; inf if it never is."""
         return self.motions[-1].first(after, position, rising=rising)
 
     @property
@@ -93,16 +93,16 @@ class Shaft:
         return self.direction * self.context.environment.encoder / counts
 
     def encoder(self, now: float) -> float:
-        """E, in steps of the drive."""
+        """Return E, in steps of the drive."""
         return self._ratio * self.position(now) + self._zero
 
     def shown_position(self) -> int:
-        """Position Actual Value (1004)."""
+        """Return Position Actual Value (1004)."""
         now = self.context.now
         return wrapped(self.encoder(now) if self.has_encoder else self.command.position(now))
 
     def shown_velocity(self) -> float:
-        """Velocity Actual Value (1020): the mean over the time in 1113; without encoder the commanded velocity."""
+        """Return Velocity Actual Value (1020): the mean over the time in 1113, or the command without an encoder."""
         now = self.context.now
         if not self.has_encoder:
             return self.command.velocity(now)
@@ -110,7 +110,7 @@ class Shaft:
         return self._ratio * (self.position(now) - self.position(now - time)) / time
 
     def _window(self) -> float:
-        """The difference in steps above which there is a following error."""
+        """Return the difference in steps above which there is a following error."""
         if self.auto_sync:
             return self.store.number("Auto Sync Window")
         return _WINDOWS[self.store.whole("Encoder Window")]
@@ -135,7 +135,7 @@ class Shaft:
         return _FULL_STEP * (2 if self.command.moves(self.context.now) else 1)
 
     def impact_at(self) -> float:
-        """When Auto Sync detects that the shaft is blocked: two full steps behind; inf if it does not."""
+        """Return when Auto Sync detects that the shaft is blocked, two full steps behind; inf if it does not."""
         if not self.recovering:
             return inf
         towards = self._out_of_step_towards
@@ -144,7 +144,7 @@ class Shaft:
     # Timed actions
 
     def events(self) -> Iterator[TimedAction]:
-        """Walls; falling out of step and into it again; the following error."""
+        """Yield impacts on a wall, loss of step and return into step, and following errors."""
         now, environment = self.context.now, self.context.environment
         walls = environment.walls
         yield self.first(now, walls.high + EDGE, rising=True), partial(self._hit, walls.high, 1.0)
@@ -193,11 +193,11 @@ class Shaft:
         self._begin(Trajectory(wall), 1.0, 0.0)
 
     def _fall_out(self) -> None:
-        """The command is too fast for the load."""
+        """Fall out of step: the command is too fast for the load."""
         self._run_after(1.0 if self.command.velocity(self.context.now) >= 0 else -1.0)
 
     def _run_after(self, towards: float) -> None:
-        """Out of step: with Auto Sync the shaft runs after the command, without it the shaft stands."""
+        """Move a shaft that is out of step: with Auto Sync it runs after the command, without it it stands."""
         now, speed = self.context.now, 0.0
         if self.auto_sync:
             speed = min(self.context.environment.pull_out, _RECOVERY * self.store.number("Auto Sync Kv"))
@@ -210,7 +210,7 @@ class Shaft:
         self.on_following_error()
 
     def auto_sync_changed(self) -> None:
-        """Apply Auto Sync having been enabled or disabled."""
+        """Act on Auto Sync being enabled or disabled."""
         if self.has_current and not self.in_step:
             self._run_after(self._out_of_step_towards)
 
@@ -258,9 +258,9 @@ class Shaft:
 
     # Counters
 
-    def command_renumbered(self, by: float) -> None:
-        """Keep the shaft where it is after every position of the command has become larger by `by`."""
-        self._k -= by
+    def command_renumbered(self, shift: float) -> None:
+        """Keep the shaft where it is after every position of the command has become larger by `shift`."""
+        self._k -= shift
         if self.in_step:
             self._begin(self.command, self._sign, self._k)
 

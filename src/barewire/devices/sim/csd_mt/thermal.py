@@ -49,7 +49,7 @@ class ThermalModel:
         return ratio * self.store.number("Current Reduction Ratio") / 100 if self._is_reduced() else ratio
 
     def _is_reduced(self) -> bool:
-        """Whether the motor is at standstill. With Auto Sync, register 1108 determines whether and when."""
+        """Return whether the motor is at standstill. With Auto Sync, register 1108 determines whether and when."""
         now, trajectory = self.context.now, self.axis.trajectory
         if trajectory.velocity(now) or now < trajectory.ends_at + _STANDS_AFTER:
             return False
@@ -59,7 +59,7 @@ class ThermalModel:
         return mode == 3 or (mode == 2 and not self.shaft.closed_loop)
 
     def _final(self) -> float:
-        """The temperature that is reached in the end, if nothing changes."""
+        """Return the temperature that is reached in the end, if nothing changes."""
         return self.context.environment.ambient + _RISE * self._ratio() ** 2
 
     def advance(self, now: float) -> None:
@@ -70,18 +70,18 @@ class ThermalModel:
 
     @property
     def is_warm(self) -> bool:
-        """Above Warning Temperature (1125)."""
+        """Whether the temperature is above Warning Temperature (1125)."""
         return self.temperature > self.store.number("Warning Temperature")
 
     def _crosses(self, level: float) -> float:
-        """When the temperature crosses a level, if nothing changes; inf if it never does."""
+        """Return when the temperature crosses a level, if nothing changes; inf if it never does."""
         final, now = self._final(), self.context.now
         if (self.temperature - level) * (final - level) >= 0:
             return inf
         return now + _TIME_CONSTANT * log((final - self.temperature) / (final - level)) + 1e-6
 
     def events(self) -> Iterator[TimedAction]:
-        """Overheated, cool again, current reduced."""
+        """Yield the events of overheating, of cooling down, and of the current reduction."""
         now, limit = self.context.now, self.store.number("Drive Fault Temperature")
         if self._tripped:
             cool = self._cool()
@@ -93,7 +93,7 @@ class ThermalModel:
             yield reduced_at, lambda: None
 
     def _cool(self) -> float:
-        """The threshold of the warning, or that of the fault if it is lower."""
+        """Return the threshold of the warning, or that of the fault if it is lower."""
         return min(self.store.number("Warning Temperature"), self.store.number("Drive Fault Temperature"))
 
     def _overheats(self) -> None:

@@ -4,8 +4,8 @@
                                                                                                         |
         status word  <-- state bits, 9 remote, 10 target reached, 12 by mode ---------------------------'
 
-`AxisSettings` is what differs between drives: units, limits, and where the values come from. What a drive adds (delays,
-inputs, limit switches, homing: `csd_mt.axis`; a brake: `az3.motion`) overrides the methods that are marked as hooks.
+Drives differ in their `AxisSettings`: units, limits, and the source of the values. Their additions (delays, inputs,
+limit switches and homing in `csd_mt.axis`, a brake in `az3.motion`) override the methods that are marked as hooks.
 Everything is in steps and seconds. The bits 4 to 8 of the control word depend on the mode: 4 new set-point or homing
 start, 5 change immediately, 6 relative, 8 halt (CSD MT manual, ch. 12, register 1040).
 
@@ -44,13 +44,13 @@ class AxisSettings(Protocol):
     def deceleration(self, mode: int) -> float: ...
 
     def without_ramp(self, velocity: float) -> bool:
-        """Whether a position move at this velocity starts and stops without a ramp."""
+        """Return whether a position move at this velocity starts and stops without a ramp."""
 
     def velocity_window(self) -> tuple[float, float]:
-        """How near to the target velocity counts as reached, and after how many seconds there."""
+        """Return how near to the target velocity counts as reached, and after how many seconds there."""
 
     def zero_window(self) -> tuple[float, float]:
-        """Below which velocity the shaft counts as standing, and after how many seconds there."""
+        """Return the velocity below which the shaft counts as standing, and after how many seconds there."""
 
 
 class Cia402Axis:
@@ -61,7 +61,7 @@ class Cia402Axis:
         self.stays_in_quick_stop = stays_in_quick_stop
         """True: 12 only by command, and 16 is allowed (option code 5). False: 12 by itself after the ramp."""
         self.power_delay = power_delay
-        """For how many seconds power must have been there before transition 3."""
+        """For how many seconds power must be present before transition 3."""
         self.powered_since: float | None = -inf
         """Since when the power section is supplied; None while it is not."""
         self.restart()
@@ -144,11 +144,11 @@ class Cia402Axis:
                 self._start_homing(now)
 
     def halted(self, now: float) -> bool:
-        """Whether a halt is commanded. A hook for inputs."""
+        """Return whether a halt is commanded. A hook for inputs."""
         return bool(self.word & HALT)
 
     def update_halt(self, now: float) -> None:
-        """Begin or end a halt, after a change of what `halted` depends on."""
+        """Begin or end a halt, if `halted` has changed."""
         before, self._halts = self._halts, self.halted(now)
         if self._halts and not before:
             self._stop(now)
@@ -190,11 +190,11 @@ class Cia402Axis:
             self._reached = False  # at a profile velocity of 0 no target is ever reached
 
     def may_go(self, direction: float) -> bool:
-        """Whether the shaft may move up (a `direction` above 0) or down (below 0). A hook for limit switches."""
+        """Return whether the shaft may move up (a `direction` above 0) or down (below 0). A hook for limit switches."""
         return True
 
     def _start_homing(self, now: float) -> None:
-        """A hook for homing. This axis has none: bits 12 and 10 stay as they are."""
+        """Start homing. A hook: this axis has no homing, so bits 12 and 10 stay as they are."""
 
     def replan(self, now: float) -> None:
         """Apply a changed profile velocity to a set-point move: "immediately, independently of New Set Point"."""
@@ -202,7 +202,7 @@ class Cia402Axis:
             self._plan(now)
 
     def follow(self, now: float) -> None:
-        """Profile velocity mode: ramp to the target velocity, if the shaft may run."""
+        """Ramp to the target velocity in profile velocity mode, if the shaft may run."""
         if self.state is State.OPERATION_ENABLED and self.mode == VELOCITY and not self._halts:
             wanted = self.settings.target_velocity()
             acceleration, deceleration = self.settings.acceleration(), self.settings.deceleration(self.mode)
@@ -224,7 +224,7 @@ class Cia402Axis:
         self.follow(now)
 
     def _release(self, now: float) -> float:
-        """Current off, simplified to braking. Returns when the shaft stands. A hook for a shaft that coasts."""
+        """Switch the current off, simplified to braking. Returns when the shaft stands. A hook for a coasting shaft."""
         self._acknowledged = False
         self._stop(now)
         return self.trajectory.ends_at
@@ -240,7 +240,7 @@ class Cia402Axis:
     # Faults
 
     def fault(self, code: int, now: float, *, reaction: bool = False, transient: bool = False) -> None:
-        """Transitions 13 and 14. With a `reaction` FAULT waits until the shaft stands, otherwise it follows at once."""
+        """Make transitions 13 and 14: with a `reaction` 14 follows when the shaft stands, otherwise at once."""
         self.cause, self.transient = code, transient
         if self.state is State.FAULT:
             return
@@ -252,7 +252,7 @@ class Cia402Axis:
     # Status word
 
     def status(self, now: float) -> int:
-        """The status word, without the bits that a drive adds."""
+        """Return the status word, without the bits that a drive adds."""
         # In SWITCH ON DISABLED CiA 402 leaves bit 5 open; table 12 of the CSD MT manual prints 1.
         word = with_state(_QUICK_STOP if self.state is State.SWITCH_ON_DISABLED else 0, self.state)
         if self.powered_since is not None:

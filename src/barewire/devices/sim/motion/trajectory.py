@@ -1,4 +1,4 @@
-"""Motion in closed form: position and velocity of a shaft at any time, without stepping through the time before.
+"""Motion in closed form: position and velocity of a shaft at any time, without steps of time.
 
         velocity                              a segment: from t0 on, at p0 with v0, constant acceleration a
            ^      .--------.
@@ -44,14 +44,14 @@ class MotionSegment(NamedTuple):
     acceleration: float
 
     def position_at(self, now: float) -> float:
-        """Where the shaft is."""
+        """Return the position."""
         if self.start == -inf or now <= self.start:
             return self.position
         time = now - self.start
         return self.position + (self.velocity + self.acceleration * time / 2) * time
 
     def velocity_at(self, now: float) -> float:
-        """How fast it is."""
+        """Return the velocity."""
         if self.start == -inf or now <= self.start:
             return self.velocity
         return self.velocity + self.acceleration * (now - self.start)
@@ -81,7 +81,7 @@ class Trajectory:
 
     @classmethod
     def moving(cls, now: float, position: float, velocity: float) -> Trajectory:
-        """The trajectory of a shaft that keeps this velocity."""
+        """Return the trajectory of a shaft that keeps this velocity."""
         path = cls(position)
         path.segments.append(MotionSegment(now, position, velocity, 0.0))
         return path
@@ -93,19 +93,19 @@ class Trajectory:
         return self.segments[0]
 
     def position(self, now: float) -> float:
-        """Where the shaft is."""
+        """Return the position."""
         return self._at(now).position_at(now)
 
     def velocity(self, now: float) -> float:
-        """How fast it is, with the sign of the direction."""
+        """Return the velocity, with the sign of the direction."""
         return self._at(now).velocity_at(now)
 
     def acceleration(self, now: float) -> float:
-        """How fast the velocity changes."""
+        """Return the acceleration."""
         return self._at(now).acceleration
 
     def moves(self, now: float) -> bool:
-        """Whether a plan is being carried out. A shaft at constant velocity is at the end of its plan."""
+        """Return whether a plan is being carried out. A shaft at constant velocity is at the end of its plan."""
         return now < self.ends_at
 
     @property
@@ -114,7 +114,7 @@ class Trajectory:
         return self.segments[-1].start
 
     def inside_since(self, now: float, center: float, width: float) -> float | None:
-        """Since when the velocity is within `width` of `center` without interruption; None if it is not now."""
+        """Return since when the velocity has been within `width` of `center`; None if it is not now."""
         if abs(self.velocity(now) - center) > width:
             return None
         until = now
@@ -133,13 +133,13 @@ class Trajectory:
     # Times of events
 
     def _ahead(self, after: float) -> Iterator[tuple[float, float, MotionSegment]]:
-        """Every segment that is not over at `after`, with the times from and until which it counts."""
+        """Yield every segment that ends later than `after`, with its beginning (not before `after`) and its end."""
         for segment, following in pairwise([*self.segments, MotionSegment(inf, 0.0, 0.0, 0.0)]):
             if following.start > after:
                 yield max(segment.start, after), following.start, segment
 
     def first(self, after: float, position: float, *, rising: bool) -> float:
-        """When the shaft is first at `position` or above it (not `rising`: or below it); inf if it never is.
+        """Return when the shaft is first at `position` or above it (not `rising`: below it); inf if it never is.
 
         >>> path = Trajectory.moving(0.0, position=0.0, velocity=10.0)
         >>> path.first(1.0, 50.0, rising=True), path.first(1.0, 50.0, rising=False), path.first(1.0, -1.0, rising=False)
@@ -150,13 +150,13 @@ class Trajectory:
             distance = sign * (position - segment.position_at(start))
             if distance <= 0:
                 return start
-            at = start + _time_for(distance, sign * segment.velocity_at(start), sign * segment.acceleration)
-            if at <= end:
-                return at
+            reached_at = start + _time_for(distance, sign * segment.velocity_at(start), sign * segment.acceleration)
+            if reached_at <= end:
+                return reached_at
         return inf
 
     def first_faster(self, after: float, speed: float) -> float:
-        """When the shaft is first faster than `speed`, in either direction; inf if it never is."""
+        """Return when the shaft is first faster than `speed`, in either direction; inf if it never is."""
         above = speed * (1 + _ROUNDING)
         for start, end, segment in self._ahead(after):
             velocity = segment.velocity_at(start)
@@ -164,35 +164,35 @@ class Trajectory:
                 return start
             if segment.acceleration:
                 edge = above if segment.acceleration > 0 else -above
-                at = start + (edge - velocity) / segment.acceleration
-                if at <= end:
-                    return at
+                reached_at = start + (edge - velocity) / segment.acceleration
+                if reached_at <= end:
+                    return reached_at
         return inf
 
     def first_at_rest(self, after: float, direction: float) -> float:
-        """When a shaft that moves in `direction` first stands or moves the other path."""
+        """Return when a shaft that moves in `direction` first stands or moves the other way."""
         for start, end, segment in self._ahead(after):
             velocity = segment.velocity_at(start) * direction
             if velocity <= _ROUNDING:
                 return start
             if segment.acceleration * direction < 0:
-                at = start - velocity / (segment.acceleration * direction)
-                if at <= end:
-                    return at
+                reached_at = start - velocity / (segment.acceleration * direction)
+                if reached_at <= end:
+                    return reached_at
         return inf
 
     def minus(self, other: Trajectory, factor: float, shift: float, now: float) -> Trajectory:
-        """The difference from now on: this trajectory minus (`factor` times the other, plus `shift`)."""
+        """Return the difference from now on: this trajectory minus (`factor` times the other, plus `shift`)."""
         between = Trajectory()
         starts = {now, *(segment.start for path in (self, other) for segment in path.segments if segment.start > now)}
         between.segments = [
             MotionSegment(
-                at,
-                self.position(at) - factor * other.position(at) - shift,
-                self.velocity(at) - factor * other.velocity(at),
-                self.acceleration(at) - factor * other.acceleration(at),
+                start,
+                self.position(start) - factor * other.position(start) - shift,
+                self.velocity(start) - factor * other.velocity(start),
+                self.acceleration(start) - factor * other.acceleration(start),
             )
-            for at in sorted(starts)
+            for start in sorted(starts)
         ]
         return between
 
@@ -204,12 +204,14 @@ class Trajectory:
         self.turns_until = -inf
         self.segments.append(MotionSegment(now, position, 0.0, 0.0))
 
-    def renumber(self, now: float, by: float) -> None:
-        """Continue the same movement with other numbers: every position from now on is larger by `by`."""
-        later = [segment._replace(position=segment.position + by) for segment in self.segments if segment.start > now]
+    def renumber(self, now: float, shift: float) -> None:
+        """Continue the same movement with other numbers: every position from now on is larger by `shift`."""
+        later = [
+            segment._replace(position=segment.position + shift) for segment in self.segments if segment.start > now
+        ]
         acceleration = self.acceleration(now)
         position, velocity = self._cut(now)
-        self.segments += [MotionSegment(now, position + by, velocity, acceleration), *later]
+        self.segments += [MotionSegment(now, position + shift, velocity, acceleration), *later]
 
     def run_at(self, now: float, velocity: float, acceleration: float, deceleration: float) -> None:
         """Ramp to a velocity and keep it: down to zero with `deceleration`, away from zero with `acceleration`."""
@@ -267,7 +269,7 @@ class Trajectory:
 
 
 class ShaftMotion(NamedTuple):
-    """How a shaft moves from `since` on: sign * (trajectory + offset)."""
+    """The motion of a shaft from `since` on: sign * (trajectory + offset)."""
 
     since: float
     trajectory: Trajectory
@@ -275,16 +277,16 @@ class ShaftMotion(NamedTuple):
     offset: float
 
     def position(self, now: float) -> float:
-        """Where the shaft is."""
+        """Return the position."""
         return self.sign * (self.trajectory.position(now) + self.offset)
 
     def first(self, after: float, position: float, *, rising: bool) -> float:
-        """When the shaft is first at `position` or beyond it."""
+        """Return when the shaft is first at `position` or beyond it."""
         return self.trajectory.first(after, self.sign * position - self.offset, rising=rising is (self.sign > 0))
 
 
 def wrapped(position: float, bits: int = 32) -> int:
-    """A position as a signed counter of `bits` bits shows it.
+    """Return a position as a signed counter of `bits` bits shows it.
 
     >>> wrapped(40000.4), wrapped(40000.4, 16), wrapped(2147483648.0)
     (40000, -25536, -2147483648)
@@ -296,7 +298,7 @@ def wrapped(position: float, bits: int = 32) -> int:
 def _profile(
     distance: float, before: float, velocity: float, acceleration: float, deceleration: float, sign: float, jerky: bool
 ) -> list[_Ramp]:
-    """The ramps of a move over a distance on which the shaft can stop, from a velocity in its direction."""
+    """Return the ramps of a move over a distance on which the shaft can stop, from a velocity in its direction."""
     if distance == 0:
         return [_Ramp(0.0, 0.0, 0.0)]
     if jerky:
@@ -323,7 +325,7 @@ def _profile(
 
 
 def _time_for(distance: float, velocity: float, acceleration: float) -> float:
-    """How long a distance takes at constant acceleration; inf if it is never covered."""
+    """Return how long a distance takes at constant acceleration; inf if it is never covered."""
     under = velocity**2 + 2 * acceleration * distance
     if under < 0:
         return inf
