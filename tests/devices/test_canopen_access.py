@@ -45,13 +45,13 @@ def machine() -> Machine:
     return Machine()
 
 
-def read(peer: Callable[[CanFrame, float], Any], *names: str, **how: Any) -> list[Value]:
-    readings, _ = play(read_canopen(NODE, DRIVE, names, **how), peer)
+def read(peer: Callable[[CanFrame, float], Any], *names: str, **options: Any) -> list[Value]:
+    readings, _ = play(read_canopen(NODE, DRIVE, names, **options), peer)
     return [reading.value for reading in readings]
 
 
-def write(peer: Callable[[CanFrame, float], Any], wanted: dict[str, Value], **how: Any) -> None:
-    play(write_canopen(NODE, DRIVE, wanted, **how), peer)
+def write(peer: Callable[[CanFrame, float], Any], wanted: dict[str, Value], **options: Any) -> None:
+    play(write_canopen(NODE, DRIVE, wanted, **options), peer)
 
 
 # Reading

@@ -24,13 +24,13 @@ class Machine(Table):
 
     def __init__(self) -> None:
         super().__init__()
-        self.asked: list[tuple[int, int, Any]] = []
+        self.requests: list[tuple[int, int, Any]] = []
         self.refuses: set[int] = set()
 
     def handle(self, request: Any, now: float) -> Response | None:
         content = next(getattr(request, name) for name in ("value", "values", "registers", "bits", "quantity")
                        if hasattr(request, name))  # fmt: skip
-        self.asked.append((request.function_code, request.address, content))
+        self.requests.append((request.function_code, request.address, content))
         if request.address in self.refuses:
             raise ModbusException(2)
         return super().handle(request, now)
@@ -53,8 +53,8 @@ def read(machine: Machine, device: Any, *names: str) -> list[Value]:
     return values(machine, read_modbus(Bus(TcpLine()), 1, device, names))
 
 
-def write(machine: Machine, device: Any, wanted: dict[str, Value], **how: Any) -> None:
-    play(write_modbus(Bus(TcpLine()), 1, device, wanted, **how), machine.peer)
+def write(machine: Machine, device: Any, wanted: dict[str, Value], **options: Any) -> None:
+    play(write_modbus(Bus(TcpLine()), 1, device, wanted, **options), machine.peer)
 
 
 def put(table: Any, address: int, registers: Sequence[int]) -> None:
@@ -73,14 +73,14 @@ def test_readings_have_the_order_of_the_names_with_unit_and_bit_names(machine: M
     assert [(reading.name, reading.value) for reading in readings] == [("STATUS WORD", 0x0637)] * 2
     assert str(readings[0]).startswith("STATUS WORD = 1591 (ready to switch on, switched on, operation enabled,")
     assert read(machine, ADXL, "Frequency") == [50.003]
-    assert machine.asked == [(4, 24, 1), (4, 0x31, 2)]
+    assert machine.requests == [(4, 24, 1), (4, 0x31, 2)]
 
 
 def test_a_float_with_its_low_word_first(machine: Machine) -> None:
     put(machine.holding_registers, 4, (0xCCCD, 0x3F8C))
     value = read(machine, AZ3, "SPIDAC CHANNEL 1 SCALE")[0]
     assert value == pytest.approx(1.1)
-    assert machine.asked == [(3, 4, 2)]
+    assert machine.requests == [(3, 4, 2)]
 
 
 def test_halves_bits_and_negative_bytes(machine: Machine) -> None:
@@ -90,21 +90,21 @@ def test_halves_bits_and_negative_bytes(machine: Machine) -> None:
     assert read(machine, AZ3, "MODES OF OPERATION") == [-1]
     machine.input_registers[0x20FF] = 0b101
     assert read(machine, ADXL, "Input 1", "Input 2", "Input 3") == [True, False, True]
-    assert machine.asked == [(3, 2, 1), (3, 155, 1), (4, 0x20FF, 1)]
+    assert machine.requests == [(3, 2, 1), (3, 155, 1), (4, 0x20FF, 1)]
 
 
 def test_coils_are_read_with_01(machine: Machine) -> None:
     machine.coils[1] = 1
     assert read(machine, AZ3, "START PHASING", "PHASING IN PROGRESS") == [True, False]
-    assert machine.asked == [(1, 0, 2)]
+    assert machine.requests == [(1, 0, 2)]
 
 
 def test_wide_numbers_signs_scales_and_text(machine: Machine) -> None:
     put(machine.input_registers, 19, to_registers(codec("i32").encode(-12_345)))
     put(machine.input_registers, 6943, to_registers(codec("u64").encode(1 << 40)))
     put(machine.input_registers, 0x5031, to_registers(Text(56).encode("Overtemperature")))
-    asked = ["Event description", "L1 active power", "Total active energy"]
-    assert read(machine, ADXL, *asked) == ["Overtemperature", -0.12345, (1 << 40) / 100]
+    names = ["Event description", "L1 active power", "Total active energy"]
+    assert read(machine, ADXL, *names) == ["Overtemperature", -0.12345, (1 << 40) / 100]
 
 
 def test_a_byte_that_has_a_register_to_itself(machine: Machine) -> None:
@@ -112,7 +112,7 @@ def test_a_byte_that_has_a_register_to_itself(machine: Machine) -> None:
     assert read(machine, CSD, "Current Ratio") == [70]
     write(machine, CSD, {"Current Ratio": 80})
     assert machine.holding_registers[1080] == 80
-    assert machine.asked[-1] == (6, 1080, 80)
+    assert machine.requests[-1] == (6, 1080, 80)
 
 
 def test_every_readable_parameter_can_be_read(machine: Machine) -> None:
@@ -126,36 +126,36 @@ def test_every_readable_parameter_can_be_read(machine: Machine) -> None:
 
 def test_neighbours_are_written_in_one_request_and_the_order_is_kept(machine: Machine) -> None:
     write(machine, CSD, {"Target Position": -100_000, "Profile Velocity": 5000, "Control Word": 0x1F})
-    assert machine.asked == [(16, 1042, (0x7960, 0xFFFE, 5000, 0)), (6, 1040, 0x1F)]
+    assert machine.requests == [(16, 1042, (0x7960, 0xFFFE, 5000, 0)), (6, 1040, 0x1F)]
 
 
 def test_one_value_of_two_registers_is_one_request(machine: Machine) -> None:
     write(machine, AZ3, {"SPIDAC CHANNEL 1 SCALE": 1.1})
-    assert machine.asked == [(16, 4, (0xCCCD, 0x3F8C))]
+    assert machine.requests == [(16, 4, (0xCCCD, 0x3F8C))]
 
 
 def test_writing_half_a_register_keeps_the_other_half(machine: Machine) -> None:
     machine.holding_registers[2] = 0x1234
     write(machine, AZ3, {"SPIDAC CHANNEL SEL2": 0})
     assert machine.holding_registers[2] == 0x0034
-    assert machine.asked == [(3, 2, 1), (6, 2, 0x0034)]
+    assert machine.requests == [(3, 2, 1), (6, 2, 0x0034)]
 
 
 def test_both_halves_of_a_register_are_written_in_one_request(machine: Machine) -> None:
     machine.holding_registers[2] = 0xFFFF
     write(machine, AZ3, {"SPIDAC CHANNEL SEL1": 1, "SPIDAC CHANNEL SEL2": 2, "SPIDAC CHANNEL 1 SCALE": 0.5})
     assert machine.holding_registers[2] == 0x0201
-    assert machine.asked == [(3, 2, 1), (6, 2, 0x0201), (16, 4, (0, 0x3F00))]
+    assert machine.requests == [(3, 2, 1), (6, 2, 0x0201), (16, 4, (0, 0x3F00))]
 
 
 def test_coils_are_written_with_05(machine: Machine) -> None:
     write(machine, AZ3, {"START PHASING": True, "PHASING IN PROGRESS": 0})
-    assert machine.asked == [(5, 1, True), (5, 0, False)]
+    assert machine.requests == [(5, 1, True), (5, 0, False)]
 
 
 def test_a_soft_starter_takes_one_register_with_06_at_the_address_below_the_printed_one(machine: Machine) -> None:
     write(machine, ADXL, {"Menu number selection": 1, "Sub-menu number selection": 2, "Parameter value": 10})
-    assert machine.asked == [(6, 0x4FFF, 1), (6, 0x5000, 2), (6, 0x5003, 10)]
+    assert machine.requests == [(6, 0x4FFF, 1), (6, 0x5000, 2), (6, 0x5003, 10)]
 
 
 # Refused before anything is sent
@@ -181,7 +181,7 @@ def test_refused_before_anything_is_sent(device: Any, wanted: dict[str, Value], 
 
 def test_force_leaves_range_and_access_to_the_device(machine: Machine) -> None:
     write(machine, CSD, {"Profile Velocity": 800_001, "Status Word": 7}, force=True)
-    assert machine.asked == [(16, 1044, (800_001 & 0xFFFF, 12)), (6, 1001, 7)]
+    assert machine.requests == [(16, 1044, (800_001 & 0xFFFF, 12)), (6, 1001, 7)]
 
 
 @pytest.mark.parametrize(
@@ -222,14 +222,14 @@ def test_what_was_written_before_a_refusal_is_noted(machine: Machine) -> None:
 
 def test_a_command_that_the_device_does_not_answer() -> None:
     """2F03h restarts an ADXL "without any response": a time-out is expected. A refusal is still an error."""
-    asked: list[bytes] = []
+    sent: list[bytes] = []
 
     def silent(item: bytes, now: float) -> list[tuple[float, bytes]]:
-        asked.append(item)
+        sent.append(item)
         return []
 
     play(write_modbus(Bus(TcpLine()), 1, ADXL, {"Save and reboot": 5}), silent)
-    assert [item[7:].hex(" ") for item in asked] == ["06 2f 02 00 05"]
+    assert [item[7:].hex(" ") for item in sent] == ["06 2f 02 00 05"]
     with pytest.raises(NoAnswer) as caught:
         play(write_modbus(Bus(TcpLine()), 1, ADXL, {"Motor start command": 1}), silent)
     assert caught.value.__notes__ == ["while writing Motor start command"]

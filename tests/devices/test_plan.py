@@ -15,19 +15,19 @@ from barewire.errors import EncodeError
 from tests.helpers import modest, refused
 
 
-def device(*places: ModbusAt, access: Any = "rw", **side: Any) -> Device:
-    """A device with one parameter in each place, named by its number."""
+def device(*places: ModbusAt, access: Any = "rw", **settings: Any) -> Device:
+    """Return a device with one parameter in each place, named by its number."""
     kinds = {1: "u16", 2: "u32", 4: "u64"}
     rows = (
         Parameter(
             str(number),
-            "bool" if at.bit is not None else "u8" if at.half else kinds.get(at.words, "text"),
+            "bool" if place.bit is not None else "u8" if place.half else kinds.get(place.words, "text"),
             access=access,
-            modbus=at,
+            modbus=place,
         )
-        for number, at in enumerate(places)
+        for number, place in enumerate(places)
     )
-    return Device("d", "d", tuple(rows), modbus=ModbusSettings(**side))
+    return Device("d", "d", tuple(rows), modbus=ModbusSettings(**settings))
 
 
 def holding(address: int, words: int = 1, **rest: Any) -> ModbusAt:
@@ -101,8 +101,8 @@ def test_a_parameter_given_twice_is_read_once() -> None:
 
 def test_the_function_is_that_of_the_description() -> None:
     adxl = load("adxl")
-    asked = [adxl.find("Parameter value"), adxl.find("Frequency")]
-    assert [(b.table, b.function, b.address) for b in plan_reads(adxl, asked)] == [
+    wanted = [adxl.find("Parameter value"), adxl.find("Frequency")]
+    assert [(b.table, b.function, b.address) for b in plan_reads(adxl, wanted)] == [
         ("holding", 4, 0x5003),
         ("input", 4, 0x31),
     ]
@@ -130,8 +130,8 @@ def test_a_whole_machine_in_few_requests() -> None:
     counts = {}
     for name in ("adxl", "az3", "csd-mt"):
         machine = load(name)
-        asked = [parameter for parameter in machine.parameters if parameter.readable and parameter.modbus]
-        counts[name] = len(plan_reads(machine, asked))
+        wanted = [parameter for parameter in machine.parameters if parameter.readable and parameter.modbus]
+        counts[name] = len(plan_reads(machine, wanted))
     assert counts == {"adxl": 18, "az3": 44, "csd-mt": 15}
 
 
@@ -150,9 +150,9 @@ def test_property_any_reads_are_the_fewest_and_within_the_limits(
     rows: list[ModbusAt], limit: int, data: st.DataObject
 ) -> None:
     machine = device(*rows, read_limit=limit)
-    asked = data.draw(st.lists(st.sampled_from(machine.parameters), min_size=1, unique_by=lambda row: row.name))
-    blocks = plan_reads(machine, asked)
-    assert sorted(m.parameter.name for block in blocks for m in block.members) == sorted(row.name for row in asked)
+    wanted = data.draw(st.lists(st.sampled_from(machine.parameters), min_size=1, unique_by=lambda row: row.name))
+    blocks = plan_reads(machine, wanted)
+    assert sorted(m.parameter.name for block in blocks for m in block.members) == sorted(row.name for row in wanted)
     for block in blocks:
         assert block.quantity <= (limit * 16 if block.table == "coil" else limit)
         assert {*range(block.address, block.address + block.quantity)} <= known_addresses(machine, block.table)
@@ -160,14 +160,18 @@ def test_property_any_reads_are_the_fewest_and_within_the_limits(
             assert parameter.modbus is not None
             assert (parameter.modbus.table, parameter.modbus.address) == (block.table, block.address + offset)
             assert offset + parameter.modbus.words <= block.quantity
-    assert len(blocks) == fewest(machine, asked, limit)
+    assert len(blocks) == fewest(machine, wanted, limit)
 
 
-def fewest(machine: Device, asked: list[Parameter], limit: int) -> int:
+def fewest(machine: Device, wanted: list[Parameter], limit: int) -> int:
     """By search: the smallest number of spans of described addresses that cover the parameters, table by table."""
     total = 0
-    for table in {row.modbus.table for row in asked if row.modbus}:
-        spans = [(at.address, at.address + at.words) for row in asked if (at := row.modbus) and at.table == table]
+    for table in {row.modbus.table for row in wanted if row.modbus}:
+        spans = [
+            (place.address, place.address + place.words)
+            for row in wanted
+            if (place := row.modbus) and place.table == table
+        ]
         known = known_addresses(machine, table)
         longest = limit * 16 if table == "coil" else limit
         windows = []
@@ -247,7 +251,7 @@ def test_a_table_without_a_write_function() -> None:
 
 
 @modest
-@given(st.lists(places.filter(lambda at: at.table != "input"), min_size=1, max_size=10), st.integers(4, 12))
+@given(st.lists(places.filter(lambda place: place.table != "input"), min_size=1, max_size=10), st.integers(4, 12))
 def test_property_any_writes_keep_order_and_limits(rows: list[ModbusAt], limit: int) -> None:
     machine = device(*rows, write_limit=limit)
     planned = plan_writes(machine, machine.parameters)
@@ -255,8 +259,8 @@ def test_property_any_writes_keep_order_and_limits(rows: list[ModbusAt], limit: 
     for write in planned:
         assert write.quantity <= limit
         covered = [(write.address + m.offset, m.parameter.modbus) for m in write.members]
-        assert all(at is not None and at.address == address for address, at in covered)
-        assert sum(at.words for _, at in covered if at is not None) == write.quantity
+        assert all(place is not None and place.address == address for address, place in covered)
+        assert sum(place.words for _, place in covered if place is not None) == write.quantity
 
 
 def test_plans_compare_by_value() -> None:

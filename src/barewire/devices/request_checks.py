@@ -59,6 +59,13 @@ def check_encodable(parameter: Parameter, value: Value) -> None:
             codec(parameter.type).encode(raw)
 
 
+def check_seconds(name: str, value: float) -> float:
+    """Return a time in seconds. Raises EncodeError unless it is above 0: waiting for not-a-number would never end."""
+    if not value > 0:
+        raise EncodeError(f"{name} = {value:g}: expected seconds, above 0", name)
+    return value
+
+
 @contextmanager
 def naming(parameter: Parameter, value: Value) -> Iterator[None]:
     """Add the name of the parameter to an EncodeError of a codec, which lacks it."""

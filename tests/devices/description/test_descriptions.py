@@ -45,7 +45,7 @@ def write(directory: Path, rows: str, head: str = HEAD) -> Path:
 
 
 def row(**changes: str | None) -> str:
-    """The second row with some of its values changed, left out (None) or added."""
+    """Return the second row with some of its values changed, left out (None) or added."""
     lines = {**ROW, **changes}
     return "[[parameter]]\n" + "".join(f"{key} = {value}\n" for key, value in lines.items() if value is not None)
 

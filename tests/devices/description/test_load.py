@@ -101,11 +101,13 @@ def test_tables_that_the_format_does_not_define_are_kept_in_extra() -> None:
 
 
 def test_default_pdos() -> None:
-    side = load("az3").canopen
-    assert side is not None
-    assert (side.node, side.bitrate, side.dialect) == (1, 125_000, "az3")
-    assert [pdo.name for pdo in side.pdos] == [f"{way}PDO{number}" for way in "RT" for number in (1, 2, 3, 4)]
-    assert side.pdos[4].map == ((0x6041, 0, 16), (0x2005, 0, 16), (0x2002, 0, 16), (0x2006, 0, 16))
+    settings = load("az3").canopen
+    assert settings is not None
+    assert (settings.node, settings.bitrate, settings.dialect) == (1, 125_000, "az3")
+    assert [pdo.name for pdo in settings.pdos] == [
+        f"{direction}PDO{number}" for direction in "RT" for number in (1, 2, 3, 4)
+    ]
+    assert settings.pdos[4].map == ((0x6041, 0, 16), (0x2005, 0, 16), (0x2002, 0, 16), (0x2006, 0, 16))
 
 
 def test_printed_numbers_become_wire_addresses(tmp_path: Path) -> None:

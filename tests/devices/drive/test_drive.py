@@ -29,7 +29,7 @@ TIMING = Timing.of(19200)
 class Bench:
     """A simulated drive, a bus, and the drive code. Time stands still between two actions."""
 
-    def __init__(self, wire: str, **how: Any) -> None:
+    def __init__(self, wire: str, **options: Any) -> None:
         device, _, self.protocol = wire.partition(" over ")
         self.machine: Simulator = simulator(device)
         if isinstance(self.machine, CsdMt):
@@ -37,7 +37,7 @@ class Bench:
             self.machine.store["Velocity Total Sample"] = 1  # as delivered, the displayed value is the mean of 100 ms
         self.progress: list[DriveProgress] = []
         self.now = 1.0
-        self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.progress.append, **how)
+        self.drive: Drive[Any] = Drive(self._access(), self.machine.device, progress=self.progress.append, **options)
 
     def _access(self) -> ModbusAccess | CanopenAccess:
         device = self.machine.device

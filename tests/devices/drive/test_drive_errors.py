@@ -26,7 +26,7 @@ def csd() -> Bench:
 
 
 def test_homing_with_an_unknown_method_is_refused(csd: Bench) -> None:
-    """As delivered, register 1050 is 0: the motor would not move, and the time-out would not tell why."""
+    """As delivered, register 1050 is 0: the motor would not move, and the time-out would not show the reason."""
     with refused(
         EncodeError, "home: Homing Method 0 is not a homing method: expected one of -2, -1, 3, 4, 5, 6, 19, 20"
     ):

@@ -28,7 +28,7 @@ class Bench:
         return self.machine.modbus.handle(request, self.now)
 
     def refused(self, request: object) -> int:
-        """The exception code that the machine answers with; 0 if it does not."""
+        """Return the exception code of the answer, 0 for a normal response."""
         try:
             self.ask(request)
         except ModbusException as declined:
@@ -36,11 +36,11 @@ class Bench:
         return 0
 
     def words(self, address: int, quantity: int = 1, table: str = "holding") -> tuple[int, ...]:
-        side = self.machine.device.modbus
-        assert side is not None
-        code = side.read_functions["input" if table == "input" else "holding"]
-        kind = {3: registers.ReadHoldingRegisters, 4: registers.ReadInputRegisters}[code]
-        answer = self.ask(kind(address, quantity))
+        settings = self.machine.device.modbus
+        assert settings is not None
+        code = settings.read_functions["input" if table == "input" else "holding"]
+        request = {3: registers.ReadHoldingRegisters, 4: registers.ReadInputRegisters}[code]
+        answer = self.ask(request(address, quantity))
         assert isinstance(answer, registers.ReadHoldingRegistersResponse)
         return answer.registers
 
@@ -58,7 +58,7 @@ class Bench:
         return parameter.from_registers(self.words(place.address, place.words, place.table))
 
     def writes(self, name: str, value: Value) -> object:
-        """The request that writes a parameter."""
+        """Return the request that writes a parameter."""
         parameter, place = self.parameter(name), self.place(name)
         if place.table == "coil":
             return bits.WriteSingleCoil(place.address, bool(value))
@@ -74,13 +74,13 @@ class Bench:
     # CANopen
 
     def frames(self, text: str | None = None) -> list[str]:
-        """The frames that the node sends after a frame, or after time has passed, as text."""
+        """Return the frames that the node sends after a frame, or after time has passed, as text."""
         assert self.machine.canopen is not None
         frame = None if text is None else CanFrame.parse(text)
         return [str(sent) for sent in self.machine.canopen.feed(frame, self.now)]
 
     def _sdo(self, command: int, index: int, sub: int, data: bytes = b"", node: int = 1) -> bytes | int:
-        """One expedited transfer, composed byte by byte: the bytes of the answer, or the abort code."""
+        """Do an expedited transfer, composed byte by byte; return the bytes of the answer, or the abort code."""
         assert self.machine.canopen is not None
         request = bytes([command]) + index.to_bytes(2, "little") + bytes([sub]) + data.ljust(4, b"\0")
         sent = self.machine.canopen.feed(CanFrame(0x600 + node, request), self.now)
@@ -90,14 +90,14 @@ class Bench:
         return answer[4 : 8 - (answer[0] >> 2 & 3)]
 
     def upload(self, index: int, sub: int = 0) -> bytes | int:
-        """The bytes of an object, or the abort code."""
+        """Return the bytes of an object, or the abort code."""
         return self._sdo(0x40, index, sub)
 
     def upload_at(self, node: int, index: int, sub: int = 0) -> bytes | int:
-        """The same from a node with another node-ID."""
+        """Return the same from a node with another node-ID."""
         return self._sdo(0x40, index, sub, node=node)
 
     def download(self, index: int, sub: int, data: bytes) -> int:
-        """0, or the abort code."""
+        """Write an object; return 0, or the abort code."""
         answer = self._sdo(0x23 | (4 - len(data)) << 2, index, sub, data)
         return answer if isinstance(answer, int) else 0

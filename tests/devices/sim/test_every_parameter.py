@@ -21,16 +21,16 @@ MAPPINGS = range(0x1400, 0x1C00)  # with rules of their own, see tests/canopen
 
 
 def wanted(parameter: Parameter) -> Value:
-    """A value that the parameter may have, different from its default."""
+    """Return a value that the parameter may have, different from its default."""
     if parameter.type == "bool":
         return not parameter.default
     if parameter.name == "Parameter value":
         return 4
     if parameter.type.startswith("f"):
         return 1.5
-    kind, scale = Number(parameter.type), parameter.scale
-    low = kind.minimum * scale if parameter.minimum is None else parameter.minimum
-    high = kind.maximum * scale if parameter.maximum is None else parameter.maximum
+    number, scale = Number(parameter.type), parameter.scale
+    low = number.minimum * scale if parameter.minimum is None else parameter.minimum
+    high = number.maximum * scale if parameter.maximum is None else parameter.maximum
     allowed = [value for value in parameter.values if low <= value <= high]
     candidates = [*allowed, high, low] if parameter.values else [high, low]
     return next((float(v) if v % 1 else int(v) for v in candidates if v != parameter.default), int(low))

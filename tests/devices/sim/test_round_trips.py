@@ -40,16 +40,16 @@ TRANSPORTS = pytest.mark.parametrize(("device", "wire"), WIRES, ids=[f"{name}-{m
 
 
 def wanted(parameter: Parameter) -> list[Value]:
-    """The default, both ends of the range, and every value that has a name."""
+    """Return the default, both ends of the range, and every value that has a name."""
     if parameter.type == "bool":
         return [True, False]
     if parameter.name == "Parameter value":  # of P01.04
         return [1, 120, 10]
     found: list[Value] = list(parameter.values)
     if not parameter.values:
-        kind, scale = Number(parameter.type), parameter.scale
-        low = kind.minimum * scale if parameter.minimum is None else parameter.minimum
-        high = kind.maximum * scale if parameter.maximum is None else parameter.maximum
+        number, scale = Number(parameter.type), parameter.scale
+        low = number.minimum * scale if parameter.minimum is None else parameter.minimum
+        high = number.maximum * scale if parameter.maximum is None else parameter.maximum
         if parameter.type == "f32":
             low, high = max(float(low), -3.4e38), min(float(high), 3.4e38)
         found += [float(end) if end % 1 else int(end) for end in (low, high)]
@@ -132,7 +132,7 @@ def test_every_read_only_parameter_refuses_writes(device: str, wire: Callable[[s
 
 
 def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
-    """The exception code of a write that is sent all the same; None where the function for it does not exist.
+    """Return the exception code of a write that is sent all the same; None where the function for it does not exist.
 
     Nothing on Modbus writes an input register. Where a device has all of its tables at the same addresses, as the ADXL
     and the CSD MT, function 06 asks for this one; on the AZ3 it would ask for a holding register of the same number.
@@ -163,26 +163,26 @@ def test_pdo_records_can_be_written_in_the_order_of_cia_301(number: int) -> None
     line = canopen("az3")
     records = [p for p in load("az3").parameters if p.object is not None and p.object.index in PDO_RECORDS]
     for base in (0x1400, 0x1800):
-        at = _by_sub(records, base + number)
+        entries = _by_sub(records, base + number)
         mapped = _by_sub(records, base + 0x200 + number)
         count = Parameter("entries", "u8", object=ObjectAt(base + 0x200 + number, 0))
-        on = int(line.read(at[1]))
+        on = int(line.read(entries[1]))
         with pytest.raises(SdoAbort):
             line.write({mapped[1]: line.read(mapped[1])})  # the PDO is still switched on
-        line.write({at[1]: on | 1 << 31})
+        line.write({entries[1]: on | 1 << 31})
         for sub, values in ((2, (254, 255, 0)), (3, (6553.5, 0)), (5, (65535, 0)), (6, (240, 0))):
             for value in values:
-                line.write({at[sub]: value})
-                assert line.read(at[sub]) == value
+                line.write({entries[sub]: value})
+                assert line.read(entries[sub]) == value
         before = {sub: line.read(parameter) for sub, parameter in mapped.items()}
         line.write({count: 0})
         for sub, parameter in reversed(mapped.items()):
             line.write({parameter: before[1]})
             assert line.read(parameter) == before[1]
             line.write({parameter: before[sub]})
-        line.write({count: len(before), at[1]: on})
+        line.write({count: len(before), entries[1]: on})
         assert {sub: line.read(parameter) for sub, parameter in mapped.items()} == before
-        assert line.read(at[1]) == on == at[1].default
+        assert line.read(entries[1]) == on == entries[1].default
 
 
 def _by_sub(records: list[Parameter], index: int) -> dict[int, Parameter]:

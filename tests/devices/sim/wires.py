@@ -1,4 +1,4 @@
-"""The transports of the simulated machines, in memory: reads and writes by name, through the frames of an envelope."""
+"""The transports of the simulated machines, in memory: reads and writes by name, through real frames."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Wire(ABC):
 
     @abstractmethod
     def has(self, parameter: Parameter) -> bool:
-        """Whether the parameter can be accessed on this transport."""
+        """Return whether the parameter can be accessed on this transport."""
 
     @abstractmethod
     def read(self, parameter: Parameter) -> Value: ...
@@ -42,7 +42,7 @@ class Wire(ABC):
 
 
 class ModbusWire(Wire):
-    """Modbus in one envelope."""
+    """Modbus in one of its framings."""
 
     def __init__(self, device: str, client: Line, server: Line, *, serial: bool) -> None:
         super().__init__(device)
@@ -54,13 +54,13 @@ class ModbusWire(Wire):
         return parameter.modbus is not None
 
     def read(self, parameter: Parameter) -> Value:
-        asking = read_modbus(self.bus, self.machine.address, self.machine.device, [parameter])
-        (reading,), self.now = play(asking, self.peer, start=self.now)
+        conversation = read_modbus(self.bus, self.machine.address, self.machine.device, [parameter])
+        (reading,), self.now = play(conversation, self.peer, start=self.now)
         return reading.value
 
     def write(self, values: Mapping[Parameter, Value], *, force: bool = False) -> None:
-        telling = write_modbus(self.bus, self.machine.address, self.machine.device, values, force=force)
-        _, self.now = play(telling, self.peer, start=self.now)
+        conversation = write_modbus(self.bus, self.machine.address, self.machine.device, values, force=force)
+        _, self.now = play(conversation, self.peer, start=self.now)
 
 
 class CanopenWire(Wire):
@@ -68,9 +68,9 @@ class CanopenWire(Wire):
 
     def __init__(self, device: str, dialect: str) -> None:
         super().__init__(device)
-        side = self.machine.device.canopen
-        assert side is not None
-        self.channel = Channel(side.node, DIALECTS[dialect])
+        settings = self.machine.device.canopen
+        assert settings is not None
+        self.channel = Channel(settings.node, DIALECTS[dialect])
 
     def _peer(self, frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
         assert self.machine.canopen is not None
@@ -86,8 +86,8 @@ class CanopenWire(Wire):
         return reading.value
 
     def write(self, values: Mapping[Parameter, Value], *, force: bool = False) -> None:
-        telling = write_canopen(self.channel, self.machine.device, values, force=force)
-        _, self.now = play(telling, self._peer, start=self.now)
+        conversation = write_canopen(self.channel, self.machine.device, values, force=force)
+        _, self.now = play(conversation, self._peer, start=self.now)
 
 
 def rtu(device: str) -> Wire:
@@ -120,4 +120,4 @@ WIRES: list[tuple[str, Callable[[str], Wire]]] = [
     ("adxl", tcp),
     ("csd-mt", tcp),
 ]
-"""Each machine with the transports of its manual; the AZ3 understands both SDO dialects."""
+"""Each machine with the transports of its manual; the AZ3 answers in both SDO dialects."""

@@ -1,9 +1,10 @@
-"""A recorded run: a bus with the simulated AZ3 and another node, on which every service is used."""
+"""A recorded run: a bus with the simulated AZ3 and another node, on which every service is used; events by class."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from barewire.canopen import (
     BlockSettings,
@@ -34,8 +35,10 @@ from barewire.canopen.abort_codes import SdoAbort
 from barewire.conversation import Conversation
 from barewire.devices.sdo_dialects import AZ3
 from barewire.devices.sim import simulator
+from barewire.explain.can_monitor.events import MonitorEvent
 from tests.canopen.virtual_bus import VirtualBus
 
+Event = TypeVar("Event")
 Timed = list[tuple[float, CanFrame]]
 
 DRIVE, PLAIN = 5, 9
@@ -43,6 +46,11 @@ LONG = bytes(range(256)) * 8 + b"the end"
 EPOCH_2024 = 1709210096.789
 IDENTITY = LssAddress(0x360, 1, 0x10002, 77)
 NEW = LssAddress(0x11223344, 0xFFFFFFFF, 0, 0x80000001)
+
+
+def of(kind: type[Event], events: Iterable[MonitorEvent]) -> list[Event]:
+    """Return the events of one class."""
+    return [event for event in events if isinstance(event, kind)]
 
 
 class Sender:
@@ -57,12 +65,12 @@ class Sender:
         return self.sync.deadline
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """SYNC when it is due."""
+        """Return a SYNC when it is due."""
         return self.sync.feed(None, now) if frame is None else []
 
 
 def plain() -> LocalNode:
-    """A node with every kind of object and PDO."""
+    """Return a node with every kind of object and PDO."""
     objects = ObjectDictionary(
         [
             *standard_objects(IDENTITY, name="thermometer for tests", heartbeat=0),
@@ -76,7 +84,7 @@ def plain() -> LocalNode:
 
 
 def refused(conversation: Conversation[CanFrame, Any]) -> Conversation[CanFrame, SdoAbort]:
-    """A conversation that ends with an abort."""
+    """Return a conversation that ends with an abort."""
     try:
         yield from conversation
     except SdoAbort as abort:

@@ -17,6 +17,7 @@ from barewire.explain.can_monitor.events import MonitorEvent, SdoTransferReport,
 from barewire.explain.can_monitor.recording import is_can_recording, read_recording, replay_can
 from barewire.explain.can_monitor.transfer import HELD_MAX, VALUE_MAX
 from barewire.explain.capture.model import Dropped
+from tests.explain.can_monitor.recorded_run import of
 
 many = settings(max_examples=300, deadline=None, derandomize=True, database=None)
 
@@ -123,7 +124,7 @@ def test_nothing_grows_without_a_bound() -> None:
     assert monitor.held.refused > 0
     *events, summary = monitor.end(6.0)
     assert event_as_dict(summary)["counts"]["bytes not held"] == monitor.held.refused
-    assert {event.count for event in events if isinstance(event, SdoTransferReport)} == {2100}
+    assert {transfer.count for transfer in of(SdoTransferReport, events)} == {2100}
     assert monitor.held.used == 0
     assert HELD_MAX >= VALUE_MAX
 
@@ -148,9 +149,9 @@ def test_a_value_too_long_to_hold_is_counted_and_its_crc_checked() -> None:
     unused = -size % 7
     send(0x605, bytes([0xC1 | unused << 2]) + crc_hqx(value, 0).to_bytes(2, "little"))
     send(0x585, b"\xa1")
-    (done,) = [event for event in events if isinstance(event, SdoTransferReport)]
+    (done,) = of(SdoTransferReport, events)
     assert (done.outcome, done.count, done.data, done.crc) == ("done", size, None, "ok")
-    assert [event for event in events if isinstance(event, Violation)] == []
+    assert of(Violation, events) == []
 
 
 TEXT = st.text("(). 0123456789ABCDEF#RTcan[]{}`'\t\nxd", max_size=80)

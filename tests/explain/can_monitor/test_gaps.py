@@ -1,7 +1,8 @@
-"""Gaps in the recording against losses on the bus: each frame of every kind of transfer is removed in turn."""
+"""Gaps in the recording and losses on the bus: every frame of each transfer and random frames of a run are removed."""
 
 from __future__ import annotations
 
+import random
 from binascii import crc_hqx
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -10,8 +11,9 @@ import pytest
 
 from barewire.canopen import BlockSettings, CanFrame, Channel, ErrorFrame, SdoAbort, download, upload
 from barewire.canopen.frame import AnyFrame
+from barewire.devices import load
 from barewire.errors import NoAnswer
-from barewire.explain.can_monitor import CanMonitor, event_line
+from barewire.explain.can_monitor import CanMonitor, KnownNode, event_line, of_device
 from barewire.explain.can_monitor.events import (
     Gap,
     Loss,
@@ -23,7 +25,7 @@ from barewire.explain.can_monitor.events import (
 )
 from barewire.explain.capture.model import Dropped
 from tests.canopen.virtual_bus import VirtualBus, never
-from tests.explain.can_monitor.recorded_run import PLAIN, plain
+from tests.explain.can_monitor.recorded_run import DRIVE, PLAIN, of, plain, recorded
 
 VALUE = bytes(range(1, 100))
 Timed = list[tuple[float, CanFrame]]
@@ -55,7 +57,7 @@ TRANSFERS = [expedited, segments_up, segments_down, block_down, block_up]
 
 
 def carried_out(kind: Bus, lose: Callable[[int, CanFrame], bool] = never) -> Timed:
-    """The frames on the bus: the transfer, and one more after it."""
+    """Return the frames on the bus: the transfer, and one more after it."""
     bus = VirtualBus(lose=lose)
     node = plain()
     bus.add(node, sent=node.start(0.0))
@@ -68,7 +70,7 @@ def carried_out(kind: Bus, lose: Callable[[int, CanFrame], bool] = never) -> Tim
             bus.pass_time(1.0)
         bus.pass_time(0.1)
     bus.pass_time(5.0)
-    return sorted(((at, CanFrame.parse(text)) for at, text in bus.log), key=lambda pair: pair[0])
+    return sorted(((now, CanFrame.parse(text)) for now, text in bus.log), key=lambda pair: pair[0])
 
 
 @cache
@@ -76,70 +78,71 @@ def whole(kind: Bus) -> tuple[tuple[float, CanFrame], ...]:
     return tuple(carried_out(kind))
 
 
-def events_of(frames: Sequence[tuple[float, AnyFrame | Dropped]]) -> list[MonitorEvent]:
-    monitor, events = CanMonitor(), list[MonitorEvent]()
-    for at, frame in frames:
-        events += monitor.feed(frame, at)
+def events_of(
+    frames: Sequence[tuple[float, AnyFrame | Dropped]], known: Sequence[KnownNode] = ()
+) -> list[MonitorEvent]:
+    monitor, events = CanMonitor(known), list[MonitorEvent]()
+    for now, frame in frames:
+        events += monitor.feed(frame, now)
     return events + monitor.end(frames[-1][0] + 10)
-
-
-def of(kind: type[MonitorEvent], events: list[MonitorEvent]) -> list[MonitorEvent]:
-    return [event for event in events if isinstance(event, kind)]
-
-
-def transfers(events: list[MonitorEvent]) -> list[SdoTransferReport]:
-    return [event for event in events if isinstance(event, SdoTransferReport)]
 
 
 @pytest.mark.parametrize("kind", TRANSFERS)
 def test_a_complete_recording_has_no_gap_loss_or_violation(kind: Bus) -> None:
     events = events_of(whole(kind))
     assert of(Gap, events) + of(Loss, events) + of(Violation, events) == []
-    assert {one.outcome for one in transfers(events)} == {"done"}
-    assert all(one.data is not None and not (one.missing or one.again or one.lost) for one in transfers(events))
+    assert {report.outcome for report in of(SdoTransferReport, events)} == {"done"}
+    assert all(
+        report.data is not None and not (report.missing or report.again or report.lost)
+        for report in of(SdoTransferReport, events)
+    )
 
 
 @pytest.mark.parametrize("kind", TRANSFERS)
 def test_a_frame_missing_in_the_recording_is_no_loss_and_no_violation(kind: Bus) -> None:
     """Both sides received the frame, so no rule was broken and nothing was lost on the bus."""
     frames = whole(kind)
-    values = {one.data for one in transfers(events_of(frames))}
+    values = {report.data for report in of(SdoTransferReport, events_of(frames))}
     for place in range(1, len(frames)):
         events = events_of([*frames[:place], *frames[place + 1 :]])
         lines = [event_line(event) for event in events]
         assert of(Violation, events) + of(Loss, events) == [], (place, lines)
-        found = transfers(events)
+        found = of(SdoTransferReport, events)
         # No value is invented, and an incomplete transfer is marked.
-        assert {one.data for one in found if one.outcome == "done"} - {None} <= values, (place, lines)
+        assert {report.data for report in found if report.outcome == "done"} - {None} <= values, (place, lines)
         assert all(
-            one.missing or one.outcome != "done" or one.data is not None or one.began is None for one in found
+            report.missing or report.outcome != "done" or report.data is not None or report.began is None
+            for report in found
         ), (place, lines)
-        if len(found) == len(transfers(events_of(frames))) and all(
-            one.outcome == "done" and one.data is not None for one in found
+        if len(found) == len(of(SdoTransferReport, events_of(frames))) and all(
+            report.outcome == "done" and report.data is not None for report in found
         ):
-            assert any(one.missing or one.began is None for one in found), (place, lines)
+            assert any(report.missing or report.began is None for report in found), (place, lines)
 
 
 @pytest.mark.parametrize("kind", TRANSFERS)
 def test_a_frame_lost_on_the_bus_is_no_gap_and_no_violation(kind: Bus) -> None:
     """The frame reached no receiver. The recording is complete, and no rule was broken."""
     count = len(whole(kind))
-    values = {one.data for one in transfers(events_of(whole(kind)))}
+    values = {report.data for report in of(SdoTransferReport, events_of(whole(kind)))}
     for place in range(2, count + 1):
         frames = carried_out(kind, lambda number, frame, lost=place: number == lost)  # type: ignore[misc]
         events = events_of(frames)
         lines = [event_line(event) for event in events]
         assert of(Violation, events) + of(Gap, events) == [], (place, lines)
-        found = transfers(events)
-        assert {one.data for one in found if one.outcome == "done"} <= values, (place, lines)
+        found = of(SdoTransferReport, events)
+        assert {report.data for report in found if report.outcome == "done"} <= values, (place, lines)
         # If only an acknowledgement was lost, the one repeated after the time-out is the first one received.
-        slow = [one for one in found if one.began is not None and one.at - one.began > 0.5]
-        lossy = slow + [one for one in found if one.lost or one.again or one.outcome != "done" or one.late]
-        assert lossy or of(Loss, events), (place, lines)
+        slow = [report for report in found if report.began is not None and report.at - report.began > 0.5]
+        lossy = slow + [
+            report for report in found if report.lost or report.again or report.outcome != "done" or report.late
+        ]
+        losses = of(Loss, events)
+        assert lossy or losses, (place, lines)
 
 
 def events_of_lines(*lines: str, step: float = 0.001) -> list[MonitorEvent]:
-    """The events of frames at regular times."""
+    """Return the events of frames at regular times."""
     return events_of([(place * step, CanFrame.parse(line)) for place, line in enumerate(lines)])
 
 
@@ -153,9 +156,9 @@ def test_a_segment_that_is_recorded_but_not_acknowledged_is_a_loss() -> None:
     events = events_of_lines(
         *(line.replace(" ", "") for line in [*lines, "609#D1589C0000000000", "589#A100000000000000"])
     )
-    (done,) = transfers(events)
+    (done,) = of(SdoTransferReport, events)
     assert (done.outcome, done.data, done.crc, done.lost, done.again) == ("done", b"0123456789", "ok", 1, 1)
-    assert [loss.evidence for loss in events if isinstance(loss, Loss)] == [
+    assert [loss.evidence for loss in of(Loss, events)] == [
         "acknowledged up to 1 of 2: segment 2, which is in the recording, did not arrive"
     ]
     assert of(Gap, events) + of(Violation, events) == []
@@ -164,7 +167,7 @@ def test_a_segment_that_is_recorded_but_not_acknowledged_is_a_loss() -> None:
 def test_segments_after_an_early_acknowledgement_belong_to_the_old_block() -> None:
     """Some servers acknowledge at the first gap; segments that the client sent meanwhile belong to the old block."""
     value = bytes(range(1, 36))
-    parts = [value[at : at + 7].hex() for at in range(0, 35, 7)]
+    parts = [value[start : start + 7].hex() for start in range(0, 35, 7)]
     lines = [
         *("609#C600210023000000", "589#A400210005000000", f"609#01{parts[0]}", f"609#03{parts[2]}"),
         *("589#A201050000000000", f"609#04{parts[3]}", f"609#85{parts[4]}"),
@@ -172,7 +175,7 @@ def test_segments_after_an_early_acknowledgement_belong_to_the_old_block() -> No
         *("589#A204050000000000", f"609#C1{_crc(value)}0000000000", "589#A100000000000000"),
     ]
     events = events_of_lines(*lines)
-    (done,) = transfers(events)
+    (done,) = of(SdoTransferReport, events)
     assert (done.data, done.crc, done.lost) == (value, "ok", 1)
     assert of(Gap, events) + of(Violation, events) == []
 
@@ -194,22 +197,21 @@ def merged(*rows: Timed) -> Timed:
 
 
 def without(frames: Timed, begin: float, end: float) -> Timed:
-    return [(at, frame) for at, frame in frames if not begin <= at < end]
+    return [(now, frame) for now, frame in frames if not begin <= now < end]
 
 
 def test_two_nodes_silent_at_once_are_a_gap_in_the_recording() -> None:
     frames = without(merged(beats(5, 1.0, 30), beats(6, 0.7, 30)), 10.0, 18.0)
     (gap,) = of(Gap, events_of(frames))
-    assert isinstance(gap, Gap)
     assert (round(gap.since or 0, 1), gap.evidence[:12]) == (9.8, "2 heartbeats")
-    assert not [one for one in events_of(frames)[:-1] if isinstance(one, NodeReport) and one.kind == "missing"][:-2]
+    assert not [report for report in of(NodeReport, events_of(frames)[:-1]) if report.kind == "missing"][:-2]
 
 
 def test_one_silent_node_is_missing() -> None:
     frames = merged(without(beats(5, 1.0, 30), 10.0, 18.0), beats(6, 0.7, 38))
     events = events_of(frames)
     assert of(Gap, events) == []
-    kinds = [(one.kind, round(one.at, 3)) for one in events if isinstance(one, NodeReport) and one.node == 5]
+    kinds = [(report.kind, round(report.at, 3)) for report in of(NodeReport, events) if report.node == 5]
     lines = [pair for pair in kinds if pair[0] != "beat"]
     assert lines == [("heard", 0.0), ("missing", 11.5), ("back", 18.0), ("missing", 32.5)]
 
@@ -217,13 +219,13 @@ def test_one_silent_node_is_missing() -> None:
 def test_every_silent_node_is_missing_if_time_is_fed() -> None:
     """A caller that feeds None has received without a break."""
     monitor, events = CanMonitor(), list[MonitorEvent]()
-    for at, frame in merged(beats(5, 1.0, 5), beats(6, 0.7, 5)):
-        events += monitor.feed(frame, at)
+    for now, frame in merged(beats(5, 1.0, 5), beats(6, 0.7, 5)):
+        events += monitor.feed(frame, now)
     while (due := monitor.deadline) is not None:
         events += monitor.feed(None, due)
     events += monitor.feed(CanFrame.parse("705#05"), 30.0)
     assert of(Gap, events) == []
-    assert [one.node for one in events if isinstance(one, NodeReport) and one.kind == "missing"] == [6, 5]
+    assert [report.node for report in of(NodeReport, events) if report.kind == "missing"] == [6, 5]
 
 
 def test_a_silent_transfer_and_a_silent_node_are_a_gap() -> None:
@@ -231,24 +233,22 @@ def test_a_silent_transfer_and_a_silent_node_are_a_gap() -> None:
     frames += [(9.5, CanFrame.parse("609#4008100000000000")), (9.6, CanFrame.parse("589#4108100015000000"))]
     events = events_of(merged(frames))
     (gap,) = of(Gap, events)
-    assert isinstance(gap, Gap)
     assert gap.evidence.startswith("1 heartbeat, 1 transfer: all silent at once")
-    assert [one.outcome for one in transfers(events)] == ["cut"]
+    assert [report.outcome for report in of(SdoTransferReport, events)] == ["cut"]
 
 
 def test_a_sync_counter_that_jumps_is_a_gap_or_a_violation_by_its_time() -> None:
-    def sync(at: float, number: int) -> tuple[float, CanFrame]:
-        return at, CanFrame(0x80, bytes([number]))
+    def sync(now: float, number: int) -> tuple[float, CanFrame]:
+        return now, CanFrame(0x80, bytes([number]))
 
     frames = [sync(place / 100, place % 10 + 1) for place in range(20)]
-    hole = frames[:12] + frames[15:]
-    (gap,) = of(Gap, events_of(hole))
-    assert isinstance(gap, Gap)
+    incomplete = frames[:12] + frames[15:]
+    (gap,) = of(Gap, events_of(incomplete))
     assert gap.frames == 3
-    jump = frames[:12] + [sync(at, frame.data[0] % 10 + 1) for at, frame in frames[12:]]
-    assert [one.rule for one in events_of(jump) if isinstance(one, Violation)] == ["SYNC-COUNTER"]
+    jump = frames[:12] + [sync(now, frame.data[0] % 10 + 1) for now, frame in frames[12:]]
+    assert [report.rule for report in of(Violation, events_of(jump))] == ["SYNC-COUNTER"]
     assert of(Gap, events_of(jump)) == []
-    summary = [one for one in events_of(frames) if isinstance(one, SyncReport) and one.kind == "summary"]
+    summary = [report for report in of(SyncReport, events_of(frames)) if report.kind == "summary"]
     assert (summary[0].beats, round(summary[0].period or 0, 6)) == (20, 0.01)
 
 
@@ -258,7 +258,6 @@ def test_losses_reported_by_the_recorder_are_gaps() -> None:
     for item, frames in ((Dropped(0.0, "can0", 7), 7), (Dropped(0.0, "can0", 0), None), (overrun, None)):
         events = events_of([(0.0, ask), (0.1, item), (0.2, take)])
         (gap,) = of(Gap, events)
-        assert isinstance(gap, Gap)
         assert gap.frames == frames
 
 
@@ -266,9 +265,8 @@ def test_a_clock_that_goes_back_is_a_gap() -> None:
     frames = [*beats(5, 1.0, 10), (2.0, CanFrame.parse("705#05")), (3.0, CanFrame.parse("705#05"))]
     events = events_of(frames)
     (gap,) = of(Gap, events)
-    assert isinstance(gap, Gap)
     assert gap.evidence == "the clock goes back by 8.000 s"
-    assert all(one.kind != "missing" for one in events if isinstance(one, NodeReport) and one.at <= 3.0)
+    assert all(report.kind != "missing" for report in of(NodeReport, events) if report.at <= 3.0)
     mixed = events_of([*beats(5, 1.0, 10), (9.9, CanFrame.parse("080#"))])
     assert of(Gap, mixed) == []
 
@@ -276,7 +274,7 @@ def test_a_clock_that_goes_back_is_a_gap() -> None:
 def test_a_repeated_request_is_only_an_unanswered_transfer() -> None:
     """The same request again may be a poll, so only the missing answer is reported."""
     events = events_of_lines("605#4041600000000000", "605#4041600000000000", "585#4B41600037060000")
-    assert [one.outcome for one in transfers(events)] == ["unanswered", "done"]
+    assert [report.outcome for report in of(SdoTransferReport, events)] == ["unanswered", "done"]
     assert of(Gap, events) + of(Loss, events) + of(Violation, events) == []
 
 
@@ -285,7 +283,7 @@ def test_a_late_answer_is_marked() -> None:
     events = monitor.feed(CanFrame.parse("605#4041600000000000"), 0.0)
     events += monitor.feed(None, 3.0)
     events += monitor.feed(CanFrame.parse("585#4B41600037060000"), 3.5)
-    assert [(one.outcome, one.late, one.began) for one in transfers(events)] == [
+    assert [(report.outcome, report.late, report.began) for report in of(SdoTransferReport, events)] == [
         ("unanswered", False, 0.0),
         ("done", True, 0.0),
     ]
@@ -296,7 +294,40 @@ def test_a_recording_that_begins_within_a_block(start: int) -> None:
     """Segments are not taken for other messages, although their numbers look like commands."""
     frames = list(whole(block_down))[start:]
     events = events_of(frames)
-    first, *others = transfers(events)
+    first, *others = of(SdoTransferReport, events)
     assert of(Violation, events) == []
     assert (first.manner, first.began, first.data) == ("block", None, None) or start == 1
-    assert [one.manner for one in others] == ["expedited", "expedited"]
+    assert [report.manner for report in others] == ["expedited", "expedited"]
+
+
+# Random frames of a long run
+
+DEPEND_ON_ONE_FRAME = {"PDO-NOT-OPERATIONAL", "GUARD-TOGGLE", "HEARTBEAT-TOGGLE", "SYNC-COUNTER"}
+"""Rules that depend on a single frame, such as a start command, a guarding request or a SYNC, which may be missing."""
+
+
+def transferred(events: list[MonitorEvent]) -> set[tuple[object, ...]]:
+    """Return the values that were read and written, as far as they are reported."""
+    complete = [
+        report for report in of(SdoTransferReport, events) if report.outcome == "done" and report.data is not None
+    ]
+    return {
+        (report.node, report.index, report.sub, report.direction, report.data)
+        for report in complete
+        if report.index is not None
+    }
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 10, 50])
+def test_frames_taken_out_of_a_recording_break_no_sdo_rule(length: int) -> None:
+    known = [of_device(load("az3"), DRIVE)]
+    dice, frames = random.Random(length), recorded()[:1900]  # up to the long block transfers, and some frames more
+    values, gaps = transferred(events_of(frames, known)), 0
+    for _ in range(15):
+        begin = dice.randrange(len(frames) - length)
+        events = events_of(frames[:begin] + frames[begin + length :], known)
+        assert of(Loss, events) == []
+        assert {event.rule for event in of(Violation, events)} <= DEPEND_ON_ONE_FRAME
+        assert transferred(events) <= values  # no value is invented
+        gaps += bool(of(Gap, events))
+    assert gaps > 2

@@ -22,14 +22,14 @@ from barewire.explain.can_monitor.events import (
     SdoTransferReport,
     Violation,
 )
-from tests.explain.can_monitor.recorded_run import DRIVE, recorded
+from tests.explain.can_monitor.recorded_run import DRIVE, of, recorded
 
 PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
 ROW = re.compile(r"^\| `([a-z-]+)` \| (`at`.*) \|$", re.MULTILINE)
 
 
 def documented() -> dict[str, tuple[list[str], list[str]]]:
-    """The keys that each event always has, and those that it has under a condition."""
+    """Return the keys that each event always has, and those that it has under a condition."""
     rows = dict(ROW.findall(PAGE.read_text(encoding="utf-8")))
     halves = {name: text.partition(";") for name, text in rows.items()}
     return {name: (re.findall(r"`(\w+)`", a), re.findall(r"`(\w+)`", b)) for name, (a, _, b) in halves.items()}
@@ -40,7 +40,7 @@ def test_the_page_has_the_json_keys_of_every_event() -> None:
     assert set(table) == set(EVENT_KINDS.values())
     added = {"violation": ["clause"], "emcy": ["text", "errors"]}
     for kind, name in EVENT_KINDS.items():
-        names = [one.name for one in fields(kind)] if is_dataclass(kind) else list(kind._fields)  # type: ignore[attr-defined]
+        names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(kind._fields)  # type: ignore[attr-defined]
         assert table[name][0] == [*names, *added.get(name, [])], name
     for event in (
         Violation(1.0, "SDO-MUX", 5, "x"), EmcyReport(1.0, 5, 0x1000, 1, b""),
@@ -55,7 +55,7 @@ def test_the_page_has_the_json_keys_of_every_event() -> None:
 
 def test_a_recorded_run_has_only_documented_json_keys() -> None:
     table, monitor = documented(), CanMonitor([of_device(load("az3"), DRIVE)])
-    events = [event for at, frame in recorded() for event in monitor.feed(frame, at)]
+    events = [event for now, frame in recorded() for event in monitor.feed(frame, now)]
     for result in map(event_as_dict, [*events, *monitor.end(monitor.now)]):
         always, sometimes = table[result["event"]]
         assert {"event", *always} <= set(result) <= {"event", *always, *sometimes}
@@ -114,7 +114,7 @@ def test_a_value_of_any_type_is_valid_json_and_text(code: int, data: str, value:
     document = eds.parse(FILE.format(code=code, bits=4 * len(data)).encode())
     monitor = CanMonitor([of_dictionary(document.dictionary(5), 5)])
     monitor.feed(CanFrame.parse("705#05"), 0.0)
-    (event,) = (one for one in monitor.feed(CanFrame.parse(f"185#{data}"), 1.0) if isinstance(one, PdoReport))
+    (event,) = of(PdoReport, monitor.feed(CanFrame.parse(f"185#{data}"), 1.0))
     result = json.loads(json.dumps(event_as_dict(event), allow_nan=False))
     assert result["values"] == {"v": value}
     assert event_line(event).endswith(f"v = {text}")

@@ -32,15 +32,15 @@ from barewire.explain.can_monitor.events import (
     Violation,
 )
 from barewire.explain.canopen.frame import explain_can
-from tests.explain.can_monitor.recorded_run import DRIVE, LONG, PLAIN, recorded
+from tests.explain.can_monitor.recorded_run import DRIVE, LONG, PLAIN, of, recorded
 
 
 def listen(
     frames: Sequence[tuple[float, AnyFrame | str]], known: Sequence[KnownNode] = (), end: float | None = None
 ) -> list[MonitorEvent]:
     monitor, events = CanMonitor(known), list[MonitorEvent]()
-    for at, frame in frames:
-        events += monitor.feed(CanFrame.parse(frame) if isinstance(frame, str) else frame, at)
+    for now, frame in frames:
+        events += monitor.feed(CanFrame.parse(frame) if isinstance(frame, str) else frame, now)
     return events + monitor.end(frames[-1][0] if end is None else end)
 
 
@@ -57,14 +57,14 @@ def test_every_service_of_a_recorded_run_is_reported_with_its_values() -> None:
     events = listen(recorded(), [az3()])
     assert [event for event in events if isinstance(event, Gap | Violation)] == []
     transfers = {
-        (one.node, one.direction, one.manner, one.index): one for one in events if isinstance(one, SdoTransferReport)
+        (event.node, event.direction, event.manner, event.index): event for event in of(SdoTransferReport, events)
     }
     assert transfers[DRIVE, "upload", "expedited", 0x6041].name == "STATUS WORD"
     assert transfers[PLAIN, "upload", "segmented", 0x1008].data == b"thermometer for tests"
     assert transfers[PLAIN, "download", "segmented", 0x2100].data == b"in segments, 26 bytes long"
     for direction in ("upload", "download"):
-        one = transfers[PLAIN, direction, "block", 0x2100]
-        assert (one.data, one.crc, one.blocks, one.size) == (LONG, "ok", 3, len(LONG))
+        block = transfers[PLAIN, direction, "block", 0x2100]
+        assert (block.data, block.crc, block.blocks, block.size) == (LONG, "ok", 3, len(LONG))
     assert transfers[PLAIN, "upload", "segmented", 0x2101].data == b""
     assert (
         transfers[DRIVE, "upload", "expedited", 0x5FFF].abort,
@@ -75,18 +75,16 @@ def test_every_service_of_a_recorded_run_is_reported_with_its_values() -> None:
     )
     refused = transfers[PLAIN, "download", "expedited", 0x6001]
     assert (refused.outcome, refused.abort, refused.data) == ("aborted", 0x06090031, b"\x08\x07")
-    assert [one.text for one in events if isinstance(one, TimeReport)] == ["2024-02-29 12:34:56.789"]
-    assert [(one.code, one.register) for one in events if isinstance(one, EmcyReport)][1:] == [
+    assert [event.text for event in of(TimeReport, events)] == ["2024-02-29 12:34:56.789"]
+    assert [(event.code, event.register) for event in of(EmcyReport, events)][1:] == [
         (0x4210, 0x19),
         (0, 0x11),
     ]
-    assert [(one.command, one.node) for one in events if isinstance(one, NmtCommandReport)] == [(1, 0)]
-    assert [one.text for one in events if isinstance(one, LssReport)][-1].endswith(
-        "found 11223344-FFFFFFFF-00000000-80000001"
-    )
-    assert any(one.guarded for one in events if isinstance(one, NodeReport))
-    beats = [one for one in events if isinstance(one, SyncReport) and one.kind == "summary"]
-    assert [(one.beats, round(one.period or 0, 6)) for one in beats] == [(303, 0.01)]
+    assert [(event.command, event.node) for event in of(NmtCommandReport, events)] == [(1, 0)]
+    assert [event.text for event in of(LssReport, events)][-1].endswith("found 11223344-FFFFFFFF-00000000-80000001")
+    assert any(event.guarded for event in of(NodeReport, events))
+    beats = [event for event in of(SyncReport, events) if event.kind == "summary"]
+    assert [(event.beats, round(event.period or 0, 6)) for event in beats] == [(303, 0.01)]
     summary = events[-1]
     assert isinstance(summary, Summary)
     assert (summary.frames, sum(summary.counts.values())) == (len(recorded()), len(recorded()))
@@ -94,7 +92,7 @@ def test_every_service_of_a_recorded_run_is_reported_with_its_values() -> None:
 
 def test_a_time_offset_changes_only_the_times() -> None:
     def lines(begin: float) -> list[str]:
-        events = listen([(begin + at, frame) for at, frame in recorded()[:300]])
+        events = listen([(begin + now, frame) for now, frame in recorded()[:300]])
         return [re.sub(r"[0-9.]+ m?s", "", event_line(event).partition("  ")[2]) for event in events]
 
     assert lines(4096.0) == lines(0.0)
@@ -105,13 +103,13 @@ def test_a_time_offset_changes_only_the_times() -> None:
 
 def test_process_data_is_named_and_repeated_data_is_marked() -> None:
     frames = every("205#0F00A8610000", "205#0F00A8610000", "205#0F00589EFFFF", "185#R8")
-    reports = [one for one in listen(frames, [az3()]) if isinstance(one, PdoReport)]
-    assert [one.values for one in reports[:3]] == [
+    reports = of(PdoReport, listen(frames, [az3()]))
+    assert [event.values for event in reports[:3]] == [
         {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
         {"CONTROL WORD": 15, "TARGET VELOCITY": 25000},
         {"CONTROL WORD": 15, "TARGET VELOCITY": -25000},
     ]
-    assert [(one.repeated, one.requested) for one in reports] == [
+    assert [(event.repeated, event.requested) for event in reports] == [
         (False, False),
         (True, False),
         (False, False),
@@ -123,12 +121,12 @@ def test_process_data_is_named_and_repeated_data_is_marked() -> None:
 def test_an_eds_gives_the_same_values_as_the_catalogue() -> None:
     document = parse(export(load("az3")).encode())
     known = of_dictionary(document.dictionary(DRIVE), DRIVE)
-    frames = [(at, frame) for at, frame in recorded() if at < 2.5]
-    one, other = (
-        [e for e in listen(frames, [k]) if isinstance(e, PdoReport) and e.node == DRIVE] for k in (az3(), known)
+    frames = [(now, frame) for now, frame in recorded() if now < 2.5]
+    from_eds, from_catalogue = (
+        [report for report in of(PdoReport, listen(frames, [node])) if report.node == DRIVE] for node in (known, az3())
     )
-    assert len(one) > 40
-    assert [event.values for event in one] == [event.values for event in other]
+    assert len(from_eds) > 40
+    assert [event.values for event in from_eds] == [event.values for event in from_catalogue]
 
 
 def sdo_writes(*writes: tuple[int, int, str], node: int = DRIVE) -> list[str]:
@@ -150,14 +148,14 @@ REMAP = [
 def test_a_changed_mapping_is_followed() -> None:
     lines = [*sdo_writes(*REMAP), "1A0#371601000000", "705#00", "185#3706000000000000"]
     events = listen(every(*lines, step=0.01), [az3()])
-    mapped = [one for one in events if isinstance(one, PdoMappingReport)]
-    assert [(one.name, one.cob_id, one.objects) for one in mapped] == [
+    mapped = of(PdoMappingReport, events)
+    assert [(event.name, event.cob_id, event.objects) for event in mapped] == [
         ("TPDO1", None, ()),
         ("TPDO1", 0x1A0, ("STATUS WORD", "POSITION ACTUAL VALUE")),
         ("TPDO1", 0x185, mapped[-1].objects),
     ]
     assert len(mapped[-1].objects) == 4
-    reports = [one for one in events if isinstance(one, PdoReport)]
+    reports = of(PdoReport, events)
     assert (reports[0].node, reports[0].name, reports[0].values) == (
         *(DRIVE, "TPDO1"),
         {"STATUS WORD": 0x1637, "POSITION ACTUAL VALUE": 1},
@@ -168,7 +166,7 @@ def test_a_changed_mapping_is_followed() -> None:
 def test_a_stored_mapping_survives_a_boot() -> None:
     store = sdo_writes((0x1010, 1, "73617665"))
     events = listen(every(*sdo_writes(*REMAP), *store, "705#00", "1A0#371601000000", step=0.01), [az3()])
-    assert [one.values["POSITION ACTUAL VALUE"] for one in events if isinstance(one, PdoReport)] == [1]
+    assert [event.values["POSITION ACTUAL VALUE"] for event in of(PdoReport, events)] == [1]
 
 
 def test_the_mapping_of_a_node_without_description_is_learned() -> None:
@@ -179,14 +177,14 @@ def test_the_mapping_of_a_node_without_description_is_learned() -> None:
         size = len(bytes.fromhex(data))
         reads += [f"607#40{place}00000000", f"587#{0x4F - 4 * (size - 1):02X}{place}{data.ljust(8, '0')}"]
     for lines in (reads, sdo_writes(*[(0x1A00, 1, "08004160"), (0x1A00, 2, "10016060"), (0x1A00, 0, "02")], node=7)):
-        (reports,) = [one for one in listen(every(*lines, "187#01FFFF")) if isinstance(one, PdoReport)]
+        (reports,) = of(PdoReport, listen(every(*lines, "187#01FFFF")))
         assert reports.values == {"6041h:00": 1, "6060h:01": 0xFFFF}
 
 
 def test_a_further_sdo_channel_is_learned() -> None:
     lines = sdo_writes((0x1201, 1, "C0060000"), (0x1201, 2, "40060000"))
     events = listen(every(*lines, "6C0#4041600000000000", "640#4B41600037060000"))
-    last = [one for one in events if isinstance(one, SdoTransferReport)][-1]
+    last = of(SdoTransferReport, events)[-1]
     assert (last.node, last.channel, last.data) == (DRIVE, 0x6C0, b"\x37\x06")
 
 
@@ -233,8 +231,8 @@ def test_the_configured_heartbeat_period_sets_the_deadline() -> None:
         (0.6, "080#"),
     ]
     monitor, events = CanMonitor(), list[MonitorEvent]()
-    for at, line in lines:
-        events += monitor.feed(CanFrame.parse(line), at)
+    for now, line in lines:
+        events += monitor.feed(CanFrame.parse(line), now)
     assert monitor.deadline == pytest.approx(1.1)
     (missing,) = monitor.feed(None, 1.2)
     assert isinstance(missing, NodeReport)
@@ -255,13 +253,13 @@ def test_heartbeats_switched_off_are_not_reported_missing() -> None:
 
 def test_a_node_that_reboots_by_itself() -> None:
     events = listen(every("705#05", "705#05", "705#00", "705#7F"))
-    reports = [(one.kind, one.state, one.before) for one in events if isinstance(one, NodeReport) and not one.repeated]
+    reports = [(event.kind, event.state, event.before) for event in of(NodeReport, events) if not event.repeated]
     assert reports == [("heard", 5, None), ("boot-up", 0, 5), ("state", 0x7F, 0)]
 
 
 def test_an_unanswered_guarding_request_excuses_the_toggle_bit() -> None:
     events = listen(every("705#R1", "705#05", "705#R1", "705#R1", "705#05", "705#R1", "705#85"))
-    assert [one.rule for one in events if isinstance(one, Violation)] == []
+    assert [event.rule for event in of(Violation, events)] == []
 
 
 def test_emergencies_and_foreign_frames() -> None:
@@ -273,10 +271,13 @@ def test_emergencies_and_foreign_frames() -> None:
         (0.8, ErrorFrame(0x04, b"\0\x10")),
     ]
     events = listen(frames)
-    (emergency,) = [one for one in events if isinstance(one, EmcyReport)]
+    (emergency,) = of(EmcyReport, events)
     assert (emergency.code, emergency.info) == (0x8130, b"\x02\0\0\0\0")
-    assert [one.what for one in events if isinstance(one, ForeignFrameReport)] == ["extended identifier", "CAN FD"]
-    assert [(one.text, one.repeated) for one in events if isinstance(one, BusErrorReport)] == [
+    assert [event.what for event in of(ForeignFrameReport, events)] == [
+        "extended identifier",
+        "CAN FD",
+    ]
+    assert [(event.text, event.repeated) for event in of(BusErrorReport, events)] == [
         *(("bus off", False), ("bus off", True), ("controller problem: error passive (receiving)", False)),
     ]
     summary = events[-1]
@@ -285,12 +286,10 @@ def test_emergencies_and_foreign_frames() -> None:
 
 
 def test_a_fastscan_without_a_device_and_an_invalid_one() -> None:
-    lss = [
-        one.text for one in listen(every("7E5#5100000000800000", "7E5#4C00000000000000")) if isinstance(one, LssReport)
-    ]
+    lss = [event.text for event in of(LssReport, listen(every("7E5#5100000000800000", "7E5#4C00000000000000")))]
     assert lss[0].endswith("0 answers: no device")
     assert lss[1] == "identify devices without a node-ID"
-    odd = [one.text for one in listen(every("7E5#5100000000200000")) if isinstance(one, LssReport)]
+    odd = [event.text for event in of(LssReport, listen(every("7E5#5100000000200000")))]
     assert odd[0].startswith("fastscan that no device answers: ")
 
 
@@ -298,8 +297,8 @@ def test_the_jitter_of_sync_and_a_missing_sync() -> None:
     """Period and jitter of SYNC, and a SYNC that does not come."""
     frames = [(place * 0.01 + (0.001 if place % 2 else 0.0), "080#") for place in range(20)]
     monitor, events = CanMonitor(), list[MonitorEvent]()
-    for at, line in frames:
-        events += monitor.feed(CanFrame.parse(line), at)
+    for now, line in frames:
+        events += monitor.feed(CanFrame.parse(line), now)
     due = monitor.deadline
     assert due is not None
     (missing,) = monitor.feed(None, due)

@@ -12,6 +12,7 @@ from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire.explain.can_monitor import BUS_RULES, CanMonitor, event_line, of_device
 from barewire.explain.can_monitor.events import MonitorEvent, Violation
+from tests.explain.can_monitor.recorded_run import of
 
 PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
 
@@ -21,7 +22,7 @@ STOPPED, PREOP, OPERATIONAL = "705#04", "705#7F", "705#05"
 
 
 def block(crc: int, *, blksize: str = "7F", first: str = "01", ack: str = "02", size: str = "0A000000") -> list[str]:
-    """A block download of ten bytes, with at most one fault."""
+    """Return a block download of ten bytes, with at most one fault."""
     return [
         f"605#C6002100{size}",
         f"585#A4002100{blksize}000000",
@@ -107,13 +108,13 @@ CASES: dict[str, tuple[list[str], list[str]]] = {
 
 def broken(lines: list[str]) -> list[Violation]:
     known = [of_device(load("az3"), 5)]
-    monitor = CanMonitor([one._replace(commands=()) for one in known])
+    monitor = CanMonitor([node._replace(commands=()) for node in known])
     events: list[MonitorEvent] = []
     for place, line in enumerate(lines):
         events += monitor.feed(CanFrame.parse(line), place / 10)
     events += monitor.end(len(lines) / 10)
     assert all(event_line(event).isprintable() for event in events)
-    return [event for event in events if isinstance(event, Violation) and not event.repeated]
+    return [violation for violation in of(Violation, events) if not violation.repeated]
 
 
 def test_every_rule_has_its_case_and_no_other() -> None:
@@ -123,30 +124,30 @@ def test_every_rule_has_its_case_and_no_other() -> None:
 @pytest.mark.parametrize("rule", BUS_RULES)
 def test_a_broken_rule_is_found(rule: str) -> None:
     found = broken(CASES[rule][0])
-    assert rule in [one.rule for one in found], found
-    shown = next(one for one in found if one.rule == rule)
+    assert rule in [violation.rule for violation in found], found
+    shown = next(violation for violation in found if violation.rule == rule)
     assert shown.frame in [line.upper() for line in CASES[rule][0]]
     assert shown.text
 
 
 @pytest.mark.parametrize("rule", BUS_RULES)
 def test_a_kept_rule_is_not_reported(rule: str) -> None:
-    assert [one for one in broken(CASES[rule][1]) if one.rule == rule] == []
+    assert [violation for violation in broken(CASES[rule][1]) if violation.rule == rule] == []
 
 
 def test_the_dialect_of_a_known_device_breaks_no_rule() -> None:
     monitor = CanMonitor([of_device(load("az3"), 5)])
     events = monitor.feed(CanFrame.parse("605#4B41600000000000"), 0.0)
-    assert [event for event in events if isinstance(event, Violation)] == []
+    assert of(Violation, events) == []
     events = monitor.feed(CanFrame.parse("606#4B41600000000000"), 0.0)
     events += monitor.feed(CanFrame.parse("586#4B41600037060000"), 0.1)  # so it is not a segment of a block
-    assert [event.rule for event in events if isinstance(event, Violation)] == ["SDO-RESERVED"]
+    assert [violation.rule for violation in of(Violation, events)] == ["SDO-RESERVED"]
 
 
 def test_a_repeated_violation_is_reported_once_and_counted() -> None:
     whole = "185#0102030405060708"
     assert len(broken([PREOP, *[whole] * 20])) == 1
-    assert [one.rule for one in broken(["185#0102"] * 20)] == ["PDO-TOO-SHORT"]
+    assert [violation.rule for violation in broken(["185#0102"] * 20)] == ["PDO-TOO-SHORT"]
     assert len(broken(["6E5#01", "6E5#02", "6E6#01"])) == 2
     monitor = CanMonitor()
     for place in range(20):
@@ -158,5 +159,5 @@ def test_the_page_lists_all_rules() -> None:
     page = PAGE.read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([A-Z-]+)` \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
     assert [(rule, clause.strip(), text.strip()) for rule, clause, text in listed] == [
-        (rule, one.clause, one.text) for rule, one in BUS_RULES.items()
+        (name, rule.clause, rule.text) for name, rule in BUS_RULES.items()
     ]

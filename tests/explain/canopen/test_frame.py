@@ -16,7 +16,7 @@ def of(frame: str) -> Explanation:
 
 
 def meaning(frame: str, name: str) -> str:
-    return next(one.meaning for one in of(frame).fields if one.name == name)
+    return next(field.meaning for field in of(frame).fields if field.name == name)
 
 
 @pytest.mark.parametrize(
@@ -146,17 +146,17 @@ def test_a_value_is_shown_as_every_number_of_its_width(frame: str, reading: str)
 
 def test_bytes_after_a_short_value_are_unused() -> None:
     explanation = of("605#2B4060000F00AABB")
-    assert [(one.name, one.hex) for one in explanation.fields[-2:]] == [("data", "0F 00"), ("unused", "AA BB")]
+    assert [(field.name, field.hex) for field in explanation.fields[-2:]] == [("data", "0F 00"), ("unused", "AA BB")]
 
 
 def test_the_numbers_of_block_messages_are_explained() -> None:
     assert meaning("605#A408100014150000", "protocol switch") == "ordinary upload up to this many bytes"
     assert meaning("605#A408100014000000", "protocol switch") == "no ordinary upload"
-    assert [(one.name, one.value) for one in of("585#A24A7F0000000000").fields[2:4]] == [
+    assert [(field.name, field.value) for field in of("585#A24A7F0000000000").fields[2:4]] == [
         ("sequence", 74),
         ("block size", 127),
     ]
-    assert [(one.name, one.value) for one in of("605#D1589C0000000000").fields[2:3]] == [("CRC", 0x9C58)]
+    assert [(field.name, field.value) for field in of("605#D1589C0000000000").fields[2:3]] == [("CRC", 0x9C58)]
 
 
 def test_text_in_a_segment_is_shown() -> None:

@@ -21,7 +21,7 @@ def blf(*objects: bytes) -> bytes:
 
 
 def logged(kind: int, body: bytes, at: int = 0, *, flags: int = 2, version: int = 1) -> bytes:
-    """An object with its padding: `at` in nanoseconds, or in 10 us with `flags` 1."""
+    """Return an object with its padding: `at` in nanoseconds, or in 10 us with `flags` 1."""
     head = struct.pack("<LHHQ", flags, 0, 0, at) + (bytes(8) if version == 2 else b"")
     size = 16 + len(head) + len(body)
     return struct.pack("<4sHHLL", b"LOBJ", 16 + len(head), version, size, kind) + head + body + bytes(size % 4)
@@ -38,7 +38,7 @@ def classical(number: int, data: bytes, *, channel: int = 1, flags: int = 0, kin
 
 
 def fd_64(data: bytes, length: int, code: int, flags: int, behind: int = 0) -> bytes:
-    """An object of type 101; zeros at the end of the data may be left out."""
+    """Return an object of type 101; zeros at the end of the data may be left out."""
     body = struct.pack("<BBBBLLL18xBBL", 2, code, length, 0, 0x123, 0, flags, 0, behind, 0) + data
     return logged(101, body, version=2)
 

@@ -43,7 +43,7 @@ def random_frames(count: int, seed: int) -> list[AnyFrame]:
 
 
 def shown(frame: AnyFrame) -> tuple[Any, ...]:
-    """The comparable parts of a frame; the ASC of python-can does not keep the requested length of a remote frame."""
+    """Return the comparable parts of a frame; the ASC of python-can drops the requested length of a remote frame."""
     if isinstance(frame, ErrorFrame):
         return ("error",)
     fd = isinstance(frame, FdFrame)
@@ -51,14 +51,20 @@ def shown(frame: AnyFrame) -> tuple[Any, ...]:
     return frame.id, frame.extended, fd, not fd and getattr(frame, "remote", False), flags, frame.data
 
 
-def theirs(one: can.Message) -> tuple[Any, ...]:
-    if one.is_error_frame:
+def shown_by_python_can(message: can.Message) -> tuple[Any, ...]:
+    if message.is_error_frame:
         return ("error",)
-    flags = (one.bitrate_switch | one.error_state_indicator << 1) if one.is_fd else 0
+    flags = (message.bitrate_switch | message.error_state_indicator << 1) if message.is_fd else 0
     return (
-        # Their reader of ASC takes a CAN FD frame without data for a remote one, of which there are none.
-        *(one.arbitration_id, one.is_extended_id, one.is_fd, one.is_remote_frame and not one.is_fd, flags),
-        b"" if one.is_remote_frame else bytes(one.data),
+        # The ASC reader of python-can takes a CAN FD frame without data for a remote frame, which CAN FD does not have.
+        *(
+            message.arbitration_id,
+            message.is_extended_id,
+            message.is_fd,
+            message.is_remote_frame and not message.is_fd,
+            flags,
+        ),
+        b"" if message.is_remote_frame else bytes(message.data),
     )
 
 
@@ -74,13 +80,17 @@ def test_random_frames_are_read_as_python_can_reads_them(form: str, tmp_path: Pa
             writer.on_message_received(message(BEGAN + place / 1000, frame))
     ours = [item for item in read_recording(file.read_bytes()) if isinstance(item, Recorded)]
     with READERS[form](str(file)) as reader:
-        them = list(reader)
-    assert [shown(item.frame) for item in ours] == [theirs(one) for one in them] == [shown(one) for one in made]
-    began = ours[0].at - float(them[0].timestamp)
-    assert all(abs(item.at - began - float(one.timestamp)) < 2e-6 for item, one in zip(ours, them))
+        messages = list(reader)
+    assert (
+        [shown(item.frame) for item in ours]
+        == [shown_by_python_can(message) for message in messages]
+        == [shown(frame) for frame in made]
+    )
+    began = ours[0].at - float(messages[0].timestamp)
+    assert all(abs(item.at - began - float(message.timestamp)) < 2e-6 for item, message in zip(ours, messages))
     if form != "asc":
         assert [item.frame.dlc for item in ours if isinstance(item.frame, CanFrame)] == [
-            one.dlc for one in them if not one.is_fd and not one.is_error_frame
+            message.dlc for message in messages if not message.is_fd and not message.is_error_frame
         ]
 
 
@@ -183,12 +193,12 @@ def test_an_invalid_time_is_unread(stamp: str) -> None:
 def seeds() -> dict[str, bytes]:
     run = [*frames()[:60], *((BEGAN + 30 + place, frame) for place, frame in enumerate(MIXED))]
     keeper = CanRecordingWriter("a.pcapng")
-    capture = keeper.start + b"".join(keeper.put(at, f"can{place % 3}", one) for place, (at, one) in enumerate(run))
+    capture = keeper.start + b"".join(keeper.put(at, f"can{place % 3}", frame) for place, (at, frame) in enumerate(run))
     asc = ["base hex  timestamps absolute"]
-    asc += [f"{at - BEGAN:9.6f} 1  {one.id:X} Rx d {one.dlc} {one.data.hex(' ')}" for at, one in frames()[:60]]
-    objects = [classical(one.id, one.data, at=round((at - BEGAN) * 1e9)) for at, one in frames()[:60]]
+    asc += [f"{at - BEGAN:9.6f} 1  {frame.id:X} Rx d {frame.dlc} {frame.data.hex(' ')}" for at, frame in frames()[:60]]
+    objects = [classical(frame.id, frame.data, at=round((at - BEGAN) * 1e9)) for at, frame in frames()[:60]]
     return {
-        "candump": "\n".join(log_line(at, "can0", one) for at, one in run).encode(),
+        "candump": "\n".join(log_line(at, "can0", frame) for at, frame in run).encode(),
         "screen": b"\n".join(b" (%f)  can0  705   [2]  0%d 7F" % (at, at % 9) for at in range(60)),
         "asc": "\n".join(asc).encode(),
         "blf": blf(container(b"".join(objects[:30])), container(b"".join(objects[30:]), packing=0)),

@@ -43,12 +43,12 @@ MIXED: list[AnyFrame] = [
 
 @cache
 def frames() -> tuple[tuple[float, CanFrame], ...]:
-    """The run without its fastscan, which is long; times to the microsecond, as files have them."""
+    """Return the run without its fastscan, which is long; times to the microsecond, as files have them."""
     return tuple((BEGAN + round(at, 6), frame) for at, frame in recorded()[:1500])
 
 
 def events(items: Iterator[RecordedItem]) -> list[dict[str, Any]]:
-    """The events as dicts, with times since the first frame."""
+    """Return the events as dicts, with times since the first frame."""
     found = [event_as_dict(event) for _, event in replay_can(items, [of_device(load("az3"), DRIVE)])]
     first = found[0]["at"]
     for event in found:
@@ -228,7 +228,11 @@ def test_asc_of_log2asc_gives_the_same_events(options: list[str], tmp_path: Path
     ).stdout
 
     def values(found: list[dict[str, Any]]) -> list[Any]:
-        return [(one["event"], one.get("data"), one.get("values")) for one in found if one["event"] in ("sdo", "pdo")]
+        return [
+            (event["event"], event.get("data"), event.get("values"))
+            for event in found
+            if event["event"] in ("sdo", "pdo")
+        ]
 
     assert values(events(read_recording(done))) == values(expected())
 

@@ -42,11 +42,11 @@ def names(events: list[SnifferEvent]) -> list[str]:
 def test_written_packets_are_read_back(packets: list[tuple[int, bytes]]) -> None:
     file = file_header() + b"".join(packet_block(micros / 1e6, data) for micros, data in packets)
     assert is_capture(file)
-    assert [(round(one.at * 1e6), one.data) for one in read_packets(file)] == packets
+    assert [(round(packet.at * 1e6), packet.data) for packet in read_packets(file)] == packets
 
 
 def section(order: str, link: int, resolution: int, *packets: tuple[int, bytes]) -> bytes:
-    """A file of another program: either byte order, an option for the unit of time, an unknown block."""
+    """Return a file of another program: either byte order, an option for the unit of time, an unknown block."""
 
     def block(kind: int, body: bytes) -> bytes:
         body += bytes(-len(body) % 4)
@@ -268,7 +268,7 @@ def test_events_for_programs() -> None:
     events = list(replay(f"{log}\n9.5 FF 00".encode()))
     assert names(events) == ["RequestSeen", "ResponseSeen", "AmbiguousFrame", "RequestSeen", "NoiseSeen"]
     dicts = [json.loads(json.dumps(exchange_as_dict(event))) for event in events]
-    assert [one["event"] for one in dicts] == ["request", "response", "half", "broadcast", "noise"]
+    assert [event["event"] for event in dicts] == ["request", "response", "half", "broadcast", "noise"]
     assert dicts[0]["fields"] == {"function_code": 3, "address": 0, "quantity": 1}
     assert (dicts[1]["exception"], dicts[1]["request_at"], dicts[1]["seconds"]) == (2, 1.0, 0.5)
     assert dicts[4]["data"] == "ff00"
@@ -293,7 +293,7 @@ def test_any_exchange_has_a_line_and_a_dict(unit: int, pdu: bytes, answered: boo
 
 
 def over_ipv6(frame: bytes, from_client: bool, *extensions: tuple[int, bytes], version: int = 6) -> bytes:
-    """A packet of ours with another head: the segment of TCP or UDP stays as it is."""
+    """Return a packet of ours with another head: the segment of TCP or UDP stays as it is."""
     segment = frame[34:]
     kind, inner = frame[23], segment
     for number, content in reversed(extensions):

@@ -18,12 +18,12 @@ def of_rtu(pdu: str, role: FrameRole | None = None, unit: int = 1) -> Explanatio
 
 
 def field(explanation: Explanation, name: str) -> ExplainedField:
-    (found,) = [one for one in explanation.fields if one.name == name]
+    (found,) = [field for field in explanation.fields if field.name == name]
     return found
 
 
 def meanings(explanation: Explanation) -> dict[str, str]:
-    return {one.name: one.meaning for one in explanation.fields}
+    return {field.name: field.meaning for field in explanation.fields}
 
 
 # A valid and a broken frame ---------------------------------------------------------------------
@@ -32,7 +32,7 @@ def meanings(explanation: Explanation) -> dict[str, str]:
 def test_a_request_is_named_field_by_field() -> None:
     explanation = explain("rtu", bytes.fromhex("01040FB1000222F8"))
     assert (explanation.valid, explanation.role, explanation.error) == (True, "request", None)
-    assert [(one.offset, one.length, one.name, one.hex, one.value) for one in explanation.fields] == [
+    assert [(field.offset, field.length, field.name, field.hex, field.value) for field in explanation.fields] == [
         (0, 1, "unit", "01", 1),
         (1, 1, "function code", "04", 4),
         (2, 2, "address", "0F B1", 0x0FB1),
@@ -53,7 +53,7 @@ def test_a_wrong_crc_leaves_all_fields_explained() -> None:
     explanation = explain("rtu", bytes.fromhex("010404000001103BC3"), "response")
     assert (explanation.valid, explanation.role) == (False, "response")
     assert explanation.error == ("checksum", 7, "CRC is 3B C3, should be FB D8")
-    assert [one.name for one in explanation.fields] == [
+    assert [field.name for field in explanation.fields] == [
         *("unit", "function code", "byte count", "register 0", "register 1", "CRC"),
     ]
     assert field(explanation, "CRC").meaning == "CRC wrong, should be FB D8"
@@ -64,7 +64,7 @@ def test_the_dict_has_these_keys_and_is_json() -> None:
     explanation = explain("rtu", bytes.fromhex("018302C0F0"), "response").as_dict()
     assert list(explanation) == ["protocol", "valid", "role", "fields", "error"]
     fields: Any = explanation["fields"]
-    assert [list(one) for one in fields] == [["offset", "length", "name", "hex", "value", "meaning"]] * 4
+    assert [list(field) for field in fields] == [["offset", "length", "name", "hex", "value", "meaning"]] * 4
     assert json.loads(json.dumps(explanation)) == explanation
     assert explanation["error"] == {"reason": "checksum", "at": 3, "text": "CRC is C0 F0, should be C0 F1"}
     assert explain("rtu", rtu.encode(1, b"\x07")).as_dict()["error"] is None
@@ -218,7 +218,7 @@ def test_a_frame_without_its_crc_is_explained_and_not_valid(frame: str, role: Fr
     assert (explanation.role, whole.role, explanation.valid, whole.valid) == (role, role, False, True)
     assert explanation.error is not None
     assert explanation.error.text.startswith(f"no CRC; with {crc} it is a {role} ")
-    assert [one[2:] for one in explanation.fields[:-1]] == [one[2:] for one in whole.fields[:-1]]
+    assert [field[2:] for field in explanation.fields[:-1]] == [field[2:] for field in whole.fields[:-1]]
     assert (explanation.fields[-1].length, explanation.fields[-1].meaning) == (0, f"is missing; it would be {crc}")
 
 
@@ -280,7 +280,7 @@ def test_the_header_of_tcp_is_checked(frame: str, reason: str, at: int) -> None:
 
 def test_ascii_counts_characters_and_shows_them() -> None:
     explanation = explain("ascii", b":01040FB1000239\r\n")
-    assert [(one.offset, one.length, one.name, one.hex) for one in explanation.fields] == [
+    assert [(field.offset, field.length, field.name, field.hex) for field in explanation.fields] == [
         (0, 1, "start", ":"),
         (1, 2, "unit", "01"),
         (3, 2, "function code", "04"),

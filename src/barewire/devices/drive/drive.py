@@ -43,7 +43,7 @@ from barewire.devices.drive.report import (
     stuck_error,
 )
 from barewire.devices.parameter import Parameter, Reading, show
-from barewire.devices.request_checks import check_encodable
+from barewire.devices.request_checks import check_encodable, check_seconds
 from barewire.errors import BarewireError, EncodeError, Refused
 
 _ENABLED = int(DriveCommand.ENABLE_OPERATION)
@@ -77,8 +77,8 @@ class Drive(Generic[Item]):
         self.access = access
         self.device = device
         self.roles = drive_roles(device)
-        self.timeout = _positive("timeout", timeout)
-        self.period = _positive("period", period)
+        self.timeout = check_seconds("timeout", timeout)
+        self.period = check_seconds("period", period)
         self.progress = progress
         self.control: int | None = None
         """The last control word that was written."""
@@ -107,7 +107,7 @@ class Drive(Generic[Item]):
 
     def quick_stop(self, *, within: float = 30.0) -> Conversation[Item, DriveStatus]:
         """Brake on the quick stop ramp, and wait (`within` seconds) until the shaft stands or the current is off."""
-        _positive("within", within)
+        check_seconds("within", within)
         yield from self._command(int(DriveCommand.QUICK_STOP))
 
         def stands(status: DriveStatus) -> bool:
@@ -308,7 +308,7 @@ class Drive(Generic[Item]):
         self, action: str, mode: str, values: Mapping[str, int | float | None], within: float
     ) -> dict[str, Value]:
         """Return the checked values to write by name, the mode first. Raises EncodeError before anything is sent."""
-        _positive("within", within)
+        check_seconds("within", within)
         if mode not in self.roles.modes:
             raise EncodeError(f"{action}: the description of {self.device.name} has no {mode!r} in modes of [drive]")
         settings: dict[str, Value] = {self.roles.mode: self.roles.modes[mode]}
@@ -386,13 +386,6 @@ class Drive(Generic[Item]):
             with suppress(BarewireError):
                 return (yield from self.access.read([name]))[0]
         return None
-
-
-def _positive(name: str, value: float) -> float:
-    """Return a time in seconds. Raises EncodeError unless it is above 0: waiting for not-a-number would never end."""
-    if not value > 0:
-        raise EncodeError(f"{name} = {value:g}: expected seconds, above 0", name)
-    return value
 
 
 def _check_method(parameter: Parameter, method: Value) -> None:

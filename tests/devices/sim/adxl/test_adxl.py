@@ -73,9 +73,9 @@ def test_ticking_more_often_changes_almost_nothing() -> None:
         often.read("Status")
     seldom.now = 20.0
     seldom.read("Status")
-    one, other = starter(seldom).motor, starter(often).motor
-    assert (one.energy, one.thyristors, one.thermal) == pytest.approx(
-        (other.energy, other.thyristors, other.thermal), 1e-3
+    rare, frequent = starter(seldom).motor, starter(often).motor
+    assert (rare.energy, rare.thyristors, rare.thermal) == pytest.approx(
+        (frequent.energy, frequent.thyristors, frequent.thermal), 1e-3
     )
 
 
@@ -113,7 +113,7 @@ def test_each_command_acts_on_the_counter_that_it_names(bench: Bench) -> None:
         assert bench.read(name)
         bench.ask(WriteSingleRegister(0x2FEF, value))
         assert bench.read(name) == 0
-    assert bench.refused(WriteSingleRegister(0x2FEF, 6)) == 3  # there is no C07
+    assert bench.refused(WriteSingleRegister(0x2FEF, 6)) == 3  # C07 does not exist
     assert bench.refused(WriteSingleRegister(0x2FEF, 13)) == 4  # no copy to restore
 
 

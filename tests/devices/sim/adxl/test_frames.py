@@ -43,10 +43,10 @@ def test_the_parameter_setting_example_byte_for_byte(bench: Bench) -> None:
         assert [reply.data.hex(" ").upper() for reply in replies] == ([frame] if answered else [])
     assert starter(bench).menus.saved[1, 0, 4] == 10
     # Rebooting: exception 06, then everything as saved.
-    asked = encode(1, ReadInputRegisters(0x0FB1, 2).encode())
-    (busy,) = server.feed(asked, 4.0)
+    request = encode(1, ReadInputRegisters(0x0FB1, 2).encode())
+    (busy,) = server.feed(request, 4.0)
     assert decode(busy.data) == Adu(1, bytes.fromhex("8406"))
-    (answer,) = server.feed(asked, 3.0 + REBOOT_TAKES)
+    (answer,) = server.feed(request, 3.0 + REBOOT_TAKES)
     assert decode(answer.data) == Adu(1, bytes.fromhex("0404000000F5"))
     assert answer.data.hex(" ").upper() == "01 04 04 00 00 00 F5 3B C3"  # the manual prints this CRC
 
@@ -61,9 +61,11 @@ ENVELOPES: dict[str, tuple[Any, Any, bool]] = {
 def test_the_same_example_in_the_other_envelopes(bench: Bench, envelope: str) -> None:
     line, frame, serial = ENVELOPES[envelope]
     server = Server(line(), MachineUnits(bench.machine), serial=serial)
-    asked = [bytes.fromhex(rtu)[1:-2] for rtu, _ in STEPS]
-    replies = [b"".join(reply.data for reply in server.feed(frame(pdu), float(at))) for at, pdu in enumerate(asked)]
-    assert replies == [*map(frame, asked[:3]), b""]
+    requests = [bytes.fromhex(rtu)[1:-2] for rtu, _ in STEPS]
+    replies = [
+        b"".join(reply.data for reply in server.feed(frame(pdu), float(second))) for second, pdu in enumerate(requests)
+    ]
+    assert replies == [*map(frame, requests[:3]), b""]
     assert (
         replies[0]
         == {

@@ -8,7 +8,7 @@ from tests.devices.sim.bench import Bench
 
 
 def az3_bench() -> Bench:
-    """A drive that was just switched on and sent its boot-up message."""
+    """Return a drive that was just switched on and sent its boot-up message."""
     bench = Bench(simulator("az3"))
     assert bench.frames() == ["701#00"]
     return bench

@@ -18,7 +18,7 @@ def bench() -> Bench:
 
 
 def states(bench: Bench) -> list[int]:
-    """Which of the coils 80 to 89 are on."""
+    """Return those of the coils 80 to 89 that are on."""
     answer = bench.ask(ReadCoils(80, 10))
     assert answer is not None
     word = int.from_bytes(answer.encode()[2:], "little")
@@ -204,7 +204,7 @@ def test_refusals(bench: Bench) -> None:
     assert bench.refused(WriteSingleRegister(500, 0)) == 2
 
 
-def test_what_the_drive_does_by_itself_at_power_on(bench: Bench) -> None:
+def test_the_drive_can_enable_itself_at_power_on(bench: Bench) -> None:
     bench.write("OPERATION ENABLE AT STARTUP", True)
     bench.write("STORE ALL PARAMETERS", 0x65766173)
     bench.machine.power_cycle(1.0)

@@ -19,14 +19,14 @@ def bench() -> Bench:
     return az3_bench()
 
 
-# One status word on three ways
+# The status word through three transports
 
 
 def test_the_status_word_is_the_same_through_rtu_sdo_and_tpdo1() -> None:
     over_rtu, over_can = rtu("az3"), canopen("az3")
     assert isinstance(over_rtu, ModbusWire)
     assert isinstance(over_can, CanopenWire)
-    # One machine for both: the CAN side of the one that the RTU server has.
+    # Both use one machine, that of the RTU server.
     over_can.machine = over_rtu.machine
     adapter, find = over_rtu.machine.canopen, over_rtu.machine.device.find
     assert adapter is not None
@@ -36,12 +36,12 @@ def test_the_status_word_is_the_same_through_rtu_sdo_and_tpdo1() -> None:
         over_rtu.write({find("CONTROL WORD"): word, find("TARGET VELOCITY"): target})
         over_rtu.now += 0.3
         over_can.now = over_rtu.now
-        ways: list[Value] = [over_can.read(find("STATUS WORD"))]
+        words: list[Value] = [over_can.read(find("STATUS WORD"))]
         (tpdo1,) = [sent for sent in adapter.feed(CanFrame.parse("080#"), over_rtu.now) if sent.id == 0x181]
-        ways.append(int.from_bytes(tpdo1.data[:2], "little"))
-        ways.append(over_rtu.read(find("STATUS WORD")))
-        assert len(set(ways)) == 1, ways
-        seen.append(ways[0])
+        words.append(int.from_bytes(tpdo1.data[:2], "little"))
+        words.append(over_rtu.read(find("STATUS WORD")))
+        assert len(set(words)) == 1, words
+        seen.append(words[0])
     assert seen == [0x1270, 0x1231, 0x1233, 0x1637, 0x0237, 0x0637, 0x0217, 0x1270]
 
 
@@ -137,7 +137,7 @@ def test_a_new_modbus_address_takes_effect_at_the_next_reset() -> None:
     assert wire.read(find("BOOT MODBUS NODE")) == 1
     wire.write({find("SOFTWARE RESET"): True})
     assert wire.machine.address == 17
-    assert wire.read(find("MODBUS ADDRESS")) == 17  # asked at its new address
+    assert wire.read(find("MODBUS ADDRESS")) == 17  # requested at the new address
 
 
 # What is kept

@@ -23,7 +23,7 @@ class CsdBench(Bench):
         return self.machine
 
     def status(self, now: float | None = None) -> str:
-        """The status word as the manual prints it."""
+        """Return the status word as the manual prints it."""
         self.now = self.now if now is None else now
         return f"{self.words(STATUS)[0]:04X}"
 

@@ -20,7 +20,7 @@ def bench() -> CsdBench:
 
 
 def ready(start: float, method: int = 0, **registers: int) -> CsdBench:
-    """A drive that is enabled in homing mode, with its shaft at `start`."""
+    """Return a drive that is enabled in homing mode, with its shaft at `start`."""
     bench = CsdBench()
     bench.drive.environment.inputs[0] = SWITCH
     bench.drive.environment.index = INDEX

@@ -25,10 +25,10 @@ def test_a_motor_against_a_wall_loses_steps(bench: CsdBench) -> None:
     bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench)
     at_wall = 1 + 0.2 + (30_000 - 2000) / 20_000
-    notices = at_wall + 192 / 20_000
-    assert bench.status(notices - 0.001) == "1237"
+    detected = at_wall + 192 / 20_000
+    assert bench.status(detected - 0.001) == "1237"
     assert bench.position() == 30_000
-    assert bench.status(notices + 0.001) == "3237"
+    assert bench.status(detected + 0.001) == "3237"
     bench.settle()
     assert bench.position() == 30_000
     bench.put(Target_Position=0)
@@ -37,7 +37,7 @@ def test_a_motor_against_a_wall_loses_steps(bench: CsdBench) -> None:
     assert (bench.position(), bench.control(0x0F)) == (0, "0637")
 
 
-def test_a_wall_without_encoder_is_not_noticed(bench: CsdBench) -> None:
+def test_a_wall_is_not_detected_without_encoder(bench: CsdBench) -> None:
     bench.drive.environment.walls = Span(-inf, 30_000)
     moving(bench, Following_Error_Reaction_Code=17)
     bench.settle()
@@ -53,7 +53,7 @@ def test_a_motor_faster_than_the_load_allows_stands(bench: CsdBench) -> None:
     moving(bench, Following_Error_Reaction_Code=2)
     assert bench.status(1.14) == "1237"
     assert bench.status(1.2) == "0218"
-    assert bench.position() == pytest.approx(15_000**2 / 100_000 / 2, abs=1)  # it stood still from there on
+    assert bench.position() == pytest.approx(15_000**2 / 100_000 / 2, abs=1)  # it has not moved since
 
 
 # Auto Sync
@@ -102,11 +102,11 @@ def test_auto_sync_does_not_correct_a_small_lag(bench: CsdBench) -> None:
     bench.drive.slip(60, 1.0)
     assert bench.position(1.0) == 60
     bench.drive.slip(70, 2.0)
-    assert bench.position(2.1) == 60  # more than one full step is made good
+    assert bench.position(2.1) == 60  # more than one full step is corrected
     assert bench.drive.shaft.in_step
     bench.put(Target_Position=100_000)
     bench.control(0x1F)
-    bench.drive.slip(100, 3.0)  # in motion it is two
+    bench.drive.slip(100, 3.0)  # in motion the limit is two
     bench.settle()
     assert bench.position() == 100_160
 
@@ -150,7 +150,7 @@ def test_the_shaft_coasts_without_current(bench: CsdBench) -> None:
     assert bench.position() == 100_000
 
 
-def test_a_shaft_that_turns_too_fast_is_not_caught(bench: CsdBench) -> None:
+def test_the_current_is_not_switched_on_while_the_shaft_turns_too_fast(bench: CsdBench) -> None:
     bench.put(Power_Up_Speed_Limit=1000)
     bench.drive.environment.friction = 1000
     bench.drive.turn(5000, 0.0)

@@ -92,20 +92,20 @@ def test_first_finds_when_a_position_is_reached() -> None:
 
 @given(st.floats(-1e5, 1e5), st.floats(1.0, 1e5), st.floats(1.0, 1e5), st.floats(0.0, 20.0), st.floats(-1e5, 1e5))
 def test_first_returns_the_time_of_arrival(
-    target: float, velocity: float, rate: float, after: float, at: float
+    target: float, velocity: float, rate: float, after: float, position: float
 ) -> None:
     run = Trajectory()
     run.run_at(0.0, velocity, rate, rate)
     run.move(0.5, target, velocity, rate, rate)
     for rising in (True, False):
-        when = run.first(after, at, rising=rising)
-        beyond = (run.position(after) - at) * (1 if rising else -1) >= 0
+        when = run.first(after, position, rising=rising)
+        beyond = (run.position(after) - position) * (1 if rising else -1) >= 0
         assert (when == after) is beyond or when - after < 1e-6
         if after < when < inf:
-            assert run.position(when) == pytest.approx(at, rel=1e-6, abs=0.01)
+            assert run.position(when) == pytest.approx(position, rel=1e-6, abs=0.01)
         if when == inf:
             far = [run.position(after + step / 10) for step in range(100)]
-            assert all(place < at if rising else place > at for place in far)
+            assert all(place < position if rising else place > position for place in far)
 
 
 def test_first_faster_and_first_at_rest() -> None:
