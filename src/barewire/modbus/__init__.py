@@ -7,15 +7,15 @@
 In reading order:
 
     adu             one frame without its framing, or noise       exceptions   exception responses and their codes
-    framing         what rtu, ascii and tcp lines have in common  echo         a line that receives its own frames
+    framing         the protocol of rtu, ascii and tcp lines      echo         a line that receives its own frames
     messages/       every function code: one page per message, and the registry that finds the class of a PDU
-    client/         exchange, bus (what is remembered between requests), line_state, fair_queue, read_identification
+    client/         bus (what is remembered between requests), line_state, fair_queue, read_identification
     server/         server, serial_counters, authorization, identity; ready units: table, handlers
-    sniffer/        requests and responses of other stations, put together
-    conformance/    what every server must do, as data
+    sniffer/        pairs the requests and responses of other stations
+    conformance/    the behaviour that every server must show, as data
 
-Each name below loads only the file that holds it, so a line that needs `Adu` loads no messages. `messages/__init__.py`
-is the list of message classes; this door takes it over.
+Each name below loads only the file that defines it, so a line that needs `Adu` loads no messages. The message classes
+are listed in `messages/__init__.py`.
 
 Depends on: errors, conversation, codecs. Used by: rtu, ascii and tcp (adu, framing, messages only), devices, explain,
 io, cli.
@@ -28,8 +28,7 @@ from barewire.modbus.messages import NAMES as _MESSAGES
 
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST as BROADCAST, PDU_LIMIT as PDU_LIMIT, Adu as Adu, Noise as Noise
-    from barewire.modbus.client.bus import Bus as Bus
-    from barewire.modbus.client.exchange import ask as ask, broadcast as broadcast
+    from barewire.modbus.client.bus import Bus as Bus, ask as ask, broadcast as broadcast
     from barewire.modbus.client.fair_queue import FairQueue as FairQueue
     from barewire.modbus.client.line_state import LateReply as LateReply, WriteOutcomeUnknown as WriteOutcomeUnknown
     from barewire.modbus.client.read_identification import (
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
         exception_name as exception_name,
     )
     from barewire.modbus.framing import Line as Line
-    from barewire.modbus.messages import *  # noqa: F403  # every message class, by its own door
+    from barewire.modbus.messages import *  # noqa: F403  # every message class
     from barewire.modbus.messages.base import (
         ExceptionResponse as ExceptionResponse,
         Message as Message,
@@ -77,8 +76,7 @@ __getattr__, __dir__, __all__ = lazy(
         "messages.base": "ExceptionResponse Message Request Response",
         "messages": " ".join(_MESSAGES),
         "messages.registry": "decode_request decode_response register",
-        "client.exchange": "ask broadcast",
-        "client.bus": "Bus",
+        "client.bus": "Bus ask broadcast",
         "client.line_state": "LateReply WriteOutcomeUnknown",
         "client.fair_queue": "FairQueue",
         "client.read_identification": "DeviceIdentification read_device_identification",

@@ -1,10 +1,11 @@
 """A faulty peer in virtual time: rows of wrong answers, shared by the tests of clients and docs/conform.md.
 
     SURVIVED       the right answer comes too: it is found, and so is the next one
-    REFUSED        it never comes: an error that says what was heard, and the next question is answered right
-    TCP_...        the same where answers have numbers
+    REFUSED        it never comes: an error describes what was received, and the next request gets its right answer
+    ASCII_...      the same over ASCII
+    TCP_...        the same over TCP, where answers are numbered
 
-`outcome` plays one row and tells in a word how it went.
+`outcome` plays one row and returns its result as one word.
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ class Unit(Wire[bytes]):
             table.holding_registers[address] = address
         self.server = Server(line, {1: table}, serial=not line.numbered)
         self.row, self.wrong = row, wrong
-        super().__init__(self.say)
+        super().__init__(self.reply)
 
     def good(self, request: bytes) -> bytes:
         replies = self.server.feed(request, self.now)
         return replies[0].data if replies else b""
 
-    def say(self, request: bytes, now: float) -> Reply:
+    def reply(self, request: bytes, now: float) -> Reply:
         self.wrong -= 1
         good = self.good(request)
         replies = self.row(good) if self.wrong >= 0 else [(0.01, good)]
-        begin = max([now, *(when for when, _ in self.coming)])  # one answer behind the other
+        begin = max([now, *(arrival for arrival, _ in self.coming)])  # one answer after the other
         return [(begin + after, data) for after, data in replies]
 
 
@@ -59,7 +60,7 @@ SURVIVED: dict[str, Callable[[bytes], Reply]] = {
     "an answer of another function first": lambda good: [(0.01, rtu("04 02 0063")), (0.05, good)],
     "an exception of another function first": lambda good: [(0.01, rtu("84 02")), (0.05, good)],
     "a damaged answer, then a good one": lambda good: [(0.01, good[:-1] + b"\x55"), (0.2, good)],
-    "pauses of 20 ms inside": lambda good: [(0.02 * at, good[at : at + 1]) for at in range(len(good))],
+    "pauses of 20 ms inside": lambda good: [(0.02 * place, good[place : place + 1]) for place in range(len(good))],
     "noise behind the answer": lambda good: [(0.01, good + b"\x00\x13")],
 }
 REFUSED: dict[str, tuple[Callable[[bytes], Reply], str]] = {
@@ -88,7 +89,7 @@ ASCII_SURVIVED: dict[str, Callable[[bytes], Reply]] = {
     "an answer of two registers first": lambda good: [(0.01, colon("03 04 0001 0002")), (0.05, good)],
     "an exception of another function first": lambda good: [(0.01, colon("84 02")), (0.05, good)],
     "a damaged answer, then a good one": lambda good: [(0.01, wrong_lrc(good)), (0.2, good)],
-    "pauses inside": lambda good: [(0.05 * at, good[at : at + 1]) for at in range(len(good))],
+    "pauses inside": lambda good: [(0.05 * place, good[place : place + 1]) for place in range(len(good))],
     "lower-case digits": lambda good: [(0.01, good.lower())],
     "noise behind the answer": lambda good: [(0.01, good + b"\x00:01")],
 }
@@ -112,7 +113,7 @@ TCP_SURVIVED: dict[str, Callable[[bytes], Reply]] = {
     "another transaction first": lambda good: [(0.01, tcp(999, "03 02 0063") + good)],
     "another unit first": lambda good: [(0.01, tcp(1, "03 02 0063", 9)), (0.02, good)],
     "another function first": lambda good: [(0.01, tcp(1, "04 02 0063")), (0.02, good)],
-    "byte by byte": lambda good: [(0.01 * at, good[at : at + 1]) for at in range(len(good))],
+    "byte by byte": lambda good: [(0.01 * place, good[place : place + 1]) for place in range(len(good))],
     "twice": lambda good: [(0.01, good + good)],
 }
 TCP_REFUSED: dict[str, tuple[bytes, str]] = {
@@ -136,7 +137,7 @@ def unit_of(row: Callable[[bytes], Reply], wrong: int = 1) -> Unit:
 
 
 def outcome(unit: Unit, bus: Bus) -> str:
-    """Reads registers 18 and 20: "right" if both came, "error" if the first read raised, "wrong" otherwise."""
+    """Read registers 18 and 20: "right" if both are right, "error" if the first read raised, "wrong" otherwise."""
     try:
         first = unit.play(ask(bus, 18)).registers
     except NoAnswer:
@@ -156,7 +157,7 @@ def abandon_when_sent(unit: Unit, conversation: Conversation[bytes, Any]) -> Non
         unit.now = max(unit.now, step.until)
         step = conversation.send(Heard(None, unit.now))
     for item in step.items:
-        unit.coming += unit.say(item, unit.now)
+        unit.coming += unit.reply(item, unit.now)
     conversation.send(Heard(None, unit.now))
     with suppress(Abandoned):
         conversation.throw(Abandoned("cancelled"))

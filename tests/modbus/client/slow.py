@@ -24,20 +24,20 @@ def table() -> Table:
 class Slow:
     """A unit that answers in order, each answer after its own delay; None loses the answer."""
 
-    def __init__(self, delays: Iterable[float | None], line: Line | None = None, knows_08: bool = True) -> None:
+    def __init__(self, delays: Iterable[float | None], line: Line | None = None, answers_08: bool = True) -> None:
         server_line = line or RtuLine(TIMING, role="server", units=(1, 2))
         unit = table()
         self.server = Server(server_line, {1: unit, 2: unit}, serial=True)
         self.delays = iter(delays)
         self.free_at = 0.0
         self.asked: list[bytes] = []
-        self.knows_08 = knows_08
+        self.answers_08 = answers_08
 
     def __call__(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         self.asked.append(data)
         delay = next(self.delays, 0.01)
         replies = self.server.feed(data, now)
-        if delay is None or (not self.knows_08 and data[1:2] == b"\x08"):
+        if delay is None or (not self.answers_08 and data[1:2] == b"\x08"):
             return []
         self.free_at = max(self.free_at, now) + delay
         return [(self.free_at, reply.data) for reply in replies]

@@ -3,14 +3,14 @@
     python -m tests.modbus.client.soak 100000            on RTU, ASCII and TCP; prints what happened
 
 Each exchange ends in its own answer or in a clear error: `soak` raises AssertionError otherwise. Every register holds
-its own address and every write writes another number, so an answer that is somebody else's shows.
+its own address and every write has another value, so that the answer to another request is detected.
 
 The faults of a serial wire: a message lost, a byte lost, a byte doubled, a message doubled, a bit flipped, pieces with
-pauses between them, an answer that is slow, an answer that comes after its time. TCP changes no bytes, so there:
-answers lost, doubled, slow, late, cut in pieces; and headers that cannot be right: the connection is made anew then.
+pauses between them, a slow answer, an answer after the time-out. TCP changes no bytes, so its faults are answers that
+are lost, doubled, slow, late or cut in pieces, and invalid headers, after which the client connects again.
 
-One damage no CRC-16 can see: where its last byte is 00 and that byte is lost, the rest has a good CRC too. The line
-sees it by the count: such a request is noise, never declined, and `soak` says how often it came.
+One damage is invisible to a CRC-16: if its last byte is 00 and is lost, the rest has a good CRC too. The line detects
+it by the byte count: such a request is noise, and never declined. `soak` counts these.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class BadWire(Wire[bytes]):
         self.connect()
 
     def line(self, role: str) -> Line:
-        """A new connection's framing state."""
+        """Return the framing state of a new connection."""
         if self.carrier == "tcp":
             return TcpLine()
         if self.carrier == "ascii":
@@ -68,42 +68,42 @@ class BadWire(Wire[bytes]):
         return RtuLine(TIMING, role="server" if role == "server" else "client", units=(1,))
 
     def connect(self) -> None:
-        """The server's side of a new connection."""
+        """Begin a new connection on the side of the server."""
         self.server = Server(self.line("server"), {1: self.table}, serial=self.carrier != "tcp")
         self.free_at = self.now
         self.coming.clear()
 
     def fault(self) -> str | None:
-        """What happens to the next message; mostly nothing."""
+        """Choose the fault of the next message; None, mostly."""
         if self.dice.randrange(self.rarity):
             return None
-        kind = self.dice.choice(TCP if self.carrier == "tcp" else SERIAL)
-        self.faults[kind] += 1
-        return kind
+        fault = self.dice.choice(TCP if self.carrier == "tcp" else SERIAL)
+        self.faults[fault] += 1
+        return fault
 
-    def damage(self, kind: str | None, data: bytes) -> bytes:
-        """The bytes, after a fault that changes bytes."""
-        at = self.dice.randrange(len(data))
-        match kind:
+    def damage(self, fault: str | None, data: bytes) -> bytes:
+        """Return the bytes after this fault, if it changes bytes."""
+        place = self.dice.randrange(len(data))
+        match fault:
             case "lost":
                 return b""
             case "byte lost":
-                return data[:at] + data[at + 1 :]
+                return data[:place] + data[place + 1 :]
             case "byte doubled":
-                return data[: at + 1] + data[at:]
+                return data[: place + 1] + data[place:]
             case "doubled":
                 return data + data
             case "flipped":
-                return data[:at] + bytes([data[at] ^ 1 << self.dice.randrange(7)]) + data[at + 1 :]
+                return data[:place] + bytes([data[place] ^ 1 << self.dice.randrange(7)]) + data[place + 1 :]
             case "broken":
                 return data[:2] + b"\x12\x34" + data[4:]
         return data
 
     def carry(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        """A request goes out; what is answered is under way from here on."""
-        kind = self.fault() if self.carrier != "tcp" else None
-        if kind not in ("slow", "late", "pieces", "doubled"):
-            whole, data = data, self.damage(kind, data)
+        """Carry a request to the server, and return the answers with their times of arrival."""
+        fault = self.fault() if self.carrier != "tcp" else None
+        if fault not in ("slow", "late", "pieces", "doubled"):
+            whole, data = data, self.damage(fault, data)
             self.unseen += self.carrier == "rtu" and data != whole and crc16(data) == 0
         replies = self.server.feed(data, now) if data else []
         while not replies and (deadline := self.server.deadline) is not None:
@@ -111,13 +111,13 @@ class BadWire(Wire[bytes]):
         return [part for reply in replies for part in self.answer(reply.data, now)]
 
     def answer(self, data: bytes, now: float) -> Iterator[tuple[float, bytes]]:
-        """An answer comes back: in order, whatever happens to it."""
-        kind = self.fault()
-        data = self.damage(kind, data)
-        delay = {"slow": 0.9 * TIMEOUT, "late": TIMEOUT * self.dice.uniform(1.01, 2.5)}.get(kind or "", 0.005)
+        """Carry an answer back, in order, with the next fault."""
+        fault = self.fault()
+        data = self.damage(fault, data)
+        delay = {"slow": 0.9 * TIMEOUT, "late": TIMEOUT * self.dice.uniform(1.01, 2.5)}.get(fault or "", 0.005)
         start = self.free_at = max(self.free_at, now) + delay
         self.server.line.sent(start)
-        cuts = sorted(self.dice.sample(range(1, len(data)), 2)) if kind == "pieces" and len(data) > 3 else []
+        cuts = sorted(self.dice.sample(range(1, len(data)), 2)) if fault == "pieces" and len(data) > 3 else []
         for step, (low, high) in enumerate(zip([0, *cuts], [*cuts, len(data)])):
             if high > low:
                 self.free_at = start + 0.01 * step
@@ -131,18 +131,18 @@ def soak(carrier: str, count: int, *, seed: int = 1, rarity: int = 6) -> Counter
     bus = Bus(wire.line("client"), late_window=60.0)
     ends: Counter[str] = Counter()
     for number in range(count):
-        at, quantity, kind = dice.randrange(SIZE - 10), dice.randint(1, 5), dice.randrange(4)
+        address, quantity, function = dice.randrange(SIZE - 10), dice.randint(1, 5), dice.randrange(4)
         retries = dice.randrange(3)
         try:
-            if kind == 0:
+            if function == 0:
                 value = number & 0xFFFF
                 written = wire.play(bus.ask(1, WriteSingleRegister(SIZE - 1, value), timeout=TIMEOUT, retries=retries))
                 assert (SIZE - 1, value) == (written.address, written.value), number
                 assert wire.table.holding_registers[SIZE - 1] == value, number
             else:
-                request = (ReadInputRegisters if kind == 1 else ReadHoldingRegisters)(at, quantity)
+                request = (ReadInputRegisters if function == 1 else ReadHoldingRegisters)(address, quantity)
                 response = wire.play(bus.ask(1, request, timeout=TIMEOUT, retries=retries))
-                assert response.registers == tuple(range(at, at + quantity)), number
+                assert response.registers == tuple(range(address, address + quantity)), number
             ends["its own answer"] += 1
         except ModbusException as declined:
             raise AssertionError(f"exchange {number}: {declined}") from declined
@@ -153,9 +153,9 @@ def soak(carrier: str, count: int, *, seed: int = 1, rarity: int = 6) -> Counter
         if bus.line.broken is not None:
             wire.connect()
             bus.line = wire.line("client")
-            ends["connected anew"] += 1
-    assert ends.total() - ends["connected anew"] == count
-    ends.update({f"fault: {kind}": times for kind, times in wire.faults.items()})
+            ends["connected again"] += 1
+    assert ends.total() - ends["connected again"] == count
+    ends.update({f"fault: {fault}": times for fault, times in wire.faults.items()})
     ends["late answers recognised"] = bus.counters.late
     ends["damages that no CRC shows"] = wire.unseen
     assert len(bus.state.pending) <= 16
@@ -168,9 +168,9 @@ def main() -> None:
     for carrier in CARRIERS:
         begin = time.perf_counter()
         ends = soak(carrier, count)
-        print(f"{carrier}: {count} exchanges in {time.perf_counter() - begin:.1f} s, none in another's answer")
-        for what, times in sorted(ends.items()):
-            print(f"    {times:7}  {what}")
+        print(f"{carrier}: {count} exchanges in {time.perf_counter() - begin:.1f} s, none with the answer of another")
+        for result, times in sorted(ends.items()):
+            print(f"    {times:7}  {result}")
 
 
 if __name__ == "__main__":

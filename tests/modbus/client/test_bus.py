@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.ascii import AsciiLine, encode as ascii_frame
-from barewire.conversation import Abandoned, Heard, Send, play
+from barewire.conversation import Abandoned, Heard, Send
 from barewire.errors import NoAnswer
 from barewire.modbus import (
     EchoLine,
@@ -58,7 +58,7 @@ def test_exception_88_to_a_probe_proves_as_much_as_its_echo() -> None:
 
 def test_a_unit_that_ignores_probes_is_asked_after_the_late_window() -> None:
     bus = rtu_bus(late_window=4.0)
-    clock = Clock(Slow([2.5], knows_08=False))
+    clock = Clock(Slow([2.5], answers_08=False))
     with pytest.raises(NoAnswer):
         clock.play(read(bus, 10))
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
@@ -155,7 +155,7 @@ def test_an_abandoned_request_leaves_a_pending_answer() -> None:
     conversation.send(heard)
     with pytest.raises(Abandoned):
         conversation.throw(Abandoned())
-    assert [(one.unit, one.request) for one in bus.state.pending] == [(1, ReadHoldingRegisters(10, 1))]
+    assert [(pending.unit, pending.request) for pending in bus.state.pending] == [(1, ReadHoldingRegisters(10, 1))]
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert bus.counters.late == 1
 
@@ -176,6 +176,21 @@ def test_a_request_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
     assert bus.counters.late == 1
 
 
+def test_a_probe_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
+    bus = rtu_bus(late_window=2.0)
+    clock = Clock(Slow([None]))
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    conversation = read(bus, 20)
+    step = next(conversation)
+    while not isinstance(step, Send):
+        step = conversation.send(Heard(None, clock.now))
+    with pytest.raises(Abandoned):
+        conversation.throw(Abandoned())
+    assert bus.counters.probes == 1
+    assert [pending.until - clock.now for pending in bus.state.pending][1:] == [2.0]
+
+
 def test_the_gap_of_a_unit_is_kept_between_two_requests() -> None:
     bus = rtu_bus(gaps={1: 0.5})
     clock = Clock(Slow([]))
@@ -185,7 +200,7 @@ def test_the_gap_of_a_unit_is_kept_between_two_requests() -> None:
     assert clock.now - before >= 0.5
 
 
-def test_a_dead_unit_is_left_alone_for_longer_and_longer() -> None:
+def test_a_dead_unit_is_asked_at_growing_intervals() -> None:
     bus = rtu_bus(dead_after=2, recovery="wait", late_window=0.0)
     slow = Slow([None] * 20)
     clock = Clock(slow)
@@ -212,19 +227,19 @@ delays = st.lists(st.one_of(st.none(), st.floats(0.0, 6.0)), max_size=8)
 @modest
 @given(
     delays=delays,
-    questions=st.lists(st.tuples(st.sampled_from([1, 2]), st.integers(0, 300), st.booleans()), max_size=12),
+    requests=st.lists(st.tuples(st.sampled_from([1, 2]), st.integers(0, 300), st.booleans()), max_size=12),
     ascii_line=st.booleans(),
 )
 def test_no_late_or_lost_answer_is_delivered_to_another_request(
-    delays: list[float | None], questions: list[tuple[int, int, bool]], ascii_line: bool
+    delays: list[float | None], requests: list[tuple[int, int, bool]], ascii_line: bool
 ) -> None:
     """A unit that answers in order and within the late window, and a client that continues after every error."""
     bus = Bus(AsciiLine() if ascii_line else RtuLine(TIMING), late_window=60.0)
     clock = Clock(Slow(delays, AsciiLine() if ascii_line else None))
-    for unit, address, holding in questions:
-        kind = ReadHoldingRegisters if holding else ReadInputRegisters
+    for unit, address, holding in requests:
+        request = ReadHoldingRegisters if holding else ReadInputRegisters
         try:
-            answer = clock.play(bus.ask(unit, kind(address, 1)))
+            answer = clock.play(bus.ask(unit, request(address, 1)))
         except NoAnswer:
             continue
         except ModbusException:
@@ -248,10 +263,10 @@ ANSWERS = st.one_of(
 @modest
 @given(
     answers=st.lists(st.lists(st.tuples(st.floats(0.0, 3.0), ANSWERS), max_size=4), max_size=6),
-    kind=st.sampled_from(["rtu", "ascii", "tcp", "echo"]),
+    framing=st.sampled_from(["rtu", "ascii", "tcp", "echo"]),
 )
 def test_any_received_bytes_end_in_an_answer_an_exception_or_no_answer(
-    answers: list[list[tuple[float, bytes]]], kind: str
+    answers: list[list[tuple[float, bytes]]], framing: str
 ) -> None:
     """No other exception is raised, and memory stays bounded."""
     lines: dict[str, Line] = {
@@ -260,7 +275,7 @@ def test_any_received_bytes_end_in_an_answer_an_exception_or_no_answer(
         "tcp": TcpLine(),
         "echo": EchoLine(RtuLine(TIMING), echoes=None),
     }
-    bus = Bus(lines[kind], late_window=1.0)
+    bus = Bus(lines[framing], late_window=1.0)
     left = iter(answers)
     clock = Clock(lambda data, now: [(now + after, item) for after, item in next(left, [])])
     for address in range(8):
@@ -271,10 +286,3 @@ def test_any_received_bytes_end_in_an_answer_an_exception_or_no_answer(
         assert len(answer.registers) == 1  # type: ignore[attr-defined]
     assert len(bus.state.pending) <= 16
     assert len(bus.line.held) <= 520
-
-
-def test_ask_without_a_bus() -> None:
-    from barewire.modbus import ask
-
-    answer, _ = play(ask(RtuLine(TIMING), 1, ReadHoldingRegisters(3, 1)), Slow([]))
-    assert answer.registers == (3,)

@@ -37,7 +37,7 @@ def rtu() -> RtuLine:
     return RtuLine(TIMING)
 
 
-# The arithmetic of a line ----------------------------------------------------------------------------------------
+# The times of a line ---------------------------------------------------------------------------------------------
 
 
 def test_an_exchange_takes_exactly_the_time_that_its_characters_take() -> None:
@@ -86,7 +86,7 @@ OTHERS = [
     pytest.param(rtu_frame(1, unhex("04 06 022B 0000 0064")), id="another function"),
     pytest.param(rtu_frame(1, unhex("84 02")), id="another function's exception"),
     pytest.param(rtu_frame(1, unhex("03 02 022B")), id="another quantity"),
-    pytest.param(rtu_frame(1, READ.encode()), id="our own echo"),
+    pytest.param(rtu_frame(1, READ.encode()), id="the echo of the request"),
     pytest.param(ANSWER[:-1] + b"\xff", id="a damaged one"),
     pytest.param(b"\xff\xfe\x00", id="noise"),
     pytest.param(ANSWER[:6], id="half an answer"),
@@ -151,7 +151,7 @@ def test_silence_raises_no_answer_at_the_timeout() -> None:
 
 
 @pytest.mark.parametrize(
-    ("heard", "text"),
+    ("received", "text"),
     [
         (rtu_frame(2, VALUE.encode()), "a frame from unit 2, function 03"),
         (rtu_frame(1, unhex("84 02")), "function 84 where 03 (Read Holding Registers) was expected"),
@@ -160,9 +160,9 @@ def test_silence_raises_no_answer_at_the_timeout() -> None:
         (bytes(20), "20 bytes " + "00 " * 16 + "...: CRC is 00 00, should be"),
     ],
 )
-def test_the_error_lists_what_was_received_instead(heard: bytes, text: str) -> None:
+def test_the_error_lists_what_was_received_instead(received: bytes, text: str) -> None:
     with refused(NoAnswer, text):
-        asked((heard, 0.25))
+        asked((received, 0.25))
 
 
 def test_the_error_mentions_an_incomplete_answer() -> None:
@@ -177,13 +177,13 @@ def test_the_error_lists_at_most_three_events() -> None:
     assert str(caught.value).endswith("; ...")
 
 
-# Before speaking -------------------------------------------------------------------------------------------------
+# Before sending --------------------------------------------------------------------------------------------------
 
 
-def listened_to(
+def first_send(
     line: RtuLine, coming: list[tuple[float, bytes]], request: AnyRequest = READ
 ) -> tuple[Send[bytes] | SendAll[bytes], float]:
-    """With `coming` received before anything is sent: the first step that is a Send, and its time."""
+    """Return the first step that is a Send, and its time, if `coming` arrives before anything is sent."""
     conversation: Conversation[bytes, object] = ask(line, 1, request)
     now, step = 1.0, next(conversation)
     while isinstance(step, Listen):
@@ -198,21 +198,21 @@ def listened_to(
 
 def test_a_late_answer_received_before_sending_is_not_taken_for_the_answer() -> None:
     line = rtu()
-    step, now = listened_to(line, [(0.5, ANSWER)])
+    step, now = first_send(line, [(0.5, ANSWER)])
     assert isinstance(step, Send)
     assert now == 1.0 + TIMING.t35
     assert line.held == b""
 
 
 def test_a_request_waits_until_an_incomplete_frame_ends() -> None:
-    step, now = listened_to(rtu(), [(0.5, ANSWER[:4]), (1.02, ANSWER[4:])])
+    step, now = first_send(rtu(), [(0.5, ANSWER[:4]), (1.02, ANSWER[4:])])
     assert isinstance(step, Send)
     assert now == 1.02 + TIMING.t35
 
 
 def test_an_incomplete_frame_delays_a_request_until_its_deadline() -> None:
     line = rtu()
-    step, now = listened_to(line, [(0.5, ANSWER[:4])])
+    step, now = first_send(line, [(0.5, ANSWER[:4])])
     assert isinstance(step, Send)
     assert now == 1.0 + line.gap
     assert line.held == b""
@@ -220,7 +220,7 @@ def test_an_incomplete_frame_delays_a_request_until_its_deadline() -> None:
 
 def test_nothing_is_sent_on_a_line_that_is_never_silent() -> None:
     with refused(NoAnswer, "the line is never silent: another station has been sending for 1 s"):
-        listened_to(rtu(), [(place / 1000, b"\x00") for place in range(3000)])
+        first_send(rtu(), [(place / 1000, b"\x00") for place in range(3000)])
 
 
 # Other framings --------------------------------------------------------------------------------------------------

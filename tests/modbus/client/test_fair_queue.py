@@ -1,4 +1,4 @@
-"""FairQueue: fair between units, in order within one; tickets can be given up."""
+"""FairQueue: round robin between units, in order within a unit; tickets that are given up."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.helpers import modest
 
 
 def order(queue: FairQueue, tickets: dict[Ticket, str]) -> str:
-    """The order in which the tickets are admitted."""
+    """Return the names of the tickets in the order in which they are admitted."""
     found = ""
     while holders := queue.holders:
         (ticket,) = holders
@@ -31,7 +31,7 @@ def test_a_ticket_that_is_given_up_does_not_block_the_queue() -> None:
     queue = FairQueue()
     holder, waiting, gone = queue.join(1), queue.join(2), queue.join(2)
     queue.leave(gone)
-    queue.leave(gone)  # twice is once
+    queue.leave(gone)  # the second call has no effect
     queue.leave(holder)
     assert queue.has(waiting)
     queue.leave(waiting)
@@ -45,16 +45,16 @@ def test_never_more_than_places_are_admitted_and_every_ticket_is(
 ) -> None:
     queue = FairQueue(places)
     waiting = [queue.join(unit) for unit in units]
-    had: set[Ticket] = set()
+    seen: set[Ticket] = set()
     while waiting:
         assert len(queue.holders) == min(places, len(waiting))
-        had |= queue.holders
+        seen |= queue.holders
         leaving = data.draw(st.sampled_from(waiting))
         if leaving not in queue.holders:
-            had.add(leaving)  # it gave up
+            seen.add(leaving)  # given up
         waiting.remove(leaving)
         queue.leave(leaving)
-    assert len(had) == len(units)
+    assert len(seen) == len(units)
     assert not queue.holders
 
 
@@ -66,7 +66,7 @@ def test_enter_does_not_overtake_waiting_tickets() -> None:
     other = queue.join(2)
     assert not queue.enter(3)
     assert queue.exit()
-    assert queue.has(other)  # unit 1 had its turn, if without a ticket
+    assert queue.has(other)  # unit 1 was admitted before, without a ticket
     assert queue.leave(other)
     assert queue.has(waiting)
     assert not queue.enter(2)

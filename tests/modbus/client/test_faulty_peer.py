@@ -1,6 +1,6 @@
 """A client with a faulty peer, row by row: right values, or an error that lists what was received.
 
-Each row is one that other clients were measured with. Nothing wrong is ever delivered, and the question after it works.
+Other clients were measured with the same rows. No wrong value is delivered, and the next request works.
 """
 
 from __future__ import annotations
@@ -104,23 +104,23 @@ def abandoned_after(steps: int, unit: Unit, conversation: Generator[Any, Any, An
         for _ in range(steps):
             item = None
             if isinstance(step, Send):
-                unit.coming += unit.say(step.item, unit.now)
+                unit.coming += unit.reply(step.item, unit.now)
             elif unit.coming and unit.coming[0][0] <= max(step.until, unit.now):
                 unit.now, item = unit.coming.pop(0)
             else:
                 unit.now = max(unit.now, step.until)
             step = conversation.send(Heard(item, unit.now))
         if isinstance(step, Send):
-            unit.coming += unit.say(step.item, unit.now)  # nobody knows how much of it went out; here: all of it
+            unit.coming += unit.reply(step.item, unit.now)  # any part of it may have been sent; here: all of it
         conversation.throw(Abandoned("cancelled"))
     except StopIteration:
         return False
     except Abandoned:
         return True
-    raise AssertionError("an abandoned conversation goes on")
+    raise AssertionError("an abandoned conversation continued")
 
 
-def slowly(good: bytes) -> Reply:
+def in_three_pieces(good: bytes) -> Reply:
     """The answer in three pieces."""
     return [(0.3, good[:3]), (0.31, good[3:6]), (0.32, good[6:])]
 
@@ -129,11 +129,11 @@ def slowly(good: bytes) -> Reply:
 @pytest.mark.parametrize("carrier", ["rtu", "ascii", "tcp"])
 def test_the_exchange_after_one_abandoned_at_any_point_is_right(recovery: Any, carrier: str) -> None:
     steps = 0
-    goes_on = True
-    while goes_on:
-        unit = Unit(slowly, line_of(carrier, "server"), wrong=2)
+    was_abandoned = True
+    while was_abandoned:
+        unit = Unit(in_three_pieces, line_of(carrier, "server"), wrong=2)
         bus = Bus(line_of(carrier, "client"), recovery=recovery)
-        goes_on = abandoned_after(steps, unit, ask(bus, 100))
+        was_abandoned = abandoned_after(steps, unit, ask(bus, 100))
         assert unit.play(ask(bus, 200)).registers == (200,)
         assert unit.play(ask(bus, 201)).registers == (201,)
         steps += 1
@@ -176,7 +176,7 @@ def test_over_tcp_a_wrong_answer_is_in_the_error_and_never_returned(reply: bytes
     if bus.line.broken is None:
         assert unit.play(ask(bus, 20)).registers == (20,)
     else:
-        assert unit.now < 0.1  # told at once, not after the time-out
+        assert unit.now < 0.1  # reported at once, not after the time-out
 
 
 def test_over_tcp_a_late_answer_is_not_delivered_and_no_probe_is_sent() -> None:

@@ -95,7 +95,7 @@ def test_texts_name_the_objects() -> None:
     }
 
 
-# A device that never ends ----------------------------------------------------------------------------------------
+# A device whose objects do not end -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("objects", "following"), [(((0, b"x"),), 0), (((0, b"x"), (3, b"y")), 2), ((), 0)])

@@ -17,6 +17,7 @@ from barewire.modbus import (
     Server,
     Table,
     Unanswered,
+    Unit,
 )
 from barewire.rtu import RtuLine
 from barewire.tcp import TcpLine
@@ -25,27 +26,35 @@ from tests.modbus.client.slow import TIMING, Clock, Slow, read, rtu_bus, table
 LISTEN_ONLY, RESTART = Diagnostics(0x04), Diagnostics(0x01)
 
 
-@pytest.mark.parametrize("kind", ["rtu", "ascii"])
-def test_force_listen_only_returns_unanswered(kind: str) -> None:
-    bus = Bus(AsciiLine()) if kind == "ascii" else rtu_bus()
-    clock = Clock(Slow([], AsciiLine() if kind == "ascii" else None))
+class WithoutDiagnostics(Table):
+    """A table that declines functions 08, 0B and 0C."""
+
+    diagnostics = False
+
+
+def slow_unit(unit: Unit, *delays: float) -> Slow:
+    """Return a peer with this unit, which answers with these delays."""
+    slow = Slow(delays)
+    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: unit}, serial=True)
+    return slow
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+def test_force_listen_only_returns_unanswered(framing: str) -> None:
+    bus = Bus(AsciiLine()) if framing == "ascii" else rtu_bus()
+    clock = Clock(Slow([], AsciiLine() if framing == "ascii" else None))
     for _ in range(2):
         assert clock.play(bus.ask(1, LISTEN_ONLY)) == Unanswered(0x04)
     with pytest.raises(NoAnswer):
         clock.play(read(bus, 5))
-    assert clock.play(bus.ask(1, RESTART)) == Unanswered(0x01), "a restart out of silence is not answered"
+    assert clock.play(bus.ask(1, RESTART)) == Unanswered(0x01), "a restart in listen only mode is not answered"
     assert clock.play(read(bus, 6)) == ReadHoldingRegisters(6, 1).response((6,))  # type: ignore[call-arg]
-    assert clock.play(bus.ask(1, RESTART)) == DiagnosticsResponse(0x01, b"\0\0"), "and this one is"
+    assert clock.play(bus.ask(1, RESTART)) == DiagnosticsResponse(0x01, b"\0\0"), "a restart in normal mode is"
     assert bus.counters.lost == 1
 
 
 def test_an_exception_to_force_listen_only_is_raised() -> None:
-    class Plain(Table):
-        diagnostics = False
-
-    slow = Slow([])
-    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: Plain(10)}, serial=True)
-    bus = rtu_bus()
+    slow, bus = slow_unit(WithoutDiagnostics(10)), rtu_bus()
     with pytest.raises(ModbusException, match="illegal function"):
         Clock(slow).play(bus.ask(1, LISTEN_ONLY))
 
@@ -55,21 +64,13 @@ def test_a_response_to_force_listen_only_is_returned() -> None:
         def handle(self, request: Diagnostics, now: float) -> DiagnosticsResponse:
             return DiagnosticsResponse(request.sub_function, request.data)
 
-    slow = Slow([])
-    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: Answers()}, serial=True)
-    answer = Clock(slow).play(rtu_bus().ask(1, LISTEN_ONLY))
+    answer = Clock(slow_unit(Answers())).play(rtu_bus().ask(1, LISTEN_ONLY))
     assert answer == DiagnosticsResponse(0x04, b"\0\0")
     assert not isinstance(answer, Unanswered)
 
 
 def test_a_late_exception_to_listen_only_is_not_taken_for_the_restarts() -> None:
-    slow, bus = Slow([1.5]), rtu_bus()
-
-    class Plain(Table):
-        diagnostics = False
-
-    slow.server = Server(RtuLine(TIMING, role="server", units=(1,)), {1: Plain(10)}, serial=True)
-    clock = Clock(slow)
+    bus, clock = rtu_bus(), Clock(slow_unit(WithoutDiagnostics(10), 1.5))
     assert clock.play(bus.ask(1, LISTEN_ONLY)) == Unanswered(0x04)
     assert clock.play(read(bus, 1)) is not None
     assert bus.counters.late == 1

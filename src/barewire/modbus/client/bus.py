@@ -1,14 +1,14 @@
-"""The bus: a client's line, with the state that must be kept between two requests on it.
+"""A client's line, with the state that must be kept between two requests on it.
 
 On a serial line a response does not name its request. If the response to A is late, it arrives while B is open; if B
 looks like A, it passes for the response to B, and a wrong value is delivered. So when a request ended without a
-response (time-out, cancellation, damage), its answer stays *pending* until it is proven that it cannot come any more:
+response (time-out, cancellation, damage), its answer stays *pending* until it is certain that it cannot come any more:
 
     A  ------------------->
        ......... time-out                        the answer to A is pending
     probe (08/00, a number) -------------->      only if it could pass for B's: same unit, same function
        <--- the late answer to A                 recognised, recorded, never delivered
-       <--- the probe's echo, or exception 88    the unit has sent everything that it had to send before
+       <--- the probe's echo, or exception 88    the unit has sent everything that was due before
     B  ------------------->
        <--- the answer to B
 
@@ -16,8 +16,8 @@ response (time-out, cancellation, damage), its answer stays *pending* until it i
                           is not sent (NoAnswer). After two unanswered probes in a row, recovery is as with "wait"
     recovery = "wait"     no probe: silence for `late_window`, then B
 
-A line whose responses are numbered (TCP) needs none of this. An exchange without trouble costs nothing extra. The
-assumption: a unit answers requests in the order in which they were sent, and there is no other master on the line.
+A line whose responses are numbered (TCP) needs none of this, and an exchange without trouble costs nothing extra. The
+bus assumes that a unit answers requests in the order in which they were sent, and that it is the line's only client.
 
 A write without a response may have been carried out: its error is `WriteOutcomeUnknown`, and it is repeated only if
 the caller allows it.
@@ -27,7 +27,7 @@ Most requests on TCP are one send and one receive. These can be carried out with
     ask(unit, request)   =   begin(unit, request) -> the frame; send it;  the response arrived:     answered(unit, now)
                                                                           anything else happened:   rest(unit, ...)
 
-Depends on: conversation, line_state, modbus.messages. Used by: exchange, io.modbus (clients), io.engine (fast path).
+Depends on: conversation, line_state, modbus.messages. Used by: io.modbus (clients), io.engine (fast path).
 """
 
 from __future__ import annotations
@@ -49,18 +49,19 @@ if TYPE_CHECKING:
 Recovery = Literal["probe", "wait"]
 
 _MAX_PROBES = 2
-"""After so many unanswered probes in a row a unit is not probed again: then only silence is proof."""
+"""The number of unanswered probes in a row after which a unit is not probed again, and only silence is proof."""
 
 
 class Bus:
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
-    `late_window` is the silence, in seconds, after which a pending answer is not expected any more; three time-outs if
-    not given. `gaps` are pauses, in seconds, that single units need between two exchanges; `gap` is the pause of all
-    others. After `dead_after` unanswered requests in a row no request is sent to a unit for a while, longer each time;
-    None: never.
-
-    `line` may be replaced between two requests, after a reconnect: pending answers may still come.
+    line           the framing; may be replaced between two requests, after a reconnect: answers stay pending
+    recovery       how a pending answer is excluded: "probe" (default) or "wait", see above
+    late_window    seconds of silence after which a pending answer is not expected any more (default: three time-outs)
+    gap            seconds of pause between two exchanges with a unit (default 0)
+    gaps           the same for single units: unit -> seconds
+    dead_after     the number of unanswered requests in a row after which a unit is not asked for a while, longer
+                   each time (default None: never)
     """
 
     def __init__(
@@ -81,9 +82,9 @@ class Bus:
         self._nonce = 0
 
     def sibling_bus(self, line: Line) -> Self:
-        """A bus for another line to the same units, for several open requests on one connection.
+        """Return a bus for another line to the same units, for several open requests on one connection.
 
-        It shares the state of the units, and the counters.
+        Both share the state of the units and the counters.
         """
         sibling = copy(self)
         sibling.line = line
@@ -98,11 +99,14 @@ class Bus:
         retries: int = 0,
         repeat_writes: bool = False,
     ) -> Conversation[bytes, R]:
-        """Send `request` to `unit` and return its response. `timeout`, in seconds, counts from the end of sending.
+        """Send `request` to `unit` and return its response.
 
-        `retries` repeats a read that got no response; a write only with `repeat_writes`. Raises ModbusException for an
-        exception response, NoAnswer for silence, WriteOutcomeUnknown for a write without a response. To a request that
-        has no response by the standard (08/04, Force Listen Only Mode) the result is an `Unanswered`.
+            timeout          seconds, counted from the end of sending (default 1)
+            retries          how often a read without a response is repeated (default 0)
+            repeat_writes    repeat a write without a response as well (default False)
+
+        Raises ModbusException for an exception response, NoAnswer for silence, WriteOutcomeUnknown for an unanswered
+        write. A request that has no response by the standard (08/04, Force Listen Only Mode) returns `Unanswered`.
         """
         if unit == BROADCAST and not self.line.numbered:
             raise EncodeError("unit 0 on a serial line is a broadcast, which no unit answers: use broadcast", "unit")
@@ -120,7 +124,7 @@ class Bus:
                 retries -= 1
 
     def begin(self, unit: int, request: Request[Any]) -> bytes | None:
-        """The frame of a request that may be sent at once; None if `ask` is needed, because it may have to wait before.
+        """Return the frame of a request that may be sent at once; None if it may have to wait, so that `ask` is needed.
 
         The caller that sends the frame must then call `answered` or run `rest`.
         """
@@ -135,7 +139,7 @@ class Bus:
         self.state.answered(unit, now)
 
     def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
-        """The rest of `ask`, after the frame of `begin` was sent. It begins by listening."""
+        """Return the rest of the conversation `ask`, after the frame of `begin` was sent. It begins by listening."""
         return self._exchange(unit, request, timeout, sent_at=sent_at)
 
     def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
@@ -160,21 +164,21 @@ class Bus:
         """Take bytes that arrived while no request was open."""
         self._pass_over(Heard(data, now))
 
-    def wait_until_idle(self, patience: float) -> Conversation[bytes, float]:
+    def wait_until_idle(self, timeout: float) -> Conversation[bytes, float]:
         """Listen until the line may be used, and return the time. Frames that arrive meanwhile are counted and ignored.
 
-        Raises NoAnswer if the line does not become silent within `patience` seconds.
+        Raises NoAnswer if the line does not become silent within `timeout` seconds.
         """
         line = self.line
         heard = yield Listen(NEVER)
-        give_up = heard.now + patience
+        give_up = heard.now + timeout
         while True:
             now = self._pass_over(heard)
             quiet = max(line.quiet_at, line.deadline or line.quiet_at) if line.held else line.quiet_at
             if heard.item is None and now >= quiet:
                 return now
             if now >= give_up:
-                raise NoAnswer(f"the line is never silent: another station has been sending for {patience:g} s")
+                raise NoAnswer(f"the line is never silent: another station has been sending for {timeout:g} s")
             heard = yield Listen(max(quiet, now))
 
     def settle(self) -> Conversation[bytes, None]:
@@ -189,19 +193,28 @@ class Bus:
     # One exchange
 
     def _exchange(
-        self, unit: int, request: Request[R], timeout: float, *, is_probe: bool = False, sent_at: float | None = None
+        self,
+        unit: int,
+        request: Request[R],
+        timeout: float,
+        *,
+        idle_at: float | None = None,
+        sent_at: float | None = None,
     ) -> Conversation[bytes, R]:
-        """Wait until the unit may be asked, send the request, wait for its response. A probe is sent at once.
+        """Wait until the unit may be asked, send the request, and wait for its response.
 
-        With `sent_at` the request was sent already, at that time.
+        With `idle_at` the line is known to be idle since then, so the request is sent at once (a probe). With `sent_at`
+        it was sent already, at that time.
         """
-        line, state = self.line, self.state
-        unit_state = state.units.get(unit)
-        if unit_state is None:
-            unit_state = state.units[unit] = UnitState()
-        now = unit_state.free_at if sent_at is None else sent_at
-        # On a numbered line a late response cannot be mistaken, so only a pause of the unit is waited for.
-        if sent_at is None and not is_probe and (not line.numbered or now > NEVER or unit_state.dead_until > NEVER):
+        line = self.line
+        unit_state = self.state.units[unit]
+        if sent_at is not None:
+            now = sent_at
+        elif idle_at is not None:
+            now = idle_at
+        elif line.numbered and unit_state.free_at == unit_state.dead_until == NEVER:
+            now = NEVER  # a late response cannot be mistaken, and the unit needs no pause
+        else:
             now = yield from self._clear(unit, request, timeout, unit_state)
         passed_over: list[str] = []
         try:
@@ -216,59 +229,69 @@ class Bus:
                 wake = line.deadline
                 heard = yield Listen(until if wake is None or wake > until else wake)
                 now = heard.now
-                for event in line.feed(heard.item, now):
-                    if isinstance(event, Adu) and line.answers(event):
-                        try:
-                            response = request.read_response(event.pdu)
-                        except ModbusException:
-                            state.answered(unit, now)
-                            raise
-                        except DecodeError as error:
-                            why = str(error)
-                        else:
-                            state.answered(unit, now)
-                            return response
-                    else:
-                        why = describe_event(event)
-                    state.stray(event, now)
-                    _note(passed_over, why)
+                response = self._response_in(line.feed(heard.item, now), unit, request, now, passed_over)
+                if response is not None:
+                    return response
                 if line.broken is not None:
                     break
-        except (Abandoned, GeneratorExit) as gone:
+        except (Abandoned, GeneratorExit) as end:
             self._leave_pending(unit, request, now, timeout)
-            if request.writes and isinstance(gone, Abandoned):
-                raise _outcome_unknown(f"unit {unit}, {request.name}: {gone}") from gone
+            if request.writes and isinstance(end, Abandoned):
+                raise _outcome_unknown(f"unit {unit}, {request.name}: {end}") from end
             raise
-        self._leave_pending(unit, request, now, timeout)
-        if (
-            line.broken is None
-            and (silence := request.without_answer(listens_only=unit_state.listens_only)) is not None
-        ):
-            self.counters.lost -= 1  # only an exception could still come, late
-            unit_state.listens_only = request.without_answer() is not None
-            return silence
-        raise self._no_answer(unit, request, timeout, unit_state, now, passed_over)
+        return self._unanswered(unit, request, timeout, unit_state, now, passed_over)
 
-    def _no_answer(
+    def _response_in(
+        self, events: list[LineEvent], unit: int, request: Request[R], now: float, passed_over: list[str]
+    ) -> R | None:
+        """Return the response to `request` if it is among the events; note the events before it in `passed_over`.
+
+        Raises ModbusException if it is an exception response.
+        """
+        for event in events:
+            if isinstance(event, Adu) and self.line.answers(event):
+                try:
+                    response = request.read_response(event.pdu)
+                except ModbusException:
+                    self.state.answered(unit, now)
+                    raise
+                except DecodeError as error:
+                    why = str(error)
+                else:
+                    self.state.answered(unit, now)
+                    return response
+            else:
+                why = describe_event(event)
+            self.state.stray(event, now)
+            _note(passed_over, why)
+        return None
+
+    def _unanswered(
         self,
         unit: int,
-        request: Request[Any],
+        request: Request[R],
         timeout: float,
         unit_state: UnitState,
         now: float,
         passed_over: list[str],
-    ) -> NoAnswer:
-        """The error of a request that timed out, or whose line broke."""
+    ) -> R:
+        """End an exchange without a response: raise the error, or return the result if the standard demands silence."""
         line = self.line
+        self._leave_pending(unit, request, now, timeout)
         if line.broken is not None:
             text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing after it can be trusted"
         else:
+            silence = request.without_answer(listens_only=unit_state.listens_only)
+            if silence is not None:
+                self.counters.lost -= 1  # only an exception response could still come, late
+                unit_state.listens_only = request.without_answer() is not None
+                return silence
             self.state.timed_out(unit_state, now)
             if line.held:
                 _note(passed_over, f"{len(line.held)} bytes without an end")
             instead = f"; received instead: {'; '.join(passed_over)}" if passed_over else ""
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
-        return _outcome_unknown(text) if request.writes else NoAnswer(text)
+        raise _outcome_unknown(text) if request.writes else NoAnswer(text)
 
     def _leave_pending(self, unit: int, request: Request[Any], now: float, timeout: float) -> None:
         self.counters.lost += 1
@@ -299,7 +322,7 @@ class Bus:
     def _prove_gone(
         self, unit: int, request: Request[Any], timeout: float, unit_state: UnitState, now: float
     ) -> Conversation[bytes, float]:
-        """If a pending answer could pass for the response to `request`, prove that it cannot come any more.
+        """Make sure that no pending answer that could pass for the response to `request` can still come.
 
         Returns the time.
         """
@@ -309,17 +332,19 @@ class Bus:
         # Loaded here because TCP never needs it, and other lines rarely do.
         from barewire.modbus.messages.diagnostics import RETURN_QUERY_DATA, Diagnostics
 
-        # No probe before another 08: their answers would be alike. None for a unit that does not answer probes.
+        # Another 08 is not preceded by a probe, because their answers would be alike.
         may_probe = self.recovery == "probe" and request.function_code != Diagnostics.function_code
         if may_probe and unit_state.unproven < _MAX_PROBES:
-            self._nonce = self._nonce + 0x9E37 & 0xFFFF  # another number each time: its echo cannot be an older one
+            self._nonce = (
+                self._nonce + 0x9E37 & 0xFFFF
+            )  # another number each time, so that its echo cannot be an older one
             self.counters.probes += 1
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
             unit_state.unproven += 1
-            # The exception "function 08 is unknown" is as good as the echo: all earlier answers came before it. If
-            # nothing comes, the answer to the probe may be late as well, and the window below is for both.
+            # The exception "function 08 is unknown" proves as much as the echo: all earlier answers came before it. If
+            # nothing comes, the answer to the probe may be late as well, and the wait below covers both.
             with suppress(ModbusException, NoAnswer):
-                yield from self._exchange(unit, probe, timeout, is_probe=True)
+                yield from self._exchange(unit, probe, timeout, idle_at=now)
         while state.confusable(unit, request):
             until = max(pending.until for pending in state.pending if pending.unit == unit)
             heard = yield Listen(until)
@@ -333,17 +358,17 @@ class Bus:
 
 
 def describe_event(event: LineEvent) -> str:
-    """An event as text, for an error message."""
+    """Describe an event in an error message."""
     if isinstance(event, Adu):
         number = "" if event.transaction is None else f", transaction {event.transaction}"
         return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
     text = event.text or event.reason
     if not event.data:
         return text
-    shown = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
+    start = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
     size = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}"
     # A text such as "3 bytes, then silence" begins with the number already.
-    return f"{size} {shown}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {shown}: {text}"
+    return f"{size} {start}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {start}: {text}"
 
 
 def _note(passed_over: list[str], text: str) -> None:
@@ -356,3 +381,20 @@ def _note(passed_over: list[str], text: str) -> None:
 
 def _outcome_unknown(text: str) -> WriteOutcomeUnknown:
     return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown")
+
+
+# A line that is used once
+
+
+def ask(line: Line, unit: int, request: Request[R], *, timeout: float = DEFAULT_TIMEOUT) -> Conversation[bytes, R]:
+    """Send `request` to `unit` once and return its response. `timeout` is in seconds.
+
+    Nothing is remembered afterwards: for several requests on the same line use a `Bus`, which recognises late
+    responses. Raises ModbusException for an exception response, NoAnswer when the time is over.
+    """
+    return Bus(line).ask(unit, request, timeout=timeout)
+
+
+def broadcast(line: Line, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
+    """Send `request` to every unit on a serial line, then leave them `turnaround` seconds to carry it out."""
+    return Bus(line).broadcast(request, turnaround=turnaround)

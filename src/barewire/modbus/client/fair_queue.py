@@ -3,8 +3,8 @@
     waiting   unit 1: a b c d      unit 2: e      unit 3: f g
     order     a e f b g c d
 
-So a unit with a hundred requests does not keep the others waiting. While a place is free and nothing waits, `enter` and
-`exit` are enough, without a ticket. The queue does not block: the callers wait, with a condition or with futures.
+So a unit with a hundred requests does not keep the others waiting. While a place is free and nothing waits, a ticket is
+not needed: `enter` and `exit` are enough. The queue does not block: its callers wait, with a condition or with futures.
 
 Depends on: nothing. Used by: the Modbus clients of io.
 """
@@ -51,7 +51,7 @@ class FairQueue:
         return ticket in self._holders
 
     def enter(self, unit: int | None) -> bool:
-        """Take a free place at once, without a ticket; False if there is none, or others wait. `exit` gives it back."""
+        """Take a free place without a ticket. False if there is none, or tickets wait. `exit` gives it back."""
         if not self._free or self._waiting:
             return False
         self._free -= 1
@@ -65,7 +65,7 @@ class FairQueue:
         return bool(self._waiting) and self._admit()
 
     def join(self, unit: int | None) -> Ticket:
-        """Take a ticket, admitted or waiting. `leave` gives it back, in both cases."""
+        """Take a ticket, which is admitted or waits. `leave` gives it back in both cases."""
         ticket = Ticket(unit)
         if self.enter(unit):
             self._holders.add(ticket)
@@ -74,7 +74,7 @@ class FairQueue:
         return ticket
 
     def leave(self, ticket: Ticket) -> bool:
-        """Give back a ticket: its request is done, or not wanted any more. Returns whether another one was admitted."""
+        """Give back a ticket whose request is done or given up. Returns whether another ticket was admitted."""
         if ticket in self._holders:
             self._holders.remove(ticket)
             return self.exit()
@@ -87,7 +87,7 @@ class FairQueue:
 
     def _admit(self) -> bool:
         while self._free and self._waiting:
-            # The unit admitted longest ago; of those never admitted, the first that came.
+            # The unit admitted longest ago; among units never admitted, the one that joined first.
             unit = min(self._waiting, key=lambda unit: self._served.get(unit, 0))
             queue = self._waiting[unit]
             self._holders.add(queue.popleft())

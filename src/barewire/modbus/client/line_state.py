@@ -1,8 +1,8 @@
 """The state of a bus: pending answers, late replies, the state of each unit, and counters.
 
-    request sent, no response   -->  PendingAnswer: its response may still come, until a given time
-    a frame that fits one       -->  LateReply: recorded, never delivered
-    a response in time          -->  the pending answers of that unit are settled
+    request sent, no response      -->  PendingAnswer: its response may still come, until a given time
+    a frame that fits one          -->  LateReply: recorded, never delivered
+    a response in time             -->  the pending answers of that unit are settled
 
 `LineState` only records. The conversations of `bus` decide when a request may be sent, and how pending answers are
 settled.
@@ -10,7 +10,7 @@ settled.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from barewire.modbus.messages.base import Request
 
 _KEPT = 16
-"""The most late replies and pending answers that are kept, so that a bad line does not fill the memory."""
+"""How many late replies and pending answers are kept at most, so that a bad line does not fill the memory."""
 
 _LONGEST_PAUSE = 30.0
 """The longest time, in seconds, for which no request is sent to a dead unit."""
@@ -53,7 +53,7 @@ class PendingAnswer(NamedTuple):
     until: float
 
     def could_be(self, adu: Adu) -> bool:
-        """Whether this frame is its response, or an exception response to it."""
+        """Whether this frame is the response to the request, or an exception response to it."""
         if self.unit != adu.unit:
             return False
         try:
@@ -77,7 +77,7 @@ class UnitState:
 
 
 class BusCounters:
-    """Counts from 0, and the latest late replies. No dataclass: a client is loaded without `dataclasses` (4 ms)."""
+    """Counters, and the latest late replies. Not a dataclass: a client is loaded without `dataclasses` (4 ms)."""
 
     def __init__(self) -> None:
         self.asked = 0
@@ -93,11 +93,11 @@ class BusCounters:
 
 
 class LineState:
-    """The state of a bus. `gap`, `gaps`: pauses of units in seconds; `dead_after`: None never gives a unit up."""
+    """The state of a bus. `gap`, `gaps` and `dead_after` are the options of `Bus`."""
 
     def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None) -> None:
         self.counters = BusCounters()
-        self.units: dict[int, UnitState] = {}
+        self.units: defaultdict[int, UnitState] = defaultdict(UnitState)
         self.pending: deque[PendingAnswer] = deque(maxlen=_KEPT)
         """The requests whose responses may still come, the oldest first."""
         self.has_gaps = bool(gap or gaps)
@@ -106,45 +106,46 @@ class LineState:
         self._dead_after = dead_after
 
     def answered(self, unit: int, now: float) -> None:
-        """The unit sent a response in time, so every earlier request to it is settled."""
-        known = self.units[unit]
+        """Record that the unit sent a response in time, which settles every earlier request to it."""
+        unit_state = self.units[unit]
         self.counters.answered += 1
-        if known.silent or known.unproven:
-            known.silent = 0
-            known.unproven = 0
-            known.dead_until = NEVER
+        if unit_state.silent or unit_state.unproven:
+            unit_state.silent = 0
+            unit_state.unproven = 0
+            unit_state.dead_until = NEVER
         if self.has_gaps and (gap := self._gaps.get(unit, self._gap)):
-            known.free_at = now + gap
+            unit_state.free_at = now + gap
         if self.pending:
             self.forget(unit)
 
-    def timed_out(self, known: UnitState, now: float) -> None:
-        """Count a request without a response; from `dead_after` on the unit is dead for a time that grows."""
-        known.silent += 1
-        if self._dead_after is not None and known.silent >= self._dead_after:
-            known.dead_until = now + min(2.0 ** (known.silent - self._dead_after), _LONGEST_PAUSE)
+    def timed_out(self, unit_state: UnitState, now: float) -> None:
+        """Count a request without a response. From `dead_after` on the unit is dead for a time that grows."""
+        unit_state.silent += 1
+        if self._dead_after is not None and unit_state.silent >= self._dead_after:
+            unit_state.dead_until = now + min(2.0 ** (unit_state.silent - self._dead_after), _LONGEST_PAUSE)
 
     def forget(self, unit: int) -> None:
-        """No pending answer of this unit can come any more."""
-        self.pending = deque((one for one in self.pending if one.unit != unit), maxlen=_KEPT)
+        """Drop the pending answers of this unit: they cannot come any more."""
+        self.pending = deque((pending for pending in self.pending if pending.unit != unit), maxlen=_KEPT)
 
     def confusable(self, unit: int, request: Request[Any]) -> list[PendingAnswer]:
-        """The pending answers that could pass for the response to this request.
+        """Return the pending answers that could pass for the response to this request.
 
-        The same unit and function are enough: an exception response contains no more.
+        The same unit and function are enough, because an exception response contains no more.
         """
         code = request.function_code
-        return [one for one in self.pending if one.unit == unit and one.request.function_code == code]
+        return [pending for pending in self.pending if pending.unit == unit and pending.request.function_code == code]
 
     def stray(self, event: LineEvent, now: float) -> None:
-        """Record a frame or noise that answers no open request: a late reply if it fits a pending answer."""
+        """Record a frame or noise that does not answer the open request: a late reply if it fits a pending answer."""
         self.counters.strays += 1
         if not isinstance(event, Adu):
             return
-        for place, late in enumerate(self.pending):
+        for index, late in enumerate(self.pending):
             if late.could_be(event):
-                # A unit answers in the order in which it was asked: what was pending before this one will not come.
-                kept = (one for at, one in enumerate(self.pending) if at > place or one.unit != late.unit)
+                # A unit answers in the order in which it was asked, so its earlier pending answers will not come.
+                earlier, later = list(self.pending)[:index], list(self.pending)[index + 1 :]
+                kept = [pending for pending in earlier if pending.unit != late.unit] + later
                 self.pending = deque(kept, maxlen=_KEPT)
                 self.units[late.unit].unproven = 0
                 self.counters.late += 1

@@ -20,7 +20,6 @@ from barewire.modbus.messages.identification import (
     EXTENDED,
     OBJECT_NAMES,
     ReadDeviceIdentification,
-    ReadDeviceIdentificationResponse,
 )
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ class DeviceIdentification(NamedTuple):
     objects: dict[int, bytes]
 
     def texts(self) -> dict[str, str]:
-        """The objects by name, as text.
+        """Return the objects as text, by name.
 
         >>> DeviceIdentification(1, {0: b"TEM", 0x80: b"42"}).texts()
         {'VendorName': 'TEM', 'object 80h': '42'}
@@ -50,8 +49,8 @@ def read_device_identification(
 ) -> Conversation[bytes, DeviceIdentification]:
     """Read the basic (01), regular (02) or extended (03) objects of a unit, in as many requests as it takes.
 
-    `timeout`, in seconds, is for each request. Raises what `Bus.ask` raises, and DecodeError("value") if the number of
-    the next object does not grow: so there are never more than 256 requests.
+    `timeout`, in seconds, is for each request. Raises the errors of `Bus.ask`, and DecodeError("value") if the number
+    of the next object does not grow, so that there are never more than 256 requests.
     """
     check_range("read_code", read_code, BASIC, EXTENDED)
     return _read_all(bus, unit, read_code, timeout)
@@ -66,10 +65,6 @@ def _read_all(bus: Bus, unit: int, read_code: int, timeout: float) -> Conversati
         if not answer.more_follows:
             return DeviceIdentification(answer.conformity, objects)
         if answer.next_object <= max(first, *(number for number, _ in answer.objects), 0):
-            raise _endless(answer, first)
+            text = f"after object {first:02X}h the next one given is {answer.next_object:02X}h: that would never end"
+            raise DecodeError("value", answer.encode(), 5, text)
         first = answer.next_object
-
-
-def _endless(answer: ReadDeviceIdentificationResponse, first: int) -> DecodeError:
-    text = f"after object {first:02X}h the next one given is {answer.next_object:02X}h: that would never end"
-    return DecodeError("value", answer.encode(), 5, text)
